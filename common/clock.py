@@ -1,0 +1,47 @@
+"""The only reader of the system's time."""
+
+import time
+from datetime import UTC, datetime
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Monotonic nanoseconds of one host."""
+
+    def now_ns(self) -> int:
+        """The stamp now; never goes back. Only differences, on one host, have a meaning."""
+        ...
+
+
+class MonotonicClock:
+    """The host's CLOCK_MONOTONIC."""
+
+    def now_ns(self) -> int:
+        """Nanoseconds since an arbitrary start."""
+        return time.monotonic_ns()
+
+
+class VirtualClock:
+    """A clock that stands until it is set."""
+
+    def __init__(self, start_ns: int = 0) -> None:
+        self._now_ns = start_ns
+
+    def now_ns(self) -> int:
+        """The stamp that was set last."""
+        return self._now_ns
+
+    def set_ns(self, now_ns: int) -> None:
+        """Moves the clock forward.
+
+        Raises:
+            ValueError: the stamp goes back.
+        """
+        if now_ns < self._now_ns:
+            raise ValueError(f"time goes back: {now_ns} < {self._now_ns}")
+        self._now_ns = now_ns
+
+
+def utc_now() -> str:
+    """Wall-clock time for headers of files, ISO 8601; never used to measure anything."""
+    return datetime.now(UTC).isoformat(timespec="seconds")

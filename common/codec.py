@@ -1,0 +1,63 @@
+"""Message <-> msgpack. Every byte string that is not a message gives one `CodecError`, nothing else."""
+
+from typing import TypeVar
+
+import msgpack
+from pydantic import ValidationError
+
+from common.errors import CodecError
+from common.messages import PROTOCOL_VERSION, Handshake, Message
+
+MAX_MESSAGE_BYTES = 64 * 1024
+_MAX_ITEMS = 4096
+
+M = TypeVar("M", bound=Message)
+
+
+def encode(message: Message) -> bytes:
+    """The message as one msgpack map, field name to value."""
+    packed: bytes = msgpack.packb(message.__dict__)
+    return packed
+
+
+def unpack(payload: bytes) -> dict[str, object]:
+    """The bare map of a payload, its size and shape checked but its fields not.
+
+    Raises:
+        CodecError: empty, oversized, truncated, trailing bytes, or not a map with text keys.
+    """
+    if len(payload) > MAX_MESSAGE_BYTES:
+        raise CodecError(f"message of {len(payload)} bytes, at most {MAX_MESSAGE_BYTES} are accepted")
+    try:
+        fields = msgpack.unpackb(
+            payload,
+            use_list=False,
+            max_str_len=1024,
+            max_bin_len=0,
+            max_ext_len=0,
+            max_array_len=_MAX_ITEMS,
+            max_map_len=256,
+        )
+    except (ValueError, TypeError, RecursionError) as error:  # msgpack's own errors are ValueErrors
+        raise CodecError(f"not msgpack: {type(error).__name__}") from error
+    if type(fields) is not dict:
+        raise CodecError(f"expected a map of fields, got {type(fields).__name__}")
+    return fields
+
+
+def decode(kind: type[M], payload: bytes) -> M:
+    """The message of type `kind` that `payload` holds.
+
+    Raises:
+        CodecError: the bytes are no message of that type, or speak another protocol version.
+    """
+    fields = unpack(payload)
+    try:
+        message = kind.model_validate(fields)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise CodecError(f"{kind.__name__}.{place}: {first['msg']}") from error
+    if message.protocol != PROTOCOL_VERSION and kind is not Handshake:
+        raise CodecError(f"{kind.__name__}: protocol {message.protocol}, this end speaks {PROTOCOL_VERSION}")
+    return message

@@ -1,0 +1,104 @@
+"""What an effect is: one physical cause, written once, used by the simulated world, the live predictor and the diagnosis.
+
+Three kinds. A `ForceEffect` adds a force that is linear in some of its parameters: `f = sum_i theta_i phi_i(motion, state)`.
+A `MotionEffect` stands between stage and instrument and changes the motion. A `SensorEffect` stands between force and reading.
+All are pure: time is an argument, the only state is their own, `reset` forgets it.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import ClassVar, Literal
+
+Site = Literal["wall", "shaft", "sensor"]
+"""Where a force arises: at the wall (none before contact), along the shaft (always), in the sensor (also at no load)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter: its name ends in its unit; `linear` when the force is proportional to it."""
+
+    name: str
+    unit: str
+    default: float
+    lower: float
+    upper: float
+    linear: bool = True
+
+
+class Effect(ABC):
+    """Common part of all effects: a name, bounded parameters by name, a state that can be forgotten.
+
+    Raises:
+        ValueError: unknown parameter, or a value that is not finite or out of its bounds; one line.
+    """
+
+    name: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    reference: ClassVar[str]
+
+    def __init__(self, **values: float) -> None:
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for name, value in values.items():
+            if name not in known:
+                raise ValueError(f"{self.name}.{name}: unknown parameter, expected one of {', '.join(known)}")
+            low, high = known[name].lower, known[name].upper
+            if not isfinite(value) or not low <= value <= high:
+                raise ValueError(f"{self.name}.{name} = {value!r}: expected a number in [{low:g}, {high:g}] {known[name].unit}")
+        self.values: Mapping[str, float] = {p.name: float(values.get(p.name, p.default)) for p in self.parameters}
+        self._configure()
+        self.reset()
+
+    def _configure(self) -> None:  # noqa: B027 - a hook, empty by default
+        """Derives from `values` what the step needs; called once."""
+
+    def reset(self) -> None:  # noqa: B027 - an effect without memory has nothing to forget
+        """Forgets the state, as after a new contact."""
+
+
+class ForceEffect(Effect):
+    """A force that adds to the others; positive resists insertion."""
+
+    site: ClassVar[Site]
+
+    @abstractmethod
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """phi_i after advancing the state by dt to time t: one per linear parameter, in the order of `parameters`.
+
+        Units: t, dt s; x m; v m/s; a m/s^2. `x, v, a` are the motion at the end of the step.
+        """
+
+    def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
+        """The force in N after advancing the state by dt. Call this or `regressors`, once per step."""
+        phi = self.regressors(t, x, v, a, dt)
+        return sum(theta * p for theta, p in zip(self.linear_values, phi, strict=True))
+
+    @property
+    def linear_values(self) -> tuple[float, ...]:
+        """theta_i, in the order of `regressors`."""
+        return tuple(self.values[p.name] for p in self.parameters if p.linear)
+
+
+class MotionEffect(Effect):
+    """Something between stage and instrument: the instrument's motion from the stage's."""
+
+    @abstractmethod
+    def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
+        """(x, v, a) of the instrument after advancing the state by dt to time t."""
+
+
+class ContactEffect(Effect):
+    """Decides whether the wall is touched at all."""
+
+    @abstractmethod
+    def penetration_m(self, x: float) -> float | None:
+        """Depth beyond the contact position in m, or None without contact."""
+
+
+class SensorEffect(Effect):
+    """Something between the force and its reading."""
+
+    @abstractmethod
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The reading in N after advancing the state by dt to time t."""

@@ -1,0 +1,45 @@
+"""The one exception tree of the product.
+
+```
+ForefeelError
+├── InputError              the input was wrong: one line (where, value, expected), exit 2
+│   ├── ConfigurationError  a YAML file or one of its values
+│   ├── RecordingError      a CSV, Parquet or MCAP file
+│   └── EndpointError       a Zenoh endpoint that is taken, malformed or never answers
+├── RunError                the run failed, exit 1
+├── CodecError              a byte string that is no message of ours
+└── DeviceError             a stage, load cell, gripper or handle; always reaches the safety state
+```
+"""
+
+
+class ForefeelError(Exception):
+    """Root of every error that this product raises on purpose."""
+
+
+class InputError(ForefeelError):
+    """What the user gave is wrong; the text is one line that says where, what and what was expected."""
+
+
+class ConfigurationError(InputError):
+    """A configuration file, or one of its values, is wrong."""
+
+
+class RecordingError(InputError):
+    """A recording can not be read, or can not be used as it is."""
+
+
+class EndpointError(InputError):
+    """A network endpoint is taken, malformed or unreachable."""
+
+
+class RunError(ForefeelError):
+    """The run was started and failed."""
+
+
+class CodecError(ForefeelError):
+    """A byte string is malformed, truncated, oversized, or not the message that its topic carries."""
+
+
+class DeviceError(ForefeelError):
+    """A device failed or refused; motion is inhibited until an explicit re-arm."""

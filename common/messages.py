@@ -1,0 +1,198 @@
+"""The wire contract: every message that crosses the network.
+
+All are frozen pydantic models: unknown fields are refused, numbers are finite, units stand in the names. SI only. A rotation
+axis uses the tangential equivalents (arc length in m, tangential force in N), see docs/decisions/0003.
+"""
+
+from enum import StrEnum
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+PROTOCOL_VERSION = 1
+
+NonNegativeInt = Annotated[int, Field(ge=0, le=2**63 - 1)]
+Stamp = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
+ShortText = Annotated[str, Field(max_length=256)]
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+
+
+class Message(BaseModel):
+    """What every message carries: protocol version, session, sequence and the sender's monotonic stamp."""
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, protected_namespaces=()
+    )
+
+    protocol: Annotated[int, Field(ge=1, le=2**31)] = PROTOCOL_VERSION
+    session_id: NonNegativeInt
+    sequence: NonNegativeInt
+    stamp_ns: Stamp
+
+
+class SafetyState(StrEnum):
+    """The slave's safety state. Motion is commanded in ENGAGING, ARMED and (ramping down) STOPPING only."""
+
+    IDLE = "idle"
+    READY = "ready"
+    ENGAGING = "engaging"
+    ARMED = "armed"
+    STOPPING = "stopping"
+    FAULT = "fault"
+    ESTOPPED = "estopped"
+
+
+class Grip(StrEnum):
+    """What the fixture on the stage does with the instrument."""
+
+    CLOSED = "closed"
+    OPEN = "open"
+
+
+State = Annotated[SafetyState, Field(strict=False)]
+Gripper = Annotated[Grip, Field(strict=False)]
+
+
+class Handshake(Message):
+    """Opens a session (master) or answers it (slave). Both refuse to arm when protocol or settings differ."""
+
+    role: Literal["master", "slave"]
+    instance_id: NonNegativeInt
+    software: ShortText
+    settings_hash: ShortText
+    settings: ShortText | None = None
+    accepted: bool = False
+    reason: ShortText = ""
+
+
+class MotionCommand(Message):
+    """One setpoint of the master: an absolute position (never an increment), 1 kHz."""
+
+    position_m: float
+    velocity_m_s: float
+    deadman: bool
+    gripper: Gripper = Grip.CLOSED
+    recording_time_s: float | None = None
+
+
+class ForceSample(Message):
+    """One load-cell reading with the stage readback of the same instant and the command it answers."""
+
+    position_m: float
+    velocity_m_s: float
+    force_n: float
+    raw_counts: int
+    valid: bool
+    answers_sequence: int
+    answers_stamp_ns: Stamp
+    recording_time_s: float | None = None
+    clock_offset_ns: Stamp | None = None
+    clock_bound_ns: NonNegativeInt | None = None
+
+
+class HapticSample(Message):
+    """One tick of the haptic loop: what the hand did and felt. `sequence` is that of the command sent in the same tick."""
+
+    handle_position_m: float
+    command_position_m: float
+    predicted_n: float | None
+    held_n: float | None
+    rendered_n: float
+    force_age_s: float | None
+    model_sequence: int
+    limited: bool
+
+
+class ModelParameters(Message):
+    """The identified contact model: values, standard deviations and what the motion lets one tell apart."""
+
+    names: tuple[Name, ...]
+    values: tuple[float, ...]
+    standard_deviations: tuple[float, ...]
+    identifiable: tuple[ShortText, ...]
+    valid: bool
+    samples: NonNegativeInt
+    updates: NonNegativeInt
+    resets: NonNegativeInt
+    innovation_rms_n: float
+
+
+class SlaveState(Message):
+    """The slave's state, 50 Hz: safety state, readback and counters."""
+
+    state: State
+    reason: ShortText
+    position_m: float
+    velocity_m_s: float
+    gripper: Gripper
+    stops: NonNegativeInt
+    clock_offset_ns: Stamp | None
+    clock_bound_ns: NonNegativeInt | None
+    counters: dict[Name, NonNegativeInt]
+
+
+class MasterState(Message):
+    """The master's state, 10 Hz: what it shows to the operator, delay and counters."""
+
+    indication: Name
+    reason: ShortText
+    deadman: bool
+    clutched_s: float
+    clock_offset_ns: Stamp | None
+    clock_bound_ns: NonNegativeInt | None
+    counters: dict[Name, NonNegativeInt]
+
+
+class Heartbeat(Message):
+    """Keeps the lease and carries the four time stamps: mine, and the newest of the peer with its receive stamp."""
+
+    echo_stamp_ns: Stamp | None = None
+    echo_receive_ns: Stamp | None = None
+
+
+class LimitEvent(Message):
+    """The gate changed or refused a command: what was asked, what was applied, by which rule, how often since the last event."""
+
+    rule: Name
+    requested: float
+    applied: float
+    unit: ShortText
+    count: NonNegativeInt
+
+
+class SafetyEvent(Message):
+    """A transition of the safety state machine."""
+
+    before: State
+    event: Name
+    after: State
+    reason: ShortText
+
+
+class EmergencyStop(Message):
+    """Latched stop from anyone; outside every queue and filter. Cleared only by a local act at the slave."""
+
+    source: Name
+    reason: ShortText
+
+
+class LoopTiming(Message):
+    """Lateness of a fixed-rate loop since its start: quantiles, maximum, and the histogram they come from."""
+
+    loop: Name
+    ticks: NonNegativeInt
+    missed: NonNegativeInt
+    p50_us: float
+    p99_us: float
+    max_us: float
+    edges_us: tuple[float, ...]
+    counts: tuple[int, ...]
+    scheduling: ShortText
+
+
+class ImpairmentTrace(Message):
+    """What the impairment did to each message: (arrival index, delays in ns; none = lost, two = duplicated)."""
+
+    link: ShortText
+    first_index: NonNegativeInt
+    delays_ns: tuple[tuple[int, ...], ...]

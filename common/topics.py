@@ -1,0 +1,86 @@
+"""One table of topics: key expression, message, direction, rate, quality of service, staleness limit, recorded or not.
+
+Publishers, subscribers, watchdogs, the recorder and the report all read it; nothing else spells a key.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, Literal, TypeVar
+
+from common import messages as m
+from common.errors import ConfigurationError
+
+Role = Literal["master", "slave"]
+M_co = TypeVar("M_co", bound=m.Message, covariant=True)
+
+
+class Qos(Enum):
+    """How the transport treats a topic."""
+
+    STREAM = "newest counts: real-time priority, express, dropped when congested"
+    STATE = "periodic state: dropped when congested"
+    EVENT = "rare and important: interactive priority, waits when congested"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic(Generic[M_co]):
+    """One row of the table. `rate_hz` None: on occasion. `stale_after_s` None: never stale."""
+
+    name: str
+    message: type[M_co]
+    publisher: Literal["master", "slave", "any"]
+    rate_hz: float | None
+    qos: Qos
+    stale_after_s: float | None = None
+    recorded: bool = True
+
+    def key(self, cell: str, axis: str) -> str:
+        """The Zenoh key expression of this topic for one axis of one cell."""
+        return f"forefeel/{cell}/{axis}/{self.name}"
+
+
+COMMAND = Topic("master/command", m.MotionCommand, "master", 1000, Qos.STREAM, 0.060)
+FORCE = Topic("slave/force", m.ForceSample, "slave", 1000, Qos.STREAM, 0.100)
+HAPTICS = Topic("master/haptics", m.HapticSample, "master", 1000, Qos.STREAM)
+PARAMETERS = Topic("master/parameters", m.ModelParameters, "master", 20, Qos.STATE)
+SLAVE_STATE = Topic("slave/state", m.SlaveState, "slave", 50, Qos.STATE, 0.5)
+MASTER_STATE = Topic("master/state", m.MasterState, "master", 10, Qos.STATE, 0.5)
+MASTER_HANDSHAKE = Topic("master/handshake", m.Handshake, "master", None, Qos.EVENT)
+SLAVE_HANDSHAKE = Topic("slave/handshake", m.Handshake, "slave", None, Qos.EVENT)
+MASTER_HEARTBEAT = Topic("master/heartbeat", m.Heartbeat, "master", 20, Qos.STATE, 1.0, recorded=False)
+SLAVE_HEARTBEAT = Topic("slave/heartbeat", m.Heartbeat, "slave", 20, Qos.STATE, 1.0, recorded=False)
+LIMIT_EVENT = Topic("slave/limit", m.LimitEvent, "slave", None, Qos.EVENT)
+SAFETY_EVENT = Topic("slave/safety", m.SafetyEvent, "slave", None, Qos.EVENT)
+EMERGENCY_STOP = Topic("any/estop", m.EmergencyStop, "any", None, Qos.EVENT)
+MASTER_TIMING = Topic("master/timing", m.LoopTiming, "master", 1, Qos.STATE)
+SLAVE_TIMING = Topic("slave/timing", m.LoopTiming, "slave", 1, Qos.STATE)
+MASTER_IMPAIRMENT = Topic("master/impairment", m.ImpairmentTrace, "master", 10, Qos.STATE)
+SLAVE_IMPAIRMENT = Topic("slave/impairment", m.ImpairmentTrace, "slave", 10, Qos.STATE)
+
+TOPICS: tuple[Topic[m.Message], ...] = (
+    COMMAND, FORCE, HAPTICS, PARAMETERS, SLAVE_STATE, MASTER_STATE, MASTER_HANDSHAKE, SLAVE_HANDSHAKE, MASTER_HEARTBEAT,
+    SLAVE_HEARTBEAT, LIMIT_EVENT, SAFETY_EVENT, EMERGENCY_STOP, MASTER_TIMING, SLAVE_TIMING, MASTER_IMPAIRMENT,
+    SLAVE_IMPAIRMENT,
+)  # fmt: skip
+
+BY_NAME: dict[str, Topic[m.Message]] = {topic.name: topic for topic in TOPICS}
+RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
+
+
+def checked_segment(text: str, what: str) -> str:
+    """`text` when it can stand as one segment of a key expression.
+
+    Raises:
+        ConfigurationError: empty, a slash, or a character that Zenoh gives a meaning (`*`, `$`, `?`, `#`).
+    """
+    if not text or any(c in text for c in "*$?#/ ") or text.startswith("@"):
+        raise ConfigurationError(f"{what} = {text!r}: expected one key segment without / * $ ? # or blanks")
+    return text
+
+
+def parse_key(key: str) -> tuple[str, str, Topic[m.Message]] | None:
+    """(cell, axis, topic) of a concrete key, or None when it is not one of ours."""
+    parts = key.split("/", 3)
+    if len(parts) != 4 or parts[0] != "forefeel" or parts[3] not in BY_NAME:
+        return None
+    return parts[1], parts[2], BY_NAME[parts[3]]
