@@ -20,6 +20,14 @@ class MonotonicClock:
         """Nanoseconds since an arbitrary start."""
         return time.monotonic_ns()
 
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Sleeps to an absolute deadline; returns at once when it is past. The interpreter lock is free
+        meanwhile.
+        """
+        remaining_ns = deadline_ns - time.monotonic_ns()
+        if remaining_ns > 0:
+            time.sleep(remaining_ns * 1e-9)
+
 
 class VirtualClock:
     """A clock that stands until it is set."""

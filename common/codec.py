@@ -32,7 +32,7 @@ def unpack(payload: bytes) -> dict[str, object]:
         fields = msgpack.unpackb(
             payload,
             use_list=False,
-            max_str_len=1024,
+            max_str_len=4096,
             max_bin_len=0,
             max_ext_len=0,
             max_array_len=_MAX_ITEMS,

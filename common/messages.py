@@ -1,6 +1,7 @@
 """The wire contract: every message that crosses the network.
 
-All are frozen pydantic models: unknown fields are refused, numbers are finite, units stand in the names. SI only. A rotation
+All are frozen pydantic models: unknown fields are refused, numbers are finite, units stand in the names. SI
+only. A rotation
 axis uses the tangential equivalents (arc length in m, tangential force in N), see docs/decisions/0003.
 """
 
@@ -60,7 +61,7 @@ class Handshake(Message):
     instance_id: NonNegativeInt
     software: ShortText
     settings_hash: ShortText
-    settings: ShortText | None = None
+    settings: Annotated[str, Field(max_length=4096)] = ""
     accepted: bool = False
     reason: ShortText = ""
 
@@ -83,15 +84,20 @@ class ForceSample(Message):
     force_n: float
     raw_counts: int
     valid: bool
-    answers_sequence: int
-    answers_stamp_ns: Stamp
+    answers_sequence: NonNegativeInt | None
+    answers_stamp_ns: Stamp | None
     recording_time_s: float | None = None
     clock_offset_ns: Stamp | None = None
     clock_bound_ns: NonNegativeInt | None = None
 
 
 class HapticSample(Message):
-    """One tick of the haptic loop: what the hand did and felt. `sequence` is that of the command sent in the same tick."""
+    """One tick of the haptic loop: what the hand did and felt. `sequence` is that of the command sent in the
+    same tick.
+
+    `delay_s`: from the command `answered_sequence` to the arrival of the force that answers it, both on the
+    master's clock.
+    """
 
     handle_position_m: float
     command_position_m: float
@@ -99,7 +105,8 @@ class HapticSample(Message):
     held_n: float | None
     rendered_n: float
     force_age_s: float | None
-    model_sequence: int
+    delay_s: float | None
+    answered_sequence: NonNegativeInt | None
     limited: bool
 
 
@@ -144,14 +151,18 @@ class MasterState(Message):
 
 
 class Heartbeat(Message):
-    """Keeps the lease and carries the four time stamps: mine, and the newest of the peer with its receive stamp."""
+    """Keeps the lease and carries the four time stamps: mine, and the newest of the peer with its receive
+    stamp.
+    """
 
     echo_stamp_ns: Stamp | None = None
     echo_receive_ns: Stamp | None = None
 
 
 class LimitEvent(Message):
-    """The gate changed or refused a command: what was asked, what was applied, by which rule, how often since the last event."""
+    """The gate changed or refused a command: what was asked, what was applied, by which rule, how often since
+    the last event.
+    """
 
     rule: Name
     requested: float
@@ -191,7 +202,7 @@ class LoopTiming(Message):
 
 
 class ImpairmentTrace(Message):
-    """What the impairment did to each message: (arrival index, delays in ns; none = lost, two = duplicated)."""
+    """What the impairment did to each message of a link: its delays in ns; none = lost, two = doubled."""
 
     link: ShortText
     first_index: NonNegativeInt

@@ -1,4 +1,5 @@
-"""One table of topics: key expression, message, direction, rate, quality of service, staleness limit, recorded or not.
+"""One table of topics: key expression, message, direction, rate, quality of service, staleness limit,
+recorded or not.
 
 Publishers, subscribers, watchdogs, the recorder and the report all read it; nothing else spells a key.
 """
@@ -24,7 +25,10 @@ class Qos(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Topic(Generic[M_co]):
-    """One row of the table. `rate_hz` None: on occasion. `stale_after_s` None: never stale."""
+    """One row of the table. `rate_hz` None: on occasion. `stale_after_s` None: never stale.
+
+    `crosses`: the other end consumes it. What does not cross is published for the recorder only.
+    """
 
     name: str
     message: type[M_co]
@@ -33,6 +37,7 @@ class Topic(Generic[M_co]):
     qos: Qos
     stale_after_s: float | None = None
     recorded: bool = True
+    crosses: bool = True
 
     def key(self, cell: str, axis: str) -> str:
         """The Zenoh key expression of this topic for one axis of one cell."""
@@ -41,8 +46,8 @@ class Topic(Generic[M_co]):
 
 COMMAND = Topic("master/command", m.MotionCommand, "master", 1000, Qos.STREAM, 0.060)
 FORCE = Topic("slave/force", m.ForceSample, "slave", 1000, Qos.STREAM, 0.100)
-HAPTICS = Topic("master/haptics", m.HapticSample, "master", 1000, Qos.STREAM)
-PARAMETERS = Topic("master/parameters", m.ModelParameters, "master", 20, Qos.STATE)
+HAPTICS = Topic("master/haptics", m.HapticSample, "master", 1000, Qos.STREAM, crosses=False)
+PARAMETERS = Topic("master/parameters", m.ModelParameters, "master", 20, Qos.STATE, crosses=False)
 SLAVE_STATE = Topic("slave/state", m.SlaveState, "slave", 50, Qos.STATE, 0.5)
 MASTER_STATE = Topic("master/state", m.MasterState, "master", 10, Qos.STATE, 0.5)
 MASTER_HANDSHAKE = Topic("master/handshake", m.Handshake, "master", None, Qos.EVENT)
@@ -52,14 +57,16 @@ SLAVE_HEARTBEAT = Topic("slave/heartbeat", m.Heartbeat, "slave", 20, Qos.STATE, 
 LIMIT_EVENT = Topic("slave/limit", m.LimitEvent, "slave", None, Qos.EVENT)
 SAFETY_EVENT = Topic("slave/safety", m.SafetyEvent, "slave", None, Qos.EVENT)
 EMERGENCY_STOP = Topic("any/estop", m.EmergencyStop, "any", None, Qos.EVENT)
-MASTER_TIMING = Topic("master/timing", m.LoopTiming, "master", 1, Qos.STATE)
-SLAVE_TIMING = Topic("slave/timing", m.LoopTiming, "slave", 1, Qos.STATE)
-MASTER_IMPAIRMENT = Topic("master/impairment", m.ImpairmentTrace, "master", 10, Qos.STATE)
-SLAVE_IMPAIRMENT = Topic("slave/impairment", m.ImpairmentTrace, "slave", 10, Qos.STATE)
+MASTER_TIMING = Topic("master/timing", m.LoopTiming, "master", 1, Qos.STATE, crosses=False)
+SLAVE_TIMING = Topic("slave/timing", m.LoopTiming, "slave", 1, Qos.STATE, crosses=False)
+MASTER_IMPAIRMENT = Topic("master/impairment", m.ImpairmentTrace, "master", 10, Qos.STATE, crosses=False)
+SLAVE_IMPAIRMENT = Topic("slave/impairment", m.ImpairmentTrace, "slave", 10, Qos.STATE, crosses=False)
 
 TOPICS: tuple[Topic[m.Message], ...] = (
-    COMMAND, FORCE, HAPTICS, PARAMETERS, SLAVE_STATE, MASTER_STATE, MASTER_HANDSHAKE, SLAVE_HANDSHAKE, MASTER_HEARTBEAT,
-    SLAVE_HEARTBEAT, LIMIT_EVENT, SAFETY_EVENT, EMERGENCY_STOP, MASTER_TIMING, SLAVE_TIMING, MASTER_IMPAIRMENT,
+    COMMAND, FORCE, HAPTICS, PARAMETERS, SLAVE_STATE, MASTER_STATE, MASTER_HANDSHAKE, SLAVE_HANDSHAKE,
+    MASTER_HEARTBEAT,
+    SLAVE_HEARTBEAT, LIMIT_EVENT, SAFETY_EVENT, EMERGENCY_STOP, MASTER_TIMING, SLAVE_TIMING,
+    MASTER_IMPAIRMENT,
     SLAVE_IMPAIRMENT,
 )  # fmt: skip
 

@@ -1,0 +1,1 @@
+"""The master daemon: handle, haptic loop, prediction and identification."""

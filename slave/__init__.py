@@ -1,0 +1,1 @@
+"""The slave daemon: safety gate, control loop, stage, gripper and load cell."""

@@ -1,0 +1,1 @@
+"""Recordings: what a run wrote (MCAP), what others measured (CSV, Parquet)."""

@@ -6,16 +6,26 @@ from typing import Protocol
 from common.topics import Qos
 
 Handler = Callable[[bytes, int], None]
-"""Called with (payload, receive stamp in ns of the local monotonic clock), on a thread that is not ours.
+"""Called with (payload, receive stamp in ns of the local monotonic clock), on a thread of the transport.
 
-A handler decodes, gates and hands over (slot or bounded queue); it never blocks and never calls the transport."""
+A handler decodes, gates and hands over (slot or bounded queue). It never blocks, and never puts or closes.
+"""
+
+KeyedHandler = Callable[[str, bytes, int], None]
+"""Like `Handler`, with the key in front: for who subscribes to many keys at once, as the recorder does."""
 
 Put = Callable[[bytes], None]
-"""Sends one payload; returns at once (STREAM, STATE) or after a bounded wait (EVENT)."""
+"""Sends one payload; returns at once (STREAM, STATE) or after a bounded wait (EVENT). Idle after `close`."""
+
+OnFault = Callable[[Exception], None]
+"""Takes an exception that reached the edge of one of our threads to the safety state; never raises."""
 
 
 class Transport(Protocol):
-    """Delivers payloads to the subscribers of the same key, or loses them; never blocks a STREAM publisher."""
+    """Delivers payloads to the subscribers of the same key, or loses them; never blocks a STREAM publisher.
+
+    Never delivers to the session that put.
+    """
 
     def publisher(self, key: str, qos: Qos) -> Put:
         """Declares a publisher once; its `Put` is then cheap to call."""
@@ -25,13 +35,21 @@ class Transport(Protocol):
         """Calls `handler` for each payload put to `key` by another session."""
         ...
 
+    def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
+        """Calls `handler` for each payload put by another session to `prefix` or to any key below it."""
+        ...
+
+    def peers(self) -> int:
+        """How many other sessions are connected now; 0 while the other end is waited for."""
+        ...
+
     def close(self) -> None:
-        """Undeclares everything and ends every thread of the transport; idempotent."""
+        """Undeclares everything and ends every thread; idempotent. Nothing is delivered afterwards."""
         ...
 
 
 class Timers(Protocol):
-    """Calls a function at a stamp of the local monotonic clock: the only thing that the impairment needs of a scheduler."""
+    """Calls a function at a stamp of the local clock: all that the impairment needs of a scheduler."""
 
     def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
         """Runs `action` at `due_ns` or as soon after as possible; actions of equal stamp keep their order."""

@@ -1,0 +1,1 @@
+"""Grippers: the port and its adapters."""

@@ -1,0 +1,1 @@
+"""Load cells: the port and its adapters."""

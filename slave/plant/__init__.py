@@ -1,0 +1,1 @@
+"""The simulated world of the slave: stage, fixture, vessel and load cell."""

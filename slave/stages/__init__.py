@@ -1,0 +1,1 @@
+"""Stages: the port and its adapters."""

@@ -1,0 +1,139 @@
+"""YAML -> frozen settings. Every mistake is one line: file, line, place, value, what was expected."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from common.errors import ConfigurationError
+
+Place = tuple[int | str, ...]
+
+
+class Settings(BaseModel):
+    """Base of all settings: frozen, unknown keys refused, finite numbers."""
+
+    model_config: ClassVar[ConfigDict] = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, protected_namespaces=()
+    )
+
+
+S = TypeVar("S", bound=BaseModel)
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that also reads 1e-3 as a number (YAML 1.2), as engineers write it."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\d[\d_]*)(\.\d*)?[eE][-+]?\d+$"),
+    list("-+0123456789"),
+)
+
+
+def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
+    """The mapping in a YAML file, and the line of each place in it.
+
+    Raises:
+        ConfigurationError: missing, unreadable, not YAML, a key twice, or not a mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ConfigurationError(f"{path}: {reason}; expected a readable YAML file") from error
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        lines = dict(_lines(node, (), path)) if node else {}
+        data = loader.construct_document(node) if node else None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = mark.line + 1 if mark else 1
+        problem = getattr(error, "problem", None) or "not YAML"
+        raise ConfigurationError(f"{path}:{line}: {problem}; expected YAML") from error
+    finally:
+        loader.dispose()
+    if not isinstance(data, dict):
+        raise ConfigurationError(f"{path}:1: {type(data).__name__}; expected a mapping of settings")
+    return data, lines
+
+
+def load_settings(kind: type[S], path: Path) -> S:
+    """The settings of type `kind` that a YAML file holds.
+
+    Raises:
+        ConfigurationError: the file or one of its values is wrong; one line for the first mistake.
+    """
+    data, lines = load_yaml(path)
+    return checked(kind, data, str(path), lines, path.parent)
+
+
+def checked(
+    kind: type[S], data: object, where: str, lines: dict[Place, int] | None = None, directory: Path = Path()
+) -> S:
+    """`data` as settings; a mistake names `where`, the line where known, the place, the value and what was
+    expected.
+
+    Relative paths in it count from `directory`.
+    """
+    try:
+        return kind.model_validate(data, context={"directory": directory})
+    except ValidationError as error:
+        raise ConfigurationError(_describe(error.errors(include_url=False)[0], where, lines or {})) from error
+
+
+def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str:
+    place: Place = tuple(problem["loc"])
+    known = place
+    while known and known not in lines:
+        known = known[:-1]
+    line = f":{lines[known]}" if known in lines else ""
+    dotted = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in place).lstrip(".") or "(whole file)"
+    expected = problem["msg"].removeprefix("Value error, ")
+    match problem["type"]:
+        case "extra_forbidden":
+            return f"{where}{line}: {dotted}: unknown key"
+        case "missing":
+            return f"{where}{line}: {dotted}: missing, a value is required"
+    value = problem["input"]
+    shown = repr(value) if isinstance(value, int | float | str | bool | None) else f"a {type(value).__name__}"
+    return f"{where}{line}: {dotted} = {shown}: {expected[:1].lower()}{expected[1:]}"
+
+
+def _lines(node: yaml.Node, place: Place, path: Path) -> Iterator[tuple[Place, int]]:
+    yield place, node.start_mark.line + 1
+    if isinstance(node, yaml.SequenceNode):
+        for index, child in enumerate(node.value):
+            yield from _lines(child, (*place, index), path)
+    elif isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, child in node.value:
+            line = key.start_mark.line + 1
+            if key.value in seen:
+                raise ConfigurationError(
+                    f"{path}:{line}: {key.value}: the key stands twice; expected it once"
+                )
+            seen.add(key.value)
+            yield from _lines(child, (*place, key.value), path)
+            yield (*place, key.value), line
+
+
+def dump_yaml(settings: BaseModel) -> str:
+    """The effective settings as YAML, defaults included."""
+    text: str = yaml.safe_dump(settings.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+    return text
+
+
+def deep_merge(base: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]:
+    """`base` with the values of `override` laid over it, mapping by mapping."""
+    merged = dict(base)
+    for key, value in override.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = deep_merge(merged[key], value) if both else value
+    return merged

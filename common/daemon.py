@@ -1,0 +1,87 @@
+"""What both daemons do alike: one impaired transport, and the reports on loop timing and impairment."""
+
+from common.bus import Bus
+from common.lateness import EDGES_US, Lateness
+from common.messages import ImpairmentTrace, LoopTiming
+from common.recording.mcap_reader import Run, read_run
+from common.runtime.port import Runtime
+from common.settings import LinkImpairment
+from common.topics import BY_NAME, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, Role
+from common.transport.impaired import ImpairedTransport
+from common.transport.impairment import Impairment, Link, ReplayedImpairment
+from common.transport.port import Transport
+from common.transport.settings import ImpairmentSettings
+
+SECOND_NS = 1_000_000_000
+
+
+def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Runtime) -> ImpairedTransport:
+    """`inner` with the impairment of the settings, drawn anew from the seed or replayed from a recorded run.
+
+    Raises:
+        RecordingError: `replay` is no run of ours.
+    """
+    first_seed = 4 * settings.seed + (2 if role == "slave" else 0)
+    if settings.replay is not None:
+        run = read_run(settings.replay)
+        inbound, outbound = _replayed(run, role, "inbound"), _replayed(run, role, "outbound")
+    else:
+        inbound, outbound = _drawn(settings.inbound, first_seed), _drawn(settings.outbound, first_seed + 1)
+    return ImpairedTransport(inner, runtime.timers, runtime.clock, inbound, outbound)
+
+
+def _drawn(settings: ImpairmentSettings, seed: int) -> Link | None:
+    return None if settings.transparent else Impairment(settings, seed)
+
+
+def _replayed(run: Run, role: Role, link: str) -> Link | None:
+    topic = MASTER_IMPAIRMENT if role == "master" else SLAVE_IMPAIRMENT
+    chunks = [chunk for axis in run.axes for chunk in run.messages(axis, topic) if chunk.link == link]
+    trace = [delays for chunk in chunks for delays in chunk.delays_ns]
+    return ReplayedImpairment(trace) if trace else None
+
+
+class Reports:
+    """Publishes the loop's lateness once a second and the impairment's trace ten times a second, on the first
+    axis' keys.
+    """
+
+    def __init__(
+        self, bus: Bus, role: Role, lateness: Lateness, transport: ImpairedTransport, runtime: Runtime
+    ) -> None:
+        self._loop = {"master": "haptic", "slave": "control"}[role]
+        self._lateness = lateness
+        self._transport = transport
+        self._runtime = runtime
+        self._timing = bus.outlet(BY_NAME[f"{role}/timing"])
+        self._trace = bus.outlet(BY_NAME[f"{role}/impairment"])
+        runtime.task(f"{role} timing", SECOND_NS, self.timing)
+        runtime.task(f"{role} impairment trace", SECOND_NS // 10, self.impairment)
+
+    def timing(self, now_ns: int) -> None:
+        """The lateness since the start."""
+        lateness = self._lateness
+        self._timing.send(
+            LoopTiming(
+                **self._timing.header(0, now_ns),
+                loop=self._loop,
+                ticks=lateness.ticks,
+                missed=lateness.missed,
+                p50_us=lateness.quantile_us(0.50),
+                p99_us=lateness.quantile_us(0.99),
+                max_us=lateness.max_us,
+                edges_us=EDGES_US,
+                counts=tuple(lateness.counts),
+                scheduling=self._runtime.scheduling,
+            )
+        )
+
+    def impairment(self, now_ns: int) -> None:
+        """What became of each message since the last call."""
+        for chunk in self._transport.drain_trace():
+            header = self._trace.header(0, now_ns)
+            self._trace.send(
+                ImpairmentTrace(
+                    **header, link=chunk.link, first_index=chunk.first_index, delays_ns=chunk.delays_ns
+                )
+            )

@@ -1,0 +1,16 @@
+"""The sign of a velocity as the friction effects use it."""
+
+BAND_M_S = 1e-5
+
+
+def direction(v: float) -> float:
+    """sign(v), exact beyond 10 um/s and linear in v inside that band.
+
+    The band keeps friction from chattering where a servo comes to rest, the usual regularisation of Coulomb's
+    law (Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994).
+    """
+    if v >= BAND_M_S:
+        return 1.0
+    if v <= -BAND_M_S:
+        return -1.0
+    return v / BAND_M_S

@@ -1,0 +1,19 @@
+"""First-order lag, exact for an input constant over the step: shared by relaxation and sensor chains."""
+
+from math import exp
+
+
+class FirstOrderLag:
+    """`tau dy/dt = u - y`, solved exactly: `y(t + dt) = u + (y(t) - u) exp(-dt / tau)`."""
+
+    def __init__(self, time_constant_s: float) -> None:
+        self._time_constant_s = time_constant_s
+        self._dt = self._decay = 0.0
+        self.value = 0.0
+
+    def advance(self, u: float, dt: float) -> float:
+        """y after dt; the exponential is computed again only when dt changes."""
+        if dt != self._dt:
+            self._dt, self._decay = dt, exp(-dt / self._time_constant_s)
+        self.value = value = u + (self.value - u) * self._decay
+        return value

@@ -1,0 +1,59 @@
+"""Effects by name: our own, and those that installed distributions add.
+
+A third party adds an effect by an entry point of the group `forefeel.effects` whose name is the effect's
+name; it is loaded when a model first asks for that name. Our own names can not be taken over.
+"""
+
+from functools import cache
+from importlib.metadata import entry_points
+
+from common.effects.backlash import Backlash
+from common.effects.base import Effect
+from common.effects.bias import Bias
+from common.effects.contact_loss import ContactLoss
+from common.effects.coulomb_friction import CoulombFriction
+from common.effects.mass_damper_spring import MassDamperSpring
+from common.effects.position_dependent_friction import PositionDependentFriction
+from common.effects.presliding_hysteresis import PreslidingHysteresis
+from common.effects.pulsation import Pulsation
+from common.effects.sensor_drift import SensorDrift
+from common.effects.sensor_lag import SensorLag
+from common.effects.sensor_quantisation import SensorQuantisation
+from common.effects.sensor_saturation import SensorSaturation
+from common.effects.stiffening import Stiffening
+from common.effects.stress_relaxation import StressRelaxation
+
+ENTRY_POINT_GROUP = "forefeel.effects"
+
+OWN: dict[str, type[Effect]] = {
+    effect.name: effect
+    for effect in (
+        Backlash, Bias, ContactLoss, CoulombFriction, MassDamperSpring, PositionDependentFriction,
+        PreslidingHysteresis, Pulsation, SensorDrift, SensorLag, SensorQuantisation, SensorSaturation,
+        Stiffening, StressRelaxation,
+    )
+}  # fmt: skip
+
+
+def effect_names() -> tuple[str, ...]:
+    """Every name that `effect_class` knows, sorted; nothing is loaded."""
+    return tuple(sorted({*OWN, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))}))
+
+
+@cache
+def effect_class(name: str) -> type[Effect]:
+    """The effect of that name.
+
+    Raises:
+        ValueError: no such effect, or an entry point that is no effect of its name; one line.
+    """
+    if name in OWN:
+        return OWN[name]
+    for point in entry_points(group=ENTRY_POINT_GROUP, name=name):
+        loaded = point.load()
+        if not (isinstance(loaded, type) and issubclass(loaded, Effect) and loaded.name == name):
+            raise ValueError(
+                f"entry point {ENTRY_POINT_GROUP}:{name} = {point.value}: expected an effect named {name}"
+            )
+        return loaded
+    raise ValueError(f"unknown effect {name!r}, expected one of {', '.join(effect_names())}")

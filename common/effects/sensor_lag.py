@@ -1,0 +1,26 @@
+"""First-order lag of the load cell chain."""
+
+from common.effects.base import Parameter, SensorEffect
+from common.effects.first_order import FirstOrderLag
+
+
+class SensorLag(SensorEffect):
+    """`tau dy/dt = f - y`, tau = time_constant_s, exact for a force constant over dt.
+
+    Starts settled at the first force.
+    """
+
+    name = "sensor_lag"
+    parameters = (Parameter("time_constant_s", "s", 0.005, 1e-6, 1e3, linear=False),)
+    reference = "first-order low-pass filter, zero-order-hold discretisation"
+
+    def reset(self) -> None:
+        """The next force is taken as settled."""
+        self._lag = FirstOrderLag(self.values["time_constant_s"])
+        self._settled = False
+
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The lagged force in N."""
+        if not self._settled:
+            self._lag.value, self._settled = force_n, True
+        return self._lag.advance(force_n, dt)

@@ -1,0 +1,18 @@
+"""Comb of levels of the analogue-to-digital conversion."""
+
+from common.effects.base import Parameter, SensorEffect
+
+
+class SensorQuantisation(SensorEffect):
+    """Rounds to the nearest multiple of step_n, halves to even."""
+
+    name = "sensor_quantisation"
+    parameters = (Parameter("step_n", "N", 1e-6, 1e-12, 1e3, linear=False),)
+    reference = "uniform mid-tread quantiser, Widrow and Kollar, Quantization Noise, 2008"
+
+    def _configure(self) -> None:
+        self._step_n = self.values["step_n"]
+
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The nearest level in N."""
+        return round(force_n / self._step_n) * self._step_n

@@ -1,0 +1,47 @@
+"""How late a fixed-rate loop wakes up: a histogram over log-spaced edges, its quantiles, its maximum."""
+
+from bisect import bisect_left
+
+EDGES_US: tuple[float, ...] = tuple(round(10 ** (k / 8), 3) for k in range(49))
+"""Upper edges of the bins, 1 us to 1 s, eight to a decade; one more bin counts what is later."""
+
+
+class Lateness:
+    """Counts the lateness of each tick.
+
+    Attributes:
+        ticks: ticks that ran.
+        missed: deadlines skipped because the tick before was a period or more too late.
+        max_us: the worst.
+    """
+
+    def __init__(self) -> None:
+        self.counts = [0] * (len(EDGES_US) + 1)
+        self.ticks = 0
+        self.missed = 0
+        self.max_us = 0.0
+
+    def record(self, late_ns: int) -> None:
+        """One tick that began `late_ns` after its deadline."""
+        late_us = late_ns * 1e-3
+        self.counts[bisect_left(EDGES_US, late_us)] += 1
+        self.ticks += 1
+        self.max_us = max(self.max_us, late_us)
+
+    def quantile_us(self, q: float) -> float:
+        """The lateness in us that a share `q` of the ticks does not exceed: linear inside a bin, at most the
+        maximum.
+        """
+        return min(self.max_us, quantile_us(self.counts, q))
+
+
+def quantile_us(counts: list[int], q: float) -> float:
+    """Quantile of a histogram over `EDGES_US`, linear inside the bin; 0 when it is empty."""
+    rank = q * sum(counts)
+    below = 0
+    for index, count in enumerate(counts[:-1]):
+        if count and below + count >= rank:
+            low = EDGES_US[index - 1] if index else 0.0
+            return low + (EDGES_US[index] - low) * max(0.0, rank - below) / count
+        below += count
+    return EDGES_US[-1] if below < rank else 0.0

@@ -1,0 +1,187 @@
+"""Reads a recorded run: messages, columns of numbers, and the recording that they make."""
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+from itertools import chain
+from math import nan
+from pathlib import Path
+from types import NoneType
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from common.errors import RecordingError
+from common.messages import Message
+from common.recording.mcap_contents import Contents, Stream, read_contents
+from common.recording.recording import Recording
+from common.topics import FORCE, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, Topic
+
+M = TypeVar("M", bound=Message)
+Columns = dict[str, NDArray[Any]]
+
+_BLOCK = 4096
+_NUMBERS = {bool, int, float, NoneType}
+_IMPAIRMENTS = {topic.name: topic for topic in (MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT)}
+
+
+class Run:
+    """One run: cell, axes, the messages of each topic in the order of their arrival, metadata, attachments.
+
+    Messages are decoded and validated when they are asked for; columns are kept after that. An axis that the
+    run does not have raises RecordingError; a topic of which nothing was recorded is empty.
+    """
+
+    def __init__(self, contents: Contents) -> None:
+        self.path = contents.path
+        self.truncated = contents.truncated
+        """The writer was killed: the run ends where the last whole chunk does."""
+        self.cell = contents.cell
+        """None when nothing was recorded."""
+        self.axes: tuple[str, ...] = tuple(sorted({axis for axis, _ in contents.streams}))
+        self.metadata: Mapping[str, Mapping[str, str]] = contents.metadata
+        self.attachments: Mapping[str, bytes] = contents.attachments
+        self._streams = contents.streams
+        self._columns: dict[tuple[str, str], Columns] = {}
+
+    def count(self, axis: str, topic: Topic[Any]) -> int:
+        """How many messages were recorded."""
+        return len(self._stream(axis, topic).payloads)
+
+    def log_ns(self, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:
+        """When each message was received, by the monotonic clock of the recording host."""
+        return np.array(self._stream(axis, topic).log_ns, dtype=np.int64)
+
+    def messages(self, axis: str, topic: Topic[M]) -> Iterator[M]:
+        """The messages in the order of their arrival, decoded as they are consumed.
+
+        Raises:
+            RecordingError: one is not what its topic carries; the text says which.
+        """
+        return chain.from_iterable(self._blocks(axis, topic))
+
+    def column(self, axis: str, topic: Topic[Any], name: str) -> NDArray[Any]:
+        """One numeric field over all messages: float64, int64 or bool; None becomes NaN, in float64.
+
+        Raises:
+            RecordingError: see `messages`.
+            ValueError: the topic has no such field, or it holds no numbers.
+        """
+        key = axis, topic.name
+        if key not in self._columns:
+            self._columns[key] = _columns(topic.message, self._blocks(axis, topic))
+        if name not in self._columns[key]:
+            raise ValueError(f"{topic.name}: no numbers {name!r}, it has {', '.join(self._columns[key])}")
+        return self._columns[key][name]
+
+    def to_recording(self, axis: str | None = None) -> Recording:
+        """Readback and measured force of the valid force samples, by the slave's stamps, in s from the first.
+
+        Samples that arrived late are put in their place, doubled ones dropped. `axis` may be left out when
+        there is only one.
+
+        Raises:
+            RecordingError: fewer than 2 valid samples, no such axis, or several to choose from.
+        """
+        axis = self._only_axis() if axis is None else axis
+        valid = np.flatnonzero(self.column(axis, FORCE, "valid"))
+        stamps_ns, first = np.unique(self.column(axis, FORCE, "stamp_ns")[valid], return_index=True)
+        chosen = valid[first]
+        return Recording(
+            name=f"{self.path.stem}/{axis}",
+            time_s=(stamps_ns - stamps_ns[:1]) * 1e-9,
+            position_m=self.column(axis, FORCE, "position_m")[chosen],
+            force_n=self.column(axis, FORCE, "force_n")[chosen],
+            source=f"{self.path}: axis {axis}",
+        )
+
+    def impairment_trace(self, topic: str, link: str) -> tuple[tuple[int, ...], ...]:
+        """The delays in ns of each message that passed `link`, by arrival; empty when it was not impaired.
+
+        `topic` is the name of one of the two impairment topics.
+
+        Raises:
+            RecordingError: a part of the trace is missing.
+        """
+        messages = chain.from_iterable(self.messages(axis, _IMPAIRMENTS[topic]) for axis in self.axes)
+        parts = sorted((part for part in messages if part.link == link), key=lambda part: part.first_index)
+        delays_ns: list[tuple[int, ...]] = []
+        for part in parts:
+            if part.first_index != len(delays_ns):
+                indices = f"{part.first_index} follows {len(delays_ns) - 1}"
+                raise RecordingError(
+                    f"{self.path}: {topic} of {link}: index {indices}, expected all of the trace"
+                )
+            delays_ns.extend(part.delays_ns)
+        return tuple(delays_ns)
+
+    def _only_axis(self) -> str:
+        if len(self.axes) != 1:
+            found = ", ".join(self.axes) or "no axis"
+            raise RecordingError(f"{self.path}: holds {found}, expected one axis to be named")
+        return self.axes[0]
+
+    def _stream(self, axis: str, topic: Topic[Any]) -> Stream:
+        if axis not in self.axes:
+            raise RecordingError(f"{self.path}: no axis {axis!r}, it holds {', '.join(self.axes) or 'none'}")
+        return self._streams.get((axis, topic.name), Stream())
+
+    def _blocks(self, axis: str, topic: Topic[M]) -> Iterator[list[M]]:
+        payloads = self._stream(axis, topic).payloads
+        where = f"{self.path}: axis {axis}, {topic.name}"
+        for first in range(0, len(payloads), _BLOCK):
+            yield _decoded(topic.message, payloads[first : first + _BLOCK], first, where)
+
+
+def read_run(path: Path) -> Run:
+    """The run in an MCAP file; of a killed writer's file, what is whole.
+
+    Raises:
+        RecordingError: unreadable, not MCAP, damaged, or of several cells.
+    """
+    return Run(read_contents(path))
+
+
+def _decoded(kind: type[M], payloads: list[bytes], first: int, where: str) -> list[M]:
+    try:  # as one JSON array, which is faster than one by one
+        messages: list[M] = _list_of(kind).validate_json(b"[%b]" % b",".join(payloads))
+    except ValidationError:
+        messages = []
+    if len(messages) == len(payloads):
+        return messages
+    return [
+        _decoded_one(kind, payload, f"{where}, message {first + i}") for i, payload in enumerate(payloads)
+    ]
+
+
+def _decoded_one(kind: type[M], payload: bytes, where: str) -> M:
+    try:
+        return kind.model_validate_json(payload)
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_input=False)[0]
+        place = ".".join([kind.__name__, *map(str, fault["loc"])])
+        raise RecordingError(f"{where}: {place}: {fault['msg']}") from error
+
+
+@cache
+def _list_of(kind: type[Message]) -> TypeAdapter[Any]:
+    return TypeAdapter(list[kind])  # type: ignore[valid-type]
+
+
+def _columns(kind: type[M], blocks: Iterator[list[M]]) -> Columns:
+    parts: dict[str, list[NDArray[Any]]] = {name: [] for name in kind.model_fields}
+    for block in blocks:
+        for name in list(parts):
+            values = [getattr(message, name) for message in block]
+            if set(map(type, values)) <= _NUMBERS:
+                parts[name].append(_array(values))
+            else:
+                del parts[name]  # text or lists: `messages` has them
+    return {name: np.concatenate(arrays or [np.empty(0)]) for name, arrays in parts.items()}
+
+
+def _array(values: list[Any]) -> NDArray[Any]:
+    if None in values:
+        return np.array([nan if value is None else value for value in values], dtype=np.float64)
+    return np.array(values)

@@ -1,0 +1,120 @@
+"""The records of an MCAP file in order, also of one whose writer was killed.
+
+The library's readers stop with various errors at the first byte that is missing, or hand out half a record.
+Here a record is whole, or it is the end of the file. The library parses the few large records; the
+many messages are cut in place.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
+from mcap.stream_reader import get_chunk_data_stream
+from mcap.writer import MCAP0_MAGIC
+
+from common.errors import RecordingError
+
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+
+_DAMAGE = (struct.error, ValueError, OverflowError, MemoryError, RuntimeError, McapError, zstandard.ZstdError)
+"""What the library and its decompressors raise for bytes that are no record."""
+
+_PARSED = {
+    Opcode.CHANNEL: Channel.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.STATISTICS: Statistics.read,
+}
+
+
+class MessageRecord(NamedTuple):
+    """One message: its channel, when it was received, its bytes."""
+
+    channel_id: int
+    log_ns: int
+    payload: bytes
+
+
+Record = MessageRecord | Channel | Metadata | Attachment | Statistics
+
+
+class RecordReader:
+    """Iterates once over the records that a run is made of, those inside chunks too.
+
+    Raises:
+        RecordingError: not an MCAP file, or damaged: a checksum or a record that does not fit.
+    """
+
+    def __init__(self, file: BinaryIO, path: Path) -> None:
+        self._file = file
+        self._path = path
+        self._size = path.stat().st_size
+        self.truncated = True
+        """Whether the file ends before its footer; known after the iteration."""
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise RecordingError(f"{path}: does not start as an MCAP file, expected one")
+
+    def __iter__(self) -> Iterator[Record]:
+        while (whole := self._next()) is not None:
+            opcode, start, body = whole
+            if opcode == Opcode.FOOTER:
+                self.truncated = self._file.read() != MCAP0_MAGIC
+                return
+            try:
+                yield from _parse(opcode, body)
+            except _DAMAGE as error:
+                reason = str(error) or type(error).__name__
+                raise RecordingError(
+                    f"{self._path}: damaged at byte {start} ({reason}), expected a record"
+                ) from error
+
+    def _next(self) -> tuple[int, int, bytes] | None:
+        start = self._file.tell()
+        head = self._file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            return None
+        opcode, length = _HEAD.unpack(head)
+        # opcode 0 does not exist: a loss of power can leave zeros behind the last record
+        if opcode == 0 or length > self._size - self._file.tell():
+            return None
+        return opcode, start, self._file.read(length)
+
+
+def _parse(opcode: int, body: bytes) -> Iterator[Record]:
+    if opcode == Opcode.CHUNK:
+        yield from _parse_chunk(Chunk.read(ReadDataStream(BytesIO(body))))
+    elif opcode == Opcode.MESSAGE:
+        yield _message(body, 0, len(body))
+    elif opcode in _PARSED:
+        yield _PARSED[Opcode(opcode)](ReadDataStream(BytesIO(body)))
+
+
+def _parse_chunk(chunk: Chunk) -> Iterator[Record]:
+    stream, size = get_chunk_data_stream(chunk)
+    data = stream.read(size)
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("checksum of a chunk")
+    at = 0
+    while at < len(data):
+        opcode, length = _HEAD.unpack_from(data, at)
+        start, at = at + _HEAD.size, at + _HEAD.size + length
+        if at > len(data):
+            raise ValueError("record longer than its chunk")
+        if opcode == Opcode.MESSAGE:
+            yield _message(data, start, at)
+        elif opcode == Opcode.CHANNEL:
+            yield Channel.read(ReadDataStream(BytesIO(data[start:at])))
+
+
+def _message(data: bytes, start: int, stop: int) -> MessageRecord:
+    channel_id, _, log_ns, _ = _MESSAGE.unpack_from(data, start)
+    return MessageRecord(channel_id, log_ns, data[start + _MESSAGE.size : stop])

@@ -1,0 +1,128 @@
+"""A recording: one axis of motion over time, with or without the measured force, as it was sampled."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from common.errors import RecordingError
+
+Array = NDArray[np.float64]
+
+GAP_S = 0.1
+"""A longer pause between two samples is a gap: what happened in it is not known."""
+
+_ROUNDING_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """Position in m and force in N (None: not measured) at the stamps `time_s`.
+
+    All are float64, shape (n,), n >= 2, finite and read-only. Time increases strictly, its origin is free.
+    `source` says where the samples come from.
+
+    Raises:
+        RecordingError: shapes that differ, fewer than 2 samples, a value that is not finite, time that
+            repeats or goes back.
+    """
+
+    name: str
+    time_s: Array
+    position_m: Array
+    force_n: Array | None
+    source: str
+
+    def __post_init__(self) -> None:
+        columns = {"time_s": self.time_s, "position_m": self.position_m}
+        if self.force_n is not None:
+            columns["force_n"] = self.force_n
+        for column, values in columns.items():
+            object.__setattr__(self, column, _frozen(values))
+        check_samples(columns, self.source, lambda index: f"{self.source}: sample {index}")
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last sample, gaps included."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+    @property
+    def rate_hz(self) -> float:
+        """The inverse of the median interval: gaps do not bias it."""
+        return float(1.0 / np.median(np.diff(self.time_s)))
+
+    def segments(self, gap_s: float = GAP_S) -> list[slice]:
+        """The pieces without an interval longer than `gap_s`, in order; together they hold every sample.
+
+        Nothing may interpolate, differentiate or filter across their borders. A piece can be a single sample.
+        """
+        after = np.flatnonzero(_gaps(self.time_s, gap_s)) + 1
+        edges = [0, *after.tolist(), len(self)]
+        return [slice(start, stop) for start, stop in pairwise(edges)]
+
+    def speed_max_m_s(self, gap_s: float = GAP_S) -> float:
+        """The largest speed between neighbours of one segment; 0 when every sample stands alone."""
+        inside = ~_gaps(self.time_s, gap_s)
+        speeds = np.abs(np.diff(self.position_m)[inside]) / np.diff(self.time_s)[inside]
+        return float(np.max(speeds, initial=0.0))
+
+
+def check_samples(columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> None:
+    """Refuses samples that are no recording; the first column is time, `where` names the place of a sample.
+
+    Raises:
+        RecordingError: see `Recording`.
+    """
+    name, time = next(iter(columns.items()))
+    for column, values in columns.items():
+        if values.shape != (len(time),):
+            raise RecordingError(
+                f"{source}: {column} has shape {values.shape}, expected ({len(time)},) as {name}"
+            )
+    if len(time) < 2:
+        raise RecordingError(f"{source}: {len(time)} sample(s), expected at least 2")
+    for column, values in columns.items():
+        for index in np.flatnonzero(~np.isfinite(values))[:1]:
+            raise RecordingError(
+                f"{where(index)}, column {column!r}: {values[index]}, expected a finite number"
+            )
+    for index in np.flatnonzero(np.diff(time) <= 0)[:1] + 1:
+        now, before = float(time[index]), float(time[index - 1])
+        raise RecordingError(
+            f"{where(index)}, column {name!r}: {now!r} after {before!r}, expected time to increase"
+        )
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """The file for reading, not empty.
+
+    Raises:
+        RecordingError: missing, a directory, not permitted, unreadable, or empty.
+    """
+    try:
+        with path.open("rb") as file:
+            if not path.stat().st_size:
+                raise RecordingError(f"{path}: empty file, expected a recording")
+            yield file
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror or error}, expected a readable file") from error
+
+
+def _frozen(values: ArrayLike) -> Array:
+    copy = np.array(values, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy
+
+
+def _gaps(time_s: Array, gap_s: float) -> NDArray[np.bool_]:
+    # stamps are rounded: a 10 Hz recording is no row of gaps of 0.1 s
+    return np.diff(time_s) > gap_s + _ROUNDING_S

@@ -1,0 +1,48 @@
+"""The runtime port: loops, tasks, timers and faults."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from common.clock import Clock
+from common.lateness import Lateness
+from common.transport.port import Timers
+
+Tick = Callable[[int], None]
+"""Called with the stamp now in ns of the runtime's clock."""
+
+
+class Runtime(Protocol):
+    """Runs what a daemon registers before the start, until it is stopped."""
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that the ticks are driven by."""
+        ...
+
+    @property
+    def timers(self) -> Timers:
+        """Single actions at a stamp of that clock."""
+        ...
+
+    def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
+        """A hard-paced loop on absolute deadlines in a thread of its own; returns where its lateness is
+        counted.
+        """
+        ...
+
+    def task(self, name: str, period_ns: int, tick: Tick) -> None:
+        """A soft-paced periodic task, on asyncio."""
+        ...
+
+    def fault(self, error: BaseException) -> None:
+        """Reports a fault of any thread: the safety reaction runs now, the daemon ends with the error."""
+        ...
+
+    def on_fault(self, reaction: Callable[[BaseException], None]) -> None:
+        """Adds a reaction to faults; it must not block and must not raise."""
+        ...
+
+    @property
+    def scheduling(self) -> str:
+        """What the loops got from the operating system, in plain words."""
+        ...

@@ -1,0 +1,104 @@
+"""Real time: loops in dedicated threads, tasks on asyncio under one TaskGroup, faults from every thread in
+one place.
+"""
+
+import asyncio
+from collections.abc import Callable
+
+from common.clock import MonotonicClock
+from common.errors import RunError
+from common.lateness import Lateness
+from common.runtime.port import Tick
+from common.runtime.realtime import RealtimeThread, prepare_process
+from common.transport.timers import TimerThread
+
+
+class RealRuntime:
+    """Drives one daemon on the host's monotonic clock.
+
+    Use: register loops and tasks, then `async with runtime:`; leaving it cancels the tasks and joins the threads.
+    `stopping` is set by a fault or by `stop`; whoever runs the daemon waits for it.
+    """
+
+    def __init__(self, priority: int = 0) -> None:
+        self.clock = MonotonicClock()
+        self.stopping = asyncio.Event()
+        self.error: BaseException | None = None
+        self.timers = TimerThread(self.clock, self.fault)
+        self._priority = priority
+        self._memory = "not started"
+        self._loops: list[RealtimeThread] = []
+        self._tasks: list[tuple[str, int, Tick]] = []
+        self._group = asyncio.TaskGroup()
+        self._running: list[asyncio.Task[None]] = []
+        self._reactions: list[Callable[[BaseException], None]] = []
+        self._asyncio = asyncio.get_running_loop()
+
+    @property
+    def scheduling(self) -> str:
+        """What the loops got from the operating system, in plain words."""
+        return ", ".join([*sorted({loop.scheduling for loop in self._loops}), self._memory])
+
+    def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
+        """Registers a hard-paced loop."""
+        thread = RealtimeThread(name, period_ns, tick, self.clock, self.fault)
+        self._loops.append(thread)
+        return thread.lateness
+
+    def task(self, name: str, period_ns: int, tick: Tick) -> None:
+        """Registers a periodic asyncio task."""
+        self._tasks.append((name, period_ns, tick))
+
+    def on_fault(self, reaction: Callable[[BaseException], None]) -> None:
+        """Adds a safety reaction."""
+        self._reactions.append(reaction)
+
+    def fault(self, error: BaseException) -> None:
+        """First the safety reactions, on the thread that failed; then asyncio is woken to end the daemon."""
+        if self.error is None:
+            self.error = error
+        for reaction in self._reactions:
+            reaction(error)
+        self._asyncio.call_soon_threadsafe(self.stopping.set)
+
+    def stop(self) -> None:
+        """Asks for an orderly end (signals, end of the run); from asyncio's thread."""
+        self.stopping.set()
+
+    async def __aenter__(self) -> "RealRuntime":
+        """Starts every thread and task."""
+        self._memory = prepare_process()
+        self.timers.start()
+        for loop in self._loops:
+            loop.start(self._priority)
+        await self._group.__aenter__()
+        self._running = [
+            self._group.create_task(self._periodic(period_ns, tick), name=name)
+            for name, period_ns, tick in self._tasks
+        ]
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Ends every task and thread, in that order."""
+        for task in self._running:
+            task.cancel()
+        await self._group.__aexit__(None, None, None)
+        for loop in self._loops:
+            await asyncio.to_thread(loop.stop)
+        await asyncio.to_thread(self.timers.close)
+
+    def raise_fault(self) -> None:
+        """Raises the first fault, if there was one, as a RunError with its cause."""
+        if self.error is not None:
+            raise RunError(f"stopped by a fault: {type(self.error).__name__}: {self.error}") from self.error
+
+    async def _periodic(self, period_ns: int, tick: Tick) -> None:
+        deadline_ns = self.clock.now_ns()
+        try:
+            while True:
+                now_ns = self.clock.now_ns()
+                tick(now_ns)
+                deadline_ns = max(deadline_ns + period_ns, now_ns)
+                await asyncio.sleep((deadline_ns - self.clock.now_ns()) * 1e-9)
+        except Exception as error:  # noqa: BLE001 - a task's last line: every fault goes to the safety reaction
+            self.fault(error)

@@ -1,0 +1,73 @@
+"""Virtual time: every loop, task and timer of every daemon on one event heap; as fast as the machine can, bit
+for bit repeatable.
+"""
+
+import heapq
+from collections.abc import Callable
+from itertools import count
+
+from common.clock import VirtualClock
+from common.lateness import Lateness
+from common.runtime.port import Tick
+
+
+class VirtualRuntime:
+    """One event heap for both daemons. Events of equal stamp run in the order of their scheduling."""
+
+    scheduling = "virtual time: no lateness"
+
+    def __init__(self, start_ns: int = 1_000_000_000) -> None:
+        self.clock = VirtualClock(start_ns)
+        self.timers = self
+        self._order = count()
+        self._events: list[tuple[int, int, int, Callable[[int], None]]] = []
+
+    def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
+        """Runs `tick` every period from now on; the lateness stays zero."""
+        del name
+        lateness = Lateness()
+
+        def counted(now_ns: int) -> None:
+            lateness.record(0)
+            tick(now_ns)
+
+        self._push(self.clock.now_ns() + period_ns, period_ns, counted)
+        return lateness
+
+    def task(self, name: str, period_ns: int, tick: Tick) -> None:
+        """Runs `tick` every period from now on."""
+        del name
+        self._push(self.clock.now_ns() + period_ns, period_ns, tick)
+
+    def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
+        """Runs `action` once at `due_ns` (now, when that is past)."""
+        self._push(max(due_ns, self.clock.now_ns()), 0, lambda _now_ns: action())
+
+    def fault(self, error: BaseException) -> None:
+        """In virtual time a fault ends the run at once, with its own traceback."""
+        raise error
+
+    def on_fault(self, reaction: Callable[[BaseException], None]) -> None:
+        """Faults propagate out of `run`; nobody is left to react."""
+
+    def run(self, duration_ns: int, progress: Callable[[int], bool] | None = None) -> None:
+        """Advances by `duration_ns`. `progress` is called every 100 ms of it; False ends the run."""
+        end_ns = self.clock.now_ns() + duration_ns
+        next_report = self.clock.now_ns()
+        events = self._events
+        while events and events[0][0] <= end_ns:
+            due_ns, _, period_ns, action = events[0]
+            self.clock.set_ns(due_ns)
+            if period_ns:
+                heapq.heapreplace(events, (due_ns + period_ns, next(self._order), period_ns, action))
+            else:
+                heapq.heappop(events)
+            action(due_ns)
+            if progress is not None and due_ns >= next_report:
+                next_report = due_ns + 100_000_000
+                if not progress(due_ns):
+                    return
+        self.clock.set_ns(end_ns)
+
+    def _push(self, due_ns: int, period_ns: int, action: Callable[[int], None]) -> None:
+        heapq.heappush(self._events, (due_ns, next(self._order), period_ns, action))

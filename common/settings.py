@@ -1,0 +1,139 @@
+"""Settings that both daemons have: the cell, the network, its impairment, real-time wishes, and the limits
+that both must share.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+
+from common.config import Settings
+from common.errors import ConfigurationError, RecordingError
+from common.messages import PROTOCOL_VERSION
+from common.recording.tabular import Mapping
+from common.topics import checked_segment
+from common.transport.settings import ImpairmentSettings, TransportSettings
+
+
+def _segment(text: str) -> str:
+    try:
+        return checked_segment(text, "name")
+    except ConfigurationError as error:
+        raise ValueError("expected one key segment without / * $ ? # or blanks") from error
+
+
+def _existing(path: Path, info: ValidationInfo) -> Path:
+    directory = (info.context or {}).get("directory", Path())
+    resolved: Path = path if path.is_absolute() else directory / path
+    if not resolved.is_file():
+        raise ValueError("expected a file that exists (relative to this configuration file)")
+    return resolved
+
+
+Segment = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_segment)]
+ExistingFile = Annotated[Path, AfterValidator(_existing)]
+
+
+class ColumnSettings(Settings):
+    """Which columns of a table hold what, each as `unit:column`, for example `mm:laser`."""
+
+    time: str = "s:time_s"
+    position: str = "m:position_m"
+    force: str | None = None
+
+    @model_validator(mode="after")
+    def _units(self) -> "ColumnSettings":
+        try:
+            self.mapping()
+        except RecordingError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def mapping(self) -> Mapping:
+        """As the readers take it."""
+        return Mapping(self.time, self.position, self.force)
+
+
+TICK_NS = 1_000_000
+"""Period of the haptic loop and of the control loop: 1 kHz."""
+
+
+class AxisLimits(Settings):
+    """What the slave enforces on one axis and the master respects; equal on both ends or nothing arms.
+
+    A rotation axis is described by its tangential equivalent: arc length in m and tangential force in N at
+    the instrument's surface.
+    """
+
+    kind: Literal["insertion", "rotation"] = "insertion"
+    workspace_m: tuple[float, float] = (-0.002, 0.12)
+    max_velocity_m_s: Annotated[float, Field(gt=0, le=1000)] = 0.2
+    max_acceleration_m_s2: Annotated[float, Field(gt=0, le=1e7)] = 8.0
+    max_force_n: Annotated[float, Field(gt=0, le=10_000)] = 3.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "AxisLimits":
+        if self.workspace_m[0] >= self.workspace_m[1]:
+            raise ValueError(f"workspace_m = {list(self.workspace_m)}: expected [low, high] with low < high")
+        return self
+
+
+class LinkImpairment(Settings):
+    """What is injected into this daemon's traffic, by direction; for tests and demonstrations, none by
+    default.
+
+    `replay`: an MCAP of a run; what was recorded there of this daemon's links is done again, message by
+    message.
+    """
+
+    inbound: ImpairmentSettings = ImpairmentSettings()
+    outbound: ImpairmentSettings = ImpairmentSettings()
+    seed: int = 0
+    replay: ExistingFile | None = None
+
+
+class RealtimeSettings(Settings):
+    """`priority` of SCHED_FIFO for the 1 kHz loop, 0 for normal scheduling; where the system permits it."""
+
+    priority: Annotated[int, Field(ge=0, le=90)] = 50
+
+
+class DaemonSettings(Settings):
+    """The common part of both daemons' files."""
+
+    cell: Segment = "cell"
+    transport: TransportSettings = TransportSettings()
+    impairment: LinkImpairment = LinkImpairment()
+    realtime: RealtimeSettings = RealtimeSettings()
+
+
+def shared_text(cell: str, axis: str, limits: AxisLimits) -> str:
+    """What both ends must agree on for one axis, as canonical JSON."""
+    shared = {"protocol": PROTOCOL_VERSION, "cell": cell, "axis": axis, **limits.model_dump(mode="json")}
+    return json.dumps(shared, sort_keys=True)
+
+
+def settings_hash(text: str) -> str:
+    """Short hash of `shared_text`."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def differences(mine: str, theirs: str) -> str:
+    """Field by field, what differs between two `shared_text`s; `theirs` comes from the network and may be
+    anything.
+    """
+    try:
+        other = json.loads(theirs)
+    except ValueError:
+        other = None
+    if not isinstance(other, dict):
+        return "the peer's settings are unreadable"
+    own = json.loads(mine)
+    fields = [
+        f"{key}: {own.get(key)} here, {other.get(key)} there"
+        for key in sorted({*own, *other})
+        if own.get(key) != other.get(key)
+    ]
+    return "; ".join(fields)[:200]

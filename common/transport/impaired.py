@@ -1,0 +1,139 @@
+"""Puts an impairment between a daemon and any transport, and records what it did to each message."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+from common.clock import Clock
+from common.topics import Qos, parse_key
+from common.transport.impairment import Link
+from common.transport.port import Handler, KeyedHandler, Put, Timers, Transport
+
+_TRACE_CAPACITY = 65_536
+_CHUNK = 1024
+
+
+class TraceChunk(NamedTuple):
+    """What became of consecutive messages of one link, from index `first_index` on: their delays in ns."""
+
+    link: str
+    first_index: int
+    delays_ns: tuple[tuple[int, ...], ...]
+
+
+def crosses(key: str) -> bool:
+    """Whether the other end consumes this key; what is published for the recorder only is not impaired."""
+    known = parse_key(key)
+    return known is None or known[2].crosses
+
+
+class ImpairedTransport:
+    """A transport with a link in each direction: payloads are lost, delayed, duplicated as its `Link` plans.
+
+    One state per direction, for all keys that cross to the other end. Outbound payloads are put late,
+    inbound ones are handed over late, on the timers' thread, and stamped then. A direction whose link is
+    None costs nothing.
+
+    A recorder has a session of its own and sees what is put: outbound impairment comes before its eyes,
+    inbound impairment behind its back. So inject inbound where the recording shall hold everything that was
+    sent.
+    """
+
+    def __init__(
+        self, inner: Transport, timers: Timers, clock: Clock, inbound: Link | None, outbound: Link | None
+    ) -> None:
+        self._inner = inner
+        self._now_ns = clock.now_ns
+        self._inbound = None if inbound is None else _Lane("inbound", inbound, timers, clock)
+        self._outbound = None if outbound is None else _Lane("outbound", outbound, timers, clock)
+
+    def publisher(self, key: str, qos: Qos) -> Put:
+        """Declares a publisher whose payloads pass the outbound link."""
+        put = self._inner.publisher(key, qos)
+        lane = self._outbound
+        if lane is None or not crosses(key):
+            return put
+        return lambda payload: lane.carry(partial(put, payload))
+
+    def subscribe(self, key: str, handler: Handler) -> None:
+        """Delivers what other sessions put to `key` and the inbound link lets through."""
+        lane = self._inbound
+        if lane is None or not crosses(key):
+            self._inner.subscribe(key, handler)
+            return
+        now_ns = self._now_ns
+        self._inner.subscribe(key, lambda payload, _: lane.carry(lambda: handler(payload, now_ns())))
+
+    def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
+        """Delivers what other sessions put to `prefix` or below it, never impaired: this is for observers."""
+        self._inner.subscribe_all(prefix, handler)
+
+    def peers(self) -> int:
+        """How many other sessions are connected now."""
+        return self._inner.peers()
+
+    def close(self) -> None:
+        """Closes the inner transport; what is on its way is dropped."""
+        for lane in self._lanes():
+            lane.close()
+        self._inner.close()
+
+    def drain_trace(self) -> list[TraceChunk]:
+        """What the links did since the last call, in chunks that fit into a message each.
+
+        A gap in the indices is what nobody drained in time, see `trace_lost`.
+        """
+        return [chunk for lane in self._lanes() for chunk in lane.drain()]
+
+    @property
+    def trace_lost(self) -> int:
+        """Entries of the trace that nobody drained in time."""
+        return sum(lane.lost for lane in self._lanes())
+
+    def _lanes(self) -> list["_Lane"]:
+        return [lane for lane in (self._inbound, self._outbound) if lane is not None]
+
+
+class _Lane:
+    """One direction: its link behind a lock, for payloads come from several threads, and its trace."""
+
+    def __init__(self, name: str, link: Link, timers: Timers, clock: Clock) -> None:
+        self._name = name
+        self._link = link
+        self._call_at = timers.call_at
+        self._now_ns = clock.now_ns
+        self._lock = threading.Lock()
+        self._closed = False
+        self._messages = 0
+        self._trace: deque[tuple[int, ...]] = deque(maxlen=_TRACE_CAPACITY)
+        self.lost = 0
+
+    def carry(self, deliver: Callable[[], None]) -> None:
+        """Schedules `deliver` as often and as late as the link plans."""
+        with self._lock:
+            if self._closed:
+                return
+            now_ns = self._now_ns()
+            delays_ns = self._link.plan(now_ns)
+            self._messages += 1
+            self.lost += len(self._trace) == _TRACE_CAPACITY
+            self._trace.append(delays_ns)
+            for delay_ns in delays_ns:
+                self._call_at(now_ns + delay_ns, lambda: self._arrive(deliver))
+
+    def drain(self) -> list[TraceChunk]:
+        with self._lock:
+            first, entries = self._messages - len(self._trace), tuple(self._trace)
+            self._trace.clear()
+        return [
+            TraceChunk(self._name, first + i, entries[i : i + _CHUNK]) for i in range(0, len(entries), _CHUNK)
+        ]
+
+    def close(self) -> None:
+        self._closed = True
+
+    def _arrive(self, deliver: Callable[[], None]) -> None:
+        if not self._closed:
+            deliver()

@@ -1,0 +1,116 @@
+"""The transport within one process, synchronous and in order: it carries the simulation in virtual time."""
+
+from collections.abc import Callable
+
+from common.clock import Clock
+from common.topics import Qos
+from common.transport.port import Handler, KeyedHandler, Put
+
+
+class MemoryBus:
+    """Joins sessions: a payload put by one is delivered at once to the matching subscribers of all others.
+
+    For one thread. An exception of a handler reaches whoever called `put`: a simulation stops there.
+    """
+
+    def __init__(self) -> None:
+        self._sessions: list[MemoryTransport] = []
+
+    def session(self, clock: Clock) -> "MemoryTransport":
+        """A new session; its handlers get receive stamps of `clock`."""
+        session = MemoryTransport(self, clock)
+        self._sessions.append(session)
+        return session
+
+    def _others(self, session: "MemoryTransport") -> list["MemoryTransport"]:
+        return [other for other in self._sessions if other is not session]
+
+    def _leave(self, session: "MemoryTransport") -> None:
+        self._sessions.remove(session)
+        self._resolve()
+
+    def _resolve(self) -> None:
+        """Works out anew who hears whom, so that `put` has nothing to look up."""
+        for session in self._sessions:
+            for publication in session.publications:
+                publication.targets = tuple(
+                    subscription
+                    for other in self._others(session)
+                    for subscription in other.subscriptions
+                    if subscription.matches(publication.key)
+                )
+
+
+class MemoryTransport:
+    """One session on a `MemoryBus`. See the port for the contract."""
+
+    def __init__(self, bus: MemoryBus, clock: Clock) -> None:
+        self._bus = bus
+        self._now_ns = clock.now_ns
+        self._closed = False
+        self.publications: list[_Publication] = []
+        self.subscriptions: list[_Subscription] = []
+
+    def publisher(self, key: str, qos: Qos) -> Put:
+        """Declares a publisher; every `qos` is delivered at once."""
+        del qos
+        publication = _Publication(key)
+        self.publications.append(publication)
+        self._bus._resolve()
+        return publication.put
+
+    def subscribe(self, key: str, handler: Handler) -> None:
+        """Delivers what other sessions put to `key`."""
+        self._add(_Subscription(key, None, lambda _key, payload: handler(payload, self._now_ns())))
+
+    def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
+        """Delivers what other sessions put to `prefix` or below it."""
+        self._add(
+            _Subscription(prefix, prefix + "/", lambda key, payload: handler(key, payload, self._now_ns()))
+        )
+
+    def peers(self) -> int:
+        """Number of other open sessions on the bus."""
+        return 0 if self._closed else len(self._bus._others(self))
+
+    def close(self) -> None:
+        """Leaves the bus."""
+        if self._closed:
+            return
+        self._closed = True
+        for subscription in self.subscriptions:
+            subscription.deliver = _ignore
+        for publication in self.publications:
+            publication.targets = ()
+        self._bus._leave(self)
+
+    def _add(self, subscription: "_Subscription") -> None:
+        self.subscriptions.append(subscription)
+        self._bus._resolve()
+
+
+class _Subscription:
+    """Who listens to `key`, and with a prefix to all that starts with it."""
+
+    def __init__(self, key: str, prefix: str | None, deliver: Callable[[str, bytes], None]) -> None:
+        self._key, self._prefix = key, prefix
+        self.deliver = deliver
+
+    def matches(self, key: str) -> bool:
+        return key == self._key or (self._prefix is not None and key.startswith(self._prefix))
+
+
+class _Publication:
+    """One publisher and the subscriptions that its payloads go to."""
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+        self.targets: tuple[_Subscription, ...] = ()
+
+    def put(self, payload: bytes) -> None:
+        for target in self.targets:
+            target.deliver(self.key, payload)
+
+
+def _ignore(_key: str, _payload: bytes) -> None:
+    """What a closed session does with a payload that is on its way."""

@@ -1,0 +1,123 @@
+"""Settings of the network and of what is injected into it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+
+from common.config import Settings
+
+Share = Annotated[float, Field(ge=0, lt=1)]
+Seconds = Annotated[float, Field(ge=0, le=10)]
+
+
+def _beside_the_settings(path: Path, info: ValidationInfo) -> Path:
+    """A relative path counts from the folder of the settings file, which the validation context names."""
+    return Path((info.context or {}).get("directory", "")) / path
+
+
+class TransportSettings(Settings):
+    """Zenoh endpoints of this daemon, as `tcp/host:port`; `tls/`, `quic/` and `udp/` too.
+
+    A `peer` waits for whoever it connects to. A `client` speaks to a router, which must be up when it
+    starts. `lease_s`: a silent link counts as lost after this. `zenoh_file`: a Zenoh JSON5 file with
+    certificates and access control; endpoints and lease in it are ignored.
+    """
+
+    mode: Literal["peer", "client"] = "peer"
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    lease_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+    zenoh_file: Annotated[Path, AfterValidator(_beside_the_settings)] | None = None
+
+    @model_validator(mode="after")
+    def _client_connects(self) -> Self:
+        if self.mode == "client" and (self.listen or not self.connect):
+            raise ValueError("mode 'client': expected at least one endpoint in connect and none in listen")
+        return self
+
+
+class ImpairmentSettings(Settings):
+    """What one direction of a link does to its messages. In YAML a preset's name, or a mapping.
+
+    A mapping may start from a preset: `{preset: paper, loss: 0.05}`.
+
+    Attributes:
+        delay_s: mean one-way delay.
+        jitter_s: half-width of its variation: normal with sigma = jitter_s / 2, clipped to +-jitter_s.
+        jitter_correlation_s: time constant of the variation (Ornstein-Uhlenbeck); 0: each message on its own.
+        loss: probability that a message is lost, independent of the others.
+        burst_loss: further share of messages lost in bursts (Gilbert's two-state chain).
+        burst_length: mean length of a burst in messages.
+        reorder: probability that a message is held back and overtaken; all others keep their order.
+        reorder_hold_s: by how much it is held back.
+        duplicate: probability that a message arrives twice.
+        stalls_per_s: mean number of stalls per second of free link, at random times.
+        stall_s: duration of a stall: what comes meanwhile enters the link in one burst at its end.
+    """
+
+    delay_s: Seconds = 0.0
+    jitter_s: Seconds = 0.0
+    jitter_correlation_s: Seconds = 0.1
+    loss: Share = 0.0
+    burst_loss: Share = 0.0
+    burst_length: Annotated[float, Field(ge=1, le=10_000)] = 10.0
+    reorder: Share = 0.0
+    reorder_hold_s: Seconds = 0.005
+    duplicate: Share = 0.0
+    stalls_per_s: Annotated[float, Field(ge=0, le=100)] = 0.0
+    stall_s: Seconds = 0.1
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_preset(cls, data: object) -> object:
+        if isinstance(data, str):
+            data = {"preset": data}
+        if not isinstance(data, Mapping) or "preset" not in data:
+            return data
+        given = dict(data)
+        name = given.pop("preset")
+        if not isinstance(name, str) or name not in _PRESETS:
+            raise ValueError(f"preset {name!r} is unknown, expected one of {', '.join(_PRESETS)}")
+        return _PRESETS[name] | given
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.jitter_s > self.delay_s:
+            raise ValueError(f"jitter_s = {self.jitter_s:g}: expected at most delay_s = {self.delay_s:g}")
+        limit = self.burst_length / (self.burst_length + 1)
+        if self.burst_loss > limit:
+            raise ValueError(
+                f"burst_loss = {self.burst_loss:g}: expected at most {limit:.3g} with this burst_length"
+            )
+        return self
+
+    @property
+    def transparent(self) -> bool:
+        """True when every message arrives once and at once."""
+        return not any(
+            (self.delay_s, self.loss, self.burst_loss, self.reorder, self.duplicate, self.stalls_per_s)
+        )
+
+
+# One way. Time constants are long against 1 ms, so that jitter hardly touches the order of a 1 kHz stream.
+_PRESETS: dict[str, dict[str, float]] = {
+    "none": {},
+    "lan": {"delay_s": 0.0003, "jitter_s": 0.0001, "jitter_correlation_s": 0.01},
+    "wan": {"delay_s": 0.040, "jitter_s": 0.005, "loss": 0.001},
+    "lte": {
+        "delay_s": 0.035,
+        "jitter_s": 0.015,
+        "jitter_correlation_s": 0.5,
+        "burst_loss": 0.01,
+        "burst_length": 10,
+    },
+    "5g": {"delay_s": 0.012, "jitter_s": 0.004, "loss": 0.003},
+    "satellite": {"delay_s": 0.290, "jitter_s": 0.015, "jitter_correlation_s": 0.5, "loss": 0.01},
+    "paper": {"delay_s": 0.150, "jitter_s": 0.010, "jitter_correlation_s": 0.2, "loss": 0.01},
+}
+
+PRESETS: Mapping[str, ImpairmentSettings] = {
+    name: ImpairmentSettings(**values) for name, values in _PRESETS.items()
+}

@@ -1,0 +1,156 @@
+"""The command line."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from common.config import dump_yaml, load_settings, load_yaml
+from common.errors import ConfigurationError
+from common.recording.tabular import Mapping
+from common.settings import DaemonSettings
+from common.transport.settings import PRESETS, TransportSettings
+
+app = typer.Typer(
+    name="forefeel",
+    help="Contact force now, not after the network. Research software, not a medical device.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=True,
+)
+config_app = typer.Typer(help="Settings.", no_args_is_help=True)
+app.add_typer(config_app, name="config")
+
+ConfigFile = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
+Duration = Annotated[
+    float | None, typer.Option("--duration", help="End after this many seconds.", metavar="S")
+]
+
+
+def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
+    """The settings of a slave's or master's YAML file, told apart by its `role`.
+
+    Raises:
+        ConfigurationError: one line on the first mistake.
+    """
+    from master.settings import MasterSettings  # noqa: PLC0415 - each daemon loads only its own side
+    from slave.settings import SlaveSettings  # noqa: PLC0415
+
+    kinds: dict[object, type[DaemonSettings]] = {"slave": SlaveSettings, "master": MasterSettings}
+    data, lines = load_yaml(path)
+    found = data.get("role")
+    if found not in kinds or (role is not None and found != role):
+        line = f":{lines[('role',)]}" if ("role",) in lines else ""
+        expected = repr(role) if role else "'slave' or 'master'"
+        raise ConfigurationError(f"{path}{line}: role = {found!r}: expected {expected}")
+    return load_settings(kinds[found], path)
+
+
+@app.command(epilog="Example: forefeel slave --config deploy/config/slave.yaml")
+def slave(config: ConfigFile, duration: Duration = None) -> None:
+    """Run the slave daemon: stage, load cell, safety gate."""
+    from forefeel.daemons import run_slave  # noqa: PLC0415 - the other commands start without Zenoh
+    from slave.settings import SlaveSettings  # noqa: PLC0415
+
+    settings = load_daemon(config, "slave")
+    assert isinstance(settings, SlaveSettings)
+    run_slave(settings, duration)
+
+
+@app.command(epilog="Example: forefeel master --config deploy/config/master.yaml")
+def master(config: ConfigFile, duration: Duration = None) -> None:
+    """Run the master daemon: handle, haptic loop, prediction."""
+    from forefeel.daemons import run_master  # noqa: PLC0415
+    from master.settings import MasterSettings  # noqa: PLC0415
+
+    settings = load_daemon(config, "master")
+    assert isinstance(settings, MasterSettings)
+    run_master(settings, duration)
+
+
+@config_app.command("check", epilog="Example: forefeel config check deploy/config/slave.yaml")
+def config_check(file: Annotated[Path, typer.Argument(metavar="FILE")]) -> None:
+    """Print the effective settings of a file, defaults included, or what is wrong with it."""
+    typer.echo(dump_yaml(load_daemon(file)), nl=False)
+
+
+@app.command(epilog="Example: forefeel record --cell cathlab --connect tcp/10.0.0.2:7447 --out run.mcap")
+def record(
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="A new .mcap file.")],
+    connect: Annotated[
+        list[str], typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
+    ],
+    cell: Annotated[str, typer.Option("--cell", help="Which cell to record.")] = "cell",
+    duration: Duration = None,
+) -> None:
+    """Record a cell to MCAP until Ctrl-C, in a process of its own."""
+    from forefeel.recorder import Recorder  # noqa: PLC0415
+
+    recorder = Recorder(out, cell, TransportSettings(connect=tuple(connect)), {"cell": cell})
+    console = Console(stderr=True)
+    console.print(f"recording cell {cell} to {out}; Ctrl-C ends", highlight=False)
+    start_s = time.monotonic()
+    try:
+        while duration is None or time.monotonic() - start_s < duration:
+            recorder.check()
+            time.sleep(0.1)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        recorder.close()
+    console.print(f"{out}: closed", highlight=False)
+
+
+@app.command(
+    epilog="Example: forefeel loopback --impairment paper --duration 20 --out out/run   "
+    "Example: forefeel loopback --recording seal_o_ring_1bar.csv --impairment paper"
+)
+def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
+    recording: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Play this recording (CSV, Parquet, MCAP).")
+    ] = None,
+    impairment: Annotated[str, typer.Option(metavar="PRESET", help=f"One of {', '.join(PRESETS)}.")] = "none",
+    duration: Duration = None,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**31 - 1, help="Seed of operator, world and impairment.")
+    ] = 0,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results; default out/run-DATE.")] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace the results of an earlier run in DIR.")] = False,
+    preset: Annotated[str, typer.Option(help="Simulated instrument: catheter or guidewire.")] = "catheter",
+    virtual_time: Annotated[
+        bool, typer.Option("--virtual-time", help="One process, as fast as it can, repeatable.")
+    ] = False,
+    slave_model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="model.yaml of the simulated world.")
+    ] = None,
+    master_model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="model.yaml of the predictor.")
+    ] = None,
+    time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
+    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
+    force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+) -> None:
+    """Run master and slave on this machine, record, and report."""
+    from forefeel.loopback.command import run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
+    from forefeel.loopback.plan import Wish  # noqa: PLC0415
+
+    wish = Wish(
+        seed=seed,
+        impairment=impairment,
+        preset=preset,
+        duration_s=duration,
+        recording=recording,
+        columns=_columns(time_column, position_column, force_column),
+        slave_model=slave_model,
+        master_model=master_model,
+    )
+    run_loopback(wish, out, overwrite, virtual_time)
+
+
+def _columns(time_column: str | None, position: str | None, force: str | None) -> Mapping | None:
+    """A column mapping when the user named any column."""
+    if time_column is None and position is None and force is None:
+        return None
+    return Mapping(time_column or "s:time_s", position or "m:position_m", force)

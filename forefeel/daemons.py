@@ -1,0 +1,170 @@
+"""Runs one daemon in this process until it is told to stop, in order: stage at rest, devices and files
+closed.
+"""
+
+import asyncio
+import ctypes
+import os
+import signal
+import sys
+from secrets import randbits
+
+from common.errors import ConfigurationError, EndpointError
+from common.runtime.real import RealRuntime
+from common.settings import DaemonSettings
+from common.transport.zenoh_bus import ZenohTransport
+from master.axis import MasterAxis
+from master.daemon import MasterDaemon
+from master.session import Link
+from master.settings import MasterSettings
+from slave.axis import SlaveAxis
+from slave.daemon import SlaveDaemon
+from slave.settings import SlaveSettings
+
+_POLL_S = 0.05
+_REST_S = 2.0
+_FAREWELL_S = 0.1  # the master says "deadman released" for this long before it goes
+_REMIND_S = 5.0
+_PR_SET_PDEATHSIG = 1
+
+
+def say(text: str) -> None:
+    """One line to the person at the terminal or to the journal."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def run_slave(settings: SlaveSettings, duration_s: float | None = None) -> None:
+    """Runs the slave until SIGINT, SIGTERM, the duration or a fault.
+
+    Raises:
+        InputError: an endpoint or a file can not be used. RunError: a fault ended it.
+    """
+    _die_with_parent()
+    asyncio.run(_slave(settings, duration_s))
+
+
+def run_master(settings: MasterSettings, duration_s: float | None = None) -> None:
+    """Runs the master until SIGINT, SIGTERM, the duration (from the opened session), the end of a played
+    motion, or a fault.
+
+    Raises:
+        InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
+    """
+    _die_with_parent()
+    asyncio.run(_master(settings, duration_s))
+
+
+async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
+    runtime = _runtime(settings)
+    transport = ZenohTransport.open(settings.transport, runtime.clock, runtime.fault)
+    try:
+        daemon = SlaveDaemon(settings, transport, runtime, _new_id)
+    except BaseException:
+        transport.close()
+        raise
+    say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
+    async with runtime:
+        await _until(runtime, duration_s)
+        daemon.shut_down()
+        await _rest(daemon)
+    daemon.close(runtime.clock.now_ns())
+    say("slave: stage at rest, closed")
+    runtime.raise_fault()
+
+
+async def _master(settings: MasterSettings, duration_s: float | None) -> None:
+    runtime = _runtime(settings)
+    transport = ZenohTransport.open(settings.transport, runtime.clock, runtime.fault)
+    try:
+        daemon = MasterDaemon(settings, transport, runtime, _new_id)
+    except BaseException:
+        transport.close()
+        raise
+    say(f"master: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for the slave")
+    try:
+        async with runtime:
+            await _session(daemon, runtime, settings.peer_timeout_s, settings.transport.connect)
+            if not runtime.stopping.is_set():
+                say(f"master: session open; loop: {runtime.scheduling}")
+            await _until(runtime, duration_s, daemon)
+            daemon.shut_down()
+            await asyncio.sleep(_FAREWELL_S)
+    finally:
+        daemon.close(runtime.clock.now_ns())
+    say("master: handle released, closed")
+    runtime.raise_fault()
+
+
+def _runtime(settings: DaemonSettings) -> RealRuntime:
+    runtime = RealRuntime(settings.realtime.priority)
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, runtime.stop)
+    return runtime
+
+
+async def _session(
+    daemon: MasterDaemon, runtime: RealRuntime, timeout_s: float | None, connect: tuple[str, ...]
+) -> None:
+    """Waits visibly until every axis has its session."""
+    start_ns, reminded_s = runtime.clock.now_ns(), 0.0
+    while not runtime.stopping.is_set():
+        waiting = [axis for axis in daemon.axes if axis.session.link is not Link.OPEN]
+        if not waiting:
+            return
+        axis, waited_s = waiting[0], (runtime.clock.now_ns() - start_ns) * 1e-9
+        where = ", ".join(connect) or "our own endpoint"
+        if axis.session.link is Link.MISMATCH:
+            raise ConfigurationError(f"axis {axis.name}: the slave refuses: {axis.session.reason}")
+        if timeout_s is not None and waited_s > timeout_s:
+            word = axis.session.reason if axis.session.heard_ns else "no answer"
+            raise EndpointError(
+                f"{where}: no session with a slave within {timeout_s:g} s ({word}); "
+                f"expected a running slave of the same cell (peer_timeout_s)"
+            )
+        if waited_s - reminded_s >= _REMIND_S:
+            reminded_s = waited_s
+            say(f"master: waiting for the slave at {where}: {axis.session.reason} ({waited_s:.0f} s)")
+        await asyncio.sleep(_POLL_S)
+
+
+async def _until(runtime: RealRuntime, duration_s: float | None, daemon: MasterDaemon | None = None) -> None:
+    """Returns when the daemon is to end: told to, the duration is over, or the motion that is played has
+    ended.
+    """
+    start_ns = runtime.clock.now_ns()
+    while not runtime.stopping.is_set():
+        if duration_s is not None and runtime.clock.now_ns() - start_ns >= duration_s * 1e9:
+            return
+        if daemon is not None and daemon.finished:
+            return
+        await asyncio.sleep(_POLL_S)
+
+
+async def _rest(daemon: SlaveDaemon) -> None:
+    for _ in range(int(_REST_S / _POLL_S)):
+        if daemon.at_rest:
+            break
+        await asyncio.sleep(_POLL_S)
+    await asyncio.sleep(_POLL_S)  # the last events go out
+
+
+def _new_id() -> int:
+    return randbits(62) | 1
+
+
+def _names(axes: list[SlaveAxis] | list[MasterAxis]) -> str:
+    return ", ".join(axis.name for axis in axes)
+
+
+def _endpoints(settings: DaemonSettings) -> str:
+    transport = settings.transport
+    parts = [f"listening on {', '.join(transport.listen)}"] if transport.listen else []
+    parts += [f"connecting to {', '.join(transport.connect)}"] if transport.connect else []
+    return " and ".join(parts) or "no endpoint configured"
+
+
+def _die_with_parent() -> None:
+    """A daemon that a loopback started does not outlive it, however that ends."""
+    if "FOREFEEL_PARENT" in os.environ:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)

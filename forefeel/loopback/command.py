@@ -1,0 +1,100 @@
+"""One loopback run from the wish to the ten lines."""
+
+import shutil
+from datetime import datetime
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from common.errors import ConfigurationError, RunError
+from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.real import run_real
+from forefeel.loopback.virtual import VirtualLoopback
+from forefeel.report.page import write_report
+from forefeel.report.summary import RunReport
+from forefeel.report.text import ten_lines
+
+MIN_ARMED_SHARE = 0.9
+_RECORDING = "recording.mcap"
+_OURS = (_RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log")
+
+
+def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -> RunReport:
+    """Plans, runs, reports, prints the ten lines.
+
+    Raises:
+        InputError: the wish can not be fulfilled; nothing was written.
+        RunError: the run failed, or was armed for too little of its time.
+    """
+    plan = make_plan(wish)
+    plan.slave_settings()
+    plan.master_settings()
+    folder = _fresh_folder(out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}", overwrite)
+    console = Console(stderr=True, highlight=False)
+    for note in plan.notes:
+        console.print(note, markup=False)
+    with _progress(console) as bar:
+        task = bar.add_task("starting", total=plan.expected_s)
+        _run(plan, wish.seed, folder, virtual, bar, task)
+    with console.status("writing the report"):
+        report = write_report(folder / _RECORDING, folder)
+    for line in ten_lines(report):
+        print(line)
+    _require_armed(report)
+    return report
+
+
+def _run(plan: Plan, seed: int, folder: Path, virtual: bool, bar: Progress, task: TaskID) -> None:
+    def show(done_s: float, what: str) -> None:
+        bar.update(task, completed=min(done_s, plan.expected_s), description=what)
+
+    if virtual:
+        loop = VirtualLoopback(plan, seed)
+        loop.run(lambda done_s: show(done_s, "virtual time"))
+        loop.write(folder / _RECORDING)
+    else:
+        run_real(plan, folder, show)
+    show(plan.expected_s, "done")
+
+
+def _require_armed(report: RunReport) -> None:
+    share = report.armed_share
+    if share is None or share < MIN_ARMED_SHARE:
+        found = "never armed" if share is None else f"armed {share:.1%} of the time"
+        raise RunError(f"{found}, {report.stops or 0} stops; expected at least {MIN_ARMED_SHARE:.0%}")
+
+
+def _fresh_folder(folder: Path, overwrite: bool) -> Path:
+    """The folder, made where it is missing; results of an earlier run are replaced only when that was asked
+    for.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ConfigurationError(f"--out {folder}: is a file; expected a folder")
+    old = [folder / name for name in _OURS if (folder / name).exists()]
+    if old and not overwrite:
+        raise ConfigurationError(
+            f"--out {folder}: holds an earlier run; expected another folder, or --overwrite"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(
+            f"--out {folder}: {error.strerror}; expected a folder that can be written"
+        ) from error
+    for path in old:
+        path.unlink()
+    if shutil.disk_usage(folder).free < 200e6:
+        raise ConfigurationError(f"--out {folder}: less than 200 MB free; expected room for the recording")
+    return folder
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description:>12}"),
+        BarColumn(bar_width=40),
+        TextColumn("{task.completed:5.1f} / {task.total:.1f} s"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=not console.is_terminal,
+    )

@@ -1,0 +1,206 @@
+"""What a loopback run does: the settings of both ends, from a preset or from a measured recording."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.config import checked, dump_yaml, load_yaml
+from common.errors import ConfigurationError
+from common.recording.recording import Recording
+from common.recording.tabular import Mapping, load_recording
+from common.transport.settings import PRESETS
+from master.settings import MasterSettings
+from slave.settings import SlaveSettings
+
+AXIS = "insertion"
+DEFAULT_DURATION_S = 20.0
+_HAND_MAX_N = 4.0
+_GAP_S = 0.1
+_APPROACH_M_S = 0.03
+_GUIDEWIRE_SCALE = (
+    10.0  # guidewire forces lie near the absolute threshold of the finger and are felt only when scaled
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the user asked for on the command line."""
+
+    seed: int = 0
+    impairment: str = "none"
+    preset: str = "catheter"
+    duration_s: float | None = None
+    recording: Path | None = None
+    columns: Mapping | None = None
+    slave_model: Path | None = None
+    master_model: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Settings of both ends; `duration_s` None: until the recording has been played. `notes`: what to tell
+    the user.
+    """
+
+    slave: dict[str, Any]
+    master: dict[str, Any]
+    duration_s: float | None
+    expected_s: float
+    notes: tuple[str, ...]
+    metadata: dict[str, str]
+
+    def slave_settings(self) -> SlaveSettings:
+        """The slave's settings, validated."""
+        return checked(SlaveSettings, self.slave, "loopback slave")
+
+    def master_settings(self) -> MasterSettings:
+        """The master's settings, validated."""
+        return checked(MasterSettings, self.master, "loopback master")
+
+    def write(self, directory: Path) -> tuple[Path, Path]:
+        """Writes both effective settings as YAML: what the two processes are started with."""
+        paths = directory / "slave.yaml", directory / "master.yaml"
+        for path, settings in zip(paths, (self.slave_settings(), self.master_settings()), strict=True):
+            path.write_text(dump_yaml(settings), encoding="utf-8")
+        return paths
+
+
+def make_plan(wish: Wish) -> Plan:
+    """Settings of both ends for what the user asked.
+
+    Raises:
+        InputError: an unknown preset, or a file that can not be used.
+    """
+    if wish.impairment not in PRESETS:
+        raise ConfigurationError(f"--impairment {wish.impairment!r}: expected one of {', '.join(PRESETS)}")
+    if wish.duration_s is not None and not 0.5 <= wish.duration_s <= 86_400:
+        raise ConfigurationError(f"--duration {wish.duration_s:g}: expected 0.5 to 86400 s")
+    scale = _GUIDEWIRE_SCALE if wish.preset == "guidewire" else 1.0
+    slave_axis: dict[str, Any] = {"name": AXIS, "seed": wish.seed, "simulation": {"preset": wish.preset}}
+    master_axis: dict[str, Any] = {
+        "name": AXIS,
+        "handle": {"driver": "operator", "seed": wish.seed},
+        "rendering": {"force_scale": scale, "max_force_n": _HAND_MAX_N},
+    }
+    notes: tuple[str, ...] = ()
+    duration_s = wish.duration_s or DEFAULT_DURATION_S
+    if wish.recording is not None:
+        recording = load_recording(wish.recording, wish.columns)
+        notes = _play(recording, wish, slave_axis, master_axis)
+        expected_s = (
+            recording.duration_s if wish.duration_s is None else min(wish.duration_s, recording.duration_s)
+        )
+    else:
+        expected_s = duration_s
+    _load_models(wish, slave_axis, master_axis)
+    link = {"inbound": wish.impairment, "seed": wish.seed}
+    return Plan(
+        slave={"cell": "loopback", "impairment": link, "axes": [slave_axis]},
+        master={"cell": "loopback", "impairment": link, "axes": [master_axis]},
+        duration_s=wish.duration_s if wish.recording is not None else duration_s,
+        expected_s=expected_s,
+        notes=notes,
+        metadata=_metadata(wish),
+    )
+
+
+def _metadata(wish: Wish) -> dict[str, str]:
+    return {
+        "seed": str(wish.seed),
+        "impairment": wish.impairment,
+        "preset": wish.preset,
+        "recording": wish.recording.name if wish.recording else "none: synthetic operator",
+        "slave_model": wish.slave_model.name if wish.slave_model else "preset",
+        "master_model": wish.master_model.name if wish.master_model else "m, b, k and bias",
+    }
+
+
+def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
+    if wish.slave_model is not None:
+        mapping, _ = load_yaml(wish.slave_model)
+        slave_axis["simulation"]["contact"] = mapping
+    if wish.master_model is not None:
+        master_axis["prediction"] = {"model": str(wish.master_model.resolve())}
+
+
+def _play(
+    recording: Recording, wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]
+) -> tuple[str, ...]:
+    """Limits and scale from the recording; the recorded force in place of the simulated one where there is
+    one.
+    """
+    limits = recording_limits(recording)
+    source: dict[str, Any] = {"recording": str(Path(wish.recording or "").resolve())}
+    if wish.columns is not None:
+        source["columns"] = {
+            "time": wish.columns.time,
+            "position": wish.columns.position,
+            "force": wish.columns.force,
+        }
+    low, high = limits["workspace_m"]
+    span = high - low
+    slave_axis["limits"] = master_axis["limits"] = limits
+    slave_axis["gate"] = {"alignment_m": float(np.clip(0.05 * span, 2e-5, 1e-3))}
+    slave_axis["simulation"]["stage"] = {
+        "travel_lower_m": low,
+        "travel_upper_m": high,
+        "start_m": float(recording.position_m[0]),
+        "velocity_limit_m_s": 2 * limits["max_velocity_m_s"],
+        "acceleration_limit_m_s2": 2 * limits["max_acceleration_m_s2"],
+        "encoder_step_m": min(1e-6, span * 1e-5),
+    }
+    master_axis["handle"] = {
+        "driver": "recording",
+        "gap_s": _GAP_S,
+        "approach_m_s": _approach(limits),
+        **source,
+    }
+    if recording.force_n is None:
+        return (*_notes(recording, limits), "no force column: the motion drives the simulated vessel")
+    slave_axis["load_cell"] = {"driver": "recorded", **source}
+    slave_axis["gate"]["force_timeout_s"] = None
+    strongest_n = float(np.max(np.abs(recording.force_n)))
+    scale = min(1.0, _HAND_MAX_N / strongest_n) if strongest_n > 0 else 1.0
+    master_axis["rendering"] = {"force_scale": scale, "max_force_n": _HAND_MAX_N}
+    return (*_notes(recording, limits), f"force scale to the hand {scale:.3g}")
+
+
+def recording_limits(recording: Recording) -> dict[str, Any]:
+    """Limits that let the recorded motion through: range, speed, steps of speed, force, with margins."""
+    low, high = float(recording.position_m.min()), float(recording.position_m.max())
+    margin = max(0.05 * (high - low), 1e-5)
+    speed, step = 0.0, 0.0
+    for piece in recording.segments(_GAP_S):
+        velocity = np.diff(recording.position_m[piece]) / np.diff(recording.time_s[piece])
+        speed = max(speed, float(np.max(np.abs(velocity), initial=0.0)))
+        step = max(step, float(np.max(np.abs(np.diff(velocity)), initial=0.0)))
+    strongest = 2.5 if recording.force_n is None else float(np.max(np.abs(recording.force_n)))
+    return {
+        "workspace_m": (low - margin, high + margin),
+        "max_velocity_m_s": _round_up(max(1.5 * speed, 0.005)),
+        "max_acceleration_m_s2": _round_up(max(1.5 * step / 1e-3, 1.0)),
+        "max_force_n": _round_up(max(1.2 * strongest, 0.01)),
+    }
+
+
+def _approach(limits: dict[str, Any]) -> float:
+    return min(_APPROACH_M_S, float(limits["max_velocity_m_s"]) / 2)
+
+
+def _round_up(value: float) -> float:
+    """To two significant digits, upwards."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{np.ceil(value / unit) * unit:.6g}")
+
+
+def _notes(recording: Recording, limits: dict[str, Any]) -> tuple[str, ...]:
+    low, high = limits["workspace_m"]
+    pieces = len(recording.segments(_GAP_S))
+    return (
+        f"recording {recording.name}: {len(recording.time_s)} samples, {recording.duration_s:.1f} s, "
+        f"{pieces} piece{'s' if pieces > 1 else ''} without a gap over {_GAP_S:g} s",
+        f"limits from it: {low * 1e3:.3f} to {high * 1e3:.3f} mm, {limits['max_velocity_m_s'] * 1e3:g} mm/s, "
+        f"{limits['max_acceleration_m_s2']:g} m/s2, {limits['max_force_n']:g} N",
+    )

@@ -1,0 +1,181 @@
+"""Both daemons as two processes over a real Zenoh session; this process records, shows progress and ends them
+in order.
+"""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from common.codec import decode
+from common.errors import CodecError, InputError, RunError
+from common.topics import COMMAND, SLAVE_STATE
+from common.transport.settings import TransportSettings
+from forefeel.loopback.plan import AXIS, Plan
+from forefeel.recorder import Recorder
+
+_POLL_S = 0.1
+_END_S = 10.0
+_START_S = 30.0
+Progress = Callable[[float, str], None]
+
+
+class InterruptedRunError(RunError):
+    """The user ended the run; what was recorded is kept."""
+
+
+def run_real(plan: Plan, out: Path, progress: Progress) -> None:
+    """Runs to the end and leaves out/recording.mcap; `progress` gets (seconds done, what happens).
+
+    Raises:
+        RunError: a daemon failed, or the user ended the run.
+    """
+    ports = _free_ports(2)
+    plan = _with_endpoints(plan, ports)
+    paths = plan.write(out)
+    connect = tuple(f"tcp/127.0.0.1:{port}" for port in ports)
+    recorder = Recorder(
+        out / "recording.mcap", plan.slave["cell"], TransportSettings(connect=connect), plan.metadata
+    )
+    children = [
+        _Child("slave", paths[0], out, None),
+        _Child("master", paths[1], out, plan.duration_s),
+    ]
+    try:
+        with _terminable():
+            for child in children:
+                child.start()
+            _watch(children, recorder, plan, progress)
+    except KeyboardInterrupt:
+        raise InterruptedRunError(
+            "interrupted; both ends stopped in order and the recording is closed"
+        ) from None
+    finally:
+        for child in reversed(children):
+            child.end()
+        recorder.close()
+    for child in children:
+        child.check()
+
+
+class _Child:
+    """One daemon process; its words go to a log file beside the recording."""
+
+    def __init__(self, role: str, settings: Path, out: Path, duration_s: float | None) -> None:
+        self.role = role
+        self._log = out / f"{role}.log"
+        self._command = [sys.executable, "-m", "forefeel", role, "--config", str(settings)]
+        if duration_s is not None:
+            self._command += ["--duration", f"{duration_s}"]
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Starts it in a session of its own, so that only we get the terminal's Ctrl-C."""
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                self._command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+                env={**os.environ, "FOREFEEL_PARENT": str(os.getpid())},
+            )
+
+    @property
+    def running(self) -> bool:
+        """Whether the process lives."""
+        return self._process is not None and self._process.poll() is None
+
+    def end(self) -> None:
+        """SIGTERM, and SIGKILL when it does not come to an end."""
+        if self._process is None:
+            return
+        if self.running:
+            self._process.send_signal(signal.SIGTERM)
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def check(self) -> None:
+        """Raises what the process ended with, in its own last words."""
+        code = self._process.returncode if self._process else None
+        if code == 0:
+            return
+        words = self._log.read_text(errors="replace").strip().splitlines()
+        last = words[-1].removeprefix("forefeel: ") if words else "no word"
+        if code == 2:
+            raise InputError(f"{self.role}: {last}")
+        raise RunError(f"the {self.role} ended with code {code}: {last} (see {self._log})")
+
+
+def _watch(children: list[_Child], recorder: Recorder, plan: Plan, progress: Progress) -> None:
+    """Until the master ends by itself or anything fails."""
+    slave, master = children
+    start_s, ready_s = time.monotonic(), None
+    key = f"forefeel/{plan.slave['cell']}/{AXIS}"
+    while master.running and slave.running:
+        recorder.check()
+        now_s = time.monotonic()
+        state = _newest(recorder, f"{key}/{SLAVE_STATE.name}", SLAVE_STATE.message)
+        if ready_s is None and state is not None and state.session_id:
+            ready_s = now_s
+        if ready_s is None and now_s - start_s > _START_S:
+            raise RunError(f"no session between master and slave within {_START_S:g} s (see the logs)")
+        done_s = 0.0 if ready_s is None else now_s - ready_s
+        if plan.duration_s is None:
+            command = _newest(recorder, f"{key}/{COMMAND.name}", COMMAND.message)
+            done_s = (command.recording_time_s if command is not None else None) or 0.0
+        progress(done_s, state.state.value if state is not None else "starting")
+        time.sleep(_POLL_S)
+    if not slave.running:
+        slave.check()
+        raise RunError("the slave ended before the master")
+
+
+def _newest(recorder: Recorder, key: str, kind: type[Any]) -> Any:  # noqa: ANN401 - the message of that key
+    payload = recorder.newest.get(key)
+    try:
+        return None if payload is None else decode(kind, payload)
+    except CodecError:
+        return None
+
+
+def _with_endpoints(plan: Plan, ports: list[int]) -> Plan:
+    """Slave and master listen, so that the recorder hears both; the master connects to the slave."""
+    slave, master = (f"tcp/127.0.0.1:{port}" for port in ports)
+    return replace(
+        plan,
+        slave={**plan.slave, "transport": {"listen": [slave]}},
+        master={**plan.master, "transport": {"listen": [master], "connect": [slave]}},
+    )
+
+
+def _free_ports(count: int) -> list[int]:
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [s.getsockname()[1] for s in sockets]
+    for s in sockets:
+        s.close()
+    return ports
+
+
+@contextmanager
+def _terminable() -> Any:  # noqa: ANN401 - a generator context manager
+    """SIGTERM ends the run like Ctrl-C."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

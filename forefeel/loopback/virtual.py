@@ -1,0 +1,76 @@
+"""Both daemons in virtual time: the same composition roots, codec, gates and impairment on the memory bus,
+bit for bit repeatable.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+from common.recording.mcap_writer import RunWriter
+from common.runtime.virtual import VirtualRuntime
+from common.topics import parse_key
+from common.transport.memory import MemoryBus
+from forefeel.loopback.plan import Plan
+from master.daemon import MasterDaemon
+from slave.daemon import SlaveDaemon
+
+_S = 1_000_000_000
+_GRACE_S = 60.0
+
+
+class VirtualLoopback:
+    """One run in virtual time.
+
+    Attributes:
+        payloads: every recorded payload, (key, payload, stamp_ns), in the order in which it was put.
+    """
+
+    def __init__(self, plan: Plan, seed: int) -> None:
+        self.runtime = VirtualRuntime()
+        self.payloads: list[tuple[str, bytes, int]] = []
+        bus = MemoryBus()
+        recorder = bus.session(self.runtime.clock)
+        recorder.subscribe_all("forefeel", self._record)
+        ids = Random(f"sessions {seed}")
+
+        def new_id() -> int:
+            return ids.getrandbits(62) | 1
+
+        clock = self.runtime.clock
+        self.slave = SlaveDaemon(plan.slave_settings(), bus.session(clock), self.runtime, new_id)
+        self.master = MasterDaemon(plan.master_settings(), bus.session(clock), self.runtime, new_id)
+        self._plan = plan
+
+    def run(self, progress: Callable[[float], None]) -> None:
+        """Runs to the end; `progress` gets the virtual time in s."""
+        start_ns = self.runtime.clock.now_ns()
+        limit_s = self._plan.duration_s or 2 * self._plan.expected_s + _GRACE_S
+
+        def go_on(now_ns: int) -> bool:
+            progress((now_ns - start_ns) * 1e-9)
+            return not self.master.finished
+
+        self.runtime.run(int(limit_s * _S), go_on)
+        self._come_to_rest()
+
+    def _come_to_rest(self) -> None:
+        """Master first, then slave, as in real time."""
+        self.master.shut_down()
+        self.runtime.run(_S // 2)
+        self.slave.shut_down()
+        self.runtime.run(_S // 2)
+        now_ns = self.runtime.clock.now_ns()
+        self.master.close(now_ns)
+        self.slave.close(now_ns)
+
+    def write(self, path: Path) -> None:
+        """Writes the recording."""
+        with RunWriter(path) as writer:
+            writer.add_metadata("run", self._plan.metadata)
+            for key, payload, stamp_ns in self.payloads:
+                writer.write(key, payload, stamp_ns)
+
+    def _record(self, key: str, payload: bytes, receive_ns: int) -> None:
+        parsed = parse_key(key)
+        if parsed is not None and parsed[2].recorded:
+            self.payloads.append((key, payload, receive_ns))

@@ -1,0 +1,98 @@
+"""The recorder: a session of its own that hears everything of a cell and writes it; it can not slow a daemon
+down.
+"""
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+from common.clock import MonotonicClock
+from common.errors import RunError
+from common.recording.mcap_writer import RunWriter
+from common.slots import BoundedQueue
+from common.topics import parse_key
+from common.transport.settings import TransportSettings
+from common.transport.zenoh_bus import ZenohTransport
+
+_QUEUE = 100_000
+_WRITE_EVERY_S = 0.1
+_FLUSH_EVERY = 10
+
+
+class Recorder:
+    """Records one cell to an MCAP file from `start` to `close`.
+
+    Attributes:
+        newest: newest payload of each key, for whoever shows progress.
+    """
+
+    def __init__(
+        self, path: Path, cell: str, transport: TransportSettings, metadata: Mapping[str, str]
+    ) -> None:
+        """Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be
+        used.
+        """
+        self.newest: dict[str, bytes] = {}
+        self._error: BaseException | None = None
+        self._queue: BoundedQueue[tuple[str, bytes, int]] = BoundedQueue(_QUEUE)
+        self._closing = threading.Event()
+        self._transport = ZenohTransport.open(transport, MonotonicClock(), self._fail)
+        try:
+            self._writer = RunWriter(path)
+        except BaseException:
+            self._transport.close()
+            raise
+        self._writer.add_metadata("run", metadata)
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+        self._transport.subscribe_all(f"forefeel/{cell}", self._hear)
+
+    @property
+    def lost(self) -> int:
+        """Payloads dropped because the disk was too slow."""
+        return self._queue.dropped
+
+    def close(self) -> None:
+        """Writes what has arrived, closes the file, leaves the network; idempotent.
+
+        Raises:
+            RunError: recording failed on the way, for example because the disk is full.
+        """
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._transport.close()
+        self._thread.join()
+        if self._error is not None:
+            raise RunError(f"recording failed: {self._error}") from self._error
+
+    def check(self) -> None:
+        """Raises RunError as soon as recording has failed."""
+        if self._error is not None:
+            raise RunError(f"recording failed: {self._error}") from self._error
+
+    def _hear(self, key: str, payload: bytes, receive_ns: int) -> None:
+        self.newest[key] = payload
+        self._queue.put((key, payload, receive_ns))
+
+    def _fail(self, error: BaseException) -> None:
+        self._error = self._error or error
+
+    def _run(self) -> None:
+        try:
+            with self._writer:
+                batches = 0
+                while not self._closing.wait(_WRITE_EVERY_S):
+                    self._write_batch()
+                    batches += 1
+                    if batches % _FLUSH_EVERY == 0:
+                        self._writer.flush()
+                self._write_batch()
+        except Exception as error:  # noqa: BLE001 - the thread's last line: `check` and `close` raise it
+            self._fail(error)
+
+    def _write_batch(self) -> None:
+        for key, payload, receive_ns in self._queue.drain():
+            parsed = parse_key(key)
+            if parsed is not None and parsed[2].recorded:
+                self._writer.write(key, payload, receive_ns)

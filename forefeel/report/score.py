@@ -1,0 +1,137 @@
+"""How good the prediction was, command by command; pure functions of arrays.
+
+A prediction is made for a command. What it should have been is known later: the first force that the slave
+measured while it executed that very command. So both are paired by the command's number, not by a clock, and
+neither delay nor loss of the network enters the score. The baseline is to go on showing the newest force
+that had arrived (a hold); it is scored on the same commands.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSize:
+    """Root mean square, 95 % quantile and maximum of the error's size; None without a scored command."""
+
+    rms_n: float | None = None
+    p95_n: float | None = None
+    max_n: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorRatio:
+    """Size of the prediction's error over that of the hold: below 1 the prediction is better."""
+
+    rms: float | None = None
+    p95: float | None = None
+    max: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Prediction and hold, both on the same `commands` (their number)."""
+
+    commands: int = 0
+    prediction: ErrorSize = field(default_factory=ErrorSize)
+    hold: ErrorSize = field(default_factory=ErrorSize)
+    ratio: ErrorRatio = field(default_factory=ErrorRatio)
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Quantiles (linear between samples), maximum and mean; None without a value."""
+
+    p50: float | None = None
+    p99: float | None = None
+    max: float | None = None
+    mean: float | None = None
+
+
+def first_answers(
+    command_ids: tuple[NDArray[Any], NDArray[Any]],
+    answer_ids: tuple[NDArray[Any], NDArray[Any]],
+    answer_stamp_ns: NDArray[Any],
+) -> Indices:
+    """For each command the index of the force that answers it first by the slave's stamps; -1: none does.
+
+    Args:
+        command_ids: (session ids, sequences) of n commands.
+        answer_ids: (session ids, answered sequences) of m forces, in any order.
+        answer_stamp_ns: the m forces' stamps.
+    """
+    n = len(command_ids[0])
+    codes = _codes(*(np.concatenate(pair) for pair in zip(command_ids, answer_ids, strict=True)))
+    order = np.argsort(answer_stamp_ns, kind="stable")
+    answered, first = np.unique(codes[n:][order], return_index=True)
+    if not len(answered):
+        return np.full(n, -1)
+    place = np.searchsorted(answered, codes[:n]).clip(max=len(answered) - 1)
+    return np.where(answered[place] == codes[:n], order[first[place]], -1)
+
+
+def first_of_each(session_id: NDArray[Any], sequence: NDArray[Any]) -> Indices:
+    """Ascending indices at which each pair of session and sequence occurs for the first time."""
+    return np.sort(np.unique(_codes(session_id, sequence), return_index=True)[1])
+
+
+def _codes(session_id: NDArray[Any], sequence: NDArray[Any]) -> Indices:
+    """One integer for each pair: ids have 63 bits and would not be exact in a float."""
+    session = np.unique(session_id, return_inverse=True)[1]
+    number = np.unique(sequence, return_inverse=True)[1]
+    return np.asarray(session * (number.max(initial=0) + 1) + number, dtype=np.int64)
+
+
+def scored(predicted_n: Floats, held_n: Floats, force_n: Floats) -> NDArray[np.bool_]:
+    """Where all three exist (are not NaN)."""
+    return np.isfinite(predicted_n) & np.isfinite(held_n) & np.isfinite(force_n)
+
+
+def compare(predicted_n: Floats, held_n: Floats, force_n: Floats) -> Comparison:
+    """Errors of prediction and hold over the commands where both and the answer exist."""
+    rows = scored(predicted_n, held_n, force_n)
+    prediction = error_size(predicted_n[rows], force_n[rows])
+    hold = error_size(held_n[rows], force_n[rows])
+    ratio = ErrorRatio(
+        rms=_ratio(prediction.rms_n, hold.rms_n),
+        p95=_ratio(prediction.p95_n, hold.p95_n),
+        max=_ratio(prediction.max_n, hold.max_n),
+    )
+    return Comparison(int(np.count_nonzero(rows)), prediction, hold, ratio)
+
+
+def error_size(estimate_n: Floats, force_n: Floats) -> ErrorSize:
+    """Size of `estimate_n - force_n`. A figure beyond the range of floats, as of a model that ran away, is
+    None.
+    """
+    if not len(force_n):
+        return ErrorSize()
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = np.abs(estimate_n - force_n)
+        largest = float(size.max())
+        # scaled, so that squares of a diverged prediction do not overflow
+        rms = largest * float(np.sqrt(np.mean((size / largest) ** 2))) if largest > 0 else 0.0
+        return ErrorSize(_finite(rms), _finite(float(np.quantile(size, 0.95))), _finite(largest))
+
+
+def spread(values: Floats) -> Spread:
+    """Quantiles of the values that are not NaN."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return Spread()
+    p50, p99 = np.quantile(known, (0.50, 0.99)).tolist()
+    return Spread(p50, p99, float(known.max()), float(known.mean()))
+
+
+def _ratio(part: float | None, whole: float | None) -> float | None:
+    return _finite(part / whole) if part is not None and whole else None
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

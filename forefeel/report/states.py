@@ -1,0 +1,55 @@
+"""The slave's safety state along time, and the share of the time in which it was armed. Pure."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from common.messages import SafetyState
+
+_REACHABLE = frozenset({SafetyState.READY, SafetyState.ENGAGING, SafetyState.ARMED})
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """From `start_ns` to `end_ns` the state was `state`; None: nothing was heard of the slave."""
+
+    start_ns: int
+    end_ns: int
+    state: SafetyState | None
+
+
+def spans(heard: Iterable[tuple[int, SafetyState]], end_ns: int, stale_ns: int) -> list[Span]:
+    """The states as spans without gaps, from the first one heard to `end_ns`.
+
+    A state lasts until the next is heard, for `stale_ns` at most: a slave that was killed while armed is
+    not armed any more.
+    """
+    found: list[Span] = []
+    pieces = list(heard)
+    for (start_ns, state), (next_ns, _) in zip(pieces, [*pieces[1:], (end_ns, None)], strict=True):
+        known_ns = min(next_ns, start_ns + stale_ns)
+        _append(found, Span(start_ns, known_ns, state))
+        _append(found, Span(known_ns, next_ns, None))
+    return found
+
+
+def _append(found: list[Span], span: Span) -> None:
+    if span.end_ns <= span.start_ns:
+        return
+    if found and found[-1].state is span.state:
+        span = Span(found.pop().start_ns, span.end_ns, span.state)
+    found.append(span)
+
+
+def armed_share(found: list[Span], clutched_s: float) -> float | None:
+    """Time armed over the time in which the slave could have been: from the first READY to the end, less
+    `clutched_s`.
+
+    `clutched_s`: time that the operator chose to spend with the clutch open. At most 1: as the master sees
+    the slave's state late, a few ms of that time may count as armed too. None when never ready.
+    """
+    ready_ns = next((span.start_ns for span in found if span.state in _REACHABLE), None)
+    if ready_ns is None:
+        return None
+    armed_ns = sum(span.end_ns - span.start_ns for span in found if span.state is SafetyState.ARMED)
+    possible_s = (found[-1].end_ns - ready_ns) * 1e-9 - clutched_s
+    return min(1.0, armed_ns * 1e-9 / possible_s) if possible_s > 0 else None

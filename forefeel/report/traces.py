@@ -1,0 +1,144 @@
+"""The arrays that report and figures need of one axis of a run.
+
+Times are those of the recorder's clock, in s from the first message of the run: the one clock that saw every
+message, and goes on when a daemon is restarted.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.messages import ModelParameters
+from common.recording.mcap_reader import Run
+from common.topics import FORCE, HAPTICS, PARAMETERS, RECORDED, SLAVE_STATE, Topic
+from forefeel.report.score import Floats, first_answers, first_of_each
+from forefeel.report.states import Span, spans
+
+
+@dataclass(frozen=True, slots=True)
+class CommandTraces:
+    """One row per command; NaN where there was none. `force_n`: measured while the slave executed that
+    command.
+    """
+
+    time_s: Floats
+    position_m: Floats
+    predicted_n: Floats
+    held_n: Floats
+    rendered_n: Floats
+    force_n: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterTraces:
+    """Identified parameters: names (p), values and standard deviations (n, p); of the model that was used
+    last.
+    """
+
+    names: tuple[str, ...]
+    time_s: Floats
+    values: Floats
+    standard_deviations: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class AxisTraces:
+    """One axis. `delay_s`: one round trip per newly answered command; `start_ns`: where the times count from.
+    """
+
+    start_ns: int
+    commands: CommandTraces
+    force_age_s: Floats
+    delay_s: Floats
+    readback_time_s: Floats
+    readback_m: Floats
+    states: list[Span]
+    parameters: ParameterTraces | None
+
+
+def run_span_ns(run: Run) -> tuple[int, int]:
+    """Receive stamps of the run's first and last message; (0, 0) when it is empty."""
+    stamps = [stamps for axis in run.axes for topic in RECORDED if len(stamps := run.log_ns(axis, topic))]
+    if not stamps:
+        return 0, 0
+    return min(int(s.min()) for s in stamps), max(int(s.max()) for s in stamps)
+
+
+def axis_traces(run: Run, axis: str) -> AxisTraces:
+    """Reads the traces of one axis.
+
+    Raises:
+        RecordingError: a message in the run is not what its topic carries.
+    """
+    start_ns, end_ns = run_span_ns(run)
+    return AxisTraces(
+        start_ns=start_ns,
+        commands=_commands(run, axis, start_ns),
+        force_age_s=_floats(run, axis, HAPTICS, "force_age_s"),
+        delay_s=_delays(run, axis),
+        readback_time_s=_time_s(run, axis, FORCE, start_ns),
+        readback_m=_floats(run, axis, FORCE, "position_m"),
+        states=_states(run, axis, end_ns),
+        parameters=_parameters(run, axis, start_ns),
+    )
+
+
+def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
+    answers = run.column(axis, FORCE, "answers_sequence")
+    rows = np.flatnonzero(run.column(axis, FORCE, "valid").astype(bool) & ~np.isnan(answers))
+    index = first_answers(
+        (run.column(axis, HAPTICS, "session_id"), run.column(axis, HAPTICS, "sequence")),
+        (run.column(axis, FORCE, "session_id")[rows], answers[rows]),
+        run.column(axis, FORCE, "stamp_ns")[rows],
+    )
+    force_n = np.append(_floats(run, axis, FORCE, "force_n")[rows], np.nan)[index]  # -1: the NaN
+    names = "command_position_m", "predicted_n", "held_n", "rendered_n"
+    columns = (_floats(run, axis, HAPTICS, name) for name in names)
+    return CommandTraces(_time_s(run, axis, HAPTICS, start_ns), *columns, force_n)
+
+
+def _delays(run: Run, axis: str) -> Floats:
+    session_id, answered = (run.column(axis, HAPTICS, name) for name in ("session_id", "answered_sequence"))
+    delay_s = _floats(run, axis, HAPTICS, "delay_s")
+    rows = np.flatnonzero(np.isfinite(delay_s) & ~np.isnan(answered))
+    chosen: Floats = delay_s[rows[first_of_each(session_id[rows], answered[rows])]]
+    return chosen
+
+
+def _states(run: Run, axis: str, end_ns: int) -> list[Span]:
+    stale_s = SLAVE_STATE.stale_after_s
+    assert stale_s is not None
+    heard = zip(
+        run.log_ns(axis, SLAVE_STATE).tolist(),
+        (message.state for message in run.messages(axis, SLAVE_STATE)),
+        strict=True,
+    )
+    return spans(heard, end_ns, int(stale_s * 1e9))
+
+
+def _parameters(run: Run, axis: str, start_ns: int) -> ParameterTraces | None:
+    messages = list(run.messages(axis, PARAMETERS))
+    if not messages:
+        return None
+    names = messages[-1].names
+    rows = [i for i, message in enumerate(messages) if _fits(message, names)]
+    return ParameterTraces(
+        names=names,
+        time_s=_time_s(run, axis, PARAMETERS, start_ns)[rows],
+        values=np.array([messages[i].values for i in rows], dtype=np.float64),
+        standard_deviations=np.array([messages[i].standard_deviations for i in rows], dtype=np.float64),
+    )
+
+
+def _fits(message: ModelParameters, names: tuple[str, ...]) -> bool:
+    return message.names == names and len(message.values) == len(message.standard_deviations) == len(names)
+
+
+def _time_s(run: Run, axis: str, topic: Topic[Any], start_ns: int) -> Floats:
+    return np.asarray((run.log_ns(axis, topic) - start_ns) * 1e-9)
+
+
+def _floats(run: Run, axis: str, topic: Topic[Any], name: str) -> NDArray[np.float64]:
+    return run.column(axis, topic, name).astype(np.float64)

@@ -1,0 +1,169 @@
+"""The master's composition root: the only place that knows concrete classes."""
+
+from collections.abc import Callable
+
+from common.bus import Bus
+from common.config import load_yaml
+from common.daemon import SECOND_NS, Reports, impaired
+from common.effects.model import ContactModel
+from common.errors import ConfigurationError
+from common.estimation.identification import ContactIdentifier, IdentificationSettings
+from common.estimation.prediction import ContactPredictor
+from common.recording.tabular import load_recording
+from common.runtime.port import Runtime
+from common.settings import TICK_NS
+from common.transport.port import Transport
+from master.axis import MasterAxis
+from master.handles.operator import Operator
+from master.handles.playback import MultiSine, Playback, RecordedMotion
+from master.handles.port import Handle
+from master.haptics import HapticLoop
+from master.identification import IdentificationTask
+from master.rendering import ForceRenderer
+from master.settings import (
+    HandleSettings,
+    MasterAxisSettings,
+    MasterSettings,
+    MultiSineSettings,
+    OperatorSettings,
+    PredictionSettings,
+    RecordingSettings,
+    SineSettings,
+)
+
+_PAPER_MODEL = {
+    "schema": "forefeel.model/1",
+    "name": "paper with bias",
+    "effects": [
+        {
+            "effect": "mass_damper_spring",
+            "parameters": {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 0.0},
+        },
+        {"effect": "bias", "parameters": {"force_n": 0.0}},
+    ],
+}
+
+
+class MasterDaemon:
+    """Every axis of the master on one runtime.
+
+    Attributes:
+        axes: the axes, in the order of the settings.
+    """
+
+    def __init__(
+        self, settings: MasterSettings, inner: Transport, runtime: Runtime, new_id: Callable[[], int]
+    ) -> None:
+        """Registers loops and tasks.
+
+        Raises:
+            InputError: a file that the settings name can not be used.
+            DeviceError: the handle does not answer.
+        """
+        self.transport = impaired(inner, settings.impairment, "master", runtime)
+        buses = [Bus(self.transport, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
+        self.axes = [
+            _axis(settings.cell, axis, bus, new_id) for axis, bus in zip(settings.axes, buses, strict=True)
+        ]
+        for axis in self.axes:
+            axis.handle.open()
+        runtime.on_fault(self.fail)
+        lateness = runtime.loop("haptic", TICK_NS, self.tick)
+        runtime.task("serve", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.serve, now_ns))
+        runtime.task("heartbeat", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.beat, now_ns))
+        runtime.task(
+            "identification", SECOND_NS // 200, lambda now_ns: self._each(MasterAxis.identify, now_ns)
+        )
+        runtime.task("identifiability", SECOND_NS, lambda now_ns: self._each(MasterAxis.describe, now_ns))
+        runtime.task(
+            "parameters", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.publish_parameters, now_ns)
+        )
+        runtime.task("state", SECOND_NS // 10, self._report)
+        self._reports = Reports(buses[0], "master", lateness, self.transport, runtime)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every handle's motion has ended."""
+        return all(axis.handle.finished for axis in self.axes)
+
+    def tick(self, now_ns: int) -> None:
+        """One haptic tick of every axis."""
+        for axis in self.axes:
+            axis.tick(now_ns)
+
+    def fail(self, error: BaseException) -> None:
+        """Reaction to a fault of any thread."""
+        for axis in self.axes:
+            axis.fail(error)
+
+    def shut_down(self) -> None:
+        """Releases the deadman and takes the force away; the loop tells the slave so until it ends."""
+        for axis in self.axes:
+            axis.stopping = True
+
+    def close(self, now_ns: int) -> None:
+        """Publishes what is left, closes handles and transport; after the loops have ended."""
+        self._report(now_ns)
+        self._reports.timing(now_ns)
+        self._reports.impairment(now_ns)
+        for axis in self.axes:
+            axis.handle.close()
+        self.transport.close()
+
+    def _each(self, action: Callable[[MasterAxis, int], None], now_ns: int) -> None:
+        for axis in self.axes:
+            action(axis, now_ns)
+
+    def _report(self, now_ns: int) -> None:
+        self._each(MasterAxis.report, now_ns)
+
+
+def _axis(cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[], int]) -> MasterAxis:
+    model = contact_model(settings.prediction)
+    prediction, rendering = settings.prediction, settings.rendering
+    identifier = ContactIdentifier(
+        model, IdentificationSettings(memory_s=prediction.memory_s, cutoff_hz=prediction.cutoff_hz)
+    )
+    loop = HapticLoop(
+        ContactPredictor(model, prediction.velocity_cutoff_hz), ForceRenderer(rendering), rendering.stale_s
+    )
+    return MasterAxis(
+        cell, settings, make_handle(settings.handle), loop, IdentificationTask(identifier), bus, new_id
+    )
+
+
+def contact_model(settings: PredictionSettings) -> ContactModel:
+    """The model of the settings' model.yaml, or the paper's equation (1) with a bias.
+
+    Raises:
+        ConfigurationError: the file holds no valid model.
+    """
+    if settings.model is None:
+        return ContactModel.from_mapping(_PAPER_MODEL)
+    mapping, _ = load_yaml(settings.model)
+    try:
+        return ContactModel.from_mapping(mapping)
+    except ValueError as error:
+        raise ConfigurationError(f"{settings.model}: {error}") from error
+
+
+def make_handle(settings: HandleSettings) -> Handle:
+    """The handle that the settings name.
+
+    Raises:
+        RecordingError: the recording to play can not be used.
+    """
+    match settings:
+        case OperatorSettings():
+            return Operator(settings, settings.seed)
+        case RecordingSettings():
+            recording = load_recording(
+                settings.recording, settings.columns.mapping() if settings.columns else None
+            )
+            return Playback(RecordedMotion(recording, settings.gap_s), settings.approach_m_s)
+        case SineSettings():
+            sine = MultiSine(settings.centre_m, settings.amplitude_m, (settings.frequency_hz,))
+            return Playback(sine, settings.approach_m_s)
+        case MultiSineSettings():
+            sines = MultiSine(settings.centre_m, settings.amplitude_m, settings.frequencies_hz)
+            return Playback(sines, settings.approach_m_s)

@@ -1,0 +1,61 @@
+"""The handle port: what the master needs of the thing in the surgeon's hand."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from common.messages import Grip, SafetyState
+
+
+@dataclass(frozen=True, slots=True)
+class HandleReading:
+    """Where the handle is and what is pressed. `recording_time_s`: time in the recording that is being
+    played, if one is.
+    """
+
+    position_m: float
+    velocity_m_s: float
+    deadman: bool
+    gripper: Grip = Grip.CLOSED
+    recording_time_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Indication:
+    """What is shown to the person: the slave's state (None: no link) and where its stage is."""
+
+    state: SafetyState | None
+    stage_position_m: float | None
+
+
+class Handle(Protocol):
+    """Read and rendered once per haptic tick; neither call blocks."""
+
+    def open(self) -> None:
+        """Raises DeviceError when the handle does not answer."""
+        ...
+
+    def close(self) -> None:
+        """Takes the force away and lets go; idempotent."""
+        ...
+
+    def read(self, now_ns: int) -> HandleReading:
+        """Position (m, positive inserts), velocity and buttons now."""
+        ...
+
+    def render(self, force_n: float, now_ns: int) -> float:
+        """Applies a force to the hand (positive resists insertion); returns the force as applied."""
+        ...
+
+    def show(self, indication: Indication) -> None:
+        """Shows the state to the person."""
+        ...
+
+    @property
+    def finished(self) -> bool:
+        """Whether a motion that ends by itself has ended."""
+        ...
+
+    @property
+    def clutched_out_s(self) -> float:
+        """Time in s that the person chose to spend with the clutch open."""
+        ...

@@ -1,0 +1,78 @@
+"""The haptic loop of one axis, pure: `tick(now, inputs) -> outputs`. It never waits for the network."""
+
+from dataclasses import dataclass
+
+from common.estimation.identification import ContactEstimate
+from common.estimation.prediction import Predictor
+from common.messages import ForceSample, Grip, SafetyState
+from master.clutch import Clutch
+from master.handles.port import HandleReading
+from master.rendering import ForceRenderer
+
+_LIVE = frozenset({SafetyState.ENGAGING, SafetyState.ARMED})
+
+
+@dataclass(frozen=True, slots=True)
+class NewestForce:
+    """The newest valid force that arrived: sample, arrival stamp, and its age then (None while the clocks are
+    not compared).
+    """
+
+    sample: ForceSample
+    arrived_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class HapticInputs:
+    """What the loop knows at a tick. `state`, `stage_position_m`: the slave's, as they arrived last."""
+
+    reading: HandleReading
+    state: SafetyState | None
+    stage_position_m: float | None
+    force: NewestForce | None
+    estimate: ContactEstimate | None
+
+
+@dataclass(frozen=True, slots=True)
+class HapticOutputs:
+    """What the loop decides: the command, and the force to render beside what it rests on."""
+
+    position_m: float
+    velocity_m_s: float
+    deadman: bool
+    gripper: Grip
+    recording_time_s: float | None
+    predicted_n: float | None
+    held_n: float | None
+    rendered_n: float
+    limited: bool
+
+
+class HapticLoop:
+    """Handle in, command out, force out."""
+
+    def __init__(self, predictor: Predictor, renderer: ForceRenderer, stale_s: float) -> None:
+        self.clutch = Clutch()
+        self._predictor = predictor
+        self._renderer = renderer
+        self._stale_ns = int(stale_s * 1e9)
+
+    def tick(self, now_ns: int, inputs: HapticInputs) -> HapticOutputs:
+        """One tick: command from the handle, prediction from the command, force from the prediction."""
+        reading, force = inputs.reading, inputs.force
+        position_m = self.clutch.command_m(reading, inputs.stage_position_m)
+        predicted_n = self._predictor.predict(now_ns, position_m, reading.velocity_m_s, inputs.estimate)
+        fresh = force is not None and now_ns - force.arrived_ns <= self._stale_ns
+        live = fresh and reading.deadman and inputs.state in _LIVE
+        rendered_n, limited = self._renderer.render(now_ns, predicted_n, live)
+        return HapticOutputs(
+            position_m=position_m,
+            velocity_m_s=reading.velocity_m_s if reading.deadman else 0.0,
+            deadman=reading.deadman,
+            gripper=reading.gripper,
+            recording_time_s=reading.recording_time_s,
+            predicted_n=predicted_n,
+            held_n=force.sample.force_n if force else None,
+            rendered_n=rendered_n,
+            limited=limited,
+        )

@@ -1,0 +1,112 @@
+"""The master's YAML file: handle, prediction and rendering of each axis."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from common.config import Settings
+from common.settings import AxisLimits, ColumnSettings, DaemonSettings, ExistingFile, Segment
+
+
+class OperatorSettings(Settings):
+    """The synthetic operator: strokes, tremor and arm (arm values: typical of a relaxed hand in one axis)."""
+
+    driver: Literal["operator"] = "operator"
+    home_m: Annotated[float, Field(ge=-1, le=1)] = 0.005
+    depth_m: Annotated[float, Field(gt=0, le=0.5)] = 0.030
+    insert_s: Annotated[float, Field(ge=0.2, le=60)] = 1.8
+    withdraw_s: Annotated[float, Field(ge=0.2, le=60)] = 1.4
+    dwell_s: Annotated[float, Field(ge=0, le=60)] = 0.6
+    tremor_m: Annotated[float, Field(ge=0, le=0.005)] = 0.0002
+    arm_mass_kg: Annotated[float, Field(gt=0.01, le=20)] = 0.4
+    arm_damping_n_s_m: Annotated[float, Field(ge=0, le=200)] = 12.0
+    arm_stiffness_n_m: Annotated[float, Field(gt=1, le=5000)] = 250.0
+    seed: int = 0
+
+
+class RecordingSettings(Settings):
+    """Plays the position of a recording."""
+
+    driver: Literal["recording"]
+    recording: ExistingFile
+    columns: ColumnSettings | None = None
+    gap_s: Annotated[float, Field(gt=0, le=10)] = 0.1
+    approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
+
+
+class SineSettings(Settings):
+    """A sine around `centre_m`."""
+
+    driver: Literal["sine"]
+    centre_m: float = 0.02
+    amplitude_m: Annotated[float, Field(gt=0, le=0.5)] = 0.01
+    frequency_hz: Annotated[float, Field(gt=0, le=50)] = 0.5
+    approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
+
+
+class MultiSineSettings(Settings):
+    """Several sines of equal amplitude whose sum is at most `amplitude_m`."""
+
+    driver: Literal["multisine"]
+    centre_m: float = 0.01
+    amplitude_m: Annotated[float, Field(gt=0, le=0.5)] = 0.01
+    frequencies_hz: Annotated[tuple[float, ...], Field(min_length=2, max_length=20)] = (0.23, 0.61, 1.37, 2.9)
+    approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
+
+
+HandleSettings = Annotated[
+    OperatorSettings | RecordingSettings | SineSettings | MultiSineSettings, Field(discriminator="driver")
+]
+
+
+class PredictionSettings(Settings):
+    """The contact model and how it is learned. `model`: a model.yaml; the paper's m, b, k and a bias without
+    one.
+
+    `cutoff_hz`: of the filter that motion and force pass alike before identification; `velocity_cutoff_hz`:
+    of the handle's velocity.
+    """
+
+    model: ExistingFile | None = None
+    memory_s: Annotated[float, Field(gt=0, le=3600)] = 2.0
+    cutoff_hz: Annotated[float, Field(gt=0, le=400)] = 15.0
+    velocity_cutoff_hz: Annotated[float, Field(gt=0, le=400)] = 40.0
+
+
+class RenderingSettings(Settings):
+    """What the hand may feel: scaled, limited in N and in N/s, faded to zero when the feedback is older than
+    `stale_s`.
+    """
+
+    force_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
+    max_force_n: Annotated[float, Field(gt=0, le=50)] = 4.0
+    max_slew_n_s: Annotated[float, Field(gt=0, le=10_000)] = 40.0
+    stale_s: Annotated[float, Field(gt=0, le=2)] = 0.1
+    fade_s: Annotated[float, Field(gt=0, le=5)] = 0.2
+
+
+class MasterAxisSettings(Settings):
+    """One axis of the master. `limits` must equal the slave's."""
+
+    name: Segment = "insertion"
+    limits: AxisLimits = AxisLimits()
+    handle: HandleSettings = OperatorSettings()
+    prediction: PredictionSettings = PredictionSettings()
+    rendering: RenderingSettings = RenderingSettings()
+
+
+class MasterSettings(DaemonSettings):
+    """deploy/config/master.yaml. `peer_timeout_s`: how long a slave that does not answer is waited for; null:
+    for ever.
+    """
+
+    role: Literal["master"] = "master"
+    peer_timeout_s: Annotated[float, Field(gt=0, le=86_400)] | None = 60.0
+    axes: Annotated[tuple[MasterAxisSettings, ...], Field(min_length=1)] = (MasterAxisSettings(),)
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        names = [axis.name for axis in self.axes]
+        if len(set(names)) != len(names):
+            raise ValueError(f"axes: names {names}: expected each name once")
+        return self

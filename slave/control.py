@@ -1,0 +1,205 @@
+"""The control loop of one axis, pure: `tick(now, inputs) -> outputs`. Safety.md 5-7 on every tick."""
+
+from dataclasses import dataclass, field
+
+from common.clock_offset import OffsetEstimate
+from common.messages import Grip, MotionCommand, SafetyState
+from common.settings import AxisLimits
+from slave.limiter import LimitHit, MotionLimiter
+from slave.safety import SafetyEventName, SafetyMachine
+from slave.settings import GateSettings
+
+E = SafetyEventName
+_MAX_STEP_S = 0.010  # a late tick moves the setpoint by at most this much time
+_MISALIGNED = 5.0  # while engaging, this many alignment tolerances end it
+Transition = tuple[SafetyState, SafetyEventName, SafetyState, str]
+
+
+@dataclass(frozen=True, slots=True)
+class ControlInputs:
+    """What the loop knows at a tick. `command`: newest admitted one and its receive stamp, or None when there
+    is no new one.
+    """
+
+    command: tuple[MotionCommand, int] | None
+    position_m: float
+    force_n: float
+    force_valid: bool
+    session_live: bool
+    clock: OffsetEstimate | None
+    estop: str | None = None
+    fault: str | None = None
+    shutdown: bool = False
+    clear: bool = False
+
+
+@dataclass(slots=True)
+class ControlOutputs:
+    """What the loop decides: a setpoint, or hold; the grip; what happened. `executing`: the command that the
+    setpoint follows.
+    """
+
+    target_m: float
+    velocity_m_s: float
+    moving: bool
+    grip: Grip
+    executing: MotionCommand | None
+    transitions: list[Transition] = field(default_factory=list)
+    limits: list[LimitHit] = field(default_factory=list)
+
+
+class AxisControl:
+    """State: the safety machine, the setpoint, the newest command and when it came."""
+
+    def __init__(self, limits: AxisLimits, gate: GateSettings, position_m: float) -> None:
+        self.machine = SafetyMachine()
+        self.limiter = MotionLimiter(limits, gate.stop_deceleration_m_s2)
+        self.limiter.place(position_m)
+        self.grip = Grip.CLOSED
+        self.stops = 0
+        self._gate = gate
+        self._command: MotionCommand | None = None
+        self._received_ns = 0
+        self._released = False
+        self._engaged_ns = 0
+        self._force_valid_ns: int | None = None
+        self._previous_ns: int | None = None
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves and nothing will without a new command."""
+        return not self.machine.following and self.limiter.velocity_m_s == 0.0
+
+    def tick(self, now_ns: int, inputs: ControlInputs) -> ControlOutputs:
+        """One tick: take the command, let the machine react, move the setpoint."""
+        dt_s = self._step_s(now_ns)
+        transitions: list[Transition] = []
+        hits: list[LimitHit] = []
+        self._take(inputs)
+        for event, reason in self._events(now_ns, inputs, hits):
+            self._fire(event, reason, now_ns, transitions)
+        if self.machine.following:
+            hits += self._follow(now_ns, inputs, dt_s)
+        else:
+            self.limiter.stop(dt_s)
+            if self.machine.state is SafetyState.STOPPING and self.limiter.velocity_m_s == 0.0:
+                self._fire(E.AT_REST, "stage at rest", now_ns, transitions)
+        following = self.machine.following
+        return ControlOutputs(
+            target_m=self.limiter.position_m,
+            velocity_m_s=self.limiter.velocity_m_s,
+            moving=following or self.limiter.velocity_m_s != 0.0,
+            grip=self.grip,
+            executing=self._command if following else None,
+            transitions=transitions,
+            limits=hits,
+        )
+
+    def _step_s(self, now_ns: int) -> float:
+        previous_ns, self._previous_ns = self._previous_ns, now_ns
+        elapsed_s = 1e-3 if previous_ns is None else (now_ns - previous_ns) * 1e-9
+        return min(max(elapsed_s, 1e-6), _MAX_STEP_S)
+
+    def _take(self, inputs: ControlInputs) -> None:
+        if inputs.command is None:
+            return
+        self._command, self._received_ns = inputs.command
+        if not self._command.deadman:
+            self._released = (
+                True  # an engagement needs a press after a release, never a deadman that is simply held
+            )
+        elif self.machine.following:
+            self.grip = self._command.gripper
+
+    def _events(self, now_ns: int, inputs: ControlInputs, hits: list[LimitHit]) -> list[tuple[E, str]]:
+        """The events of this tick, the gravest first."""
+        found: list[tuple[E, str]] = []
+        if inputs.estop is not None:
+            found.append((E.ESTOP, inputs.estop))
+        fault = inputs.fault or self._force_fault(now_ns, inputs)
+        if fault is not None:
+            found.append((E.FAULT, fault))
+        if inputs.clear:
+            found.append((E.CLEAR, "cleared at the slave"))
+        if inputs.shutdown:
+            found.append((E.SHUTDOWN, "the slave is shutting down"))
+        if not inputs.session_live:
+            found.append((E.SESSION_LOST, "the lease expired"))
+        elif inputs.clock is not None and not inputs.shutdown:
+            found.append((E.SESSION_OPENED, "a session holds the lease, the clocks are compared"))
+            found += self._command_events(now_ns, inputs, inputs.clock, hits)
+        return found
+
+    def _force_fault(self, now_ns: int, inputs: ControlInputs) -> str | None:
+        """A load cell that stays invalid while the stage follows: the force limit is blind."""
+        timeout_s = self._gate.force_timeout_s
+        if inputs.force_valid or timeout_s is None or not self.machine.following:
+            self._force_valid_ns = now_ns
+        elif self._force_valid_ns is not None and now_ns - self._force_valid_ns > timeout_s * 1e9:
+            return f"load cell invalid for more than {timeout_s:g} s"
+        return None
+
+    def _command_events(
+        self, now_ns: int, inputs: ControlInputs, clock: OffsetEstimate, hits: list[LimitHit]
+    ) -> list[tuple[E, str]]:
+        command, state = self._command, self.machine.state
+        if command is None:
+            return []
+        silent_s = (now_ns - self._received_ns) * 1e-9
+        if self.machine.following:
+            if not command.deadman:
+                return [(E.RELEASE, "deadman released")]
+            if 0 < self._gate.watchdog_s < silent_s:
+                return [(E.WATCHDOG, f"no valid command for {silent_s * 1e3:.0f} ms")]
+            return self._engaging_events(now_ns, command) if state is SafetyState.ENGAGING else []
+        fresh = inputs.command is not None and command.deadman and self._released
+        if state is SafetyState.READY and fresh and self._may_engage(command, inputs.position_m, clock, hits):
+            return [(E.ENGAGE, "deadman pressed, aligned")]
+        return []
+
+    def _engaging_events(self, now_ns: int, command: MotionCommand) -> list[tuple[E, str]]:
+        distance_m = abs(command.position_m - self.limiter.position_m)
+        if distance_m > _MISALIGNED * self._gate.alignment_m:
+            return [(E.MISALIGNED, f"command {distance_m * 1e3:.2f} mm away while engaging")]
+        ramped = now_ns - self._engaged_ns >= self._gate.engage_ramp_s * 1e9
+        return [(E.ENGAGED, "ramp done")] if ramped and distance_m <= self._gate.alignment_m else []
+
+    def _may_engage(
+        self, command: MotionCommand, position_m: float, clock: OffsetEstimate, hits: list[LimitHit]
+    ) -> bool:
+        """Round-trip limit and alignment guard; a refusal is an intervention too."""
+        gate = self._gate
+        round_trip_s = clock.round_trip_ns * 1e-9
+        if round_trip_s > gate.max_round_trip_s:
+            hits.append(LimitHit("round_trip", round_trip_s, gate.max_round_trip_s, "s"))
+            return False
+        if abs(command.position_m - position_m) > gate.alignment_m:
+            hits.append(LimitHit("alignment", command.position_m, position_m, "m"))
+            return False
+        return True
+
+    def _fire(self, event: E, reason: str, now_ns: int, transitions: list[Transition]) -> None:
+        changed = self.machine.fire(event, reason)
+        if changed is None:
+            return
+        before, after = changed
+        transitions.append((before, event, after, reason))
+        if after is SafetyState.ENGAGING:
+            self._engaged_ns = now_ns
+        elif before in (SafetyState.ENGAGING, SafetyState.ARMED) and after is not SafetyState.ARMED:
+            self._released = False
+            self.stops += event is not E.RELEASE
+        elif event is E.SESSION_OPENED:
+            self._command, self._released = None, False
+
+    def _follow(self, now_ns: int, inputs: ControlInputs, dt_s: float) -> list[LimitHit]:
+        """Between commands the setpoint goes on along the newest one; the watchdog bounds for how long."""
+        assert self._command is not None
+        command = self._command
+        ahead_s = max(0, now_ns - self._received_ns) * 1e-9
+        share = 1.0
+        if self.machine.state is SafetyState.ENGAGING:
+            share = min(1.0, (now_ns - self._engaged_ns) * 1e-9 / self._gate.engage_ramp_s)
+        force_n = inputs.force_n if inputs.force_valid else 0.0
+        position_m = command.position_m + command.velocity_m_s * ahead_s
+        return self.limiter.follow(position_m, command.velocity_m_s, force_n, dt_s, share)

@@ -1,0 +1,114 @@
+"""The slave's composition root: the only place that knows concrete classes."""
+
+from collections.abc import Callable
+
+from common.bus import Bus
+from common.daemon import SECOND_NS, Reports, impaired
+from common.errors import RecordingError
+from common.recording.tabular import load_recording
+from common.runtime.port import Runtime
+from common.settings import TICK_NS
+from common.transport.port import Transport
+from slave.axis import Devices, SlaveAxis
+from slave.grippers.simulated import SimulatedGripper
+from slave.load_cells.port import LoadCell
+from slave.load_cells.recorded import RecordedLoadCell
+from slave.load_cells.simulated import SimulatedLoadCell
+from slave.plant.world import SimulatedWorld
+from slave.settings import SlaveAxisSettings, SlaveSettings
+from slave.stages.simulated import SimulatedStage
+
+
+class SlaveDaemon:
+    """Every axis of the slave on one runtime.
+
+    Attributes:
+        axes: the axes, in the order of the settings.
+    """
+
+    def __init__(
+        self, settings: SlaveSettings, inner: Transport, runtime: Runtime, new_id: Callable[[], int]
+    ) -> None:
+        """Registers loops and tasks; nothing moves before the runtime starts.
+
+        Raises:
+            InputError: a file that the settings name can not be used.
+            DeviceError: a device does not answer.
+        """
+        self.transport = impaired(inner, settings.impairment, "slave", runtime)
+        buses = [Bus(self.transport, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
+        self.axes = [
+            SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id())
+            for axis, bus in zip(settings.axes, buses, strict=True)
+        ]
+        for axis in self.axes:
+            axis.open(runtime.clock.now_ns())
+        runtime.on_fault(self.fail)
+        lateness = runtime.loop("control", TICK_NS, self.tick)
+        runtime.task("serve", SECOND_NS // 100, self._serve)
+        runtime.task("heartbeat", SECOND_NS // 20, self._beat)
+        runtime.task("state", SECOND_NS // 50, self._report)
+        self._reports = Reports(buses[0], "slave", lateness, self.transport, runtime)
+
+    def tick(self, now_ns: int) -> None:
+        """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
+        for axis in self.axes:
+            axis.tick(now_ns)
+        halted = next((axis for axis in self.axes if axis.halted), None)
+        if halted is not None:
+            for axis in self.axes:
+                if not axis.halted:
+                    axis.emergency_stop(f"axis {halted.name} is halted")
+
+    def fail(self, error: BaseException) -> None:
+        """Reaction to a fault of any thread."""
+        for axis in self.axes:
+            axis.fail(error)
+
+    def shut_down(self) -> None:
+        """Asks every axis to come to rest and to arm no more; see `at_rest`."""
+        for axis in self.axes:
+            axis.shutdown = True
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no axis moves."""
+        return all(axis.at_rest for axis in self.axes)
+
+    def close(self, now_ns: int) -> None:
+        """Publishes what is left, closes devices and transport; after the loops have ended."""
+        self._serve(now_ns)
+        self._report(now_ns)
+        self._reports.timing(now_ns)
+        self._reports.impairment(now_ns)
+        for axis in self.axes:
+            axis.close()
+        self.transport.close()
+
+    def _serve(self, now_ns: int) -> None:
+        for axis in self.axes:
+            axis.serve(now_ns)
+
+    def _beat(self, now_ns: int) -> None:
+        for axis in self.axes:
+            axis.beat(now_ns)
+
+    def _report(self, now_ns: int) -> None:
+        for axis in self.axes:
+            axis.report(now_ns)
+
+
+def _devices(settings: SlaveAxisSettings) -> Devices:
+    """The drivers that the settings name. All simulated ones of an axis share one world."""
+    world = SimulatedWorld(settings.simulation, settings.seed)
+    return Devices(SimulatedStage(world), SimulatedGripper(world), _load_cell(settings, world))
+
+
+def _load_cell(settings: SlaveAxisSettings, world: SimulatedWorld) -> LoadCell:
+    source = settings.load_cell
+    if source.recording is None:
+        return SimulatedLoadCell(world)
+    recording = load_recording(source.recording, source.columns.mapping() if source.columns else None)
+    if recording.force_n is None:
+        raise RecordingError(f"{source.recording}: no force column; expected one for a recorded load cell")
+    return RecordedLoadCell(recording.time_s.tolist(), recording.force_n.tolist())

@@ -1,0 +1,111 @@
+"""Admission of commands: session, sequence, age, range (safety.md 1-4). Pure; runs in the thread that
+received the command.
+"""
+
+from dataclasses import dataclass
+
+from common.clock_offset import OffsetEstimate
+from common.messages import MotionCommand
+
+_BUCKET_NS = (
+    30_000_000_000  # the base delay is a minimum over one to two buckets: clock drift ages no command
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a command was not admitted: the rule, what was asked and the limit, with its unit."""
+
+    rule: str
+    requested: float
+    limit: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class GateLimits:
+    """`max_age_ns`: excess over the base delay; `position_m`, `velocity_m_s`: what is plausible at all
+    (limits proper come later).
+    """
+
+    max_age_ns: int
+    position_m: tuple[float, float]
+    velocity_m_s: float
+
+
+class _Window:
+    """What the gate remembers of one session."""
+
+    def __init__(self, session_id: int) -> None:
+        self.session_id = session_id
+        self.sequence = 0
+        self.bucket_start_ns = 0
+        self.base_ns: int | None = None
+        self.previous_base_ns: int | None = None
+
+    def base(self) -> int | None:
+        """Smallest (receive - stamp) of the admitted commands."""
+        if self.base_ns is None or self.previous_base_ns is None:
+            return self.base_ns
+        return min(self.base_ns, self.previous_base_ns)
+
+    def move(self, sequence: int, transit_ns: int, receive_ns: int) -> None:
+        """Takes an admitted command into account."""
+        self.sequence = sequence
+        if self.base_ns is None or receive_ns - self.bucket_start_ns > _BUCKET_NS:
+            self.previous_base_ns, self.base_ns = self.base_ns, transit_ns
+            self.bucket_start_ns = receive_ns
+        elif transit_ns < self.base_ns:
+            self.base_ns = transit_ns
+
+
+class CommandGate:
+    """Admits each command at most once, in order, fresh, from the session that holds the lease."""
+
+    def __init__(self, limits: GateLimits) -> None:
+        self._limits = limits
+        self._window: _Window | None = None
+
+    def open(self, session_id: int) -> None:
+        """A new session: sequence and base delay start afresh. Only a handshake leads here."""
+        self._window = _Window(session_id)
+
+    def close(self) -> None:
+        """No session: every command is refused."""
+        self._window = None
+
+    def admit(self, command: MotionCommand, receive_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
+        """None when the command may be executed. Nothing moves when it is refused."""
+        window = self._window
+        if window is None or command.session_id != window.session_id:
+            return Refusal("session", 0.0, 0.0, "")
+        if command.sequence <= window.sequence:
+            return Refusal("sequence", command.sequence, window.sequence, "")
+        transit_ns = receive_ns - command.stamp_ns
+        refusal = self._check_age(window, transit_ns, clock) or self._check_range(command)
+        if refusal is None:
+            window.move(command.sequence, transit_ns, receive_ns)
+        return refusal
+
+    def _check_age(self, window: _Window, transit_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
+        """The base is the smallest transit seen, at first what the clock exchange expects: offset and base
+        delay cancel.
+        """
+        limit_ns = self._limits.max_age_ns
+        base_ns = window.base()
+        if base_ns is None:
+            base_ns = transit_ns if clock is None else clock.bound_ns - clock.offset_ns
+        earliest_ns = base_ns - limit_ns if clock is None else -clock.offset_ns - clock.bound_ns
+        if transit_ns < earliest_ns:
+            return Refusal("future", (earliest_ns - transit_ns) * 1e-9, 0.0, "s")
+        if transit_ns - base_ns > limit_ns:
+            return Refusal("late", (transit_ns - base_ns) * 1e-9, limit_ns * 1e-9, "s")
+        return None
+
+    def _check_range(self, command: MotionCommand) -> Refusal | None:
+        low, high = self._limits.position_m
+        if not low <= command.position_m <= high:
+            return Refusal("range", command.position_m, high if command.position_m > high else low, "m")
+        if abs(command.velocity_m_s) > self._limits.velocity_m_s:
+            return Refusal("range", command.velocity_m_s, self._limits.velocity_m_s, "m/s")
+        return None

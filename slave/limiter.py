@@ -1,0 +1,100 @@
+"""Motion limits: workspace, velocity, acceleration, force; and the ramp to rest. Pure; every intervention is
+returned.
+"""
+
+from dataclasses import dataclass
+from math import copysign, sqrt
+
+from common.settings import AxisLimits
+
+_EXACT = 1e-9  # a change below a nanometre or nm/s is rounding, no intervention
+
+
+@dataclass(frozen=True, slots=True)
+class LimitHit:
+    """One intervention: by which rule, what was asked, what was applied."""
+
+    rule: str
+    requested: float
+    applied: float
+    unit: str
+
+
+def _clip(value: float, bound: float) -> float:
+    return max(-bound, min(bound, value))
+
+
+class MotionLimiter:
+    """Moves a setpoint towards what is asked, inside the limits; lands exactly on what is inside them.
+
+    Attributes:
+        position_m, velocity_m_s: the setpoint now.
+    """
+
+    def __init__(self, limits: AxisLimits, stop_deceleration_m_s2: float) -> None:
+        self._low_m, self._high_m = limits.workspace_m
+        self._velocity_m_s = limits.max_velocity_m_s
+        self._acceleration_m_s2 = limits.max_acceleration_m_s2
+        self._force_n = limits.max_force_n
+        self._stop_m_s2 = stop_deceleration_m_s2
+        self.position_m = 0.0
+        self.velocity_m_s = 0.0
+
+    def place(self, position_m: float) -> None:
+        """Puts the setpoint on the stage at rest, without a motion."""
+        self.position_m, self.velocity_m_s = position_m, 0.0
+
+    def follow(
+        self, position_m: float, velocity_m_s: float, force_n: float, dt_s: float, velocity_share: float = 1.0
+    ) -> list[LimitHit]:
+        """One step of dt towards a position that moves with a velocity; `velocity_share` is the ramp on
+        engaging, 0 to 1.
+        """
+        hits: list[LimitHit] = []
+        target_m = self._inside_workspace(position_m, hits)
+        target_m = self._not_against_force(target_m, force_n, hits)
+        if target_m != position_m:
+            velocity_m_s = 0.0
+        wanted = (target_m - self.position_m) / dt_s
+        # the speed, relative to the target, from which it can still brake before overshooting
+        brake = sqrt(2.0 * self._acceleration_m_s2 * abs(target_m - self.position_m))
+        feed_forward = _clip(velocity_m_s, self._velocity_m_s)
+        velocity = feed_forward + _clip(wanted - feed_forward, brake)
+        capped = _clip(velocity, self._velocity_m_s * velocity_share)
+        change = self._acceleration_m_s2 * dt_s
+        applied = self.velocity_m_s + _clip(capped - self.velocity_m_s, change)
+        if abs(capped - velocity) > _EXACT:
+            hits.append(LimitHit("velocity", velocity, capped, "m/s"))
+        if abs(applied - capped) > _EXACT:
+            asked = (capped - self.velocity_m_s) / dt_s
+            hits.append(LimitHit("acceleration", asked, copysign(self._acceleration_m_s2, asked), "m/s2"))
+        self._advance(applied, dt_s)
+        return hits
+
+    def stop(self, dt_s: float) -> None:
+        """One step of dt of the ramp to rest."""
+        change = self._stop_m_s2 * dt_s
+        velocity = self.velocity_m_s - _clip(self.velocity_m_s, change)
+        self._advance(velocity, dt_s)
+
+    def _advance(self, velocity_m_s: float, dt_s: float) -> None:
+        moved = self.position_m + velocity_m_s * dt_s
+        self.position_m = min(
+            max(moved, min(self._low_m, self.position_m)), max(self._high_m, self.position_m)
+        )
+        self.velocity_m_s = velocity_m_s if moved == self.position_m else 0.0
+
+    def _inside_workspace(self, position_m: float, hits: list[LimitHit]) -> float:
+        target_m = min(max(position_m, self._low_m), self._high_m)
+        if target_m != position_m:
+            hits.append(LimitHit("workspace", position_m, target_m, "m"))
+        return target_m
+
+    def _not_against_force(self, target_m: float, force_n: float, hits: list[LimitHit]) -> float:
+        """Above the force limit the setpoint may only move so that the contact is relieved."""
+        if abs(force_n) <= self._force_n:
+            return target_m
+        relieved = min(target_m, self.position_m) if force_n > 0 else max(target_m, self.position_m)
+        if relieved != target_m:
+            hits.append(LimitHit("force", force_n, copysign(self._force_n, force_n), "N"))
+        return relieved

@@ -1,0 +1,33 @@
+"""The simulated load cell: filter, offset, drift, noise, counts, saturation."""
+
+from math import pi
+from random import Random
+
+from common.effects.first_order import FirstOrderLag
+from slave.load_cells.port import LoadCellReading
+from slave.plant.settings import LoadCellSettings
+
+_VALID_SHARE = 0.95
+"""Beyond this share of full scale a reading is not to be believed."""
+
+
+class PlantLoadCell:
+    """A first-order anti-alias filter at the integration rate, one conversion per ms with white noise."""
+
+    def __init__(self, settings: LoadCellSettings, seed: int) -> None:
+        self._settings = settings
+        self._random = Random(seed)
+        self._most_counts = 2 ** (settings.bits - 1) - 1
+        self._newton_per_count = settings.full_scale_n / self._most_counts
+        self.filtered = FirstOrderLag(1.0 / (2.0 * pi * settings.filter_hz))
+        self.reading = LoadCellReading(0.0, 0, False)
+        """The newest conversion; invalid before the first."""
+
+    def convert(self, t: float) -> None:
+        """One conversion at time t."""
+        settings = self._settings
+        noise_n = self._random.gauss(0.0, settings.noise_n)
+        seen_n = self.filtered.value + settings.bias_n + settings.drift_n_s * t + noise_n
+        most = self._most_counts
+        raw = max(-most, min(most, round(seen_n / self._newton_per_count)))
+        self.reading = LoadCellReading(raw * self._newton_per_count, raw, abs(raw) <= _VALID_SHARE * most)

@@ -1,0 +1,102 @@
+"""Settings of the simulated world. A preset gives every value; a file overrides what it names."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, PlainSerializer, PlainValidator, model_validator
+
+from common.config import Settings, checked, deep_merge
+from common.effects.model import ContactModel
+from slave.plant.presets import PRESETS
+
+PresetName = Literal["catheter", "guidewire"]
+Position = Annotated[float, Field(ge=-1.0, le=1.0)]
+
+
+def _contact(value: object) -> ContactModel:
+    return value if isinstance(value, ContactModel) else ContactModel.from_mapping(value)
+
+
+Contact = Annotated[
+    ContactModel,
+    PlainValidator(_contact),
+    PlainSerializer(ContactModel.to_mapping, return_type=dict[str, Any]),
+]
+
+
+class StageSettings(Settings):
+    """The drive: a second-order servo with limits, and the play between its motor and the carriage.
+
+    `backlash_width_m` is the full width of the play. The drive stops `device_watchdog_s`
+    after the last setpoint.
+    """
+
+    travel_lower_m: Position
+    travel_upper_m: Position
+    start_m: Position
+    bandwidth_hz: Annotated[float, Field(ge=1.0, le=200.0)]
+    velocity_limit_m_s: Annotated[float, Field(gt=0.0, le=10.0)]
+    acceleration_limit_m_s2: Annotated[float, Field(gt=0.0, le=1000.0)]
+    encoder_step_m: Annotated[float, Field(gt=0.0, le=1e-3)]
+    backlash_width_m: Annotated[float, Field(ge=0.0, le=0.01)]
+    device_watchdog_s: Annotated[float, Field(ge=0.005, le=1.0)]
+
+    @model_validator(mode="after")
+    def _starts_within_travel(self) -> Self:
+        low, high = self.travel_lower_m, self.travel_upper_m
+        if not (low < high and low <= self.start_m <= high):
+            raise ValueError(f"start_m = {self.start_m}: expected within travel [{low}, {high}], low < high")
+        return self
+
+
+class FixtureSettings(Settings):
+    """The grip: the length of instrument already inserted at the start, held by the closed fixture."""
+
+    inserted_m: Position
+
+
+class LoadCellSettings(Settings):
+    """The sensor chain: anti-alias filter, offset, drift, white noise of the conversion, counts."""
+
+    full_scale_n: Annotated[float, Field(gt=0.0, le=1000.0)]
+    bits: Annotated[int, Field(ge=8, le=32)]
+    filter_hz: Annotated[float, Field(ge=1.0, le=5000.0)]
+    noise_n: Annotated[float, Field(ge=0.0, le=10.0)]
+    bias_n: Annotated[float, Field(ge=-100.0, le=100.0)]
+    drift_n_s: Annotated[float, Field(ge=-1.0, le=1.0)]
+
+
+class WorldSettings(Settings):
+    """The simulated world of one axis. What a mapping leaves out comes from its preset, value by value.
+
+    A list is replaced as a whole: `contact: {effects: [...]}` gives all effects.
+    """
+
+    preset: PresetName = "catheter"
+    integration_rate_hz: Annotated[int, Field(ge=10_000, le=1_000_000, multiple_of=1000)] = 10_000
+    stage: StageSettings
+    fixture: FixtureSettings
+    contact: Contact
+    load_cell: LoadCellSettings
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
+        if not isinstance(data, dict):
+            return data
+        values = PRESETS.get(data.get("preset", "catheter"))  # an unknown name is refused by its field
+        return data if values is None else deep_merge(values, data)
+
+
+def world_settings(mapping: Mapping[str, Any]) -> WorldSettings:
+    """The settings that a mapping such as `{preset: guidewire, load_cell: {noise_n: 0.001}}` describes.
+
+    Raises:
+        ConfigurationError: unknown key, or a value out of range; one line.
+    """
+    return checked(WorldSettings, dict(mapping), "world")
+
+
+def preset(name: PresetName) -> WorldSettings:
+    """The preset as it is."""
+    return world_settings({"preset": name})

@@ -1,0 +1,79 @@
+"""The simulated world of one axis: stage, fixture, vessel and load cell on one time grid."""
+
+from common.messages import Grip
+from slave.load_cells.port import LoadCellReading
+from slave.plant.fixture import PlantFixture
+from slave.plant.load_cell import PlantLoadCell
+from slave.plant.settings import WorldSettings
+from slave.plant.stage import PlantStage
+
+CATCH_UP_S = 5.0
+"""Longest span that one call integrates. What lies before is skipped: while the host stalls, the drive's
+watchdog stops the stage, and 5 s are enough for that and for the contact to settle."""
+
+_CONVERSION_RATE_HZ = 1000
+
+
+class SimulatedWorld:
+    """Integrates at `settings.integration_rate_hz`; the load cell converts once per ms.
+
+    Steps lie on a grid that starts at the stamp of the first call, and random numbers are drawn on that
+    grid: equal seeds, setpoints and grips give equal results bit for bit, however often the world is read.
+    """
+
+    def __init__(self, settings: WorldSettings, seed: int) -> None:
+        self._rate_hz = settings.integration_rate_hz
+        self._dt = 1.0 / self._rate_hz
+        self._stage = PlantStage(settings.stage, self._dt)
+        self._fixture = PlantFixture(settings.contact, settings.fixture.inserted_m, settings.stage.start_m)
+        self._load_cell = PlantLoadCell(settings.load_cell, seed)
+        self._start_ns: int | None = None
+        self._steps = 0
+
+    def advance(self, to_ns: int) -> None:
+        """Integrates to that stamp; the first stamp is the start, an earlier one than the last is ignored."""
+        due = self._elapsed_ns(to_ns) * self._rate_hz // 1_000_000_000
+        if due > self._steps:
+            self._integrate(max(self._steps, due - int(CATCH_UP_S * self._rate_hz)), due)
+
+    def set_target(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
+        """Sets the stage's setpoint at that stamp; returns its position as applied within the travel."""
+        self.advance(now_ns)
+        return self._stage.command(position_m, velocity_m_s, self._elapsed_ns(now_ns) * 1e-9)
+
+    def hold(self) -> None:
+        """The stage decelerates and stays until the next setpoint; safe from any thread."""
+        self._stage.hold()
+
+    def grip(self, grip: Grip) -> Grip:
+        """Closes or opens the fixture now; the grip as applied."""
+        return self._fixture.set(grip, self._stage.carriage_m)
+
+    def stage_readback(self) -> tuple[float, float]:
+        """(position_m of the motor's encoder, velocity_m_s) of the last step."""
+        return self._stage.readback()
+
+    def load_cell_reading(self) -> LoadCellReading:
+        """The newest conversion; invalid before the first ms has passed."""
+        return self._load_cell.reading
+
+    @property
+    def inserted_m(self) -> float:
+        """How deep the instrument is: what the vessel sees, over all strokes."""
+        return self._fixture.inserted_m
+
+    def _elapsed_ns(self, stamp_ns: int) -> int:
+        if self._start_ns is None:
+            self._start_ns = stamp_ns
+        return stamp_ns - self._start_ns
+
+    def _integrate(self, first: int, last: int) -> None:
+        stage, fixture, sense = self._stage.step, self._fixture.step, self._load_cell.filtered.advance
+        dt, per_conversion = self._dt, self._rate_hz // _CONVERSION_RATE_HZ
+        for step in range(first + 1, last + 1):
+            t = step * dt
+            x, v, a = stage(t)
+            sense(fixture(t, x, v, a, dt), dt)
+            if step % per_conversion == 0:
+                self._load_cell.convert(t)
+        self._steps = last

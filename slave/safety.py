@@ -1,0 +1,75 @@
+"""The slave's safety state machine: one table, (state, event) -> state. Pure.
+
+```
+IDLE --session_opened--> READY --engage--> ENGAGING --engaged--> ARMED
+                           ^                  |                    |
+                           |     release, watchdog, session_lost, misaligned, limit, shutdown
+                           |                  v                    v
+                           +---- at_rest --- STOPPING <------------+
+any --estop--> ESTOPPED --clear--> IDLE          any but ESTOPPED --fault--> FAULT --clear--> IDLE
+```
+Only ENGAGING and ARMED follow commands; every other state ramps to zero velocity and holds.
+"""
+
+from enum import StrEnum
+
+from common.messages import SafetyState
+
+
+class SafetyEventName(StrEnum):
+    """What can happen to the machine."""
+
+    SESSION_OPENED = "session_opened"
+    SESSION_LOST = "session_lost"
+    ENGAGE = "engage"
+    ENGAGED = "engaged"
+    RELEASE = "release"
+    WATCHDOG = "watchdog"
+    MISALIGNED = "misaligned"
+    AT_REST = "at_rest"
+    SHUTDOWN = "shutdown"
+    FAULT = "fault"
+    ESTOP = "estop"
+    CLEAR = "clear"
+
+
+S, E = SafetyState, SafetyEventName
+_STOPS = (E.RELEASE, E.WATCHDOG, E.SESSION_LOST, E.MISALIGNED, E.SHUTDOWN)
+
+TABLE: dict[tuple[SafetyState, SafetyEventName], SafetyState] = {
+    (S.IDLE, E.SESSION_OPENED): S.READY,
+    (S.READY, E.SESSION_LOST): S.IDLE,
+    (S.READY, E.ENGAGE): S.ENGAGING,
+    (S.ENGAGING, E.ENGAGED): S.ARMED,
+    **{(state, event): S.STOPPING for state in (S.ENGAGING, S.ARMED) for event in _STOPS},
+    (S.STOPPING, E.AT_REST): S.READY,
+    **{(state, E.FAULT): S.FAULT for state in S if state is not S.ESTOPPED},
+    **{(state, E.ESTOP): S.ESTOPPED for state in S},
+    (S.FAULT, E.CLEAR): S.IDLE,
+    (S.ESTOPPED, E.CLEAR): S.IDLE,
+}
+"""Every transition there is; a pair that is not listed leaves the state as it is."""
+
+FOLLOWING = frozenset({S.ENGAGING, S.ARMED})
+
+
+class SafetyMachine:
+    """Holds the state; `fire` is the only way to change it."""
+
+    def __init__(self) -> None:
+        self.state = S.IDLE
+        self.reason = "started"
+
+    @property
+    def following(self) -> bool:
+        """Whether commands may move the stage."""
+        return self.state in FOLLOWING
+
+    def fire(self, event: SafetyEventName, reason: str) -> tuple[SafetyState, SafetyState] | None:
+        """(before, after) when the event changes the state, else None."""
+        before = self.state
+        after = TABLE.get((before, event), before)
+        if after is before:
+            return None
+        self.state, self.reason = after, reason
+        return before, after

@@ -1,0 +1,88 @@
+"""The slave's YAML file: devices, gate and simulated world of each axis."""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from common.config import Settings
+from common.settings import AxisLimits, ColumnSettings, DaemonSettings, ExistingFile, Segment
+from slave.plant.settings import WorldSettings, world_settings
+
+
+class GateSettings(Settings):
+    """Constants of the safety gate (see docs/explanation/safety.md for the reasons)."""
+
+    watchdog_s: Annotated[float, Field(ge=0, le=0.3)] = 0.060
+    max_age_s: Annotated[float, Field(gt=0, le=1)] = 0.100
+    max_round_trip_s: Annotated[float, Field(gt=0, le=2)] = 0.700
+    lease_s: Annotated[float, Field(ge=0.2, le=10)] = 1.0
+    alignment_m: Annotated[float, Field(gt=0, le=0.05)] = 0.001
+    engage_ramp_s: Annotated[float, Field(gt=0, le=5)] = 0.2
+    stop_deceleration_m_s2: Annotated[float, Field(gt=0, le=1000)] = 4.0
+    force_timeout_s: Annotated[float, Field(gt=0, le=5)] | None = 0.2
+
+
+class StageDriver(Settings):
+    """Which driver moves the stage."""
+
+    driver: Literal["simulated"] = "simulated"
+
+
+class GripperDriver(Settings):
+    """Which driver closes the fixture."""
+
+    driver: Literal["simulated"] = "simulated"
+
+
+class LoadCellDriver(Settings):
+    """Which driver reads the force. `recorded` returns the force of `recording` at each command's recording
+    time.
+    """
+
+    driver: Literal["simulated", "recorded"] = "simulated"
+    recording: ExistingFile | None = None
+    columns: ColumnSettings | None = None
+
+    @model_validator(mode="after")
+    def _has_recording(self) -> Self:
+        if (self.driver == "recorded") != (self.recording is not None):
+            raise ValueError("recording: expected a file with driver 'recorded', and only there")
+        return self
+
+
+class SlaveAxisSettings(Settings):
+    """One axis of the slave."""
+
+    name: Segment = "insertion"
+    limits: AxisLimits = AxisLimits()
+    gate: GateSettings = GateSettings()
+    stage: StageDriver = StageDriver()
+    gripper: GripperDriver = GripperDriver()
+    load_cell: LoadCellDriver = LoadCellDriver()
+    simulation: WorldSettings = world_settings({"preset": "catheter"})
+    seed: int = 0
+
+    @field_validator("simulation", mode="before")
+    @classmethod
+    def _preset(cls, value: Any) -> Any:  # noqa: ANN401 - raw YAML
+        return world_settings(value) if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _watchdog_is_on(self) -> Self:
+        if self.gate.watchdog_s == 0 and self.stage.driver != "simulated":
+            raise ValueError("gate.watchdog_s = 0: expected more than 0 with a real stage")
+        return self
+
+
+class SlaveSettings(DaemonSettings):
+    """deploy/config/slave.yaml."""
+
+    role: Literal["slave"] = "slave"
+    axes: Annotated[tuple[SlaveAxisSettings, ...], Field(min_length=1)] = (SlaveAxisSettings(),)
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        names = [axis.name for axis in self.axes]
+        if len(set(names)) != len(names):
+            raise ValueError(f"axes: names {names}: expected each name once")
+        return self

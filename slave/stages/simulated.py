@@ -1,0 +1,25 @@
+"""The stage of a simulated world."""
+
+from math import isfinite
+
+from common.errors import DeviceError
+from slave.plant.device import SimulatedDevice
+from slave.stages.port import StageReading
+
+
+class SimulatedStage(SimulatedDevice):
+    """Stage port on a `SimulatedWorld`."""
+
+    def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
+        """Sets the setpoint; a number that is not finite is refused with `DeviceError`."""
+        if not (isfinite(position_m) and isfinite(velocity_m_s)):
+            raise DeviceError(f"setpoint = ({position_m} m, {velocity_m_s} m/s): expected finite numbers")
+        return self._world_at(now_ns).set_target(position_m, velocity_m_s, now_ns)
+
+    def hold(self, now_ns: int) -> None:
+        """Decelerates to rest and holds, from the next step on."""
+        self._opened_world().hold()
+
+    def read(self, now_ns: int) -> StageReading:
+        """The readback at `now_ns`."""
+        return StageReading(*self._world_at(now_ns).stage_readback())

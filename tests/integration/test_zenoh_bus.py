@@ -1,0 +1,325 @@
+"""The transport over real Zenoh, on loopback TCP."""
+
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from common.clock import MonotonicClock
+from common.errors import ConfigurationError, EndpointError
+from common.topics import Qos
+from common.transport.impaired import ImpairedTransport
+from common.transport.impairment import Impairment
+from common.transport.settings import ImpairmentSettings, TransportSettings
+from common.transport.timers import TimerThread
+from common.transport.zenoh_bus import ZenohTransport
+
+KEY = "forefeel/cell/insertion/master/command"
+OTHER = "forefeel/cell/insertion/slave/force"
+CLOCK = MonotonicClock()
+
+
+class Net:
+    """Opens sessions and closes those that are still open at the end; gathers what handlers raised."""
+
+    def __init__(self) -> None:
+        self.port = free_port()
+        self.endpoint = f"tcp/127.0.0.1:{self.port}"
+        self.faults: list[Exception] = []
+        self._opened: list[ZenohTransport] = []
+
+    def open(self, **settings: object) -> ZenohTransport:
+        transport = ZenohTransport.open(TransportSettings.model_validate(settings), CLOCK, self.faults.append)
+        self._opened.append(transport)
+        return transport
+
+    def listener(self) -> ZenohTransport:
+        return self.open(listen=[self.endpoint])
+
+    def connector(self) -> ZenohTransport:
+        return self.open(connect=[self.endpoint])
+
+    def close(self) -> None:
+        for transport in self._opened:
+            transport.close()
+
+
+@pytest.fixture
+def net() -> Iterator[Net]:
+    net = Net()
+    before = threading.active_count()
+    yield net
+    net.close()
+    assert threading.active_count() == before
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def wait_until(condition: Callable[[], object], timeout_s: float = 5) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "not reached in time"
+        time.sleep(0.005)
+
+
+def put_until(put: Callable[[bytes], None], condition: Callable[[], object], timeout_s: float = 5) -> None:
+    """Repeats a payload, as every stream does, until it got through: declarations travel too."""
+
+    def attempt() -> object:
+        put(b"probe")
+        return condition()
+
+    wait_until(attempt, timeout_s)
+
+
+def test_delivers_in_order_to_others_and_never_to_itself(net: Net) -> None:
+    first, second = net.listener(), net.connector()
+    got: list[tuple[bytes, int]] = []
+    own: list[bytes] = []
+    first.subscribe(KEY, lambda payload, stamp: got.append((payload, stamp)))
+    second.subscribe(KEY, lambda payload, _: own.append(payload))
+    put = second.publisher(KEY, Qos.STREAM)
+    put_until(put, lambda: got)
+    got.clear()
+    before = CLOCK.now_ns()
+    for number in range(200):
+        put(b"%d" % number)
+        time.sleep(0.0002)
+    wait_until(lambda: got and got[-1][0] == b"199")
+    assert [payload for payload, _ in got if payload != b"probe"] == [b"%d" % number for number in range(200)]
+    assert all(before <= a <= b <= CLOCK.now_ns() for (_, a), (_, b) in pairwise(got))
+    assert own == []
+    assert (first.peers(), second.peers()) == (1, 1)
+
+
+@pytest.mark.parametrize("qos", Qos)
+def test_every_quality_of_service_delivers(net: Net, qos: Qos) -> None:
+    first, second = net.listener(), net.connector()
+    got: list[bytes] = []
+    first.subscribe(KEY, lambda payload, _: got.append(payload))
+    put_until(second.publisher(KEY, qos), lambda: got)
+
+
+def test_subscribe_all_gives_the_key(net: Net) -> None:
+    first, second = net.listener(), net.connector()
+    got: set[tuple[str, bytes]] = set()
+    first.subscribe_all("forefeel/cell", lambda key, payload, _: got.add((key, payload)))
+    second.publisher("forefeel/other/insertion/slave/force", Qos.STREAM)(b"not below the prefix")
+    for key in (KEY, OTHER):
+        put_until(second.publisher(key, Qos.STREAM), lambda key=key: (key, b"probe") in got)  # type: ignore[misc]
+    assert got == {(KEY, b"probe"), (OTHER, b"probe")}
+
+
+def test_a_late_peer_is_waited_for_and_then_heard(net: Net) -> None:
+    begin = time.monotonic()
+    early = net.connector()
+    put = early.publisher(KEY, Qos.STREAM)
+    assert time.monotonic() - begin < 0.3
+    assert early.peers() == 0
+    put(b"nobody there")
+    time.sleep(0.3)
+    late = net.listener()
+    got: list[bytes] = []
+    late.subscribe(KEY, lambda payload, _: got.append(payload))
+    put_until(put, lambda: got)
+    assert early.peers() == 1
+
+
+def test_a_slow_handler_does_not_hold_up_the_commands(net: Net) -> None:
+    """With Zenoh's own callbacks the commands stand still once the slow one has 256 samples waiting."""
+    slave, master = net.listener(), net.connector()
+    forces: deque[bytes] = deque(maxlen=16)
+    commands: list[int] = []
+
+    def slow(payload: bytes, _: int) -> None:
+        time.sleep(0.05)
+        forces.append(payload)
+
+    slave.subscribe(OTHER, slow)
+    slave.subscribe(
+        KEY, lambda payload, stamp: commands.append(stamp - int(payload)) if payload[:1] != b"p" else None
+    )
+    put_force, put_command = master.publisher(OTHER, Qos.STREAM), master.publisher(KEY, Qos.STREAM)
+    put_until(put_force, lambda: forces)
+    for _ in range(1000):
+        put_force(b"x")
+        put_command(b"%d" % CLOCK.now_ns())
+        time.sleep(0.001)
+    wait_until(lambda: len(commands) == 1000, 1)
+    assert sorted(commands)[500] < 5_000_000
+    assert len(forces) < 100
+
+
+def test_an_exception_of_a_handler_reaches_the_fault_path_and_delivery_goes_on(net: Net) -> None:
+    first, second = net.listener(), net.connector()
+    got: list[bytes] = []
+
+    def fail_once(payload: bytes, _: int) -> None:
+        got.append(payload)
+        if len(got) == 1:
+            raise RuntimeError("the handler failed")
+
+    first.subscribe(KEY, fail_once)
+    put_until(second.publisher(KEY, Qos.STREAM), lambda: len(got) > 2)
+    assert [str(fault) for fault in net.faults] == ["the handler failed"]
+    assert first.handler_faults == 1
+
+
+def test_nothing_is_delivered_after_close_and_no_thread_is_left(net: Net) -> None:
+    before = set(threading.enumerate())
+    first, second = net.listener(), net.connector()
+    got: list[bytes] = []
+    first.subscribe(KEY, lambda payload, _: got.append(payload))
+    first.subscribe_all("forefeel", lambda *_: None)
+    put = second.publisher(KEY, Qos.STREAM)
+    put_until(put, lambda: got)
+    first.close()
+    first.close()
+    seen = len(got)
+    put(b"to a closed session")
+    time.sleep(0.05)
+    assert len(got) == seen
+    assert first.peers() == 0
+    wait_until(lambda: second.peers() == 0)
+    second.close()
+    put(b"from a closed session")
+    assert set(threading.enumerate()) == before
+
+
+def test_a_taken_endpoint_is_named(net: Net) -> None:
+    net.listener()
+    with pytest.raises(EndpointError) as caught:
+        net.open(listen=[f"tcp/127.0.0.1:{free_port()}", net.endpoint])
+    assert str(caught.value) == (
+        f"endpoint '{net.endpoint}': taken by another program; end that one or listen on another port"
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"listen": ["tcp/127.0.0.1"]}, "endpoint 'tcp/127.0.0.1': expected protocol/host:port"),
+        ({"connect": ["tcp/127.0.0.1:http"]}, "endpoint 'tcp/127.0.0.1:http': expected protocol/host:port"),
+        ({"connect": ["tcp/no-such-host.invalid:7447"]}, "host 'no-such-host.invalid' does not resolve"),
+        ({"listen": ["tcp/192.0.2.1:7447"]}, "endpoint 'tcp/192.0.2.1:7447': no address of this host"),
+        ({"mode": "client", "connect": ["tcp/127.0.0.1:1"]}, "endpoint 'tcp/127.0.0.1:1': no router answers"),
+        (
+            {"listen": ["tls/127.0.0.1:7447"]},
+            "endpoint 'tls/127.0.0.1:7447': .*Missing TLS private key; check cert",
+        ),
+    ],
+)
+def test_endpoints_that_can_not_work_are_refused_in_one_line(
+    net: Net, settings: object, message: str
+) -> None:
+    with pytest.raises(EndpointError, match=message) as caught:
+        net.open(**TransportSettings.model_validate(settings).model_dump())
+    assert "\n" not in str(caught.value)
+
+
+def test_a_zenoh_file_is_the_base_of_the_configuration(net: Net, tmp_path: Path) -> None:
+    good, bad = tmp_path / "good.json5", tmp_path / "bad.json5"
+    good.write_text(
+        "{ listen: { endpoints: ['tcp/127.0.0.1:1'] }, transport: { link: { protocols: ['udp'] } } }"
+    )
+    bad.write_text("{ transprot: {} }")
+    with pytest.raises(ConfigurationError, match=r"bad\.json5: .*unknown field `transprot`"):
+        net.open(listen=[net.endpoint], zenoh_file=bad)
+    with pytest.raises(ConfigurationError, match=r"missing\.json5: No such file"):
+        net.open(listen=[net.endpoint], zenoh_file=tmp_path / "missing.json5")
+    with pytest.raises(EndpointError, match=f"endpoint '{net.endpoint}'"):  # the file allows UDP only
+        net.open(listen=[net.endpoint], zenoh_file=good)
+
+
+PEER = """
+import sys, time
+from common.clock import MonotonicClock
+from common.topics import Qos
+from common.transport.settings import TransportSettings
+from common.transport.zenoh_bus import ZenohTransport
+
+transport = ZenohTransport.open(TransportSettings(listen=(sys.argv[1],)), MonotonicClock(), print)
+transport.subscribe_all("forefeel", lambda *_: None)
+put = transport.publisher(sys.argv[2], Qos.STREAM)
+while True:
+    put(sys.argv[3].encode())
+    time.sleep(0.002)
+"""
+
+
+def peer(net: Net, payload: str) -> "subprocess.Popen[bytes]":
+    return subprocess.Popen([sys.executable, "-c", PEER, net.endpoint, KEY, payload])
+
+
+def test_a_peer_that_is_killed_and_started_again_is_heard_again(net: Net) -> None:
+    transport = net.connector()
+    got: list[bytes] = []
+    transport.subscribe(KEY, lambda payload, _: got.append(payload))
+    with peer(net, "first") as process:
+        wait_until(lambda: b"first" in got)
+        process.kill()
+    wait_until(lambda: transport.peers() == 0, 1)
+    with peer(net, "second") as process:
+        wait_until(lambda: b"second" in got)
+        process.kill()
+
+
+@pytest.mark.parametrize(("qos", "limit_s"), [(Qos.STREAM, 0.05), (Qos.EVENT, 0.3)])
+def test_a_put_never_waits_long_for_a_frozen_peer(net: Net, qos: Qos, limit_s: float) -> None:
+    transport = net.connector()
+    received: list[bytes] = []
+    transport.subscribe(KEY, lambda payload, _: received.append(payload))
+    put = transport.publisher(OTHER, qos)
+    with peer(net, "x") as process:
+        wait_until(lambda: received)
+        put(b"the peer's subscription is known by now")
+        process.send_signal(signal.SIGSTOP)
+        slowest_s = 0.0
+        deadline = time.monotonic() + 1.5
+        while time.monotonic() < deadline:
+            begin = time.monotonic()
+            put(bytes(16_000))  # fills every buffer on the way
+            slowest_s = max(slowest_s, time.monotonic() - begin)
+            time.sleep(0.0005)
+        wait_until(lambda: transport.peers() == 0, 1)  # the lease of 1 s is over
+        process.kill()
+    assert slowest_s < limit_s
+
+
+def test_an_impaired_transport_delays_and_loses_as_it_was_asked(net: Net) -> None:
+    timers = TimerThread(CLOCK, net.faults.append)
+    timers.start()
+    asked = ImpairmentSettings(delay_s=0.05, jitter_s=0.01, loss=0.2)
+    receiver = ImpairedTransport(net.listener(), timers, CLOCK, Impairment(asked, seed=5), None)
+    sender = net.connector()
+    delays_ns: list[int] = []
+    receiver.subscribe(KEY, lambda payload, stamp: delays_ns.append(stamp - int(payload)))
+    put = sender.publisher(KEY, Qos.STREAM)
+    put_until(lambda _: put(b"%d" % CLOCK.now_ns()), lambda: delays_ns)
+    for _ in range(1000):
+        put(b"%d" % CLOCK.now_ns())
+        time.sleep(0.001)
+    time.sleep(0.1)
+    trace = [plan for chunk in receiver.drain_trace() for plan in chunk.delays_ns]
+    receiver.close()
+    timers.close()
+    planned_ns = [plan[0] for plan in trace if plan]
+    assert len(trace) >= 1000
+    assert len(delays_ns) == len(planned_ns)
+    excess_ns = sorted(delay - planned for delay, planned in zip(delays_ns, planned_ns, strict=True))
+    assert excess_ns[0] >= 0  # never early
+    assert excess_ns[len(excess_ns) // 2] < 3_000_000  # 0.2 ms on an idle machine
+    assert net.faults == []

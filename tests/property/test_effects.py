@@ -1,0 +1,128 @@
+"""What holds for every effect and every motion."""
+
+from math import isfinite
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.effects.backlash import Backlash
+from common.effects.base import ForceEffect
+from common.effects.model import ContactModel
+from common.effects.presliding_hysteresis import PreslidingHysteresis
+from common.effects.registry import OWN
+from common.effects.runtime import ContactRuntime
+from common.effects.sensor_quantisation import SensorQuantisation
+
+FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffect))
+NO_SENSOR = [*FORCES, "backlash"]
+
+quick = settings(deadline=None, max_examples=60, derandomize=True)
+velocities = st.floats(-0.1, 0.1, allow_subnormal=False)
+paths = st.lists(st.tuples(velocities, st.integers(1, 30)), min_size=1, max_size=8)
+
+
+@st.composite
+def effects(draw: st.DrawFn, names: list[str]) -> dict[str, Any]:
+    """One effect with moderate parameters within its bounds."""
+    name = draw(st.sampled_from(names))
+    values = {
+        p.name: draw(st.floats(max(p.lower, 1e-4), min(p.upper, 5.0), allow_subnormal=False))
+        for p in OWN[name].parameters
+    }
+    return {"effect": name, "parameters": values}
+
+
+@st.composite
+def models(draw: st.DrawFn, names: list[str]) -> ContactModel:
+    listed = draw(st.lists(effects(names), min_size=1, max_size=6))
+    if draw(st.booleans()):
+        listed.append({"effect": "contact_loss", "parameters": {"contact_position_m": 0.001}})
+    return ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": listed})
+
+
+def motion(path: list[tuple[float, int]], dt: float = 1e-3) -> list[tuple[float, float, float, float, float]]:
+    """(t, x, v, a, dt) of a path of constant velocities, each for some steps."""
+    steps: list[tuple[float, float, float, float, float]] = []
+    x = before = 0.0
+    for v, count in path:
+        for _ in range(count):
+            x += v * dt
+            steps.append(((len(steps) + 1) * dt, x, v, (v - before) / dt, dt))
+            before = v
+    return steps
+
+
+def forces(runtime: ContactRuntime, path: list[tuple[float, int]]) -> list[float]:
+    return [runtime.step(*at) for at in motion(path)]
+
+
+@quick
+@given(models(NO_SENSOR), paths)
+def test_the_force_is_linear_in_the_linear_parameters(
+    model: ContactModel, path: list[tuple[float, int]]
+) -> None:
+    stepped, regressed = model.runtime(), model.runtime()
+    assert len(stepped.linear_names) == len(set(stepped.linear_names)) == len(stepped.linear_values)
+    for at in motion(path):
+        phi = regressed.regressors(*at)
+        dot = sum(theta * p for theta, p in zip(regressed.linear_values, phi, strict=True))
+        assert stepped.step(*at) == pytest.approx(dot, rel=1e-12, abs=1e-12)
+
+
+@quick
+@given(effects([name for name in FORCES if name != "presliding_hysteresis"]), paths)
+def test_twice_the_linear_parameters_is_twice_the_force(
+    effect: dict[str, Any], path: list[tuple[float, int]]
+) -> None:
+    kind, values = OWN[effect["effect"]], effect["parameters"]
+    linear = {p.name for p in kind.parameters if p.linear}
+    single = kind(**values)
+    double = kind(**{name: value * (2.0 if name in linear else 1.0) for name, value in values.items()})
+    assert isinstance(single, ForceEffect) and isinstance(double, ForceEffect)
+    for at in motion(path):
+        assert double.step(*at) == pytest.approx(2.0 * single.step(*at), rel=1e-12)
+
+
+@quick
+@given(models([*NO_SENSOR, "sensor_lag", "sensor_saturation", "sensor_quantisation"]), paths)
+def test_a_reset_runtime_repeats_a_fresh_one(model: ContactModel, path: list[tuple[float, int]]) -> None:
+    runtime = model.runtime()
+    first = forces(runtime, path)
+    assert all(isfinite(force) for force in first)
+    runtime.reset()
+    assert forces(runtime, path) == first
+
+
+@quick
+@given(models(sorted(set(OWN) - {"contact_loss"})))
+def test_a_model_survives_its_mapping(model: ContactModel) -> None:
+    assert ContactModel.from_mapping(model.to_mapping()) == model
+
+
+@quick
+@given(paths, st.floats(1e-3, 10.0), st.floats(1.0, 1e5))
+def test_dahl_stays_within_its_force(
+    path: list[tuple[float, int]], force_n: float, stiffness_n_m: float
+) -> None:
+    effect = PreslidingHysteresis(force_n=force_n, stiffness_n_m=stiffness_n_m)
+    assert all(abs(effect.step(*at)) <= force_n * (1 + 1e-12) for at in motion(path))
+
+
+@quick
+@given(paths, st.floats(0.0, 0.01))
+def test_the_instrument_stays_within_the_play(path: list[tuple[float, int]], width_m: float) -> None:
+    effect = Backlash(width_m=width_m)
+    for t, x, v, a, dt in motion(path):
+        y, instrument_v, _ = effect.transform(t, x, v, a, dt)
+        assert abs(y - x) <= width_m / 2 + 1e-12
+        assert instrument_v in (0.0, v)
+
+
+@quick
+@given(st.floats(-10.0, 10.0), st.floats(1e-4, 1.0))
+def test_a_reading_is_at_most_half_a_step_off(force_n: float, step_n: float) -> None:
+    reading = SensorQuantisation(step_n=step_n).sense(0.0, force_n, 1e-3)
+    assert abs(reading - force_n) <= step_n * (0.5 + 1e-9)
+    assert reading / step_n == pytest.approx(round(reading / step_n))

@@ -1,0 +1,199 @@
+"""Models as data, their composition, and effects by name."""
+
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint, EntryPoints
+from typing import Any
+
+import pytest
+
+from common.effects import registry
+from common.effects.base import ForceEffect, Parameter
+from common.effects.coulomb_friction import CoulombFriction
+from common.effects.model import ContactModel
+
+DT = 1e-3
+
+
+class Drag(ForceEffect):
+    """An effect of a third party."""
+
+    name = "third_party_drag"
+    site = "shaft"
+    parameters = (Parameter("drag_n_s2_m2", "N s^2/m^2", 2.0, 0.0, 10.0),)
+    reference = "test"
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        return (v * abs(v),)
+
+
+def mapping(*effects: dict[str, Any]) -> dict[str, Any]:
+    return {"schema": "forefeel.model/1", "name": "test", "effects": list(effects)}
+
+
+def model(*effects: dict[str, Any]) -> ContactModel:
+    return ContactModel.from_mapping(mapping(*effects))
+
+
+CONTACT = {"effect": "contact_loss", "parameters": {"contact_position_m": 0.01}}
+WALL = {
+    "effect": "mass_damper_spring",
+    "parameters": {"mass_kg": 0.01, "damping_n_s_m": 0.5, "stiffness_n_m": 8.0},
+}
+VALVE = {"effect": "coulomb_friction", "parameters": {"force_n": 0.2}}
+RELAXATION = {"effect": "stress_relaxation", "parameters": {"stiffness_n_m": 6.0, "time_constant_s": 0.5}}
+BIAS = {"effect": "bias", "parameters": {"force_n": 0.03}}
+SATURATION = {"effect": "sensor_saturation", "parameters": {"limit_n": 0.25}}
+
+
+def test_the_wall_sees_the_depth_and_the_shaft_the_position() -> None:
+    runtime = model(WALL, CONTACT, VALVE, BIAS).runtime()
+    assert runtime.step(0.0, 0.009, 0.02, 1.0, DT) == pytest.approx(0.2 + 0.03)
+    wall_n = 0.01 * 1.0 + 0.5 * 0.02 + 8.0 * 0.005
+    assert runtime.step(0.0, 0.015, 0.02, 1.0, DT) == pytest.approx(wall_n + 0.2 + 0.03)
+    assert runtime.step(0.0, 0.015, -0.02, 0.0, DT) == pytest.approx(-0.5 * 0.02 + 8.0 * 0.005 - 0.2 + 0.03)
+
+
+def test_without_contact_loss_the_wall_is_always_touched() -> None:
+    assert model(WALL).runtime().step(0.0, 0.009, 0.0, 0.0, DT) == pytest.approx(8.0 * 0.009)
+
+
+def test_losing_contact_forgets_the_state_of_the_wall() -> None:
+    runtime = model(CONTACT, RELAXATION).runtime()
+    first = runtime.step(0.0, 0.011, 0.02, 0.0, DT)
+    assert runtime.step(0.0, 0.012, 0.02, 0.0, DT) > first > 0.0
+    assert runtime.step(0.0, 0.009, 0.02, 0.0, DT) == 0.0
+    assert runtime.step(0.0, 0.011, 0.02, 0.0, DT) == first
+
+
+def test_a_site_can_be_overridden() -> None:
+    at_shaft = model(CONTACT, {**WALL, "site": "shaft"}).runtime()
+    assert at_shaft.step(0.0, 0.009, 0.0, 0.0, DT) == pytest.approx(8.0 * 0.009)
+
+
+def test_motion_effects_come_before_contact() -> None:
+    play = {"effect": "backlash", "parameters": {"width_m": 0.002}}
+    runtime = model(CONTACT, WALL, play).runtime()
+    runtime.step(0.0, 0.0, 0.0, 0.0, DT)
+    assert runtime.step(0.0, 0.0105, 0.02, 0.0, DT) == 0.0
+    assert runtime.instrument_m == pytest.approx(0.0095)
+    assert runtime.step(0.0, 0.014, 0.0, 0.0, DT) == pytest.approx(8.0 * 0.003)
+
+
+def test_sensor_effects_come_last_and_leave_the_regressors_alone() -> None:
+    runtime = model(SATURATION, BIAS, VALVE, WALL).runtime()
+    assert runtime.step(0.0, 0.1, 0.02, 0.0, DT) == 0.25
+    assert runtime.regressors(0.0, 0.1, 0.02, 0.0, DT) == [1.0, 1.0, 0.0, 0.0, 0.02, 0.1]
+
+
+def test_an_instrument_that_is_not_held_leaves_the_sensor_only() -> None:
+    runtime = model(WALL, VALVE, BIAS).runtime()
+    assert runtime.step_unheld(0.0, 0.1, 0.02, 0.0, DT) == pytest.approx(0.03)
+    assert runtime.regressors_unheld(0.0, 0.1, 0.02, 0.0, DT) == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_a_new_grip_forgets_the_contact_but_not_the_sensor() -> None:
+    lag = {"effect": "sensor_lag", "parameters": {"time_constant_s": 0.1}}
+    runtime = model(RELAXATION, lag).runtime()
+    for _ in range(200):
+        loaded = runtime.step(0.0, 0.0, 0.05, 0.0, DT)
+    runtime.reset_contact()
+    assert 0.9 * loaded < runtime.step(0.0, 0.0, 0.0, 0.0, DT) < loaded
+    runtime.reset()
+    assert runtime.step(0.0, 0.0, 0.0, 0.0, DT) == 0.0
+
+
+def test_linear_names_number_effects_of_equal_name() -> None:
+    runtime = model(RELAXATION, VALVE, RELAXATION, BIAS).runtime()
+    assert runtime.linear_names == (
+        "bias.force_n",
+        "coulomb_friction.forward_n",
+        "coulomb_friction.backward_n",
+        "stress_relaxation.stiffness_n_m",
+        "stress_relaxation-2.stiffness_n_m",
+    )
+    assert runtime.linear_values == (0.03, 0.2, 0.2, 6.0, 6.0)
+
+
+def test_a_mapping_comes_back_with_its_defaults() -> None:
+    short = {"effect": "stress_relaxation", "site": "shaft", "parameters": {"stiffness_n_m": 6.0}}
+    described = model(short, VALVE).to_mapping()
+    full = {"stiffness_n_m": 6.0, "time_constant_s": 1.0}
+    assert described == mapping(
+        {**short, "parameters": full},
+        {"effect": "coulomb_friction", "parameters": {"forward_n": 0.2, "backward_n": 0.2}},
+    )
+    assert ContactModel.from_mapping(described) == model(short, VALVE)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (3, "model = 3: expected a mapping"),
+        ({"name": "a", "effects": []}, "model: schema is missing"),
+        ({**mapping(), "schema": "other/1"}, "schema = 'other/1': expected 'forefeel.model/1'"),
+        ({**mapping(), "name": ""}, "name = '': expected a text"),
+        ({**mapping(), "effects": 3}, "effects = 3: expected a list"),
+        ({**mapping(), "more": 1}, "model: unknown key 'more', expected one of schema, name, effects"),
+        (mapping(WALL, {}), "effects[1]: effect is missing"),
+        (mapping({"effect": 4}), "effects[0].effect = 4: expected a text"),
+        (mapping({**WALL, "site": "moon"}), "effects[0].site = 'moon': expected one of wall, shaft, sensor"),
+        (
+            mapping({**CONTACT, "site": "wall"}),
+            "effects[0].site = 'wall': contact_loss adds no force, expected no site",
+        ),
+        (mapping({"effect": "bias", "parameters": 1}), "effects[0].parameters = 1: expected a mapping"),
+        (
+            mapping(WALL, VALVE, {"effect": "backlash", "parameters": {"width_m": -1}}),
+            "effects[2].parameters.width_m = -1: expected a number in [0, 100] m",
+        ),
+        (
+            mapping({"effect": "bias", "parameters": {"width_m": 1}}),
+            "effects[0].parameters.width_m: unknown parameter, expected one of force_n",
+        ),
+        (mapping(CONTACT, WALL, CONTACT), "effects[2].effect: a second contact effect, expected at most one"),
+    ],
+)
+def test_a_wrong_mapping_is_refused_in_one_line_that_names_the_place(wrong: object, message: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        ContactModel.from_mapping(wrong)
+    assert str(caught.value) == message
+
+
+def test_an_unknown_effect_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(
+        ValueError, match=r"^effects\[0\]\.effect: unknown effect 'magic', expected one of backlash,"
+    ):
+        model({"effect": "magic"})
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Installs entry points: an effect, one under a wrong name, one that takes a name of ours."""
+    group = registry.ENTRY_POINT_GROUP
+    points = EntryPoints(
+        EntryPoint(name, f"{__name__}:Drag", group)
+        for name in ("third_party_drag", "misnamed", "coulomb_friction")
+    )
+
+    def entry_points(group: str, name: str | None = None) -> EntryPoints:
+        return points.select(group=group) if name is None else points.select(group=group, name=name)
+
+    monkeypatch.setattr(registry, "entry_points", entry_points)
+    registry.effect_class.cache_clear()
+    yield
+    registry.effect_class.cache_clear()
+
+
+@pytest.mark.usefixtures("installed")
+def test_third_parties_add_effects_by_entry_point() -> None:
+    assert "third_party_drag" in registry.effect_names()
+    assert model({"effect": "third_party_drag"}).runtime().step(0.0, 0.0, 0.1, 0.0, DT) == pytest.approx(0.02)
+
+
+@pytest.mark.usefixtures("installed")
+def test_third_parties_can_not_take_our_names_or_misname_theirs() -> None:
+    assert registry.effect_class("coulomb_friction") is CoulombFriction
+    with pytest.raises(
+        ValueError, match=r"forefeel.effects:misnamed = .*: expected an effect named misnamed$"
+    ):
+        registry.effect_class("misnamed")

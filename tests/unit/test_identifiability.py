@@ -1,0 +1,125 @@
+from collections.abc import Callable
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+
+from common.estimation.identifiability import (
+    MAX_LENGTH,
+    MAX_STATEMENTS,
+    Array,
+    Identifiability,
+    analyse,
+    information,
+    informed_directions,
+)
+from common.estimation.rls import RecursiveLeastSquares
+
+NAMES = ("m", "b", "k", "bias")
+SCALES = (1.0, 0.5, 0.25, 1.0)
+Motion = Callable[[float], tuple[float, float, float]]
+
+
+def still(t: float) -> tuple[float, float, float]:
+    return 0.5, 0.0, 0.0
+
+
+def steady(t: float) -> tuple[float, float, float]:
+    return 0.1 * t, 0.1, 0.0
+
+
+def sine(w: float) -> Motion:
+    return lambda t: (sin(w * t), w * cos(w * t), -w * w * sin(w * t))
+
+
+def two_sines(t: float) -> tuple[float, float, float]:
+    slow, fast = sine(1.0)(t), sine(pi)(t)
+    return slow[0] + fast[0], slow[1] + fast[1], slow[2] + fast[2]
+
+
+def gathered(motion: Motion) -> Array:
+    """20 s at 100 Hz, straight from the definition."""
+    rows = [
+        (a / SCALES[0], v / SCALES[1], x / SCALES[2], 1.0) for x, v, a in map(motion, np.arange(2000) * 0.01)
+    ]
+    phi = np.array(rows)
+    return np.asarray(phi.T @ phi)
+
+
+def verdict(motion: Motion) -> Identifiability:
+    return analyse(gathered(motion), NAMES, SCALES)
+
+
+@pytest.mark.parametrize(("w", "factor"), [(1.0, "1.00"), (2.0, "4.00"), (10.0, "100.")])
+def test_a_pure_sine_leaves_only_k_less_w_squared_m(w: float, factor: str) -> None:
+    assert verdict(sine(w)) == Identifiability(
+        (f"m and k only as k - {factor} m",), (False, True, False, True)
+    )
+
+
+def test_two_frequencies_identify_all() -> None:
+    assert verdict(two_sines) == Identifiability((), (True,) * 4)
+
+
+def test_standstill_leaves_the_level_of_force_only() -> None:
+    expected = ("m and b not excited", "k and bias only as bias + 0.500 k")
+    assert verdict(still) == Identifiability(expected, (False,) * 4)
+
+
+def test_at_constant_speed_damping_and_bias_are_one() -> None:
+    expected = ("m not excited", "b and bias only as bias + 0.100 b")
+    assert verdict(steady) == Identifiability(expected, (False, False, True, False))
+
+
+def test_before_any_sample_nothing_is_excited() -> None:
+    expected = Identifiability(("m, b, k and bias not excited",), (False,) * 4)
+    assert analyse(np.zeros((4, 4)), NAMES, SCALES) == expected
+
+
+def test_a_combination_of_three_is_named_as_such() -> None:
+    rng = np.random.default_rng(1)
+    p, q = rng.normal(size=(2, 500))
+    phi = np.array([p, q, p + q])
+    expected = Identifiability(("m, b and k not separable",), (False,) * 3)
+    assert analyse(phi @ phi.T, NAMES[:3], (1.0,) * 3) == expected
+
+
+def test_two_pairs_are_two_statements() -> None:
+    rng = np.random.default_rng(2)
+    p, q = rng.normal(size=(2, 500))
+    phi = np.array([p, q, -2.0 * p, 5.0 * q])
+    statements = analyse(phi @ phi.T, NAMES, (1.0,) * 4).statements
+    assert sorted(statements) == ["b and bias only as bias + 0.200 b", "m and k only as k - 0.500 m"]
+
+
+def test_statements_are_few_and_short_whatever_the_model() -> None:
+    names = [f"effect_of_a_long_name.parameter_{i}" for i in range(20)]
+    pairs = np.random.default_rng(3).normal(size=(10, 500)).repeat(2, axis=0)
+    for matrix in (np.zeros((20, 20)), pairs @ pairs.T, np.full((20, 20), 100.0)):
+        result = analyse(matrix, names, [1.0] * 20)
+        assert 1 <= len(result.statements) <= MAX_STATEMENTS
+        assert max(map(len, result.statements)) <= MAX_LENGTH
+        assert not any(result.identified)
+
+
+@pytest.mark.parametrize(("motion", "directions"), [(still, 1), (steady, 2), (sine(1.0), 3), (two_sines, 4)])
+def test_informed_directions_are_the_rank_of_the_motion(motion: Motion, directions: int) -> None:
+    assert informed_directions(gathered(motion)) == directions
+
+
+def test_the_information_of_an_estimator_is_what_its_samples_brought() -> None:
+    rls = RecursiveLeastSquares(SCALES, memory_s=float("inf"))
+    for t in np.arange(2000) * 0.01:
+        x, v, a = two_sines(t)
+        rls.update((a, v, x, 1.0), 0.0, 0.01)
+    from_estimator = information(rls.covariance, rls.prior_diagonal, rls.scales)
+    np.testing.assert_allclose(from_estimator, gathered(two_sines), rtol=1e-6, atol=1e-6)
+
+
+def test_a_gated_and_forgetting_estimator_on_a_pure_sine_says_so() -> None:
+    rls = RecursiveLeastSquares(SCALES, memory_s=2.0)
+    for t in np.arange(2000) * 0.01:
+        x, v, a = sine(1.0)(t)
+        rls.update((a, v, x, 1.0), x, 0.01)
+    result = analyse(information(rls.covariance, rls.prior_diagonal, rls.scales), NAMES, rls.scales)
+    assert result.statements == ("m and k only as k - 1.00 m",)

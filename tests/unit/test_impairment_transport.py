@@ -1,0 +1,170 @@
+import heapq
+from collections.abc import Callable
+from itertools import count
+
+from common.clock import VirtualClock
+from common.topics import COMMAND, FORCE, MASTER_TIMING, TOPICS, Qos
+from common.transport.impaired import ImpairedTransport, TraceChunk, crosses
+from common.transport.impairment import Link, ReplayedImpairment
+from common.transport.memory import MemoryBus
+
+KEY = COMMAND.key("cell", "insertion")
+
+
+class Heap:
+    """Timers in virtual time."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        self._clock = clock
+        self._order = count()
+        self._events: list[tuple[int, int, Callable[[], None]]] = []
+
+    def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
+        heapq.heappush(self._events, (due_ns, next(self._order), action))
+
+    def run(self) -> None:
+        while self._events:
+            due_ns, _, action = heapq.heappop(self._events)
+            self._clock.set_ns(due_ns)
+            action()
+
+
+class Pair:
+    """An impaired session, a plain one, and what the handlers got."""
+
+    def __init__(self, inbound: Link | None, outbound: Link | None) -> None:
+        self.clock = VirtualClock(100)
+        self.timers = Heap(self.clock)
+        bus = MemoryBus()
+        inner = bus.session(self.clock)
+        self.impaired = ImpairedTransport(inner, self.timers, self.clock, inbound, outbound)
+        self.plain = bus.session(self.clock)
+        self.got: list[tuple[bytes, int]] = []
+
+    def take(self, payload: bytes, stamp_ns: int) -> None:
+        self.got.append((payload, stamp_ns))
+
+
+def test_outbound_payloads_are_put_as_the_link_plans() -> None:
+    pair = Pair(None, ReplayedImpairment([(30,), (), (5, 50)]))
+    pair.plain.subscribe(KEY, pair.take)
+    put = pair.impaired.publisher(KEY, Qos.STREAM)
+    for payload in (b"late", b"lost", b"twice"):
+        put(payload)
+    assert pair.got == []
+    pair.timers.run()
+    assert pair.got == [(b"twice", 105), (b"late", 130), (b"twice", 150)]
+
+
+def test_inbound_payloads_are_stamped_when_they_are_handed_over() -> None:
+    pair = Pair(ReplayedImpairment([(30,), (), (5, 50)]), None)
+    pair.impaired.subscribe(KEY, pair.take)
+    put = pair.plain.publisher(KEY, Qos.STREAM)
+    for payload in (b"late", b"lost", b"twice"):
+        put(payload)
+    pair.timers.run()
+    assert pair.got == [(b"twice", 105), (b"late", 130), (b"twice", 150)]
+
+
+def test_payloads_of_equal_stamp_keep_their_order() -> None:
+    pair = Pair(ReplayedImpairment([(10,)]), None)
+    pair.impaired.subscribe(KEY, pair.take)
+    put = pair.plain.publisher(KEY, Qos.STREAM)
+    for number in range(50):
+        put(bytes([number]))
+    pair.timers.run()
+    assert [payload[0] for payload, _ in pair.got] == list(range(50))
+
+
+def test_all_keys_of_a_direction_share_one_link() -> None:
+    pair = Pair(None, ReplayedImpairment([(), (1,)]))
+    pair.plain.subscribe(KEY, pair.take)
+    pair.plain.subscribe("other", pair.take)
+    pair.impaired.publisher(KEY, Qos.STREAM)(b"first")
+    pair.impaired.publisher("other", Qos.EVENT)(b"second")
+    pair.timers.run()
+    assert pair.got == [(b"second", 101)]
+
+
+def test_what_does_not_cross_is_not_touched() -> None:
+    lossy = ReplayedImpairment([()])
+    pair = Pair(lossy, lossy)
+    key = MASTER_TIMING.key("cell", "insertion")
+    pair.plain.subscribe(key, pair.take)
+    pair.impaired.publisher(key, Qos.STATE)(b"timing")
+    assert pair.got == [(b"timing", 100)]
+    assert pair.impaired.drain_trace() == []
+
+
+def test_an_observer_on_an_impaired_session_sees_everything() -> None:
+    pair = Pair(ReplayedImpairment([()]), None)
+    seen: list[tuple[str, bytes, int]] = []
+    pair.impaired.subscribe_all("forefeel", lambda *sample: seen.append(sample))
+    pair.plain.publisher(KEY, Qos.STREAM)(b"x")
+    assert seen == [(KEY, b"x", 100)]
+
+
+def test_without_links_nothing_stands_between() -> None:
+    pair = Pair(None, None)
+    pair.impaired.subscribe(KEY, pair.take)
+    pair.plain.publisher(KEY, Qos.STREAM)(b"in")
+    pair.plain.subscribe("out", pair.take)
+    pair.impaired.publisher("out", Qos.STREAM)(b"out")
+    assert pair.got == [(b"in", 100), (b"out", 100)]
+    assert pair.impaired.peers() == 1
+
+
+def test_the_trace_tells_what_was_done_and_replays_it() -> None:
+    pair = Pair(ReplayedImpairment([(7,)]), ReplayedImpairment([(1,), (), (2, 3)]))
+    put = pair.impaired.publisher(KEY, Qos.STREAM)
+    for _ in range(2):
+        put(b"")
+    pair.impaired.subscribe("in", pair.take)
+    pair.plain.publisher("in", Qos.STREAM)(b"")
+    assert pair.impaired.drain_trace() == [
+        TraceChunk("inbound", 0, ((7,),)),
+        TraceChunk("outbound", 0, ((1,), ())),
+    ]
+    put(b"")
+    assert pair.impaired.drain_trace() == [TraceChunk("outbound", 2, ((2, 3),))]
+    assert pair.impaired.drain_trace() == []
+
+
+def test_a_long_trace_comes_in_chunks_and_an_undrained_one_loses_its_oldest() -> None:
+    pair = Pair(None, ReplayedImpairment([()]))
+    put = pair.impaired.publisher(KEY, Qos.STREAM)
+    for _ in range(2500):
+        put(b"")
+    chunks = pair.impaired.drain_trace()
+    assert [(chunk.first_index, len(chunk.delays_ns)) for chunk in chunks] == [
+        (0, 1024),
+        (1024, 1024),
+        (2048, 452),
+    ]
+    for _ in range(65_536 + 10):
+        put(b"")
+    assert pair.impaired.trace_lost == 10
+    assert pair.impaired.drain_trace()[0].first_index == 2510
+
+
+def test_what_is_on_its_way_at_close_is_dropped() -> None:
+    pair = Pair(ReplayedImpairment([(30,)]), ReplayedImpairment([(30,)]))
+    pair.impaired.subscribe(KEY, pair.take)
+    pair.plain.subscribe("out", pair.take)
+    pair.plain.publisher(KEY, Qos.STREAM)(b"in")
+    put = pair.impaired.publisher("out", Qos.STREAM)
+    put(b"out")
+    pair.impaired.close()
+    pair.impaired.close()
+    put(b"after")
+    pair.timers.run()
+    assert pair.got == []
+
+
+def test_what_is_for_the_recorder_only_does_not_cross() -> None:
+    local = {topic.name for topic in TOPICS if not crosses(topic.key("c", "a"))}
+    assert local == {
+        "master/haptics", "master/parameters", "master/timing", "slave/timing", "master/impairment",
+        "slave/impairment",
+    }  # fmt: skip
+    assert crosses(FORCE.key("c", "a"))

@@ -1,0 +1,164 @@
+"""The load cell, the recorded load cell and the simulated devices."""
+
+from itertools import pairwise
+from math import exp, nan, pi
+from statistics import fmean, stdev
+
+import pytest
+
+from common.errors import DeviceError, RecordingError
+from common.messages import Grip
+from slave.grippers.port import Gripper
+from slave.grippers.simulated import SimulatedGripper
+from slave.load_cells.port import LoadCell, LoadCellReading
+from slave.load_cells.recorded import RecordedLoadCell
+from slave.load_cells.simulated import SimulatedLoadCell
+from slave.plant.load_cell import PlantLoadCell
+from slave.plant.settings import LoadCellSettings, preset
+from slave.plant.world import SimulatedWorld
+from slave.stages.port import Stage
+from slave.stages.simulated import SimulatedStage
+
+MS = 1_000_000
+PERFECT = LoadCellSettings(full_scale_n=1.0, bits=16, filter_hz=200.0, noise_n=0.0, bias_n=0.0, drift_n_s=0.0)
+
+
+def cell(**changes: float) -> PlantLoadCell:
+    return PlantLoadCell(PERFECT.model_copy(update=changes), seed=1)
+
+
+def settled(plant: PlantLoadCell, force_n: float, t: float = 0.0) -> LoadCellReading:
+    plant.filtered.value = force_n
+    plant.convert(t)
+    return plant.reading
+
+
+def test_nothing_is_valid_before_the_first_conversion() -> None:
+    assert not cell().reading.valid
+
+
+def test_the_force_is_a_whole_number_of_counts() -> None:
+    reading = settled(cell(), 0.3)
+    assert reading.raw_counts == round(0.3 * 32767)
+    assert reading.force_n == pytest.approx(reading.raw_counts / 32767, rel=1e-12)
+    assert reading.force_n == pytest.approx(0.3, abs=0.5 / 32767)
+
+
+@pytest.mark.parametrize(
+    ("force_n", "counts", "valid"),
+    [
+        (0.94, round(0.94 * 32767), True),
+        (0.96, round(0.96 * 32767), False),
+        (5.0, 32767, False),
+        (-5.0, -32767, False),
+    ],
+)
+def test_beyond_95_percent_of_full_scale_a_reading_is_invalid(
+    force_n: float, counts: int, valid: bool
+) -> None:
+    reading = settled(cell(), force_n)
+    assert (reading.raw_counts, reading.valid) == (counts, valid)
+
+
+def test_bias_and_drift_add_to_the_force() -> None:
+    plant = cell(bias_n=0.02, drift_n_s=1e-3)
+    assert settled(plant, 0.1, t=30.0).force_n == pytest.approx(0.15, abs=2e-5)
+
+
+def test_the_noise_is_white_with_its_standard_deviation() -> None:
+    plant = cell(noise_n=0.004)
+    readings = [settled(plant, 0.1).force_n for _ in range(4000)]
+    assert fmean(readings) == pytest.approx(0.1, abs=4 * 0.004 / 4000**0.5)
+    assert stdev(readings) == pytest.approx(0.004, rel=0.05)
+    noise = [r - 0.1 for r in readings]
+    lag_one = sum(a * b for a, b in pairwise(noise)) / sum(n * n for n in noise)
+    assert abs(lag_one) < 4 / 4000**0.5
+
+
+def test_the_anti_alias_filter_is_first_order() -> None:
+    plant = cell(filter_hz=50.0)
+    for _ in range(20):
+        plant.filtered.advance(0.5, 1e-4)
+    assert plant.filtered.value == pytest.approx(0.5 * (1 - exp(-2 * pi * 50.0 * 2e-3)))
+
+
+TIMES, FORCES = [0.0, 0.01, 0.02, 1.0, 1.05], [0.0, 0.1, 0.3, -0.2, -0.1]
+
+
+@pytest.mark.parametrize(
+    ("at_s", "force_n"), [(0.0, 0.0), (0.005, 0.05), (0.0175, 0.25), (0.02, 0.3), (1.0, -0.2), (1.025, -0.15)]
+)
+def test_a_recorded_force_is_interpolated_between_its_samples(at_s: float, force_n: float) -> None:
+    reading = RecordedLoadCell(TIMES, FORCES).read(123, at_s)
+    assert reading.valid
+    assert reading.force_n == pytest.approx(force_n, abs=1e-12)
+    assert reading.raw_counts == round(force_n * 1e6)
+
+
+@pytest.mark.parametrize("at_s", [None, nan, -0.001, 1.06, 0.021, 0.5, 0.999])
+def test_there_is_no_force_outside_the_recording_nor_across_a_gap(at_s: float | None) -> None:
+    assert RecordedLoadCell(TIMES, FORCES).read_at(at_s) == LoadCellReading(0.0, 0, False)
+
+
+def test_the_length_of_a_gap_is_a_choice() -> None:
+    assert RecordedLoadCell(TIMES, FORCES, gap_s=2.0).read_at(0.51).force_n == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("times", "forces", "message"),
+    [
+        ([], [], "0 times, 0 forces: expected as many, at least one"),
+        ([0.0, 1.0], [0.0], "2 times, 1 forces: expected as many, at least one"),
+        ([0.0, 1.0, 1.0], [0.0] * 3, "sample 2: time_s = 1.0 after 1.0: expected increasing times"),
+        ([0.0, 1.0], [0.0, nan], "sample 1: time_s = 1.0, force_n = nan: expected finite numbers"),
+    ],
+)
+def test_a_wrong_recording_is_refused_in_one_line(
+    times: list[float], forces: list[float], message: str
+) -> None:
+    with pytest.raises(RecordingError) as caught:
+        RecordedLoadCell(times, forces)
+    assert str(caught.value) == message
+
+
+def test_three_devices_share_one_world() -> None:
+    world = SimulatedWorld(preset("catheter"), 0)
+    stage: Stage = SimulatedStage(world)
+    load_cell: LoadCell = SimulatedLoadCell(world)
+    gripper: Gripper = SimulatedGripper(world)
+    for device in (stage, load_cell, gripper):
+        device.open()
+    assert stage.read(0).position_m == 0.0
+    assert stage.command(0.03, 0.0, 0) == 0.03
+    for tick in range(1, 600):
+        stage.command(0.03, 0.0, tick * MS)
+    assert stage.read(600 * MS).position_m == pytest.approx(0.03, abs=1e-5)
+    loaded_n = load_cell.read(600 * MS, None).force_n
+    assert gripper.set(Grip.OPEN, 600 * MS) is Grip.OPEN
+    unloaded_n = load_cell.read(700 * MS, 3.0).force_n
+    assert loaded_n > 0.1 > unloaded_n
+    stage.command(0.0, 0.0, 700 * MS)
+    stage.read(720 * MS)
+    stage.hold(720 * MS)
+    assert stage.read(900 * MS).velocity_m_s == 0.0
+
+
+@pytest.mark.parametrize(("position_m", "velocity_m_s"), [(nan, 0.0), (0.0, float("inf"))])
+def test_a_setpoint_that_is_not_finite_is_refused(position_m: float, velocity_m_s: float) -> None:
+    stage = SimulatedStage(SimulatedWorld(preset("catheter"), 0))
+    stage.open()
+    with pytest.raises(DeviceError, match="expected finite numbers"):
+        stage.command(position_m, velocity_m_s, 0)
+
+
+def test_a_closed_device_refuses() -> None:
+    world = SimulatedWorld(preset("catheter"), 0)
+    stage, load_cell, gripper = SimulatedStage(world), SimulatedLoadCell(world), SimulatedGripper(world)
+    load_cell.open()
+    load_cell.close()
+    with pytest.raises(DeviceError, match=r"^SimulatedStage: used while closed"):
+        stage.hold(0)
+    with pytest.raises(DeviceError, match=r"^SimulatedLoadCell: used while closed"):
+        load_cell.read(0, None)
+    with pytest.raises(DeviceError, match=r"^SimulatedGripper: used while closed"):
+        gripper.set(Grip.OPEN, 0)

@@ -1,0 +1,282 @@
+"""The simulated world: against an independent fine integration, repeatability, strokes, presets, stalls."""
+
+from collections.abc import Callable
+from math import cos, pi, sin, sqrt
+from statistics import fmean
+from typing import Any
+
+import pytest
+
+from common.config import Settings, checked
+from common.errors import ConfigurationError
+from common.messages import Grip
+from slave.load_cells.port import LoadCellReading
+from slave.plant.settings import PresetName, WorldSettings, preset, world_settings
+from slave.plant.world import SimulatedWorld
+
+MS = 1_000_000
+QUIET = {"noise_n": 0.0, "bias_n": 0.0, "drift_n_s": 0.0, "bits": 32}
+
+Motion = Callable[[float], tuple[float, float]]
+
+
+def stroke(length_m: float, duration_s: float) -> Motion:
+    """(x, v) of a smooth way there and back."""
+
+    def at(t: float) -> tuple[float, float]:
+        p = 2 * pi * t / duration_s
+        return 0.5 * length_m * (1 - cos(p)), length_m * pi / duration_s * sin(p)
+
+    return at
+
+
+def drive(world: SimulatedWorld, motion: Motion, span_s: float, start_ms: int = 0) -> list[LoadCellReading]:
+    """Commands the motion at 1 kHz from the given time on; the reading after each ms."""
+    readings = []
+    for tick in range(round(span_s * 1000)):
+        world.set_target(*motion(tick * 1e-3), (start_ms + tick) * MS)
+        world.advance((start_ms + tick + 1) * MS)
+        readings.append(world.load_cell_reading())
+    return readings
+
+
+def move(world: SimulatedWorld, start_m: float, end_m: float, start_ms: int) -> int:
+    """Half a cosine from start to end in 1 s, then 0.2 s of rest; the time after it in ms."""
+
+    def at(t: float) -> tuple[float, float]:
+        p = pi * min(t, 1.0)
+        return start_m + (end_m - start_m) * 0.5 * (1 - cos(p)), (end_m - start_m) * 0.5 * pi * sin(p)
+
+    drive(world, at, 1.2, start_ms)
+    return start_ms + 1200
+
+
+def rms(values: list[float]) -> float:
+    return sqrt(fmean(value * value for value in values))
+
+
+def reference_force(settings: WorldSettings, motion: Motion, span_s: float) -> list[float]:
+    """The same world at 100 kHz by explicit Euler, from the equations, not the product; one per ms."""
+    p: dict[str, list[dict[str, float]]] = {}
+    for entry in settings.contact.effects:
+        p.setdefault(entry.effect, []).append(dict(entry.parameters))
+    dahl, wall, branch = p["presliding_hysteresis"][0], p["mass_damper_spring"][0], p["stress_relaxation"][0]
+    contact_m = p["contact_loss"][0]["contact_position_m"]
+    capstan = p["position_dependent_friction"][0]["force_per_length_n_m"]
+    w, cutoff = 2 * pi * settings.stage.bandwidth_hz, 2 * pi * settings.load_cell.filter_hz
+    most, dt = settings.stage.acceleration_limit_m_s2, 1e-5
+    x = v = dahl_n = branch_n = read_n = 0.0
+    samples = []
+    for step in range(1, round(span_s / dt) + 1):
+        t = step * dt
+        target, feed = motion(t)
+        a = max(-most, min(most, w * w * (target - x) + 2 * w * (feed - v)))
+        x, v = x + v * dt, v + a * dt
+        sign = (v > 0) - (v < 0)
+        dahl_n += dahl["stiffness_n_m"] * (1 - dahl_n / dahl["force_n"] * sign) * v * dt
+        force = dahl_n
+        depth = x - contact_m
+        if depth > 0:
+            branch_n += (branch["stiffness_n_m"] * v - branch_n / branch["time_constant_s"]) * dt
+            force += wall["mass_kg"] * a + wall["damping_n_s_m"] * v + wall["stiffness_n_m"] * depth
+            force += branch_n + capstan * depth * sign
+            for beat in p["pulsation"]:
+                phase = 2 * pi * beat["frequency_hz"] * t + beat["phase_rad"]
+                force += beat["amplitude_n"] * (sin(phase) + beat["second_harmonic_ratio"] * sin(2 * phase))
+        else:
+            branch_n = 0.0
+        read_n += (force - read_n) * cutoff * dt
+        if step % 100 == 0:
+            samples.append(read_n)
+    return samples
+
+
+@pytest.mark.parametrize("name", ["catheter", "guidewire"])
+def test_the_force_agrees_with_a_fine_integration_of_the_equations(name: PresetName) -> None:
+    settings = world_settings({"preset": name, "load_cell": QUIET})
+    motion = stroke(0.03, 1.5)
+    ours = [r.force_n for r in drive(SimulatedWorld(settings, 0), motion, 1.5)]
+    reference = reference_force(settings, motion, 1.5)
+    peak = max(map(abs, reference))
+    errors = [abs(f - g) for f, g in zip(ours, reference, strict=True)]
+    assert rms(errors) < 2e-3 * peak
+    assert sorted(errors)[int(0.99 * len(errors))] < 5e-3 * peak
+
+
+@pytest.mark.parametrize(("name", "low", "high"), [("catheter", 0.2, 1.2), ("guidewire", 0.005, 0.12)])
+@pytest.mark.parametrize("mean_speed", [0.005, 0.02, 0.06])
+def test_a_30_mm_stroke_peaks_in_the_range_of_its_instrument(
+    name: PresetName, low: float, high: float, mean_speed: float
+) -> None:
+    duration_s = 0.06 / mean_speed
+    readings = drive(SimulatedWorld(preset(name), 1), stroke(0.03, duration_s), duration_s / 2)
+    assert all(r.valid for r in readings)
+    assert low < max(r.force_n for r in readings) < high
+
+
+def test_the_catheter_reaches_about_1_n_over_100_mm() -> None:
+    readings = drive(SimulatedWorld(preset("catheter"), 1), stroke(0.1, 10.0), 5.0)
+    assert 0.7 < max(r.force_n for r in readings) < 1.3
+
+
+def test_equal_seeds_and_calls_repeat_bit_for_bit() -> None:
+    motion = stroke(0.03, 1.0)
+    first, again, other = (
+        drive(SimulatedWorld(preset("guidewire"), seed), motion, 0.5) for seed in (7, 7, 8)
+    )
+    assert first == again
+    assert first != other
+
+
+def test_advancing_and_reading_more_often_changes_nothing() -> None:
+    motion = stroke(0.03, 1.0)
+    plain, restless = (SimulatedWorld(preset("catheter"), 3) for _ in range(2))
+    readings = []
+    for tick in range(300):
+        restless.set_target(*motion(tick * 1e-3), tick * MS)
+        for ns in (70_000, 333_333, 250_000, 999_999, MS):
+            restless.advance(tick * MS + ns)
+            restless.stage_readback()
+            reading = restless.load_cell_reading()
+        readings.append(reading)
+    assert readings == drive(plain, motion, 0.3)
+    assert restless.stage_readback() == plain.stage_readback()
+
+
+def test_a_finer_rate_gives_the_same_world() -> None:
+    motion, forces = stroke(0.03, 1.0), []
+    for rate in (10_000, 40_000):
+        settings = world_settings({"integration_rate_hz": rate, "load_cell": QUIET})
+        forces.append([r.force_n for r in drive(SimulatedWorld(settings, 0), motion, 0.5)])
+    assert rms([f - g for f, g in zip(*forces, strict=True)]) < 2e-3 * max(forces[0])
+
+
+def test_strokes_add_up_when_the_fixture_regrips() -> None:
+    world = SimulatedWorld(world_settings({"load_cell": QUIET}), 0)
+    world.advance(0)
+    now_ms = move(world, 0.0, 0.03, 0)
+    pushed_m, loaded_n = world.inserted_m, world.load_cell_reading().force_n
+    assert pushed_m == pytest.approx(0.03, abs=1e-5)
+    assert loaded_n > 0.1
+
+    assert world.grip(Grip.OPEN) is Grip.OPEN
+    now_ms = move(world, 0.03, 0.0, now_ms)
+    assert world.inserted_m == pushed_m
+    assert world.stage_readback()[0] == pytest.approx(0.0, abs=1e-5)
+    assert world.load_cell_reading().force_n == pytest.approx(0.0, abs=1e-9)
+
+    assert world.grip(Grip.CLOSED) is Grip.CLOSED
+    now_ms = move(world, 0.0, 0.02, now_ms)
+    assert world.inserted_m == pytest.approx(0.05, abs=2e-5)
+    assert world.load_cell_reading().force_n > loaded_n
+
+
+def test_a_regrip_forgets_the_friction_of_the_last_grip() -> None:
+    valve = {"effect": "presliding_hysteresis", "parameters": {"force_n": 0.08, "stiffness_n_m": 250.0}}
+    world = SimulatedWorld(world_settings({"contact": {"effects": [valve]}, "load_cell": QUIET}), 0)
+    world.advance(0)
+    now_ms = move(world, 0.0, 0.01, 0)
+    assert world.load_cell_reading().force_n == pytest.approx(0.08, rel=1e-3)
+    world.grip(Grip.OPEN)
+    world.grip(Grip.CLOSED)
+    world.advance((now_ms + 20) * MS)
+    assert world.load_cell_reading().force_n == pytest.approx(0.0, abs=1e-6)
+
+
+def test_closing_a_closed_fixture_keeps_the_contact() -> None:
+    world, undisturbed = (SimulatedWorld(preset("catheter"), 0) for _ in range(2))
+    drive(undisturbed, stroke(0.03, 1.0), 0.4)
+    drive(world, stroke(0.03, 1.0), 0.3)
+    world.grip(Grip.CLOSED)
+    shifted = drive(world, lambda t: stroke(0.03, 1.0)(t + 0.3), 0.1, start_ms=300)
+    assert shifted[-1].force_n == pytest.approx(undisturbed.load_cell_reading().force_n, abs=1e-6)
+
+
+def test_a_regrip_with_play_in_the_contact_keeps_the_instrument_where_it_was() -> None:
+    contact = preset("catheter").contact.to_mapping()
+    effects = contact["effects"]
+    assert isinstance(effects, list)
+    effects.append({"effect": "backlash", "parameters": {"width_m": 0.002}})
+    world = SimulatedWorld(world_settings({"contact": contact}), 0)
+    world.advance(0)
+    now_ms = move(world, 0.0, 0.03, 0)
+    before_m = world.inserted_m
+    assert before_m == pytest.approx(0.029, abs=1e-5)
+    world.grip(Grip.OPEN)
+    world.advance((now_ms + 5) * MS)
+    world.grip(Grip.CLOSED)
+    world.advance((now_ms + 6) * MS)
+    assert world.inserted_m == pytest.approx(before_m, abs=1e-9)
+
+
+def test_a_stalled_host_finds_the_stage_at_rest_after_a_bounded_catch_up() -> None:
+    world = SimulatedWorld(preset("catheter"), 0)
+    world.advance(0)
+    world.set_target(0.12, 0.0, 0)
+    world.advance(50 * MS)
+    moving_m, velocity = world.stage_readback()
+    assert velocity > 0.1
+    world.advance(24 * 3600 * 1000 * MS)
+    position_m, velocity = world.stage_readback()
+    assert velocity == 0.0
+    assert moving_m < position_m < moving_m + velocity_stop_m()
+    assert world.load_cell_reading().valid
+
+
+def velocity_stop_m() -> float:
+    stage = preset("catheter").stage
+    return stage.velocity_limit_m_s**2 / (2 * stage.acceleration_limit_m_s2) + 1e-4
+
+
+def test_an_earlier_stamp_changes_nothing() -> None:
+    world = SimulatedWorld(preset("catheter"), 0)
+    drive(world, stroke(0.03, 1.0), 0.1)
+    before = world.stage_readback(), world.load_cell_reading()
+    world.advance(5 * MS)
+    assert (world.stage_readback(), world.load_cell_reading()) == before
+
+
+def test_the_target_is_applied_within_the_travel() -> None:
+    world = SimulatedWorld(preset("catheter"), 0)
+    assert world.set_target(5.0, 0.0, 0) == preset("catheter").stage.travel_upper_m
+    assert world.set_target(0.02, 0.0, 0) == 0.02
+
+
+def test_a_preset_is_overridden_value_by_value() -> None:
+    settings = world_settings({"preset": "guidewire", "load_cell": {"noise_n": 0.001}})
+    plain = preset("guidewire")
+    assert settings.load_cell.noise_n == 0.001
+    assert settings.load_cell == plain.load_cell.model_copy(update={"noise_n": 0.001})
+    assert (settings.stage, settings.contact) == (plain.stage, plain.contact)
+    assert world_settings(settings.model_dump()) == settings
+
+
+@pytest.mark.parametrize(
+    ("mapping", "message"),
+    [
+        ({"preset": "rope"}, r"preset = 'rope': input should be 'catheter' or 'guidewire'"),
+        ({"load_cell": {"noise": 1}}, r"load_cell\.noise: unknown key"),
+        ({"stage": {"bandwidth_hz": float("nan")}}, r"stage\.bandwidth_hz = nan: "),
+        ({"stage": {"start_m": 0.5}}, r"stage = .*: start_m = 0\.5: expected within travel"),
+        ({"integration_rate_hz": 12_345}, r"integration_rate_hz = 12345: "),
+        ({"integration_rate_hz": 5000}, r"integration_rate_hz = 5000: "),
+        (
+            {"contact": {"effects": [{"effect": "x"}]}},
+            r"contact = .*: effects\[0\]\.effect: unknown effect 'x'",
+        ),
+    ],
+)
+def test_wrong_settings_are_refused_in_one_line(mapping: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message) as caught:
+        world_settings(mapping)
+    assert "\n" not in str(caught.value)
+
+
+def test_settings_within_settings_fill_from_the_preset_and_name_their_place() -> None:
+    class Axis(Settings):
+        simulation: WorldSettings
+
+    axis = checked(Axis, {"simulation": {"preset": "guidewire"}}, "slave.yaml")
+    assert axis.simulation == preset("guidewire")
+    with pytest.raises(ConfigurationError, match=r"simulation\.load_cell\.noise_n = -1"):
+        checked(Axis, {"simulation": {"load_cell": {"noise_n": -1}}}, "slave.yaml")

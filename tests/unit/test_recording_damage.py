@@ -1,0 +1,150 @@
+"""Files of writers that were killed, and files that are damaged."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from common.errors import RecordingError
+from common.messages import EmergencyStop, ForceSample
+from common.recording.mcap_reader import Run, read_run
+from common.recording.mcap_writer import RunWriter
+from common.topics import EMERGENCY_STOP, FORCE
+from tests.unit.recording_samples import AXIS, force, header, put, write_forces
+
+ROOT = Path(__file__).parents[2]
+
+
+def stops(run: Run) -> list[EmergencyStop]:
+    return list(run.messages(AXIS, EMERGENCY_STOP)) if run.axes else []
+
+
+def flushed_run(path: Path) -> tuple[list[EmergencyStop], dict[int, int]]:
+    """A small run: its messages, and how many stand in the file at a size."""
+    messages = [EmergencyStop(**header(i), source="operator", reason=f"{i}") for i in range(7)]
+    flushed = {}
+    with RunWriter(path) as writer:
+        writer.add_metadata("versions", {"forefeel": "0.1.0"})
+        for index, message in enumerate(messages):
+            put(writer, message, EMERGENCY_STOP)
+            if index in (1, 2, 5):
+                writer.flush()
+                flushed[path.stat().st_size] = index + 1
+    return messages, flushed
+
+
+def overwrite(path: Path, place: int, byte: int) -> None:
+    with path.open("r+b") as file:
+        file.seek(place)
+        file.write(bytes([byte]))
+
+
+def test_every_prefix_of_a_run_reads_a_prefix_of_its_messages(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    messages, flushed = flushed_run(path)
+    longest = len(messages)
+    for size in range(path.stat().st_size - 1, 7, -1):
+        os.truncate(path, size)
+        run = read_run(path)
+        found = stops(run)
+        assert run.truncated
+        assert found == messages[: len(found)]
+        assert flushed.get(size, 0) <= len(found) <= longest
+        longest = len(found)
+    assert longest == 0
+    for size in range(7, -1, -1):
+        os.truncate(path, size)
+        with pytest.raises(RecordingError, match=r"run\.mcap: (empty file|does not start as an MCAP file)"):
+            read_run(path)
+
+
+def test_zeros_that_a_loss_of_power_leaves_are_the_end(tmp_path: Path) -> None:
+    messages, flushed = flushed_run(tmp_path / "run.mcap")
+    size = min(flushed)
+    whole = (tmp_path / "run.mcap").read_bytes()
+    (tmp_path / "run.mcap").write_bytes(whole[:size] + bytes(4096))
+    run = read_run(tmp_path / "run.mcap")
+    assert run.truncated
+    assert stops(run) == messages[: flushed[size]]
+
+
+@pytest.mark.parametrize("flip", [0x01, 0x80])
+def test_no_damaged_byte_changes_a_message_or_raises_anything_else(tmp_path: Path, flip: int) -> None:
+    path = tmp_path / "run.mcap"
+    messages, _ = flushed_run(path)
+    for place, byte in enumerate(path.read_bytes()):
+        overwrite(path, place, byte ^ flip)
+        try:
+            run = read_run(path)
+            found = stops(run)
+        except RecordingError as error:
+            assert "\n" not in str(error)
+        else:
+            assert found == messages[: len(found)]
+            assert len(found) == len(messages) or run.truncated
+        overwrite(path, place, byte)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(st.binary(max_size=200))
+def test_any_bytes_behind_the_magic_are_a_run_or_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + content)
+    try:
+        assert read_run(path).axes == ()
+    except RecordingError as error:
+        assert str(error).startswith(f"{path}: ")
+        assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("content", [b"time_s,position_m\n0,0\n", b"\x89MCAP1\r\n", b"\x89MCAP"])
+def test_what_is_not_mcap(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError) as caught:
+        read_run(path)
+    assert str(caught.value) == f"{path}: does not start as an MCAP file, expected one"
+
+
+def test_a_damaged_chunk_is_named_by_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    write_forces(path, [force(i) for i in range(3)])
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b'"raw_counts":1', b'"raw_counts":7', 1))
+    with pytest.raises(RecordingError) as caught:
+        read_run(path)
+    chunk = content.index(b"\x06", 8)
+    assert str(caught.value) == f"{path}: damaged at byte {chunk} (checksum of a chunk), expected a record"
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+from common.recording.mcap_writer import RunWriter
+from tests.unit.recording_samples import force, put
+writer = RunWriter(Path(sys.argv[1]))
+for index in range(800):
+    put(writer, force(index))
+    if index == 499:
+        writer.flush()
+print("written", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_killed_writer_leaves_what_it_flushed(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    command = [sys.executable, "-c", KILLED, str(path)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "written\n"
+        process.kill()
+    run = read_run(path)
+    assert run.truncated
+    found: list[ForceSample] = list(run.messages(AXIS, FORCE))
+    assert found == [force(i) for i in range(500)]
+    assert len(run.to_recording()) == 500

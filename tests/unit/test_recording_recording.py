@@ -1,0 +1,103 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+
+from common.errors import RecordingError
+from common.recording.recording import Recording
+
+
+def recording(time_s: ArrayLike, position_m: ArrayLike, force_n: ArrayLike | None = None) -> Recording:
+    force = None if force_n is None else np.asarray(force_n)
+    return Recording("r", np.asarray(time_s), np.asarray(position_m), force, source="r.csv")
+
+
+def test_samples_are_float64_copies_that_can_not_be_written() -> None:
+    position_m = np.array([0, 1, 2])
+    made = recording([0, 1, 2], position_m, [0, 0, 0])
+    position_m[0] = 9
+    assert made.position_m.tolist() == [0.0, 1.0, 2.0]
+    assert made.force_n is not None
+    for values in (made.time_s, made.position_m, made.force_n):
+        assert values.dtype == np.float64
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1.0
+
+
+def test_length_duration_and_rate_ignore_a_gap_where_they_should() -> None:
+    made = recording([1.0, 1.01, 1.02, 5.0, 5.01], [0] * 5)
+    assert len(made) == 5
+    assert made.duration_s == pytest.approx(4.01)
+    assert made.rate_hz == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "gap_s", "expected"),
+    [
+        ([0.0, 0.05, 0.1], 0.1, [slice(0, 3)]),
+        ([0.0, 0.05, 0.2, 0.25], 0.1, [slice(0, 2), slice(2, 4)]),
+        ([0.0, 0.05, 0.2, 0.25], 0.2, [slice(0, 4)]),
+        ([0.0, 1.0, 2.0], 0.1, [slice(0, 1), slice(1, 2), slice(2, 3)]),
+        ([0.1 * i for i in range(50)], 0.1, [slice(0, 50)]),
+    ],
+    ids=["none", "one", "short enough", "every sample alone", "a rounded interval is no gap"],
+)
+def test_segments(time_s: list[float], gap_s: float, expected: list[slice]) -> None:
+    assert recording(time_s, [0.0] * len(time_s)).segments(gap_s) == expected
+
+
+@given(
+    st.lists(st.floats(0.001, 1.0), min_size=1, max_size=40),
+    st.floats(0.001, 1.0),
+)
+def test_segments_hold_every_sample_once_and_no_gap(intervals_s: list[float], gap_s: float) -> None:
+    time_s = np.cumsum([0.0, *intervals_s])
+    pieces = recording(time_s, time_s).segments(gap_s)
+    assert [i for piece in pieces for i in range(piece.start, piece.stop)] == list(range(len(time_s)))
+    for piece in pieces:
+        assert all(np.diff(time_s[piece]) <= gap_s + 1.1e-6)
+    for before, after in pairwise(pieces):
+        assert time_s[after.start] - time_s[before.stop - 1] > gap_s
+
+
+def test_the_jump_across_a_gap_is_no_speed() -> None:
+    made = recording([0.0, 0.01, 4.0, 4.01], [0.0, 0.001, 9.0, 8.998])
+    assert made.speed_max_m_s() == pytest.approx(0.2)
+    assert made.speed_max_m_s(gap_s=5.0) == pytest.approx(8.999 / 3.99)
+    assert recording([0.0, 1.0], [0.0, 5.0]).speed_max_m_s() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("time_s", "position_m", "force_n", "expected"),
+    [
+        ([0.0], [0.0], None, "r.csv: 1 sample(s), expected at least 2"),
+        ([], [], None, "r.csv: 0 sample(s), expected at least 2"),
+        ([0, 1], [0], None, "r.csv: position_m has shape (1,), expected (2,) as time_s"),
+        ([0, 1], [0, 1], [0, 1, 2], "r.csv: force_n has shape (3,), expected (2,) as time_s"),
+        ([[0, 1]], [[0, 1]], None, "r.csv: time_s has shape (1, 2), expected (1,) as time_s"),
+        ([0, 1, np.nan], [0, 1, 2], None, "r.csv: sample 2, column 'time_s': nan, expected a finite number"),
+        ([0, 1], [0, -np.inf], None, "r.csv: sample 1, column 'position_m': -inf, expected a finite number"),
+        ([0, 1], [0, 1], [np.nan, 0], "r.csv: sample 0, column 'force_n': nan, expected a finite number"),
+        (
+            [0, 2, 1],
+            [0, 0, 0],
+            None,
+            "r.csv: sample 2, column 'time_s': 1.0 after 2.0, expected time to increase",
+        ),
+        (
+            [0, 2, 2],
+            [0, 0, 0],
+            None,
+            "r.csv: sample 2, column 'time_s': 2.0 after 2.0, expected time to increase",
+        ),
+    ],
+)
+def test_what_is_no_recording_is_refused(
+    time_s: ArrayLike, position_m: ArrayLike, force_n: ArrayLike | None, expected: str
+) -> None:
+    with pytest.raises(RecordingError) as caught:
+        recording(time_s, position_m, force_n)
+    assert str(caught.value) == expected

@@ -1,0 +1,255 @@
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from common.errors import RecordingError
+from common.recording.tabular import Mapping, load_recording
+from common.recording.units import Quantity, parse_column
+
+GOOD = "time_s,position_m,force_n\n0,0.001,1.5\n0.5,0.002,-2\n"
+
+
+def csv(folder: Path, content: str | bytes) -> Path:
+    path = folder / "trial.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        GOOD,
+        GOOD.rstrip("\n"),
+        GOOD + "\n  \n",
+        GOOD.replace("\n", "\n\n"),
+        GOOD.replace("\n", "\r\n"),
+        GOOD.replace("\n", "\r"),
+        "\ufeff" + GOOD,
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", "\t"),
+        GOOD.replace(",", " , "),
+        GOOD.replace("position_m", '"position_m"'),
+        "note,force_n,position_m,time_s\nx,1.5,0.001,0\n,-2,0.002,0.5\n",
+        '"a, ""b"""' + ",time_s,position_m,force_n\n7,0,1e-3,1.5\n7,5E-1,.002,-2.\n",
+    ],
+    ids=["plain", "no line end", "blank lines", "blank lines between", "CRLF", "CR", "BOM", "semicolon",
+         "tab", "blanks", "quoted", "order and other columns", "quoted delimiter"],
+)  # fmt: skip
+def test_csv_as_the_world_writes_it(tmp_path: Path, content: str) -> None:
+    recording = load_recording(csv(tmp_path, content))
+    assert recording.name == "trial"
+    assert recording.source == str(tmp_path / "trial.csv")
+    assert recording.time_s.tolist() == [0.0, 0.5]
+    assert recording.position_m.tolist() == [0.001, 0.002]
+    assert recording.force_n is not None
+    assert recording.force_n.tolist() == [1.5, -2.0]
+
+
+def test_without_a_force_column_there_is_no_force(tmp_path: Path) -> None:
+    assert load_recording(csv(tmp_path, "time_s,position_m\n0,0\n1,0\n")).force_n is None
+
+
+def test_a_mapping_names_columns_and_units(tmp_path: Path) -> None:
+    path = csv(tmp_path, "t,laser: raw,load\n0,1,500\n20,2,-250\n")
+    recording = load_recording(path, Mapping(time="ms:t", position="mm : laser: raw", force="mN:load"))
+    assert recording.time_s == pytest.approx([0.0, 0.020])
+    assert recording.position_m == pytest.approx([0.001, 0.002])
+    assert recording.force_n == pytest.approx([0.5, -0.25])
+    assert load_recording(path, Mapping("ms:t", "mm:laser: raw")).force_n is None
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit", "expected"),
+    [
+        ("time", "s", 1), ("time", "ms", 1e-3), ("time", "us", 1e-6), ("time", "ns", 1e-9),
+        ("position", "m", 1), ("position", "cm", 1e-2), ("position", "mm", 1e-3), ("position", "um", 1e-6),
+        ("force", "N", 1), ("force", "mN", 1e-3), ("force", "kN", 1e3),
+        ("force", "gf", 9.80665e-3), ("force", "kgf", 9.80665), ("force", "lbf", 0.45359237 * 9.80665),
+    ],
+)  # fmt: skip
+def test_units(quantity: Quantity, unit: str, expected: float) -> None:
+    name, to_si = parse_column(quantity, f"{unit}:x")
+    assert name == "x"
+    assert to_si == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("mapping", "expected"),
+    [
+        ({"time": "min:t"}, "time = 'min:t': unknown unit 'min', expected s, ms, us, ns"),
+        ({"position": "N:x"}, "position = 'N:x': unknown unit 'N', expected m, cm, mm, um"),
+        ({"force": "V:load"}, "force = 'V:load': unknown unit 'V', expected N, mN, kN, gf, kgf, lbf"),
+        ({"force": "load"}, "force = 'load': expected unit:column, e.g. N:name"),
+        ({"time": "s: "}, "time = 's: ': expected unit:column, e.g. s:name"),
+        ({"position": ":x"}, "position = ':x': unknown unit '', expected m, cm, mm, um"),
+    ],
+)
+def test_a_bad_mapping_is_refused_before_any_file_is_read(mapping: dict[str, str], expected: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        Mapping(**mapping)
+    assert str(caught.value) == expected
+
+
+HEADER = "time_s,position_m,force_n\n"
+INCREASE = "expected time to increase"
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("", ": empty file, expected a recording"),
+        ("\n \n", ": only blank lines, expected a header line with column names"),
+        ("0,1,2\n1,2,3\n", ": line 1: numbers, expected a header line with column names"),
+        ("time_s,x\n0,1\n", ": no column 'position_m', it has 'time_s', 'x'"),
+        ("time_s\n0\n1\n", ": no column 'position_m', it has 'time_s'"),
+        ("time_s,position_m,time_s\n0,1,2\n", ": 2 columns are named 'time_s', expected one"),
+        (HEADER, ": 0 sample(s), expected at least 2"),
+        (HEADER + "0,1,2\n", ": 1 sample(s), expected at least 2"),
+        (HEADER + "0,1,2\n1,2\n", ": line 3: 2 cell(s), expected 3 as in the header"),
+        (HEADER + "0,1,2\n1,2,3,4\n", ": line 3: 4 cell(s), expected 3 as in the header"),
+        (HEADER + "0,1,2\n\n1,x,3\n", ": line 4, column 'position_m': 'x', expected a number"),
+        (HEADER + "0,1,2\n1,,3\n", ": line 3, column 'position_m': '', expected a number"),
+        (HEADER + "0,1," + "9z" * 50 + "\n", f": line 2, column 'force_n': '{'9z' * 20}', expected a number"),
+        ("time_s;position_m\n0;0,5\n", ": line 2, column 'position_m': '0,5', expected a number"),
+        (HEADER + "0,1,2\n1,2,nan\n", ": line 3, column 'force_n': nan, expected a finite number"),
+        (HEADER + "0,1,2\n1,-Inf,3\n", ": line 3, column 'position_m': -inf, expected a finite number"),
+        (HEADER + "0,1,2\n1e999,1,3\n", ": line 3, column 'time_s': inf, expected a finite number"),
+        (HEADER + "0,1,2\n0.3,1,2\n0.2,1,2\n", f": line 4, column 'time_s': 0.2 after 0.3, {INCREASE}"),
+        (HEADER + "0,1,2\n0.3,1,2\n0.3,1,2\n", f": line 4, column 'time_s': 0.3 after 0.3, {INCREASE}"),
+        (b"time_s,position_m\n0,\xff\n", ": byte 20 is not UTF-8, expected text in UTF-8"),
+        (HEADER + '0,"1\n2",2\n1,2,3\n', ": line 3, column 'position_m': '1\\n2', expected a number"),
+        (HEADER + "0,1,2\n" + "3" * 2**18, ": line 3: field larger than field limit (131072), expected CSV"),
+    ],
+)  # fmt: skip
+def test_a_bad_csv_gives_one_line_that_says_where_what_and_expected(
+    tmp_path: Path, content: str | bytes, expected: str
+) -> None:
+    path = csv(tmp_path, content)
+    with pytest.raises(RecordingError) as caught:
+        load_recording(path)
+    assert str(caught.value) == f"{path}{expected}"
+    assert "\n" not in str(caught.value)
+
+
+def test_errors_show_the_values_of_the_file_not_the_converted_ones(tmp_path: Path) -> None:
+    path = csv(tmp_path, "t,x\n5,0\n20,0\n15,0\n")
+    with pytest.raises(
+        RecordingError, match=r"line 4, column 't': 15\.0 after 20\.0, expected time to increase"
+    ):
+        load_recording(path, Mapping("ms:t", "mm:x"))
+
+
+def test_what_is_no_readable_file(tmp_path: Path) -> None:
+    for name, reason in (("none.csv", "No such file or directory"), ("folder.csv", "Is a directory")):
+        path = tmp_path / name
+        if name.startswith("folder"):
+            path.mkdir()
+        with pytest.raises(RecordingError) as caught:
+            load_recording(path)
+        assert str(caught.value) == f"{path}: {reason}, expected a readable file"
+
+
+def test_the_suffix_decides(tmp_path: Path) -> None:
+    path = tmp_path / "trial.xlsx"
+    with pytest.raises(
+        RecordingError, match=r"trial\.xlsx: suffix '\.xlsx', expected \.csv, \.parquet or \.mcap$"
+    ):
+        load_recording(path)
+    upper = csv(tmp_path, GOOD).rename(tmp_path / "TRIAL.CSV")
+    assert len(load_recording(upper)) == 2
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300, deadline=None)
+@given(st.text(alphabet='01.,;-e\n\r\t" nax\ufeff', max_size=60) | st.binary(max_size=60))
+def test_any_file_is_a_recording_or_one_line(tmp_path: Path, content: str | bytes) -> None:
+    body = content if isinstance(content, bytes) else content.encode()
+    path = csv(tmp_path, b"time_s,position_m\n" + body)
+    try:
+        assert len(load_recording(path)) >= 2
+    except RecordingError as error:
+        assert str(error).startswith(str(path))
+        assert "\n" not in str(error)
+
+
+def test_41_000_lines_are_read_in_well_under_a_second(tmp_path: Path) -> None:
+    lines = [f"{i / 1000:.6f},{i * 1.234567e-6:.9g},{i / 7:.6f}" for i in range(41_000)]
+    path = csv(tmp_path, HEADER + "\n".join(lines))
+    start_s = time.perf_counter()
+    assert len(load_recording(path)) == 41_000
+    assert time.perf_counter() - start_s < 1.0
+
+
+def parquet(path: Path, **columns: object) -> Path:
+    pyarrow = pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow.parquet").write_table(pyarrow.table(columns), path)
+    return path
+
+
+def test_parquet_holds_the_same_recording(tmp_path: Path) -> None:
+    time_s = np.arange(500) * 1e-3
+    path = parquet(
+        tmp_path / "trial.parquet",
+        time_s=time_s,
+        position_m=np.arange(500, dtype=np.int32),
+        force_n=np.linspace(-1, 1, 500, dtype=np.float32),
+        note=["x"] * 500,
+    )
+    recording = load_recording(path)
+    assert recording.name == "trial"
+    np.testing.assert_array_equal(recording.time_s, time_s)
+    np.testing.assert_array_equal(recording.position_m, np.arange(500.0))
+    np.testing.assert_array_equal(recording.force_n, np.linspace(-1, 1, 500, dtype=np.float32).astype(float))
+    mapped = load_recording(path, Mapping("ms:time_s", "um:position_m", "gf:force_n"))
+    assert mapped.duration_s == pytest.approx(0.499e-3)
+    assert mapped.position_m[-1] == pytest.approx(499e-6)
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected"),
+    [
+        ({"t": [0, 1]}, ": no column 'time_s', it has 't'"),
+        (
+            {"time_s": [0, 1], "position_m": ["a", "b"]},
+            ", column 'position_m': holds string, expected numbers",
+        ),
+        ({"time_s": [True, False], "position_m": [0, 1]}, ", column 'time_s': holds bool, expected numbers"),
+        (
+            {"time_s": [0, 1], "position_m": [1, None]},
+            ": row 2, column 'position_m': nan, expected a finite number",
+        ),
+        ({"time_s": [3, 2], "position_m": [1, 1]}, f": row 2, column 'time_s': 2.0 after 3.0, {INCREASE}"),
+        ({"time_s": [3], "position_m": [1]}, ": 1 sample(s), expected at least 2"),
+    ],
+)
+def test_a_bad_parquet_column(tmp_path: Path, columns: dict[str, object], expected: str) -> None:
+    path = parquet(tmp_path / "trial.parquet", **columns)
+    with pytest.raises(RecordingError) as caught:
+        load_recording(path)
+    assert str(caught.value) == f"{path}{expected}"
+
+
+def test_what_is_no_parquet_file(tmp_path: Path) -> None:
+    path = parquet(tmp_path / "trial.parquet", time_s=[0, 1], position_m=[0, 1])
+    whole = path.read_bytes()
+    for content in (b"no parquet at all", whole[: len(whole) // 2], whole[:-200] + bytes(192) + whole[-8:]):
+        path.write_bytes(content)
+        with pytest.raises(RecordingError, match=r"^[^\n]*expected a Parquet file$"):
+            load_recording(path)
+    path.write_bytes(b"")
+    with pytest.raises(RecordingError, match=r": empty file, expected a recording$"):
+        load_recording(path)
+
+
+def test_parquet_without_pyarrow_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    path = tmp_path / "trial.parquet"
+    with pytest.raises(RecordingError) as caught:
+        load_recording(path)
+    assert str(caught.value) == f"{path}: reading Parquet needs pyarrow: pip install forefeel[parquet]"

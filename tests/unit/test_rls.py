@@ -1,0 +1,293 @@
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import cos, exp, inf, isnan, nan, pi, sin
+from random import Random
+from typing import Protocol
+
+import numpy as np
+import pytest
+
+from common.estimation.rls import RecursiveLeastSquares
+from common.estimation.state_filter import StateFilter
+
+DT = 0.001
+
+
+class PaperRls:
+    """Equations (9) to (12) as printed, lambda = 0.96, on a full matrix: the thing to beat."""
+
+    def __init__(self, n: int, lam: float = 0.96) -> None:
+        self.theta: Sequence[float] = [0.0] * n
+        self._p = [[1e6 * (i == j) for j in range(n)] for i in range(n)]
+        self._lam = lam
+
+    def update(self, phi: Sequence[float], y: float, dt: float) -> None:
+        p_phi = [sum(p * q for p, q in zip(row, phi, strict=True)) for row in self._p]
+        alpha = self._lam + sum(p * q for p, q in zip(phi, p_phi, strict=True))
+        e = y - sum(p * t for p, t in zip(phi, self.theta, strict=True))
+        self.theta = [t + k / alpha * e for t, k in zip(self.theta, p_phi, strict=True)]
+        self._p = [
+            [(p - k * q / alpha) / self._lam for p, q in zip(row, p_phi, strict=True)]
+            for row, k in zip(self._p, p_phi, strict=True)
+        ]
+
+
+def scaled_trace(rls: RecursiveLeastSquares) -> float:
+    p = rls.covariance
+    return sum(p[i][i] * scale**2 for i, scale in enumerate(rls.scales))
+
+
+def excited(rng: Random, n: int) -> list[float]:
+    return [rng.gauss(0.0, 1.0) for _ in range(n)]
+
+
+def test_one_sample_is_equations_9_to_12() -> None:
+    rng, memory_s = Random(3), 5.0
+    rls = RecursiveLeastSquares((1.0, 2.0, 0.5), memory_s, prior_variance=10.0)
+    p, theta, lam = np.diag([10.0, 2.5, 40.0]), np.zeros(3), exp(-DT / memory_s)
+    for _ in range(20):
+        phi, y = np.array(excited(rng, 3)), rng.gauss(0.0, 1.0)
+        gain = p @ phi / (lam + phi @ p @ phi)
+        e = y - phi @ theta
+        theta = theta + gain * e
+        p = (np.eye(3) - np.outer(gain, phi)) @ p / lam
+        assert rls.update(phi.tolist(), y, DT) == pytest.approx(e, rel=1e-9)
+    assert rls.theta == pytest.approx(theta, rel=1e-9)
+    assert np.allclose(rls.covariance, p, rtol=1e-9, atol=0.0)
+
+
+def test_forgetting_returns_to_the_information_of_the_prior() -> None:
+    rng, memory_s, prior = Random(4), 0.2, np.diag([100.0, 25.0])
+    rls = RecursiveLeastSquares((1.0, 2.0), memory_s, prior_variance=100.0)
+    lam, information = exp(-DT / memory_s), np.linalg.inv(prior)
+    for _ in range(3000):
+        phi = np.array([rng.gauss(0.0, 1.0), 0.0])
+        before = rls.updates
+        rls.update(phi.tolist(), rng.gauss(0.0, 0.1), DT)
+        if rls.updates > before:
+            information = lam * information + (1.0 - lam) * np.linalg.inv(prior) + np.outer(phi, phi)
+    assert np.allclose(rls.covariance, np.linalg.inv(information), rtol=0.03, atol=1e-12)
+
+
+def test_a_collinear_motion_does_not_wind_up() -> None:
+    rls = RecursiveLeastSquares((1.0, 1.0, 1.0), memory_s=0.5)
+    for i in range(20_000):
+        s, c = sin(i * DT), cos(i * DT)
+        rls.update((-s, c, s), -0.01 * s + 0.1 * c + s, DT)
+    assert scaled_trace(rls) < 300.0 / 0.98
+    m, b, k = rls.theta
+    assert (k - m, b) == pytest.approx((0.99, 0.1), abs=1e-3)
+
+
+def test_a_sample_without_information_changes_nothing() -> None:
+    rng, rls = Random(5), RecursiveLeastSquares((1.0, 1.0), memory_s=1.0)
+    for _ in range(3000):
+        rls.update(excited(rng, 2), rng.gauss(0.0, 0.1), DT)
+    theta, p, updates, gated = rls.theta, rls.covariance, rls.updates, rls.gated
+    assert rls.update((0.01, 0.01), 0.05, DT) is not None
+    assert (rls.theta, rls.covariance, rls.updates, rls.gated) == (theta, p, updates, gated + 1)
+
+
+def samples_until_adapted(kick_after_s: float) -> tuple[int, RecursiveLeastSquares]:
+    rng = Random(6)
+    rls = RecursiveLeastSquares((1.0, 1.0), memory_s=4.0, kick_after_s=kick_after_s)
+    for _ in range(8000):
+        phi = excited(rng, 2)
+        rls.update(phi, 2.0 * phi[0] + phi[1] + rng.gauss(0.0, 0.01), DT)
+    assert rls.kicks == 0
+    for i in range(40_000):
+        phi = excited(rng, 2)
+        rls.update(phi, 5.0 * phi[0] + phi[1] + rng.gauss(0.0, 0.01), DT)
+        if abs(rls.theta[0] - 5.0) < 0.3:
+            return i, rls
+    raise AssertionError("never adapted")
+
+
+def test_a_kick_adapts_to_another_tissue_much_faster_than_forgetting() -> None:
+    kicked, rls = samples_until_adapted(0.05)
+    forgetting, _ = samples_until_adapted(inf)
+    assert kicked < 400
+    assert forgetting > 4000
+    assert 1 <= rls.kicks <= 3
+    assert scaled_trace(rls) <= 200.0
+
+
+def test_a_single_outlier_is_no_other_tissue() -> None:
+    rng, rls = Random(7), RecursiveLeastSquares((1.0, 1.0), memory_s=2.0)
+    for i in range(6000):
+        phi = excited(rng, 2)
+        rls.update(phi, phi[0] + rng.gauss(0.0, 0.01) + (5.0 if i % 500 == 499 else 0.0), DT)
+    assert rls.kicks == 0
+    assert rls.noise_variance**0.5 == pytest.approx(0.01, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("phi", "y", "dt"),
+    [
+        ((nan, 1.0), 1.0, DT),
+        ((inf, 1.0), 1.0, DT),
+        ((0.0, -inf), 1.0, DT),
+        ((1.0, 1.0), nan, DT),
+        ((1.0, 1.0), inf, DT),
+        ((1.0, 1.0), 1.0, nan),
+        ((1.0, 1.0), 1.0, inf),
+        ((1.0, 1.0), 1.0, -DT),
+        ((1e200, 1.0), 1.0, DT),
+        ((1.0, 1.0), 1e200, DT),
+    ],
+)
+def test_numbers_that_are_no_measurement_are_refused_and_counted(
+    phi: tuple[float, float], y: float, dt: float
+) -> None:
+    rls = RecursiveLeastSquares((1.0, 1.0), memory_s=1.0)
+    rls.update((0.3, 0.7), 1.0, DT)
+    before = (rls.theta, rls.covariance, rls.noise_variance, rls.updates)
+    assert rls.update(phi, y, dt) is None
+    assert (rls.theta, rls.covariance, rls.noise_variance, rls.updates) == before
+    assert (rls.refused, rls.resets) == (1, 0)
+
+
+def test_a_state_that_is_not_finite_goes_back_to_the_prior() -> None:
+    rls = RecursiveLeastSquares((1.0, 1.0), memory_s=1.0, prior=(0.5, -0.5))
+    rls.update((0.3, 0.7), 1.0, DT)
+    rls._theta[0] = nan
+    assert rls.update((0.3, 0.7), 1.0, DT) is None
+    assert (rls.resets, rls.updates, rls.theta) == (1, 0, (0.5, -0.5))
+    assert rls.covariance == [[100.0, 0.0], [0.0, 100.0]]
+    assert rls.update((0.3, 0.7), 1.0, DT) is not None
+
+
+def test_a_bound_keeps_the_fit_where_the_motion_can_not_tell_parameters_apart() -> None:
+    bounds = ((0.0, inf),) * 3
+    rls = RecursiveLeastSquares((1.0, 1.0, 1.0), memory_s=2.0, bounds=bounds)
+    for i in range(10_000):
+        s, c = sin(i * DT), cos(i * DT)
+        rls.update((-s, c, s), -0.01 * s + 0.1 * c + s, DT)
+    assert rls.theta == pytest.approx((-0.495, 0.1, 0.495), abs=1e-3)
+    assert rls.parameters == pytest.approx((0.0, 0.1, 0.99), abs=1e-3)
+    assert min(rls.parameters) >= 0.0
+
+
+def test_the_bounded_parameters_are_the_constrained_least_squares() -> None:
+    rng, rls = Random(8), RecursiveLeastSquares((1.0, 1.0), inf, bounds=((0.0, 9.0), (-9.0, 9.0)))
+    rows = [(p := rng.gauss(0.0, 1.0), 0.9 * p + rng.gauss(0.0, 0.3)) for _ in range(500)]
+    forces = [-0.5 * p + 1.0 * q + rng.gauss(0.0, 0.01) for p, q in rows]
+    for phi, y in zip(rows, forces, strict=True):
+        rls.update(phi, y, DT)
+    q = np.array(rows)[:, 1]
+    assert rls.parameters[0] == 0.0
+    assert rls.parameters[1] == pytest.approx(float(q @ np.array(forces) / (q @ q + 0.01)), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("build", "text"),
+    [
+        (lambda: RecursiveLeastSquares((1.0, 0.0), 1.0), r"scales\[1\] = 0.0"),
+        (lambda: RecursiveLeastSquares((1.0, inf), 1.0), r"scales\[1\] = inf"),
+        (lambda: RecursiveLeastSquares((1.0,), -1.0), "memory_s = -1.0"),
+        (lambda: RecursiveLeastSquares((1.0,), nan), "memory_s = nan"),
+        (lambda: RecursiveLeastSquares((1.0,), 1.0, prior_variance=0.0), "prior_variance = 0.0"),
+        (lambda: RecursiveLeastSquares((1.0,), 1.0, prior=(1.0, 2.0)), "2 prior values"),
+        (lambda: RecursiveLeastSquares((1.0,), 1.0, bounds=()), "0 bounds"),
+    ],
+)
+def test_settings_out_of_range_are_refused(build: Callable[[], object], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        build()
+
+
+class Estimator(Protocol):
+    @property
+    def theta(self) -> Sequence[float]: ...
+
+    def update(self, phi: Sequence[float], y: float, dt: float) -> object: ...
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One filtered sample of a contact, and the filtered force without noise."""
+
+    segment: str
+    phi: tuple[float, float, float, float]
+    force_n: float
+    true_n: float
+
+
+NOISE_N = 0.010
+
+
+def multi_sine(t: float) -> float:
+    tones = ((0.004, 0.37), (0.002, 0.91), (0.001, 2.3))
+    return sum(a * sin(2.0 * pi * f * t) for a, f in tones)
+
+
+def hold_scenario() -> list[Sample]:
+    """Excitation, hold, motion, stiffer tissue under a pure sine, hold, motion; 1 um encoder, 10 mN noise."""
+    parts: list[tuple[str, float, float, Callable[[float], float]]] = [
+        ("excitation", 10.0, 80.0, multi_sine),
+        ("hold 1", 10.0, 80.0, lambda t: 0.0),
+        ("after hold 1", 1.0, 80.0, multi_sine),
+        ("sine", 10.0, 160.0, lambda t: 0.004 * sin(pi * t)),
+        ("hold 2", 10.0, 160.0, lambda t: 0.0),
+        ("after hold 2", 1.0, 160.0, multi_sine),
+    ]
+    rng, samples = Random(9), []
+    motion, force, truth = StateFilter(15.0), StateFilter(15.0), StateFilter(15.0)
+    for segment, duration_s, k, position in parts:
+        course = from_rest_to_rest(position, duration_s)
+        for i in range(round(duration_s / DT)):
+            x, v, a = motion_at(course, i * DT)
+            f = 0.05 * a + 0.6 * v + k * x + 0.12
+            x_f, v_f, a_f = motion.step(round(x * 1e6) * 1e-6, DT)
+            y, _, _ = force.step(f + rng.gauss(0.0, NOISE_N), DT)
+            true_n, _, _ = truth.step(f, DT)
+            samples.append(Sample(segment, (a_f, v_f, x_f, 1.0), y, true_n))
+    return samples
+
+
+def from_rest_to_rest(position: Callable[[float], float], duration_s: float) -> Callable[[float], float]:
+    """`position` faded in and out within 0.4 s around 2 mm, two derivatives continuous."""
+
+    def fade(t: float) -> float:
+        u = min(max(t / 0.4, 0.0), 1.0)
+        return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+
+    return lambda t: 0.002 + position(t) * fade(t) * fade(duration_s - t)
+
+
+def motion_at(position: Callable[[float], float], t: float) -> tuple[float, float, float]:
+    h = 1e-4
+    before, here, after = position(t - h), position(t), position(t + h)
+    return here, (after - before) / (2.0 * h), (after - 2.0 * here + before) / h**2
+
+
+def worst_errors(estimator: Estimator, samples: list[Sample]) -> dict[str, float]:
+    """Largest a priori force error per segment; NaN counts as infinite."""
+    worst: dict[str, float] = {}
+    for sample in samples:
+        predicted = sum(p * t for p, t in zip(sample.phi, estimator.theta, strict=True))
+        error = abs(predicted - sample.true_n)
+        worst[sample.segment] = max(worst.get(sample.segment, 0.0), inf if isnan(error) else error)
+        estimator.update(sample.phi, sample.force_n, DT)
+    return worst
+
+
+def test_after_a_hold_the_force_error_stays_near_the_noise_where_the_paper_diverges() -> None:
+    samples = hold_scenario()
+    rls = RecursiveLeastSquares((0.1, 0.015, 0.004, 1.0), memory_s=2.0, noise_floor=0.001)
+    ours, paper = worst_errors(rls, samples), worst_errors(PaperRls(4), samples)
+    for segment in ("hold 1", "after hold 1", "hold 2", "after hold 2"):
+        assert ours[segment] < 2.0 * NOISE_N, segment
+    assert min(paper["after hold 1"], paper["after hold 2"]) > 1.0
+    assert (rls.refused, rls.resets) == (0, 0)
+    assert scaled_trace(rls) < 400.0 / 0.98
+
+
+def test_the_same_samples_give_the_same_floats() -> None:
+    def run() -> tuple[object, ...]:
+        rng, rls = Random(10), RecursiveLeastSquares((1.0, 1.0, 1.0), memory_s=0.3)
+        for _ in range(2000):
+            rls.update(excited(rng, 3), rng.gauss(0.0, 1.0), rng.uniform(0.0, 0.003))
+        return rls.theta, rls.covariance, rls.parameters, rls.noise_variance
+
+    assert run() == run()
