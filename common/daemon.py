@@ -6,7 +6,7 @@ from common.messages import ImpairmentTrace, LoopTiming
 from common.recording.mcap_reader import Run, read_run
 from common.runtime.port import Runtime
 from common.settings import LinkImpairment
-from common.topics import BY_NAME, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, Role
+from common.topics import BY_NAME, Role
 from common.transport.impaired import ImpairedTransport
 from common.transport.impairment import Impairment, Link, ReplayedImpairment
 from common.transport.port import Transport
@@ -35,9 +35,7 @@ def _drawn(settings: ImpairmentSettings, seed: int) -> Link | None:
 
 
 def _replayed(run: Run, role: Role, link: str) -> Link | None:
-    topic = MASTER_IMPAIRMENT if role == "master" else SLAVE_IMPAIRMENT
-    chunks = [chunk for axis in run.axes for chunk in run.messages(axis, topic) if chunk.link == link]
-    trace = [delays for chunk in chunks for delays in chunk.delays_ns]
+    trace = run.impairment_trace(f"{role}/impairment", link)
     return ReplayedImpairment(trace) if trace else None
 
 

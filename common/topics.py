@@ -6,6 +6,7 @@ Publishers, subscribers, watchdogs, the recorder and the report all read it; not
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from typing import Generic, Literal, TypeVar
 
 from common import messages as m
@@ -20,7 +21,7 @@ class Qos(Enum):
 
     STREAM = "newest counts: real-time priority, express, dropped when congested"
     STATE = "periodic state: dropped when congested"
-    EVENT = "rare and important: interactive priority, waits when congested"
+    EVENT = "rare and important: interactive priority, a queue of its own"
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +86,7 @@ def checked_segment(text: str, what: str) -> str:
     return text
 
 
+@lru_cache(maxsize=1024)
 def parse_key(key: str) -> tuple[str, str, Topic[m.Message]] | None:
     """(cell, axis, topic) of a concrete key, or None when it is not one of ours."""
     parts = key.split("/", 3)

@@ -1,6 +1,6 @@
 """The haptic loop of one axis, pure: `tick(now, inputs) -> outputs`. It never waits for the network."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from common.estimation.identification import ContactEstimate
 from common.estimation.prediction import Predictor
@@ -12,8 +12,7 @@ from master.rendering import ForceRenderer
 _LIVE = frozenset({SafetyState.ENGAGING, SafetyState.ARMED})
 
 
-@dataclass(frozen=True, slots=True)
-class NewestForce:
+class NewestForce(NamedTuple):
     """The newest valid force that arrived: sample, arrival stamp, and its age then (None while the clocks are
     not compared).
     """
@@ -22,8 +21,7 @@ class NewestForce:
     arrived_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class HapticInputs:
+class HapticInputs(NamedTuple):
     """What the loop knows at a tick. `state`, `stage_position_m`: the slave's, as they arrived last."""
 
     reading: HandleReading
@@ -33,8 +31,7 @@ class HapticInputs:
     estimate: ContactEstimate | None
 
 
-@dataclass(frozen=True, slots=True)
-class HapticOutputs:
+class HapticOutputs(NamedTuple):
     """What the loop decides: the command, and the force to render beside what it rests on."""
 
     position_m: float

@@ -71,6 +71,8 @@ class PredictionSettings(Settings):
     memory_s: Annotated[float, Field(gt=0, le=3600)] = 2.0
     cutoff_hz: Annotated[float, Field(gt=0, le=400)] = 15.0
     velocity_cutoff_hz: Annotated[float, Field(gt=0, le=400)] = 40.0
+    typical_stroke_m: Annotated[float, Field(gt=0, le=10)] = 0.01
+    noise_floor_n: Annotated[float, Field(gt=0, le=1000)] = 0.001
 
 
 class RenderingSettings(Settings):

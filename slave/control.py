@@ -1,6 +1,7 @@
 """The control loop of one axis, pure: `tick(now, inputs) -> outputs`. Safety.md 5-7 on every tick."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from common.clock_offset import OffsetEstimate
 from common.messages import Grip, MotionCommand, SafetyState
@@ -15,8 +16,7 @@ _MISALIGNED = 5.0  # while engaging, this many alignment tolerances end it
 Transition = tuple[SafetyState, SafetyEventName, SafetyState, str]
 
 
-@dataclass(frozen=True, slots=True)
-class ControlInputs:
+class ControlInputs(NamedTuple):
     """What the loop knows at a tick. `command`: newest admitted one and its receive stamp, or None when there
     is no new one.
     """

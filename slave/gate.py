@@ -3,6 +3,7 @@ received the command.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from common.clock_offset import OffsetEstimate
 from common.messages import MotionCommand
@@ -12,8 +13,7 @@ _BUCKET_NS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
+class Refusal(NamedTuple):
     """Why a command was not admitted: the rule, what was asked and the limit, with its unit."""
 
     rule: str

@@ -2,16 +2,15 @@
 returned.
 """
 
-from dataclasses import dataclass
 from math import copysign, sqrt
+from typing import NamedTuple
 
 from common.settings import AxisLimits
 
 _EXACT = 1e-9  # a change below a nanometre or nm/s is rounding, no intervention
 
 
-@dataclass(frozen=True, slots=True)
-class LimitHit:
+class LimitHit(NamedTuple):
     """One intervention: by which rule, what was asked, what was applied."""
 
     rule: str

@@ -1,8 +1,8 @@
 """The slave's YAML file: devices, gate and simulated world of each axis."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from common.config import Settings
 from common.settings import AxisLimits, ColumnSettings, DaemonSettings, ExistingFile, Segment
@@ -61,11 +61,6 @@ class SlaveAxisSettings(Settings):
     load_cell: LoadCellDriver = LoadCellDriver()
     simulation: WorldSettings = world_settings({"preset": "catheter"})
     seed: int = 0
-
-    @field_validator("simulation", mode="before")
-    @classmethod
-    def _preset(cls, value: Any) -> Any:  # noqa: ANN401 - raw YAML
-        return world_settings(value) if isinstance(value, dict) else value
 
     @model_validator(mode="after")
     def _watchdog_is_on(self) -> Self:

@@ -83,8 +83,7 @@ class RecordReader:
         if len(head) < _HEAD.size:
             return None
         opcode, length = _HEAD.unpack(head)
-        # opcode 0 does not exist: a loss of power can leave zeros behind the last record
-        if opcode == 0 or length > self._size - self._file.tell():
+        if length > self._size - self._file.tell():
             return None
         return opcode, start, self._file.read(length)
 

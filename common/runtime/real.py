@@ -16,7 +16,7 @@ from common.transport.timers import TimerThread
 class RealRuntime:
     """Drives one daemon on the host's monotonic clock.
 
-    Use: register loops and tasks, then `async with runtime:`; leaving it cancels the tasks and joins the threads.
+    Use: register loops and tasks, then `async with runtime:`; leaving it cancels tasks and joins threads.
     `stopping` is set by a fault or by `stop`; whoever runs the daemon waits for it.
     """
 

@@ -15,7 +15,10 @@ KeyedHandler = Callable[[str, bytes, int], None]
 """Like `Handler`, with the key in front: for who subscribes to many keys at once, as the recorder does."""
 
 Put = Callable[[bytes], None]
-"""Sends one payload; returns at once (STREAM, STATE) or after a bounded wait (EVENT). Idle after `close`."""
+"""Sends one payload and returns at once; after a millisecond at most where the network is congested.
+
+Does nothing after `close`.
+"""
 
 OnFault = Callable[[Exception], None]
 """Takes an exception that reached the edge of one of our threads to the safety state; never raises."""

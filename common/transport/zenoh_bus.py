@@ -27,16 +27,17 @@ _FIXED: Mapping[str, object] = {
     "transport/shared_memory/enabled": False,
     "transport/unicast/open_timeout": 500,
     "transport/unicast/accept_timeout": 500,
-    # A put of EVENT quality waits this long for a full queue, then the link is closed and opened anew.
-    "transport/link/tx/queue/congestion_control/block/wait_before_close": 100_000,
+    "transport/link/tx/queue/size/interactive_high": 16,
     # Opening returns at once; the other end may come later.
     "open/return_conditions": {"connect_scouted": False, "declares": False},
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
 }
+# Never BLOCK: a put that waits for a frozen peer keeps the dead link from being given up and opened anew.
+# Events have a queue of their own, of 1 MB: one is dropped only where thousands wait on a dead link.
 _QOS: Mapping[Qos, tuple[CongestionControl, Priority, Reliability, bool]] = {
     Qos.STREAM: (CongestionControl.DROP, Priority.REAL_TIME, Reliability.BEST_EFFORT, True),
     Qos.STATE: (CongestionControl.DROP, Priority.DATA, Reliability.RELIABLE, False),
-    Qos.EVENT: (CongestionControl.BLOCK, Priority.INTERACTIVE_HIGH, Reliability.RELIABLE, True),
+    Qos.EVENT: (CongestionControl.DROP, Priority.INTERACTIVE_HIGH, Reliability.RELIABLE, True),
 }
 
 

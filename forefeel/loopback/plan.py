@@ -113,7 +113,7 @@ def _metadata(wish: Wish) -> dict[str, str]:
         "preset": wish.preset,
         "recording": wish.recording.name if wish.recording else "none: synthetic operator",
         "slave_model": wish.slave_model.name if wish.slave_model else "preset",
-        "master_model": wish.master_model.name if wish.master_model else "m, b, k and bias",
+        "master_model": wish.master_model.name if wish.master_model else "m, b, k, bias and friction",
     }
 
 
@@ -122,7 +122,7 @@ def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, 
         mapping, _ = load_yaml(wish.slave_model)
         slave_axis["simulation"]["contact"] = mapping
     if wish.master_model is not None:
-        master_axis["prediction"] = {"model": str(wish.master_model.resolve())}
+        master_axis.setdefault("prediction", {})["model"] = str(wish.master_model.resolve())
 
 
 def _play(
@@ -151,6 +151,7 @@ def _play(
         "acceleration_limit_m_s2": 2 * limits["max_acceleration_m_s2"],
         "encoder_step_m": min(1e-6, span * 1e-5),
     }
+    master_axis["prediction"] = {"typical_stroke_m": span}
     master_axis["handle"] = {
         "driver": "recording",
         "gap_s": _GAP_S,
@@ -161,7 +162,8 @@ def _play(
         return (*_notes(recording, limits), "no force column: the motion drives the simulated vessel")
     slave_axis["load_cell"] = {"driver": "recorded", **source}
     slave_axis["gate"]["force_timeout_s"] = None
-    strongest_n = float(np.max(np.abs(recording.force_n)))
+    strongest_n, spread_n = float(np.max(np.abs(recording.force_n))), float(np.std(recording.force_n))
+    master_axis["prediction"]["noise_floor_n"] = max(0.01 * spread_n, 1e-6)
     scale = min(1.0, _HAND_MAX_N / strongest_n) if strongest_n > 0 else 1.0
     master_axis["rendering"] = {"force_scale": scale, "max_force_n": _HAND_MAX_N}
     return (*_notes(recording, limits), f"force scale to the hand {scale:.3g}")

@@ -107,9 +107,7 @@ def compare(predicted_n: Floats, held_n: Floats, force_n: Floats) -> Comparison:
 
 
 def error_size(estimate_n: Floats, force_n: Floats) -> ErrorSize:
-    """Size of `estimate_n - force_n`. A figure beyond the range of floats, as of a model that ran away, is
-    None.
-    """
+    """Size of `estimate_n - force_n`; None what no float can hold, as when a model ran away."""
     if not len(force_n):
         return ErrorSize()
     with np.errstate(over="ignore", invalid="ignore"):

@@ -41,8 +41,7 @@ def _append(found: list[Span], span: Span) -> None:
 
 
 def armed_share(found: list[Span], clutched_s: float) -> float | None:
-    """Time armed over the time in which the slave could have been: from the first READY to the end, less
-    `clutched_s`.
+    """Time armed over the time that could have been: from the first READY to the end, less `clutched_s`.
 
     `clutched_s`: time that the operator chose to spend with the clutch open. At most 1: as the master sees
     the slave's state late, a few ms of that time may count as armed too. None when never ready.

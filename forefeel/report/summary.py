@@ -1,11 +1,10 @@
-"""The report of a run as data: what report.json holds."""
+"""The report of a run, worked out from its messages."""
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from common.messages import LoopTiming
 from common.recording.mcap_reader import Run
@@ -21,7 +20,18 @@ from common.topics import (
     Topic,
 )
 from forefeel.report.counters import axis_counters, impairment_counters, last
-from forefeel.report.score import Comparison, ErrorRatio, ErrorSize, Spread, compare, scored, spread
+from forefeel.report.model import (
+    AxisReport,
+    ClockFigures,
+    LoopFigures,
+    Loops,
+    ModelFigures,
+    ParameterFigures,
+    RunReport,
+    SafetyNote,
+    ScoredCommands,
+)
+from forefeel.report.score import Comparison, compare, scored, spread
 from forefeel.report.states import armed_share
 from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns
 
@@ -29,133 +39,11 @@ SETTLING_S = 3.0
 MOST_EVENTS = 100
 _TIMINGS = {"master": MASTER_TIMING, "slave": SLAVE_TIMING}
 _HOW = (
-    "Scored by command: a prediction, and the hold of the newest force, against the first force that the slave "
-    "measured while it executed the command of the same tick.",
+    "Scored by command: a prediction, and the hold of the newest force, against the first force that "
+    "the slave measured while it executed the command of the same tick.",
     "Both are scored on the same commands, from the first one for which both exist; "
     f"'settled' starts {SETTLING_S:g} s after it.",
 )
-
-
-class _Part(BaseModel):
-    model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class ScoredCommands(_Part):
-    """`sent` by the master; `answered` by a valid force; `scored`: answered, and predicted and held. Shares
-    of `sent`.
-    """
-
-    sent: int = 0
-    answered: int = 0
-    scored: int = 0
-    answered_share: float | None = None
-    scored_share: float | None = None
-
-
-class LoopFigures(_Part):
-    """Lateness of a loop since its start, from its last word; None when it said nothing."""
-
-    p50_us: float | None = None
-    p99_us: float | None = None
-    max_us: float | None = None
-    ticks: int | None = None
-    missed: int | None = None
-    scheduling: str | None = None
-
-
-class Loops(_Part):
-    """Both ends' 1 kHz loops."""
-
-    master: LoopFigures = LoopFigures()
-    slave: LoopFigures = LoopFigures()
-
-
-class ClockFigures(_Part):
-    """The slave's clock minus the master's, true to within +-`bound_s`; as the master knew it last."""
-
-    offset_s: float | None = None
-    bound_s: float | None = None
-    grade: Literal["good", "acceptable", "poor", "unknown"] = "unknown"
-
-
-class ParameterFigures(_Part):
-    """One identified parameter as it was last; its unit stands in its name."""
-
-    name: str
-    value: float
-    standard_deviation: float
-
-
-class ModelFigures(_Part):
-    """How far the identification came; None when it said nothing."""
-
-    valid: bool | None = None
-    samples: int | None = None
-    updates: int | None = None
-    resets: int | None = None
-    innovation_rms_n: float | None = None
-
-
-class SafetyNote(_Part):
-    """One transition of the slave's safety state."""
-
-    time_s: float
-    before: str
-    event: str
-    after: str
-    reason: str
-
-
-class AxisReport(_Part):
-    """One axis. What was not recorded is None, or empty."""
-
-    axis: str | None = None
-    commands: ScoredCommands = ScoredCommands()
-    prediction: ErrorSize = ErrorSize()
-    hold: ErrorSize = ErrorSize()
-    ratio: ErrorRatio = ErrorRatio()
-    settled: Comparison = Comparison()
-    delay_s: Spread = Spread()
-    force_age_s: Spread = Spread()
-    armed_share: float | None = None
-    stops: int | None = None
-    clock: ClockFigures = ClockFigures()
-    parameters: tuple[ParameterFigures, ...] = ()
-    identifiable: tuple[str, ...] = ()
-    model: ModelFigures = ModelFigures()
-    counters: dict[str, int] = {}
-    safety_events: tuple[SafetyNote, ...] = ()
-    settings: dict[str, str] = {}
-    samples: dict[str, int] = {}
-    notes: tuple[str, ...] = ()
-
-
-class _RunFields(_Part):
-    format: Annotated[Literal["forefeel.report/1"], Field(alias="schema")] = "forefeel.report/1"
-    recording: str = ""
-    cell: str | None = None
-    duration_s: float = 0.0
-    truncated: bool = False
-    seed: str | None = None
-    impairment: str | None = None
-    loop: Loops = Loops()
-
-
-class RunReport(AxisReport, _RunFields):
-    """The whole run: the fields of its first axis by name, what both daemons say of themselves, every axis in
-    `axes`.
-
-    `format` is called `schema` in JSON. `seed` and `impairment` are those of the metadata table `run`.
-    `counters`
-    counts what the impairment did, too.
-    """
-
-    metadata: dict[str, dict[str, str]] = {}
-    axes: dict[str, AxisReport] = {}
-
-    def to_json(self) -> str:
-        """As JSON text: keys in the order of the fields, None as null, never NaN."""
-        return self.model_dump_json(by_alias=True, indent=2) + "\n"
 
 
 def summarise(run: Run) -> RunReport:
@@ -288,9 +176,7 @@ def _safety_events(run: Run, axis: str, start_ns: int) -> tuple[SafetyNote, ...]
 
 
 def _settings(run: Run, axis: str) -> dict[str, str]:
-    """What both ends had to agree on, as the slave's last handshake says; it came from the network and may be
-    anything.
-    """
+    """What both ends had to agree on: the slave's last word, which may be anything."""
     handshake = last(run.messages(axis, SLAVE_HANDSHAKE))
     if handshake is None or not handshake.settings:
         return {}
@@ -300,7 +186,14 @@ def _settings(run: Run, axis: str) -> dict[str, str]:
         settings = None
     if not isinstance(settings, Mapping):
         return {"settings": handshake.settings}
-    return {name: value if isinstance(value, str) else json.dumps(value) for name, value in sorted(settings.items())}
+
+    return {_text(name): _text(settings[name]) for name in sorted(settings)}
+
+
+def _text(value: object) -> str:
+    """As text that UTF-8 can hold: JSON allows half a surrogate pair."""
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text.encode(errors="replace").decode()
 
 
 def _notes(run: Run, axis: str, commands: ScoredCommands) -> tuple[str, ...]:

@@ -19,9 +19,7 @@ from forefeel.report.states import Span, spans
 
 @dataclass(frozen=True, slots=True)
 class CommandTraces:
-    """One row per command; NaN where there was none. `force_n`: measured while the slave executed that
-    command.
-    """
+    """One row per command, NaN for none. `force_n`: measured while the slave executed that command."""
 
     time_s: Floats
     position_m: Floats
@@ -33,9 +31,7 @@ class CommandTraces:
 
 @dataclass(frozen=True, slots=True)
 class ParameterTraces:
-    """Identified parameters: names (p), values and standard deviations (n, p); of the model that was used
-    last.
-    """
+    """Identified parameters of the model used last: names (p), values and deviations (n, p)."""
 
     names: tuple[str, ...]
     time_s: Floats
@@ -45,10 +41,11 @@ class ParameterTraces:
 
 @dataclass(frozen=True, slots=True)
 class AxisTraces:
-    """One axis. `delay_s`: one round trip per newly answered command; `start_ns`: where the times count from.
-    """
+    """One axis. `delay_s`: one round trip per newly answered command. `start_ns`: stamp of t = 0."""
 
     start_ns: int
+    duration_s: float
+
     commands: CommandTraces
     force_age_s: Floats
     delay_s: Floats
@@ -75,6 +72,7 @@ def axis_traces(run: Run, axis: str) -> AxisTraces:
     start_ns, end_ns = run_span_ns(run)
     return AxisTraces(
         start_ns=start_ns,
+        duration_s=(end_ns - start_ns) * 1e-9,
         commands=_commands(run, axis, start_ns),
         force_age_s=_floats(run, axis, HAPTICS, "force_age_s"),
         delay_s=_delays(run, axis),
@@ -94,9 +92,15 @@ def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
         run.column(axis, FORCE, "stamp_ns")[rows],
     )
     force_n = np.append(_floats(run, axis, FORCE, "force_n")[rows], np.nan)[index]  # -1: the NaN
-    names = "command_position_m", "predicted_n", "held_n", "rendered_n"
-    columns = (_floats(run, axis, HAPTICS, name) for name in names)
-    return CommandTraces(_time_s(run, axis, HAPTICS, start_ns), *columns, force_n)
+
+    return CommandTraces(
+        time_s=_time_s(run, axis, HAPTICS, start_ns),
+        position_m=_floats(run, axis, HAPTICS, "command_position_m"),
+        predicted_n=_floats(run, axis, HAPTICS, "predicted_n"),
+        held_n=_floats(run, axis, HAPTICS, "held_n"),
+        rendered_n=_floats(run, axis, HAPTICS, "rendered_n"),
+        force_n=force_n,
+    )
 
 
 def _delays(run: Run, axis: str) -> Floats:

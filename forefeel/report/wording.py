@@ -31,14 +31,16 @@ def share(value: float | None) -> str:
 
 def ratio(value: float | None) -> str:
     """A ratio with three digits."""
-    return UNKNOWN if value is None else f"{value:.3g}"
+    return UNKNOWN if value is None else f"{value:#.3g}".rstrip(".")
 
 
 def number(value: float | None) -> str:
     """An integer with thin gaps between the thousands, or a number with four digits."""
     if value is None:
         return UNKNOWN
-    return f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}") if isinstance(value, int) else f"{value:.4g}"
+    return (
+        f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}") if isinstance(value, int) else f"{value:.4g}"
+    )
 
 
 def verdict(ratio_rms: float | None) -> str:

@@ -1,13 +1,11 @@
 """The handle port: what the master needs of the thing in the surgeon's hand."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from common.messages import Grip, SafetyState
 
 
-@dataclass(frozen=True, slots=True)
-class HandleReading:
+class HandleReading(NamedTuple):
     """Where the handle is and what is pressed. `recording_time_s`: time in the recording that is being
     played, if one is.
     """
@@ -19,8 +17,7 @@ class HandleReading:
     recording_time_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Indication:
+class Indication(NamedTuple):
     """What is shown to the person: the slave's state (None: no link) and where its stage is."""
 
     state: SafetyState | None

@@ -1,11 +1,9 @@
 """The load-cell port: what the control loop needs of a force sensor."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 
-@dataclass(frozen=True, slots=True)
-class LoadCellReading:
+class LoadCellReading(NamedTuple):
     """Force in N, the raw counts it comes from, and whether to believe it (in range, no device error)."""
 
     force_n: float

@@ -1,11 +1,9 @@
 """The stage port: what the control loop needs of a drive."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 
-@dataclass(frozen=True, slots=True)
-class StageReading:
+class StageReading(NamedTuple):
     """What the drive reads back: position of the motor's encoder in m, velocity in m/s."""
 
     position_m: float

@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -91,7 +92,7 @@ def test_delivers_in_order_to_others_and_never_to_itself(net: Net) -> None:
     own: list[bytes] = []
     first.subscribe(KEY, lambda payload, stamp: got.append((payload, stamp)))
     second.subscribe(KEY, lambda payload, _: own.append(payload))
-    put = second.publisher(KEY, Qos.STREAM)
+    put = second.publisher(KEY, Qos.EVENT)
     put_until(put, lambda: got)
     got.clear()
     before = CLOCK.now_ns()
@@ -158,8 +159,8 @@ def test_a_slow_handler_does_not_hold_up_the_commands(net: Net) -> None:
         put_force(b"x")
         put_command(b"%d" % CLOCK.now_ns())
         time.sleep(0.001)
-    wait_until(lambda: len(commands) == 1000, 1)
-    assert sorted(commands)[500] < 5_000_000
+    wait_until(lambda: len(commands) > 900, 1)
+    assert sorted(commands)[450] < 5_000_000
     assert len(forces) < 100
 
 
@@ -260,25 +261,29 @@ while True:
 """
 
 
-def peer(net: Net, payload: str) -> "subprocess.Popen[bytes]":
-    return subprocess.Popen([sys.executable, "-c", PEER, net.endpoint, KEY, payload])
+@contextmanager
+def peer(net: Net, payload: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """Another process that listens and puts `payload` all the time; killed at the end."""
+    with subprocess.Popen([sys.executable, "-c", PEER, net.endpoint, KEY, payload]) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def test_a_peer_that_is_killed_and_started_again_is_heard_again(net: Net) -> None:
     transport = net.connector()
     got: list[bytes] = []
     transport.subscribe(KEY, lambda payload, _: got.append(payload))
-    with peer(net, "first") as process:
+    with peer(net, "first"):
         wait_until(lambda: b"first" in got)
-        process.kill()
     wait_until(lambda: transport.peers() == 0, 1)
-    with peer(net, "second") as process:
+    with peer(net, "second"):
         wait_until(lambda: b"second" in got)
-        process.kill()
 
 
-@pytest.mark.parametrize(("qos", "limit_s"), [(Qos.STREAM, 0.05), (Qos.EVENT, 0.3)])
-def test_a_put_never_waits_long_for_a_frozen_peer(net: Net, qos: Qos, limit_s: float) -> None:
+@pytest.mark.parametrize("qos", [Qos.STREAM, Qos.EVENT])
+def test_no_put_waits_for_a_frozen_peer_and_its_link_is_given_up(net: Net, qos: Qos) -> None:
     transport = net.connector()
     received: list[bytes] = []
     transport.subscribe(KEY, lambda payload, _: received.append(payload))
@@ -295,8 +300,7 @@ def test_a_put_never_waits_long_for_a_frozen_peer(net: Net, qos: Qos, limit_s: f
             slowest_s = max(slowest_s, time.monotonic() - begin)
             time.sleep(0.0005)
         wait_until(lambda: transport.peers() == 0, 1)  # the lease of 1 s is over
-        process.kill()
-    assert slowest_s < limit_s
+    assert slowest_s < 0.05
 
 
 def test_an_impaired_transport_delays_and_loses_as_it_was_asked(net: Net) -> None:
@@ -321,5 +325,5 @@ def test_an_impaired_transport_delays_and_loses_as_it_was_asked(net: Net) -> Non
     assert len(delays_ns) == len(planned_ns)
     excess_ns = sorted(delay - planned for delay, planned in zip(delays_ns, planned_ns, strict=True))
     assert excess_ns[0] >= 0  # never early
-    assert excess_ns[len(excess_ns) // 2] < 3_000_000  # 0.2 ms on an idle machine
+    assert excess_ns[len(excess_ns) // 2] < 10_000_000  # 0.1 ms on an idle machine
     assert net.faults == []

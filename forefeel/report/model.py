@@ -1,0 +1,126 @@
+"""What report.json holds."""
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from forefeel.report.score import Comparison, ErrorRatio, ErrorSize, Spread
+
+
+class _Part(BaseModel):
+    model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class ScoredCommands(_Part):
+    """`sent` by the master; `answered` by a valid force; `scored`: answered, predicted and held."""
+
+    sent: int = 0
+    answered: int = 0
+    scored: int = 0
+    answered_share: float | None = None
+    scored_share: float | None = None
+
+
+class LoopFigures(_Part):
+    """Lateness of a loop since its start, from its last word; None when it said nothing."""
+
+    p50_us: float | None = None
+    p99_us: float | None = None
+    max_us: float | None = None
+    ticks: int | None = None
+    missed: int | None = None
+    scheduling: str | None = None
+
+
+class Loops(_Part):
+    """Both ends' 1 kHz loops."""
+
+    master: LoopFigures = LoopFigures()
+    slave: LoopFigures = LoopFigures()
+
+
+class ClockFigures(_Part):
+    """The slave's clock minus the master's, true to within +-`bound_s`; as the master knew it last."""
+
+    offset_s: float | None = None
+    bound_s: float | None = None
+    grade: Literal["good", "acceptable", "poor", "unknown"] = "unknown"
+
+
+class ParameterFigures(_Part):
+    """One identified parameter as it was last; its unit stands in its name."""
+
+    name: str
+    value: float
+    standard_deviation: float
+
+
+class ModelFigures(_Part):
+    """How far the identification came; None when it said nothing."""
+
+    valid: bool | None = None
+    samples: int | None = None
+    updates: int | None = None
+    resets: int | None = None
+    innovation_rms_n: float | None = None
+
+
+class SafetyNote(_Part):
+    """One transition of the slave's safety state."""
+
+    time_s: float
+    before: str
+    event: str
+    after: str
+    reason: str
+
+
+class AxisReport(_Part):
+    """One axis. What was not recorded is None, or empty."""
+
+    axis: str | None = None
+    commands: ScoredCommands = ScoredCommands()
+    prediction: ErrorSize = ErrorSize()
+    hold: ErrorSize = ErrorSize()
+    ratio: ErrorRatio = ErrorRatio()
+    settled: Comparison = Comparison()
+    delay_s: Spread = Spread()
+    force_age_s: Spread = Spread()
+    armed_share: float | None = None
+    stops: int | None = None
+    clock: ClockFigures = ClockFigures()
+    parameters: tuple[ParameterFigures, ...] = ()
+    identifiable: tuple[str, ...] = ()
+    model: ModelFigures = ModelFigures()
+    counters: dict[str, int] = {}
+    safety_events: tuple[SafetyNote, ...] = ()
+    settings: dict[str, str] = {}
+    samples: dict[str, int] = {}
+    notes: tuple[str, ...] = ()
+
+
+class _RunFields(_Part):
+    format: Annotated[Literal["forefeel.report/1"], Field(alias="schema")] = "forefeel.report/1"
+    recording: str = ""
+    cell: str | None = None
+    duration_s: float = 0.0
+    truncated: bool = False
+    seed: str | None = None
+    impairment: str | None = None
+    loop: Loops = Loops()
+
+
+class RunReport(AxisReport, _RunFields):
+    """The whole run: its own fields, those of its first axis, and every axis in `axes`.
+
+    `format` is called `schema` in JSON. `seed` and `impairment` are those of the metadata table `run`.
+    `counters`
+    counts what the impairment did, too.
+    """
+
+    metadata: dict[str, dict[str, str]] = {}
+    axes: dict[str, AxisReport] = {}
+
+    def to_json(self) -> str:
+        """As JSON text: keys in the order of the fields, None as null, never NaN."""
+        return self.model_dump_json(by_alias=True, indent=2) + "\n"

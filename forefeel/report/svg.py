@@ -1,0 +1,110 @@
+"""How the figures look, and their way into a page: inline SVG, the same bytes for the same figure."""
+
+import re
+from contextlib import AbstractContextManager
+from html import escape
+from io import StringIO
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from forefeel.report.score import Floats
+
+BLACK, ORANGE, SKY, GREEN = "#1a1a1a", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILION, PURPLE, GREY = "#F0E442", "#0072B2", "#D55E00", "#CC79A7", "#b8bec6"
+"""Okabe and Ito's palette, which readers with any colour vision can tell apart; and a grey."""
+
+BINS = 1000
+"""Longer traces are drawn as smallest and largest value in each of so many stretches of time."""
+
+_GAP_S = 0.25
+_WIDTH_IN = 11.0
+_STYLE: Any = {
+    "font.size": 9.5,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.edgecolor": "#8a939e",
+    "axes.labelcolor": "#3c4450",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e9ee",
+    "grid.linewidth": 0.7,
+    "xtick.color": "#8a939e",
+    "ytick.color": "#8a939e",
+    "xtick.labelcolor": "#3c4450",
+    "ytick.labelcolor": "#3c4450",
+    "lines.linewidth": 1.1,
+    "lines.solid_joinstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+    "svg.fonttype": "none",
+    "text.parse_math": False,
+}
+_GROUP_ID = re.compile(r'<g id="[^"]*"')
+_VIEW_BOX = re.compile(r'<svg [^>]*?(viewBox="[^"]*")[^>]*>')
+
+
+def styled() -> AbstractContextManager[None]:
+    """Where a figure is built and turned into SVG."""
+    return mpl.rc_context(_STYLE)
+
+
+def new_figure(height_in: float) -> Figure:
+    """A figure of the page's width, transparent."""
+    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained", facecolor="none")
+    FigureCanvasSVG(figure)
+    return figure
+
+
+def to_svg(figure: Figure, name: str, title: str) -> str:
+    """The figure as an `<svg>` element that scales with the page; `name` sets its ids apart."""
+    text = StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with mpl.rc_context({"svg.hashsalt": f"forefeel {name}"}):
+        figure.savefig(text, format="svg", metadata=nothing, facecolor="none")
+    svg = text.getvalue()
+    svg = _GROUP_ID.sub("<g", svg[svg.index("<svg ") :])
+    label = escape(title)
+    return _VIEW_BOX.sub(lambda found: f'<svg {found[1]} role="img" aria-label="{label}">', svg, count=1)
+
+
+def thin(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """The trace as a line of about 2 BINS points at most that keeps every peak.
+
+    NaN interrupts the line, and so does a pause over 0.25 s.
+    """
+    order = np.argsort(time_s, kind="stable")
+    time_s, values = time_s[order], values[order]
+    pauses = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
+    time_s = np.insert(time_s, pauses, (time_s[pauses - 1] + time_s[pauses]) / 2)
+    values = np.insert(values, pauses, np.nan)
+    if len(time_s) <= 2 * BINS:
+        return time_s, values
+    bins = np.minimum((time_s - time_s[0]) / (time_s[-1] - time_s[0]) * BINS, BINS - 1).astype(np.int64)
+    starts = np.flatnonzero(np.diff(bins, prepend=-1))
+    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    return np.repeat(time_s[starts], 2), np.column_stack((low, high)).ravel()
+
+
+def limit_y(axes: Axes, *traces: Floats, trim: float = 0.0) -> None:
+    """Limits the y axis to the traces, without a share `trim` of each trace's lowest and highest values."""
+    known = [trace[np.isfinite(trace)] for trace in traces]
+    ends = [np.quantile(trace, (trim, 1 - trim)) for trace in known if len(trace)]
+    if not ends:
+        return
+    low, high = min(float(e[0]) for e in ends), max(float(e[1]) for e in ends)
+    margin = 0.06 * (high - low) or 0.1 * abs(high) or 1.0
+    axes.set_ylim(low - margin, high + margin)
+
+
+def plot(axes: Axes, time_s: Floats, values: Floats, colour: str, label: str, width: float = 1.1) -> None:
+    """Draws a trace, thinned; it goes just out of the picture where it is beyond the limits."""
+    low, high = axes.get_ylim()
+    span = high - low
+    x, y = thin(time_s, values)
+    axes.plot(x, np.clip(y, low - span, high + span), color=colour, label=label, linewidth=width)
