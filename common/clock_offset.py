@@ -3,23 +3,28 @@
 from collections import deque
 from dataclasses import dataclass
 
+_LARGEST_NS = 2**62  # 146 years: a forged stamp, and more than a message could carry
+_DRIFT_DIVISOR = 10_000  # two free crystals of 50 ppm part by at most 1 ns in this many
+
 
 @dataclass(frozen=True, slots=True)
 class OffsetEstimate:
-    """`offset_ns` = peer's clock minus mine, true to within +-`bound_ns` (half of the round trip)."""
+    """`offset_ns` = peer's clock minus mine, true to within +-`bound_ns`: half of the round trip, and what
+    two free clocks part by since that exchange.
+    """
 
     offset_ns: int
     bound_ns: int
 
     @property
     def round_trip_ns(self) -> int:
-        """The round trip that the estimate rests on."""
+        """The round trip that the estimate rests on, at most."""
         return 2 * self.bound_ns
 
 
 class ClockOffset:
-    """Keeps the exchange with the smallest round trip of the last `window_ns` (Cristian 1989; RFC 5905
-    section 10).
+    """Keeps the exchange with the smallest bound of the last `window_ns` (Cristian 1989; RFC 5905 section 10:
+    the bound of an exchange grows with its age).
     """
 
     def __init__(self, window_ns: int = 10_000_000_000) -> None:
@@ -31,18 +36,18 @@ class ClockOffset:
         """One exchange, all in ns: t1 sent (mine), t2 received (peer's), t3 sent back (peer's), t4 received
         (mine).
 
-        Exchanges with a negative round trip (a clock that was set, a forged stamp) are ignored.
+        Exchanges that can not be (a negative round trip, an answer before its question: a clock that was set,
+        a forged stamp) are ignored.
         """
         round_trip = (t4 - t1) - (t3 - t2)
-        if round_trip < 0 or t4 < t1:
+        offset = ((t2 - t1) + (t3 - t4)) // 2
+        if round_trip < 0 or t3 < t2 or abs(offset) > _LARGEST_NS:
             return
-        self._exchanges.append((t4, round_trip, ((t2 - t1) + (t3 - t4)) // 2))
+        self._exchanges.append((t4, round_trip, offset))
         while self._exchanges[0][0] < t4 - self._window_ns:
             self._exchanges.popleft()
-        _, shortest, offset = min(self._exchanges, key=lambda exchange: exchange[1])
-        self.best = OffsetEstimate(offset, (shortest + 1) // 2)
-
-    def reset(self) -> None:
-        """Forgets everything, as after a new peer."""
-        self._exchanges.clear()
-        self.best = None
+        bound, offset = min(
+            ((trip + 1) // 2 + (t4 - then) // _DRIFT_DIVISOR, offset)
+            for then, trip, offset in self._exchanges
+        )
+        self.best = OffsetEstimate(offset, bound)

@@ -32,7 +32,7 @@ def unpack(payload: bytes) -> dict[str, object]:
         fields = msgpack.unpackb(
             payload,
             use_list=False,
-            max_str_len=4096,
+            max_str_len=4 * 4096,  # the longest text of a message, every character of four bytes
             max_bin_len=0,
             max_ext_len=0,
             max_array_len=_MAX_ITEMS,
@@ -42,6 +42,8 @@ def unpack(payload: bytes) -> dict[str, object]:
         raise CodecError(f"not msgpack: {type(error).__name__}") from error
     if type(fields) is not dict:
         raise CodecError(f"expected a map of fields, got {type(fields).__name__}")
+    if not all(type(name) is str for name in fields):
+        raise CodecError("expected field names of text")
     return fields
 
 

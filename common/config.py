@@ -47,18 +47,18 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigurationError(f"{path}: {reason}; expected a readable YAML file") from error
-    loader = _Loader(text)
     try:
+        loader = _Loader(text)
         node = loader.get_single_node()
-        lines = dict(_lines(node, (), path)) if node else {}
+        lines = dict(_lines(node, (), path, ())) if node else {}
         data = loader.construct_document(node) if node else None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark else 1
-        problem = getattr(error, "problem", None) or "not YAML"
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
         raise ConfigurationError(f"{path}:{line}: {problem}; expected YAML") from error
-    finally:
-        loader.dispose()
+    except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
+        raise ConfigurationError(f"{path}: {error}; expected YAML") from error
     if not isinstance(data, dict):
         raise ConfigurationError(f"{path}:1: {type(data).__name__}; expected a mapping of settings")
     return data, lines
@@ -89,7 +89,7 @@ def checked(
 
 
 def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str:
-    place: Place = tuple(problem["loc"])
+    place = _placed(problem["loc"], lines)
     known = place
     while known and known not in lines:
         known = known[:-1]
@@ -106,21 +106,38 @@ def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str
     return f"{where}{line}: {dotted} = {shown}: {expected[:1].lower()}{expected[1:]}"
 
 
-def _lines(node: yaml.Node, place: Place, path: Path) -> Iterator[tuple[Place, int]]:
-    yield place, node.start_mark.line + 1
+def _placed(loc: Place, lines: dict[Place, int]) -> Place:
+    """`loc` as it stands in the file: without the names of union members that pydantic puts in between."""
+    place: Place = ()
+    for part in loc[:-1]:
+        if not lines or (*place, part) in lines:
+            place = (*place, part)
+    return (*place, *loc[-1:])
+
+
+def _lines(
+    node: yaml.Node, place: Place, path: Path, around: tuple[yaml.Node, ...]
+) -> Iterator[tuple[Place, int]]:
+    line = node.start_mark.line + 1
+    yield place, line
+    if node in around:
+        raise ConfigurationError(f"{path}:{line}: an alias inside of what it stands for; expected a value")
+    around = (*around, node)
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
-            yield from _lines(child, (*place, index), path)
+            yield from _lines(child, (*place, index), path, around)
     elif isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
         for key, child in node.value:
             line = key.start_mark.line + 1
+            if not isinstance(key, yaml.ScalarNode):
+                raise ConfigurationError(f"{path}:{line}: a {key.id} as key; expected the name of a setting")
             if key.value in seen:
                 raise ConfigurationError(
                     f"{path}:{line}: {key.value}: the key stands twice; expected it once"
                 )
             seen.add(key.value)
-            yield from _lines(child, (*place, key.value), path)
+            yield from _lines(child, (*place, key.value), path, around)
             yield (*place, key.value), line
 
 

@@ -26,7 +26,7 @@ def _segment(text: str) -> str:
 
 def _existing(path: Path, info: ValidationInfo) -> Path:
     directory = (info.context or {}).get("directory", Path())
-    resolved: Path = path if path.is_absolute() else directory / path
+    resolved: Path = (directory / path).absolute()
     if not resolved.is_file():
         raise ValueError("expected a file that exists (relative to this configuration file)")
     return resolved
@@ -126,7 +126,7 @@ def differences(mine: str, theirs: str) -> str:
     """
     try:
         other = json.loads(theirs)
-    except ValueError:
+    except (ValueError, RecursionError):
         other = None
     if not isinstance(other, dict):
         return "the peer's settings are unreadable"
@@ -136,4 +136,4 @@ def differences(mine: str, theirs: str) -> str:
         for key in sorted({*own, *other})
         if own.get(key) != other.get(key)
     ]
-    return "; ".join(fields)[:200]
+    return ascii("; ".join(fields))[1:-1][:200]  # what the peer sent may hold line breaks and half characters

@@ -4,6 +4,7 @@ recorded or not.
 Publishers, subscribers, watchdogs, the recorder and the report all read it; nothing else spells a key.
 """
 
+import re
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
@@ -74,6 +75,8 @@ TOPICS: tuple[Topic[m.Message], ...] = (
 BY_NAME: dict[str, Topic[m.Message]] = {topic.name: topic for topic in TOPICS}
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
 
+_SEGMENT = re.compile(r"[^@*$?#/\s][^*$?#/\s]*")
+
 
 def checked_segment(text: str, what: str) -> str:
     """`text` when it can stand as one segment of a key expression.
@@ -81,7 +84,7 @@ def checked_segment(text: str, what: str) -> str:
     Raises:
         ConfigurationError: empty, a slash, or a character that Zenoh gives a meaning (`*`, `$`, `?`, `#`).
     """
-    if not text or any(c in text for c in "*$?#/ ") or text.startswith("@"):
+    if not _SEGMENT.fullmatch(text):
         raise ConfigurationError(f"{what} = {text!r}: expected one key segment without / * $ ? # or blanks")
     return text
 
@@ -91,5 +94,7 @@ def parse_key(key: str) -> tuple[str, str, Topic[m.Message]] | None:
     """(cell, axis, topic) of a concrete key, or None when it is not one of ours."""
     parts = key.split("/", 3)
     if len(parts) != 4 or parts[0] != "forefeel" or parts[3] not in BY_NAME:
+        return None
+    if not (_SEGMENT.fullmatch(parts[1]) and _SEGMENT.fullmatch(parts[2])):
         return None
     return parts[1], parts[2], BY_NAME[parts[3]]

@@ -2,6 +2,8 @@
 
 import sys
 
+import typer
+
 from common.errors import ForefeelError, InputError
 
 
@@ -10,15 +12,20 @@ def main() -> None:
     from forefeel.cli import app  # noqa: PLC0415 - so that an import error of an extra is one line, too
 
     try:
-        app()
+        code = app(standalone_mode=False)
     except InputError as error:
-        _complain(error, 2)
+        _complain(str(error), 2)
     except ForefeelError as error:
-        _complain(error, 1)
+        _complain(str(error), 1)
+    except typer.TyperException as error:  # wrong usage, which typer itself would show in a box
+        _complain(error.format_message(), error.exit_code)
+    else:
+        sys.exit(code)
 
 
-def _complain(error: ForefeelError, code: int) -> None:
-    print(f"forefeel: {error}", file=sys.stderr, flush=True)
+def _complain(text: str, code: int) -> None:
+    if text:  # empty where the help was shown instead
+        print(f"forefeel: {' '.join(text.splitlines())}", file=sys.stderr, flush=True)
     sys.exit(code)
 
 

@@ -11,7 +11,9 @@ from common.config import dump_yaml, load_settings, load_yaml
 from common.errors import ConfigurationError
 from common.recording.tabular import Mapping
 from common.settings import DaemonSettings
+from common.topics import checked_segment
 from common.transport.settings import PRESETS, TransportSettings
+from forefeel.interrupt import interruptible
 
 app = typer.Typer(
     name="forefeel",
@@ -25,7 +27,7 @@ app.add_typer(config_app, name="config")
 
 ConfigFile = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
 Duration = Annotated[
-    float | None, typer.Option("--duration", help="End after this many seconds.", metavar="S")
+    float | None, typer.Option("--duration", min=0.0, help="End after this many seconds.", metavar="S")
 ]
 
 
@@ -38,10 +40,10 @@ def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
     from master.settings import MasterSettings  # noqa: PLC0415 - each daemon loads only its own side
     from slave.settings import SlaveSettings  # noqa: PLC0415
 
-    kinds: dict[object, type[DaemonSettings]] = {"slave": SlaveSettings, "master": MasterSettings}
+    kinds: dict[str, type[DaemonSettings]] = {"slave": SlaveSettings, "master": MasterSettings}
     data, lines = load_yaml(path)
     found = data.get("role")
-    if found not in kinds or (role is not None and found != role):
+    if not isinstance(found, str) or found not in kinds or (role is not None and found != role):
         line = f":{lines[('role',)]}" if ("role",) in lines else ""
         expected = repr(role) if role else "'slave' or 'master'"
         raise ConfigurationError(f"{path}{line}: role = {found!r}: expected {expected}")
@@ -88,18 +90,21 @@ def record(
     """Record a cell to MCAP until Ctrl-C, in a process of its own."""
     from forefeel.recorder import Recorder  # noqa: PLC0415
 
+    checked_segment(cell, "--cell")
     recorder = Recorder(out, cell, TransportSettings(connect=tuple(connect)), {"cell": cell})
     console = Console(stderr=True)
     console.print(f"recording cell {cell} to {out}; Ctrl-C ends", highlight=False)
     start_s = time.monotonic()
-    try:
-        while duration is None or time.monotonic() - start_s < duration:
-            recorder.check()
-            time.sleep(0.1)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        recorder.close()
+    with interruptible() as ignore_signals:
+        try:
+            while duration is None or time.monotonic() - start_s < duration:
+                recorder.check()
+                time.sleep(0.1)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            ignore_signals()
+            recorder.close()
     console.print(f"{out}: closed", highlight=False)
 
 

@@ -9,7 +9,7 @@ import signal
 import sys
 from secrets import randbits
 
-from common.errors import ConfigurationError, EndpointError
+from common.errors import ConfigurationError, EndpointError, RunError
 from common.runtime.real import RealRuntime
 from common.settings import DaemonSettings
 from common.transport.zenoh_bus import ZenohTransport
@@ -68,7 +68,7 @@ async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
         daemon.shut_down()
         await _rest(daemon)
     daemon.close(runtime.clock.now_ns())
-    say("slave: stage at rest, closed")
+    say(f"slave: {'stage at rest' if daemon.at_rest else 'stage told to hold'}, closed")
     runtime.raise_fault()
 
 
@@ -114,8 +114,7 @@ async def _session(
             return
         axis, waited_s = waiting[0], (runtime.clock.now_ns() - start_ns) * 1e-9
         where = ", ".join(connect) or "our own endpoint"
-        if axis.session.link is Link.MISMATCH:
-            raise ConfigurationError(f"axis {axis.name}: the slave refuses: {axis.session.reason}")
+        _refuse_mismatch(waiting)
         if timeout_s is not None and waited_s > timeout_s:
             word = axis.session.reason if axis.session.heard_ns else "no answer"
             raise EndpointError(
@@ -132,13 +131,33 @@ async def _until(runtime: RealRuntime, duration_s: float | None, daemon: MasterD
     """Returns when the daemon is to end: told to, the duration is over, or the motion that is played has
     ended.
     """
-    start_ns = runtime.clock.now_ns()
+    start_ns, linked = runtime.clock.now_ns(), True
     while not runtime.stopping.is_set():
         if duration_s is not None and runtime.clock.now_ns() - start_ns >= duration_s * 1e9:
             return
-        if daemon is not None and daemon.finished:
-            return
+        if daemon is not None:
+            if daemon.finished:
+                return
+            linked = _show_link(daemon, linked)
         await asyncio.sleep(_POLL_S)
+
+
+def _show_link(daemon: MasterDaemon, linked: bool) -> bool:
+    """Says when a session was lost and when all are open again; whether they are."""
+    waiting = [axis for axis in daemon.axes if axis.session.link is not Link.OPEN]
+    _refuse_mismatch(waiting)
+    if waiting and linked:
+        say(f"master: axis {waiting[0].name}: {waiting[0].session.reason}; waiting for the slave")
+    elif not waiting and not linked:
+        say("master: session open again")
+    return not waiting
+
+
+def _refuse_mismatch(waiting: list[MasterAxis]) -> None:
+    """Settings that differ do not come right by waiting."""
+    for axis in waiting:
+        if axis.session.link is Link.MISMATCH:
+            raise ConfigurationError(f"axis {axis.name}: the slave refuses: {axis.session.reason}")
 
 
 async def _rest(daemon: SlaveDaemon) -> None:
@@ -166,5 +185,9 @@ def _endpoints(settings: DaemonSettings) -> str:
 
 def _die_with_parent() -> None:
     """A daemon that a loopback started does not outlive it, however that ends."""
-    if "FOREFEEL_PARENT" in os.environ:
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    parent = os.environ.get("FOREFEEL_PARENT")
+    if parent is None:
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if os.getppid() != int(parent):  # it ended before we asked for the signal
+        raise RunError("the loopback that started this daemon has ended")

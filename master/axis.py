@@ -21,7 +21,7 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.settings import settings_hash, shared_text
+from common.settings import differences, settings_hash, shared_text
 from master.handles.port import Handle, Indication
 from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from master.identification import IdentificationTask
@@ -100,11 +100,13 @@ class MasterAxis:
             self._slave_state, self._state_heard_ns = state, receive_ns
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
-        before = self.session.link
-        self.session.answered(handshake.session_id, handshake.accepted, handshake.reason, receive_ns)
+        before, accepted, reason = self.session.link, handshake.accepted, handshake.reason
+        if accepted and handshake.settings_hash != settings_hash(self._shared):
+            accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
+        self.session.answered(handshake.session_id, accepted, reason, receive_ns)
         if before is not Link.OPEN and self.session.link is Link.OPEN:
-            self._clock.reset()
-            self._peer_heartbeat = self._force = self._force_stamp_ns = None
+            self._clock = ClockOffset()  # a new one: an exchange of the old session may be under way
+            self._peer_heartbeat = self._force = self._force_stamp_ns = self._slave_state = None
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
         if heartbeat.session_id != self.session.session_id:
@@ -119,17 +121,16 @@ class MasterAxis:
 
     def tick(self, now_ns: int) -> None:
         """One haptic tick: read, command, predict, render."""
-        state = self._shown_state(now_ns)
-        self.handle.show(Indication(state, self._stage_position_m))
+        state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
+        self.handle.show(Indication(state, stage_position_m))
         reading = self.handle.read(now_ns)
-        force = self._force
         outputs = self._loop.tick(
-            now_ns, HapticInputs(reading, state, self._stage_position_m, force, self.identification.estimate)
+            now_ns, HapticInputs(reading, state, stage_position_m, force, self.identification.estimate)
         )
         self._deadman = outputs.deadman and not self.stopping
-        self.handle.render(0.0 if self.stopping else outputs.rendered_n, now_ns)
+        rendered_n = self.handle.render(0.0 if self.stopping else outputs.rendered_n, now_ns)
         if self.session.link is Link.OPEN:
-            self._publish(now_ns, outputs, reading.position_m, force)
+            self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
 
     def _shown_state(self, now_ns: int) -> SafetyState | None:
         """The slave's state; None without a session or when the slave has been silent."""
@@ -269,7 +270,8 @@ class MasterAxis:
             self.counters["render_failed"] += 1
 
     def _count(self) -> dict[str, int]:
-        malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in self._bus.malformed.items()}
+        counted = list(self._bus.malformed.items())  # at once: the transport's threads go on counting
+        malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
         identification = self.identification
         return {
             "forces_dropped": identification.queue.dropped,

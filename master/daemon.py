@@ -31,8 +31,8 @@ from master.settings import (
     SineSettings,
 )
 
-# Equation (1) of the paper, the bias that every load cell has, and friction over 0.25 mm since a reversal:
-# on the simulated catheter this halves the error of equation (1) with bias. The values are where learning starts.
+# Equation (1) of the paper, the bias that every load cell has, and friction over 0.25 mm since a reversal,
+# which saves a third of the error on the simulated catheter. The values are where learning starts.
 _DEFAULT_MODEL = {
     "schema": "forefeel.model/1",
     "name": "m, b, k, bias and friction",
@@ -45,7 +45,7 @@ _DEFAULT_MODEL = {
         {"effect": "presliding_hysteresis", "parameters": {"force_n": 0.001, "stiffness_n_m": 4.0}},
     ],
 }
-_MIN_UPDATES = 1000  # a second of informative samples: after the first tenth of a stroke nothing is known yet
+_MIN_UPDATES = 1000  # a second of informative samples: the first tenth of a stroke teaches nothing
 
 
 class MasterDaemon:
@@ -125,22 +125,26 @@ class MasterDaemon:
 def _axis(cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[], int]) -> MasterAxis:
     model = contact_model(settings.prediction)
     prediction, rendering = settings.prediction, settings.rendering
-    identifier = ContactIdentifier(
-        model,
-        IdentificationSettings(
-            memory_s=prediction.memory_s,
-            min_updates=_MIN_UPDATES,
-            cutoff_hz=prediction.cutoff_hz,
-            noise_floor_n=prediction.noise_floor_n,
-            nominal_amplitude_m=prediction.typical_stroke_m / 2,
-        ),
-    )
     loop = HapticLoop(
         ContactPredictor(model, prediction.velocity_cutoff_hz), ForceRenderer(rendering), rendering.stale_s
     )
     return MasterAxis(
-        cell, settings, make_handle(settings.handle), loop, IdentificationTask(identifier), bus, new_id
+        cell, settings, make_handle(settings.handle), loop, _identification(model, prediction), bus, new_id
     )
+
+
+def _identification(model: ContactModel, prediction: PredictionSettings) -> IdentificationTask:
+    settings = IdentificationSettings(
+        memory_s=prediction.memory_s,
+        min_updates=_MIN_UPDATES,
+        cutoff_hz=prediction.cutoff_hz,
+        noise_floor_n=prediction.noise_floor_n,
+        nominal_amplitude_m=prediction.typical_stroke_m / 2,
+    )
+    try:
+        return IdentificationTask(ContactIdentifier(model, settings))
+    except ValueError as error:
+        raise ConfigurationError(f"{prediction.model or 'prediction'}: {error}") from error
 
 
 def contact_model(settings: PredictionSettings) -> ContactModel:

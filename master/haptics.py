@@ -1,5 +1,6 @@
 """The haptic loop of one axis, pure: `tick(now, inputs) -> outputs`. It never waits for the network."""
 
+from math import isfinite
 from typing import NamedTuple
 
 from common.estimation.identification import ContactEstimate
@@ -59,6 +60,8 @@ class HapticLoop:
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
         predicted_n = self._predictor.predict(now_ns, position_m, reading.velocity_m_s, inputs.estimate)
+        if predicted_n is not None and not isfinite(predicted_n):
+            predicted_n = None
         fresh = force is not None and now_ns - force.arrived_ns <= self._stale_ns
         live = fresh and reading.deadman and inputs.state in _LIVE
         rendered_n, limited = self._renderer.render(now_ns, predicted_n, live)

@@ -45,10 +45,10 @@ class SineSettings(Settings):
 
 
 class MultiSineSettings(Settings):
-    """Several sines of equal amplitude whose sum is at most `amplitude_m`."""
+    """Several sines of equal amplitude around `centre_m`, whose sum is at most `amplitude_m`."""
 
     driver: Literal["multisine"]
-    centre_m: float = 0.01
+    centre_m: float = 0.02
     amplitude_m: Annotated[float, Field(gt=0, le=0.5)] = 0.01
     frequencies_hz: Annotated[tuple[float, ...], Field(min_length=2, max_length=20)] = (0.23, 0.61, 1.37, 2.9)
     approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
@@ -85,6 +85,15 @@ class RenderingSettings(Settings):
     max_slew_n_s: Annotated[float, Field(gt=0, le=10_000)] = 40.0
     stale_s: Annotated[float, Field(gt=0, le=2)] = 0.1
     fade_s: Annotated[float, Field(gt=0, le=5)] = 0.2
+
+    @model_validator(mode="after")
+    def _fades_in_time(self) -> Self:
+        shortest_s = self.max_force_n / self.max_slew_n_s
+        if self.fade_s < shortest_s:
+            raise ValueError(
+                f"fade_s = {self.fade_s}: expected at least max_force_n / max_slew_n_s = {shortest_s:g}"
+            )
+        return self
 
 
 class MasterAxisSettings(Settings):

@@ -4,6 +4,7 @@ composes it.
 
 from collections import Counter
 from dataclasses import dataclass
+from math import isfinite
 
 from common import topics
 from common.bus import Bus, Outlet
@@ -36,6 +37,7 @@ _RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsen
 _RANGE_SPEEDS = 10.0
 _HALTED = frozenset({SafetyState.FAULT, SafetyState.ESTOPPED})
 _NO_FORCE = LoadCellReading(0.0, 0, False)
+_EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not change it
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +130,12 @@ class SlaveAxis:
         self._estop = reason or "emergency stop"
 
     def clear(self) -> None:
-        """Clears a latched stop or fault; only ever called by a local act at the slave."""
-        self._estop, self._fault, self._clear = None, None, True
+        """Clears a latched stop or fault; only ever called by a local act at the slave.
+
+        One that the control loop has not heeded yet is none to clear: it stays.
+        """
+        if self.halted:
+            self._estop, self._fault, self._clear = None, None, True
 
     def fail(self, error: BaseException) -> None:
         """A fault of any thread: the machine goes to FAULT at the next tick and the stage is told to hold at
@@ -157,11 +163,11 @@ class SlaveAxis:
         """Opens the devices and takes the stage's position as the setpoint.
 
         Raises:
-            DeviceError: a device does not answer.
+            DeviceError: a device does not answer, or the stage does not say where it is.
         """
         for device in (self._devices.stage, self._devices.gripper, self._devices.load_cell):
             device.open()
-        self._stage_reading = self._devices.stage.read(now_ns)
+        self._read_stage(now_ns)
         self._control = AxisControl(self.settings.limits, self.settings.gate, self._stage_reading.position_m)
 
     def close(self) -> None:
@@ -185,11 +191,22 @@ class SlaveAxis:
     def _read(self, now_ns: int) -> LoadCellReading:
         recording_time_s = self._executing.recording_time_s if self._executing else None
         try:
-            self._stage_reading = self._devices.stage.read(now_ns)
-            return self._devices.load_cell.read(now_ns, recording_time_s)
+            self._read_stage(now_ns)
+            force = self._devices.load_cell.read(now_ns, recording_time_s)
+            if not isfinite(force.force_n):
+                raise DeviceError(f"load cell = {force.force_n} N: expected a finite force")
         except DeviceError as error:
             self._fault = str(error)
             return _NO_FORCE
+        return force
+
+    def _read_stage(self, now_ns: int) -> None:
+        reading = self._devices.stage.read(now_ns)
+        if not (isfinite(reading.position_m) and isfinite(reading.velocity_m_s)):
+            raise DeviceError(
+                f"stage = ({reading.position_m} m, {reading.velocity_m_s} m/s): expected finite numbers"
+            )
+        self._stage_reading = reading
 
     def _inputs(self, now_ns: int, force: LoadCellReading) -> ControlInputs:
         clear, self._clear = self._clear, False
@@ -209,7 +226,10 @@ class SlaveAxis:
     def _apply(self, outputs: ControlOutputs, now_ns: int) -> None:
         try:
             if outputs.moving:
-                self._devices.stage.command(outputs.target_m, outputs.velocity_m_s, now_ns)
+                asked_m = outputs.target_m
+                applied_m = self._devices.stage.command(asked_m, outputs.velocity_m_s, now_ns)
+                if abs(applied_m - asked_m) > _EXACT_M:
+                    self._limits.add(LimitHit("travel", asked_m, applied_m, "m"))
             else:
                 self._devices.stage.hold(now_ns)
             self._devices.gripper.set(outputs.grip, now_ns)
@@ -265,7 +285,7 @@ class SlaveAxis:
         if not reason:
             reason = self._lease.request(handshake.session_id, receive_ns, self.at_rest) or ""
         if not reason and not known:
-            self._clock.reset()
+            self._clock = ClockOffset()  # a new one: an exchange of the old session may be under way
             self._peer_heartbeat = None
             self._gate.open(handshake.session_id)
         self.counters["handshakes_refused" if reason else "handshakes_accepted"] += 1
@@ -322,7 +342,8 @@ class SlaveAxis:
         )
 
     def _count(self) -> dict[str, int]:
-        malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in self._bus.malformed.items()}
+        counted = list(self._bus.malformed.items())  # at once: the transport's threads go on counting
+        malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
         return {
             "commands_superseded": self._slot.superseded,
             "events_dropped": self._transitions.dropped,

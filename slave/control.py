@@ -13,6 +13,8 @@ from slave.settings import GateSettings
 E = SafetyEventName
 _MAX_STEP_S = 0.010  # a late tick moves the setpoint by at most this much time
 _MISALIGNED = 5.0  # while engaging, this many alignment tolerances end it
+_TRANSIT_SHARE = 1 / 500  # of each command in the usual transit: half a second at 1 kHz
+_MAX_LEAD_S = 0.020  # jitter up to this is evened out
 Transition = tuple[SafetyState, SafetyEventName, SafetyState, str]
 
 
@@ -60,6 +62,8 @@ class AxisControl:
         self._gate = gate
         self._command: MotionCommand | None = None
         self._received_ns = 0
+        self._usual_transit_ns: float | None = None
+        self._late_s = 0.0
         self._released = False
         self._engaged_ns = 0
         self._force_valid_ns: int | None = None
@@ -78,6 +82,8 @@ class AxisControl:
         self._take(inputs)
         for event, reason in self._events(now_ns, inputs, hits):
             self._fire(event, reason, now_ns, transitions)
+            if event is E.ENGAGE and self.machine.following:
+                self.limiter.place(inputs.position_m)  # where the stage is, whatever moved it meanwhile
         if self.machine.following:
             hits += self._follow(now_ns, inputs, dt_s)
         else:
@@ -101,26 +107,39 @@ class AxisControl:
         return min(max(elapsed_s, 1e-6), _MAX_STEP_S)
 
     def _take(self, inputs: ControlInputs) -> None:
+        """An engagement needs a press after a release in its own session, never a deadman that is simply
+        held.
+        """
         if inputs.command is None:
             return
-        self._command, self._received_ns = inputs.command
+        before, (self._command, self._received_ns) = self._command, inputs.command
+        self._even_out(self._received_ns - self._command.stamp_ns)
         if not self._command.deadman:
-            self._released = (
-                True  # an engagement needs a press after a release, never a deadman that is simply held
-            )
-        elif self.machine.following:
-            self.grip = self._command.gripper
+            self._released = True
+        elif before is not None and before.session_id != self._command.session_id:
+            self._released = False
+
+    def _even_out(self, transit_ns: int) -> None:
+        """How much later than usual the newest command came: the setpoint is carried on by that much.
+
+        So jitter of the network is no jitter of the stage. The clocks' offset cancels.
+        """
+        if self._usual_transit_ns is None:
+            self._usual_transit_ns = float(transit_ns)
+        late_ns = transit_ns - self._usual_transit_ns
+        self._usual_transit_ns += late_ns * _TRANSIT_SHARE
+        self._late_s = min(max(late_ns * 1e-9, -_MAX_LEAD_S), _MAX_LEAD_S)
 
     def _events(self, now_ns: int, inputs: ControlInputs, hits: list[LimitHit]) -> list[tuple[E, str]]:
-        """The events of this tick, the gravest first."""
+        """The events of this tick, the gravest first; but what holds still outlasts a clearing."""
         found: list[tuple[E, str]] = []
+        if inputs.clear:
+            found.append((E.CLEAR, "cleared at the slave"))
         if inputs.estop is not None:
             found.append((E.ESTOP, inputs.estop))
         fault = inputs.fault or self._force_fault(now_ns, inputs)
         if fault is not None:
             found.append((E.FAULT, fault))
-        if inputs.clear:
-            found.append((E.CLEAR, "cleared at the slave"))
         if inputs.shutdown:
             found.append((E.SHUTDOWN, "the slave is shutting down"))
         if not inputs.session_live:
@@ -152,8 +171,9 @@ class AxisControl:
             if 0 < self._gate.watchdog_s < silent_s:
                 return [(E.WATCHDOG, f"no valid command for {silent_s * 1e3:.0f} ms")]
             return self._engaging_events(now_ns, command) if state is SafetyState.ENGAGING else []
-        fresh = inputs.command is not None and command.deadman and self._released
-        if state is SafetyState.READY and fresh and self._may_engage(command, inputs.position_m, clock, hits):
+        pressed = inputs.command is not None and command.deadman and self._released
+        ready = state is SafetyState.READY and self.at_rest
+        if ready and pressed and self._may_engage(command, inputs.position_m, clock, hits):
             return [(E.ENGAGE, "deadman pressed, aligned")]
         return []
 
@@ -190,13 +210,14 @@ class AxisControl:
             self._released = False
             self.stops += event is not E.RELEASE
         elif event is E.SESSION_OPENED:
-            self._command, self._released = None, False
+            self._command, self._released, self._usual_transit_ns = None, False, None
 
     def _follow(self, now_ns: int, inputs: ControlInputs, dt_s: float) -> list[LimitHit]:
-        """Between commands the setpoint goes on along the newest one; the watchdog bounds for how long."""
+        """Between commands the setpoint goes on along the newest; the watchdog bounds for how long."""
         assert self._command is not None
         command = self._command
-        ahead_s = max(0, now_ns - self._received_ns) * 1e-9
+        self.grip = command.gripper
+        ahead_s = max(0, now_ns - self._received_ns) * 1e-9 + self._late_s
         share = 1.0
         if self.machine.state is SafetyState.ENGAGING:
             share = min(1.0, (now_ns - self._engaged_ns) * 1e-9 / self._gate.engage_ramp_s)

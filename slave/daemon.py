@@ -111,4 +111,4 @@ def _load_cell(settings: SlaveAxisSettings, world: SimulatedWorld) -> LoadCell:
     recording = load_recording(source.recording, source.columns.mapping() if source.columns else None)
     if recording.force_n is None:
         raise RecordingError(f"{source.recording}: no force column; expected one for a recorded load cell")
-    return RecordedLoadCell(recording.time_s.tolist(), recording.force_n.tolist())
+    return RecordedLoadCell(recording.time_s.tolist(), (source.force_sign * recording.force_n).tolist())

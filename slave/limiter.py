@@ -23,6 +23,15 @@ def _clip(value: float, bound: float) -> float:
     return max(-bound, min(bound, value))
 
 
+def _stoppable_m_s(room_m: float, deceleration_m_s2: float, lag_s: float) -> float:
+    """The largest speed v that comes to rest within the room: v lag + v^2 / 2a = room.
+
+    `lag_s` dt / 2: in steps of this dt. dt: whatever steps come after this one.
+    """
+    delayed = deceleration_m_s2 * lag_s
+    return sqrt(delayed * delayed + 2.0 * deceleration_m_s2 * max(0.0, room_m)) - delayed
+
+
 class MotionLimiter:
     """Moves a setpoint towards what is asked, inside the limits; lands exactly on what is inside them.
 
@@ -36,6 +45,7 @@ class MotionLimiter:
         self._acceleration_m_s2 = limits.max_acceleration_m_s2
         self._force_n = limits.max_force_n
         self._stop_m_s2 = stop_deceleration_m_s2
+        self._wall_m_s2 = min(limits.max_acceleration_m_s2, stop_deceleration_m_s2)
         self.position_m = 0.0
         self.velocity_m_s = 0.0
 
@@ -55,11 +65,11 @@ class MotionLimiter:
         if target_m != position_m:
             velocity_m_s = 0.0
         wanted = (target_m - self.position_m) / dt_s
-        # the speed, relative to the target, from which it can still brake before overshooting
-        brake = sqrt(2.0 * self._acceleration_m_s2 * abs(target_m - self.position_m))
         feed_forward = _clip(velocity_m_s, self._velocity_m_s)
+        # the speed, relative to the target, from which it can still brake before overshooting
+        brake = _stoppable_m_s(abs(wanted - feed_forward) * dt_s, self._acceleration_m_s2, 0.5 * dt_s)
         velocity = feed_forward + _clip(wanted - feed_forward, brake)
-        capped = _clip(velocity, self._velocity_m_s * velocity_share)
+        capped = self._before_walls(_clip(velocity, self._velocity_m_s * velocity_share), dt_s)
         change = self._acceleration_m_s2 * dt_s
         applied = self.velocity_m_s + _clip(capped - self.velocity_m_s, change)
         if abs(capped - velocity) > _EXACT:
@@ -75,6 +85,11 @@ class MotionLimiter:
         change = self._stop_m_s2 * dt_s
         velocity = self.velocity_m_s - _clip(self.velocity_m_s, change)
         self._advance(velocity, dt_s)
+
+    def _before_walls(self, velocity_m_s: float, dt_s: float) -> float:
+        """Near the ends of the workspace: slow enough that following and stopping both brake before them."""
+        room_m = self._high_m - self.position_m if velocity_m_s > 0.0 else self.position_m - self._low_m
+        return _clip(velocity_m_s, _stoppable_m_s(room_m, self._wall_m_s2, dt_s))
 
     def _advance(self, velocity_m_s: float, dt_s: float) -> None:
         moved = self.position_m + velocity_m_s * dt_s

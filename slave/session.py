@@ -1,21 +1,17 @@
 """The lease: one writer at a time, handed over only while the stage is at rest. Pure."""
 
-from collections import deque
-
-_REMEMBERED = 1024
-
 
 class Lease:
     """Who may command. A session lives while its heartbeats come; its id is never accepted twice.
 
     Attributes:
-        holder: session id of the writer, 0 when there is none.
+        holder: session id of the writer, or of the last one when its lease has expired; 0 before the first.
     """
 
     def __init__(self, lease_ns: int) -> None:
         self._lease_ns = lease_ns
         self._expires_ns = 0
-        self._used: deque[int] = deque(maxlen=_REMEMBERED)
+        self._used: set[int] = set()
         self.holder = 0
 
     def live(self, now_ns: int) -> bool:
@@ -34,7 +30,7 @@ class Lease:
             return "another session holds the lease"
         if not at_rest:
             return "the stage is not at rest"
-        self._used.append(session_id)
+        self._used.add(session_id)
         self.holder = session_id
         self._expires_ns = now_ns + self._lease_ns
         return None
@@ -45,7 +41,3 @@ class Lease:
             return False
         self._expires_ns = now_ns + self._lease_ns
         return True
-
-    def release(self) -> None:
-        """Ends the session."""
-        self.holder = 0

@@ -35,13 +35,16 @@ class GripperDriver(Settings):
 
 
 class LoadCellDriver(Settings):
-    """Which driver reads the force. `recorded` returns the force of `recording` at each command's recording
-    time.
+    """Which driver reads the force.
+
+    `recorded` returns the force of `recording` at each command's recording time, times `force_sign`: -1 turns a
+    recording that shows the reaction to the resisting force.
     """
 
     driver: Literal["simulated", "recorded"] = "simulated"
     recording: ExistingFile | None = None
     columns: ColumnSettings | None = None
+    force_sign: Literal[1, -1] = 1
 
     @model_validator(mode="after")
     def _has_recording(self) -> Self:

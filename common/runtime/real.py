@@ -57,9 +57,11 @@ class RealRuntime:
         """First the safety reactions, on the thread that failed; then asyncio is woken to end the daemon."""
         if self.error is None:
             self.error = error
-        for reaction in self._reactions:
-            reaction(error)
-        self._asyncio.call_soon_threadsafe(self.stopping.set)
+        try:
+            for reaction in self._reactions:
+                reaction(error)
+        finally:  # a reaction that fails in spite of its contract does not keep the daemon alive
+            self._asyncio.call_soon_threadsafe(self.stopping.set)
 
     def stop(self) -> None:
         """Asks for an orderly end (signals, end of the run); from asyncio's thread."""

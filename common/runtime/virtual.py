@@ -10,6 +10,9 @@ from common.clock import VirtualClock
 from common.lateness import Lateness
 from common.runtime.port import Tick
 
+_Event = tuple[int, int, int, Callable[..., None]]
+"""(due stamp, order, period or 0, action): a periodic action is given the stamp, a single one nothing."""
+
 
 class VirtualRuntime:
     """One event heap for both daemons. Events of equal stamp run in the order of their scheduling."""
@@ -20,7 +23,7 @@ class VirtualRuntime:
         self.clock = VirtualClock(start_ns)
         self.timers = self
         self._order = count()
-        self._events: list[tuple[int, int, int, Callable[[int], None]]] = []
+        self._events: list[_Event] = []
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
         """Runs `tick` every period from now on; the lateness stays zero."""
@@ -28,7 +31,7 @@ class VirtualRuntime:
         lateness = Lateness()
 
         def counted(now_ns: int) -> None:
-            lateness.record(0)
+            lateness.record_on_time()
             tick(now_ns)
 
         self._push(self.clock.now_ns() + period_ns, period_ns, counted)
@@ -41,7 +44,7 @@ class VirtualRuntime:
 
     def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
         """Runs `action` once at `due_ns` (now, when that is past)."""
-        self._push(max(due_ns, self.clock.now_ns()), 0, lambda _now_ns: action())
+        heapq.heappush(self._events, (max(due_ns, self.clock.now_ns()), next(self._order), 0, action))
 
     def fault(self, error: BaseException) -> None:
         """In virtual time a fault ends the run at once, with its own traceback."""
@@ -60,9 +63,10 @@ class VirtualRuntime:
             self.clock.set_ns(due_ns)
             if period_ns:
                 heapq.heapreplace(events, (due_ns + period_ns, next(self._order), period_ns, action))
+                action(due_ns)
             else:
                 heapq.heappop(events)
-            action(due_ns)
+                action()
             if progress is not None and due_ns >= next_report:
                 next_report = due_ns + 100_000_000
                 if not progress(due_ns):

@@ -55,7 +55,8 @@ class ImpairedTransport:
         lane = self._outbound
         if lane is None or not crosses(key):
             return put
-        return lambda payload: lane.carry(partial(put, payload))
+        send = lane.guarded(put)
+        return lambda payload: lane.carry(partial(send, payload))
 
     def subscribe(self, key: str, handler: Handler) -> None:
         """Delivers what other sessions put to `key` and the inbound link lets through."""
@@ -64,7 +65,8 @@ class ImpairedTransport:
             self._inner.subscribe(key, handler)
             return
         now_ns = self._now_ns
-        self._inner.subscribe(key, lambda payload, _: lane.carry(lambda: handler(payload, now_ns())))
+        receive = lane.guarded(lambda payload: handler(payload, now_ns()))
+        self._inner.subscribe(key, lambda payload, _: lane.carry(partial(receive, payload)))
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
         """Delivers what other sessions put to `prefix` or below it, never impaired: this is for observers."""
@@ -110,6 +112,15 @@ class _Lane:
         self._trace: deque[tuple[int, ...]] = deque(maxlen=_TRACE_CAPACITY)
         self.lost = 0
 
+    def guarded(self, deliver: Put) -> Put:
+        """`deliver` that does nothing any more once the lane is closed."""
+
+        def arrive(payload: bytes) -> None:
+            if not self._closed:
+                deliver(payload)
+
+        return arrive
+
     def carry(self, deliver: Callable[[], None]) -> None:
         """Schedules `deliver` as often and as late as the link plans."""
         with self._lock:
@@ -121,7 +132,7 @@ class _Lane:
             self.lost += len(self._trace) == _TRACE_CAPACITY
             self._trace.append(delays_ns)
             for delay_ns in delays_ns:
-                self._call_at(now_ns + delay_ns, lambda: self._arrive(deliver))
+                self._call_at(now_ns + delay_ns, deliver)
 
     def drain(self) -> list[TraceChunk]:
         with self._lock:
@@ -133,7 +144,3 @@ class _Lane:
 
     def close(self) -> None:
         self._closed = True
-
-    def _arrive(self, deliver: Callable[[], None]) -> None:
-        if not self._closed:
-            deliver()

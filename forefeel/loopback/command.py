@@ -39,7 +39,7 @@ def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -
         _run(plan, wish.seed, folder, virtual, bar, task)
     with console.status("writing the report"):
         report = write_report(folder / _RECORDING, folder)
-    for line in ten_lines(report):
+    for line in ten_lines(report, folder):
         print(line)
     _require_armed(report)
     return report
@@ -78,14 +78,16 @@ def _fresh_folder(folder: Path, overwrite: bool) -> Path:
         )
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if shutil.disk_usage(folder).free < 200e6:
+            raise ConfigurationError(
+                f"--out {folder}: less than 200 MB free; expected room for the recording"
+            )
+        for path in old:
+            path.unlink()
     except OSError as error:
         raise ConfigurationError(
             f"--out {folder}: {error.strerror}; expected a folder that can be written"
         ) from error
-    for path in old:
-        path.unlink()
-    if shutil.disk_usage(folder).free < 200e6:
-        raise ConfigurationError(f"--out {folder}: less than 200 MB free; expected room for the recording")
     return folder
 
 

@@ -2,16 +2,18 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from common.config import checked, dump_yaml, load_yaml
-from common.errors import ConfigurationError
+from common.effects.model import ContactModel
+from common.errors import ConfigurationError, RecordingError
 from common.recording.recording import Recording
 from common.recording.tabular import Mapping, load_recording
 from common.transport.settings import PRESETS
 from master.settings import MasterSettings
+from slave.plant.presets import PRESETS as WORLDS
 from slave.settings import SlaveSettings
 
 AXIS = "insertion"
@@ -53,11 +55,14 @@ class Plan:
 
     def slave_settings(self) -> SlaveSettings:
         """The slave's settings, validated."""
-        return checked(SlaveSettings, self.slave, "loopback slave")
+        return checked(SlaveSettings, self.slave, self._where("slave"))
 
     def master_settings(self) -> MasterSettings:
         """The master's settings, validated."""
-        return checked(MasterSettings, self.master, "loopback master")
+        return checked(MasterSettings, self.master, self._where("master"))
+
+    def _where(self, role: str) -> str:
+        return f"loopback {role}, recording {self.metadata['recording']}"
 
     def write(self, directory: Path) -> tuple[Path, Path]:
         """Writes both effective settings as YAML: what the two processes are started with."""
@@ -75,6 +80,8 @@ def make_plan(wish: Wish) -> Plan:
     """
     if wish.impairment not in PRESETS:
         raise ConfigurationError(f"--impairment {wish.impairment!r}: expected one of {', '.join(PRESETS)}")
+    if wish.preset not in WORLDS:
+        raise ConfigurationError(f"--preset {wish.preset!r}: expected one of {', '.join(WORLDS)}")
     if wish.duration_s is not None and not 0.5 <= wish.duration_s <= 86_400:
         raise ConfigurationError(f"--duration {wish.duration_s:g}: expected 0.5 to 86400 s")
     scale = _GUIDEWIRE_SCALE if wish.preset == "guidewire" else 1.0
@@ -88,6 +95,8 @@ def make_plan(wish: Wish) -> Plan:
     duration_s = wish.duration_s or DEFAULT_DURATION_S
     if wish.recording is not None:
         recording = load_recording(wish.recording, wish.columns)
+        if all(piece.stop - piece.start < 2 for piece in recording.segments(_GAP_S)):
+            raise RecordingError(f"{wish.recording}: no two samples within {_GAP_S:g} s, nothing to play")
         notes = _play(recording, wish, slave_axis, master_axis)
         expected_s = (
             recording.duration_s if wish.duration_s is None else min(wish.duration_s, recording.duration_s)
@@ -119,10 +128,19 @@ def _metadata(wish: Wish) -> dict[str, str]:
 
 def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
     if wish.slave_model is not None:
-        mapping, _ = load_yaml(wish.slave_model)
-        slave_axis["simulation"]["contact"] = mapping
+        slave_axis["simulation"]["contact"] = _model(wish.slave_model).to_mapping()
     if wish.master_model is not None:
+        if not _model(wish.master_model).runtime().linear_names:
+            raise ConfigurationError(f"{wish.master_model}: no linear parameter; expected one to identify")
         master_axis.setdefault("prediction", {})["model"] = str(wish.master_model.resolve())
+
+
+def _model(path: Path) -> ContactModel:
+    mapping, _ = load_yaml(path)
+    try:
+        return ContactModel.from_mapping(mapping)
+    except ValueError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def _play(
@@ -160,13 +178,29 @@ def _play(
     }
     if recording.force_n is None:
         return (*_notes(recording, limits), "no force column: the motion drives the simulated vessel")
-    slave_axis["load_cell"] = {"driver": "recorded", **source}
+    sign = resisting_sign(recording)
+    slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}
     slave_axis["gate"]["force_timeout_s"] = None
     strongest_n, spread_n = float(np.max(np.abs(recording.force_n))), float(np.std(recording.force_n))
     master_axis["prediction"]["noise_floor_n"] = max(0.01 * spread_n, 1e-6)
     scale = min(1.0, _HAND_MAX_N / strongest_n) if strongest_n > 0 else 1.0
     master_axis["rendering"] = {"force_scale": scale, "max_force_n": _HAND_MAX_N}
-    return (*_notes(recording, limits), f"force scale to the hand {scale:.3g}")
+    notes = (*_notes(recording, limits), f"force scale to the hand {scale:.3g}")
+    turned = "force sign turned: as recorded the contact would give energy; here positive resists insertion"
+    return notes if sign > 0 else (*notes, turned)
+
+
+def resisting_sign(recording: Recording) -> Literal[1, -1]:
+    """1 where the recorded force resists insertion, -1 where it is the reaction to that.
+
+    A contact is passive: over the whole recording it absorbs energy, the integral of F dx is positive.
+    """
+    assert recording.force_n is not None
+    force_n, work_j = recording.force_n - recording.force_n.mean(), 0.0
+    for piece in recording.segments(_GAP_S):
+        between = 0.5 * (force_n[piece][1:] + force_n[piece][:-1])
+        work_j += float(between @ np.diff(recording.position_m[piece]))
+    return -1 if work_j < 0 else 1
 
 
 def recording_limits(recording: Recording) -> dict[str, Any]:

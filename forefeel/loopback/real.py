@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from common.codec import decode
 from common.errors import CodecError, InputError, RunError
 from common.topics import COMMAND, SLAVE_STATE
 from common.transport.settings import TransportSettings
+from forefeel.interrupt import interruptible
 from forefeel.loopback.plan import AXIS, Plan
 from forefeel.recorder import Recorder
 
@@ -34,33 +34,35 @@ class InterruptedRunError(RunError):
 def run_real(plan: Plan, out: Path, progress: Progress) -> None:
     """Runs to the end and leaves out/recording.mcap; `progress` gets (seconds done, what happens).
 
+    The recorder listens before the daemons start, so that it hears each from its first message.
+
     Raises:
         RunError: a daemon failed, or the user ended the run.
     """
-    ports = _free_ports(2)
-    plan = _with_endpoints(plan, ports)
+    endpoints = tuple(f"tcp/127.0.0.1:{port}" for port in _free_ports(2))
+    plan = _with_endpoints(plan, *endpoints)
     paths = plan.write(out)
-    connect = tuple(f"tcp/127.0.0.1:{port}" for port in ports)
     recorder = Recorder(
-        out / "recording.mcap", plan.slave["cell"], TransportSettings(connect=connect), plan.metadata
+        out / "recording.mcap", plan.slave["cell"], TransportSettings(listen=(endpoints[1],)), plan.metadata
     )
     children = [
         _Child("slave", paths[0], out, None),
         _Child("master", paths[1], out, plan.duration_s),
     ]
-    try:
-        with _terminable():
+    with interruptible() as ignore_signals:
+        try:
             for child in children:
                 child.start()
             _watch(children, recorder, plan, progress)
-    except KeyboardInterrupt:
-        raise InterruptedRunError(
-            "interrupted; both ends stopped in order and the recording is closed"
-        ) from None
-    finally:
-        for child in reversed(children):
-            child.end()
-        recorder.close()
+        except KeyboardInterrupt:
+            raise InterruptedRunError(
+                "interrupted; both ends stopped in order and the recording is closed"
+            ) from None
+        finally:
+            ignore_signals()
+            for child in reversed(children):
+                child.end()
+            recorder.close()
     for child in children:
         child.check()
 
@@ -149,13 +151,12 @@ def _newest(recorder: Recorder, key: str, kind: type[Any]) -> Any:  # noqa: ANN4
         return None
 
 
-def _with_endpoints(plan: Plan, ports: list[int]) -> Plan:
-    """Slave and master listen, so that the recorder hears both; the master connects to the slave."""
-    slave, master = (f"tcp/127.0.0.1:{port}" for port in ports)
+def _with_endpoints(plan: Plan, slave: str, recorder: str) -> Plan:
+    """The master connects to the slave, both to the recorder."""
     return replace(
         plan,
-        slave={**plan.slave, "transport": {"listen": [slave]}},
-        master={**plan.master, "transport": {"listen": [master], "connect": [slave]}},
+        slave={**plan.slave, "transport": {"listen": [slave], "connect": [recorder]}},
+        master={**plan.master, "transport": {"connect": [slave, recorder]}},
     )
 
 
@@ -165,17 +166,3 @@ def _free_ports(count: int) -> list[int]:
     for s in sockets:
         s.close()
     return ports
-
-
-@contextmanager
-def _terminable() -> Any:  # noqa: ANN401 - a generator context manager
-    """SIGTERM ends the run like Ctrl-C."""
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

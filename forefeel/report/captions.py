@@ -20,10 +20,11 @@ DETAIL = (
     "should lie on the measured force."
 )
 ERROR = (
-    f"Against the measured force, on the same commands. The highest and lowest {TRIM:.1%} may lie "
-    f"outside of the picture; the figures in numbers count them. {_THINNED}"
+    f"Against the measured force, on the same commands. The highest and lowest {TRIM:.1%}, and a "
+    "prediction that is far off, may lie outside of the picture; the figures in numbers count them. "
+    f"{_THINNED}"
 )
-POSITION = f"Each drawn when the recorder received it: not by command, as the forces are. {_THINNED}"
+POSITION = f"Each drawn when it was sent; not by command, as the forces are. {_THINNED}"
 STATES = (
     "From the slave's own messages, 50 a second. Silent: nothing was heard of it for longer than such "
     "a message counts."

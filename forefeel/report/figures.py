@@ -70,7 +70,7 @@ Recipe = tuple[Callable[[AxisTraces], Figure | None], str, str]
 
 def axis_drawings(axis: str, traces: AxisTraces) -> list[Drawing]:
     """The figures of one axis; for what was not recorded there is none."""
-    with styled():
+    with styled(), np.errstate(over="ignore", invalid="ignore"):  # of a model that ran away
         made = [(recipe(traces), title, caption) for recipe, title, caption in _RECIPES]
         return [_drawing(figure, axis, title, caption) for figure, title, caption in made if figure]
 
@@ -97,7 +97,8 @@ def _force(traces: AxisTraces) -> Figure | None:
     _contact_force(above, commands)
     limit_y(below, commands.rendered_n)
     plot(below, commands.time_s, commands.rendered_n, GREEN, "felt by the hand")
-    _finish_time(below, "force in N", traces)
+    _finish(below, "force in N")
+    _time_axis(below, traces)
     return figure
 
 
@@ -118,7 +119,7 @@ def _force_detail(traces: AxisTraces) -> Figure | None:
 
 
 def _contact_force(axes: Axes, commands: CommandTraces) -> None:
-    limit_y(axes, commands.held_n, commands.force_n, commands.predicted_n, trim=TRIM)
+    limit_y(axes, commands.held_n, commands.force_n, beside=commands.predicted_n, trim=TRIM)
     plot(axes, commands.time_s, commands.held_n, ORANGE, "held (newest that had arrived)")
     plot(axes, commands.time_s, commands.force_n, BLACK, "measured, by command", width=1.7)
     plot(axes, commands.time_s, commands.predicted_n, BLUE, "predicted")
@@ -134,11 +135,12 @@ def _error(traces: AxisTraces) -> Figure | None:
     predicted_mn = 1e3 * (commands.predicted_n - commands.force_n)[rows]
     figure = new_figure(3.0)
     axes = figure.subplots()
-    limit_y(axes, held_mn, predicted_mn, trim=TRIM)
+    limit_y(axes, held_mn, beside=predicted_mn, trim=TRIM)
     axes.axhline(0, color="#8a939e", linewidth=0.8)
     plot(axes, commands.time_s[rows], held_mn, ORANGE, "held - measured")
     plot(axes, commands.time_s[rows], predicted_mn, BLUE, "predicted - measured")
-    _finish_time(axes, "error in mN", traces)
+    _finish(axes, "error in mN")
+    _time_axis(axes, traces)
     return figure
 
 
@@ -152,7 +154,8 @@ def _position(traces: AxisTraces) -> Figure | None:
     limit_y(axes, commanded_mm, readback_mm)
     plot(axes, commands.time_s, commanded_mm, BLUE, "commanded")
     plot(axes, traces.readback_time_s, readback_mm, VERMILION, "read back")
-    _finish_time(axes, "position in mm", traces)
+    _finish(axes, "position in mm")
+    _time_axis(axes, traces)
     return figure
 
 
@@ -216,7 +219,7 @@ def _parameters(traces: AxisTraces) -> Figure | None:
             axes.set_axis_off()
     for axes in grid[max(0, len(shown) - 2) : len(shown)]:
         axes.xaxis.set_tick_params(labelbottom=True)
-        axes.set_xlabel("time in s")
+        _time_axis(axes, traces)
     return figure
 
 
@@ -266,10 +269,10 @@ def _histogram(timing: LoopTiming) -> tuple[Floats, Floats]:
     return edges[: last + 1], counts[:last]
 
 
-def _finish_time(axes: Axes, y: str, traces: AxisTraces) -> None:
-    """All figures along time have one axis, so that they can be compared."""
-    _finish(axes, y, "time in s")
-    axes.set_xlim(0, traces.duration_s)
+def _time_axis(axes: Axes, traces: AxisTraces) -> None:
+    """The same for all figures along time, so that they can be compared."""
+    axes.set_xlim(0, traces.duration_s or 1.0)
+    axes.set_xlabel("time in s")
 
 
 def _finish(axes: Axes, y: str, x: str = "") -> None:

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 from common.messages import SafetyState
 
-_REACHABLE = frozenset({SafetyState.READY, SafetyState.ENGAGING, SafetyState.ARMED})
-
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -25,7 +23,8 @@ def spans(heard: Iterable[tuple[int, SafetyState]], end_ns: int, stale_ns: int) 
     """
     found: list[Span] = []
     pieces = list(heard)
-    for (start_ns, state), (next_ns, _) in zip(pieces, [*pieces[1:], (end_ns, None)], strict=True):
+    starts_ns = [*(start_ns for start_ns, _ in pieces), end_ns]
+    for (start_ns, state), next_ns in zip(pieces, starts_ns[1:], strict=True):
         known_ns = min(next_ns, start_ns + stale_ns)
         _append(found, Span(start_ns, known_ns, state))
         _append(found, Span(known_ns, next_ns, None))
@@ -41,14 +40,14 @@ def _append(found: list[Span], span: Span) -> None:
 
 
 def armed_share(found: list[Span], clutched_s: float) -> float | None:
-    """Time armed over the time that could have been: from the first READY to the end, less `clutched_s`.
+    """Time armed over the time that could have been: from the first arming to the end, less `clutched_s`.
 
     `clutched_s`: time that the operator chose to spend with the clutch open. At most 1: as the master sees
-    the slave's state late, a few ms of that time may count as armed too. None when never ready.
+    the slave's state late, a few ms of that time may count as armed too. None when never armed.
     """
-    ready_ns = next((span.start_ns for span in found if span.state in _REACHABLE), None)
-    if ready_ns is None:
+    armed = [span for span in found if span.state is SafetyState.ARMED]
+    if not armed:
         return None
-    armed_ns = sum(span.end_ns - span.start_ns for span in found if span.state is SafetyState.ARMED)
-    possible_s = (found[-1].end_ns - ready_ns) * 1e-9 - clutched_s
+    armed_ns = sum(span.end_ns - span.start_ns for span in armed)
+    possible_s = (found[-1].end_ns - armed[0].start_ns) * 1e-9 - clutched_s
     return min(1.0, armed_ns * 1e-9 / possible_s) if possible_s > 0 else None

@@ -33,7 +33,9 @@ from forefeel.report.model import (
 )
 from forefeel.report.score import Comparison, compare, scored, spread
 from forefeel.report.states import armed_share
-from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns
+from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns, sent_ns
+
+__all__ = ["RunReport", "last_timing", "summarise"]
 
 SETTLING_S = 3.0
 MOST_EVENTS = 100
@@ -116,7 +118,7 @@ def _compare(commands: CommandTraces) -> tuple[Comparison, Comparison]:
     rows = np.flatnonzero(scored(*forces))
     if not len(rows):
         return Comparison(), Comparison()
-    late = commands.time_s >= commands.time_s[rows[0]] + SETTLING_S
+    late = commands.time_s - commands.time_s[rows[0]] > SETTLING_S - 1e-6  # stamps are rounded to ns
     return compare(*forces), compare(*(force[late] for force in forces))
 
 
@@ -162,7 +164,7 @@ def _model(run: Run, axis: str) -> dict[str, Any]:
 
 def _safety_events(run: Run, axis: str, start_ns: int) -> tuple[SafetyNote, ...]:
     """The first MOST_EVENTS; the counters count all."""
-    stamps = run.log_ns(axis, SAFETY_EVENT)[:MOST_EVENTS].tolist()
+    stamps = sent_ns(run, axis, SAFETY_EVENT)[:MOST_EVENTS].tolist()
     return tuple(
         SafetyNote(
             time_s=(stamp_ns - start_ns) * 1e-9,

@@ -22,6 +22,7 @@ BINS = 1000
 """Longer traces are drawn as smallest and largest value in each of so many stretches of time."""
 
 _GAP_S = 0.25
+_FAR = 1e99  # of a model that ran away; its square is still a number
 _WIDTH_IN = 11.0
 _STYLE: Any = {
     "font.size": 9.5,
@@ -32,6 +33,7 @@ _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#e6e9ee",
     "grid.linewidth": 0.7,
     "xtick.color": "#8a939e",
@@ -46,7 +48,8 @@ _STYLE: Any = {
     "text.parse_math": False,
 }
 _GROUP_ID = re.compile(r'<g id="[^"]*"')
-_VIEW_BOX = re.compile(r'<svg [^>]*?(viewBox="[^"]*")[^>]*>')
+_HEAD = re.compile(r'<svg [^>]*?(viewBox="[^"]*")[^>]*>')
+_SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 
 
 def styled() -> AbstractContextManager[None]:
@@ -69,8 +72,10 @@ def to_svg(figure: Figure, name: str, title: str) -> str:
         figure.savefig(text, format="svg", metadata=nothing, facecolor="none")
     svg = text.getvalue()
     svg = _GROUP_ID.sub("<g", svg[svg.index("<svg ") :])
-    label = escape(title)
-    return _VIEW_BOX.sub(lambda found: f'<svg {found[1]} role="img" aria-label="{label}">', svg, count=1)
+
+    return _HEAD.sub(
+        lambda found: f'<svg {_SPACES} {found[1]} role="img" aria-label="{escape(title)}">', svg, count=1
+    )
 
 
 def thin(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
@@ -91,15 +96,28 @@ def thin(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     return np.repeat(time_s[starts], 2), np.column_stack((low, high)).ravel()
 
 
-def limit_y(axes: Axes, *traces: Floats, trim: float = 0.0) -> None:
-    """Limits the y axis to the traces, without a share `trim` of each trace's lowest and highest values."""
-    known = [trace[np.isfinite(trace)] for trace in traces]
-    ends = [np.quantile(trace, (trim, 1 - trim)) for trace in known if len(trace)]
+def limit_y(axes: Axes, *traces: Floats, beside: Floats | None = None, trim: float = 0.0) -> None:
+    """Limits the y axis to the traces; to `beside` too, but by two spans of the others at most.
+
+    Each trace's lowest and highest values, a share `trim`, do not count.
+    """
+    ends = [found for trace in traces if (found := _ends(trace, trim))]
     if not ends:
         return
-    low, high = min(float(e[0]) for e in ends), max(float(e[1]) for e in ends)
-    margin = 0.06 * (high - low) or 0.1 * abs(high) or 1.0
-    axes.set_ylim(low - margin, high + margin)
+    low, high = min(end[0] for end in ends), max(end[1] for end in ends)
+    span = (high - low) or 0.1 * abs(high) or 1.0
+    more = None if beside is None else _ends(beside, trim)
+    if more:
+        low, high = min(low, max(more[0], low - 2 * span)), max(high, min(more[1], high + 2 * span))
+    axes.set_ylim(low - 0.06 * span, high + 0.06 * span)
+
+
+def _ends(trace: Floats, trim: float) -> tuple[float, float] | None:
+    known = trace[np.isfinite(trace)]
+    if not len(known):
+        return None
+    low, high = np.quantile(known.clip(-_FAR, _FAR), (trim, 1 - trim)).tolist()
+    return low, high
 
 
 def plot(axes: Axes, time_s: Floats, values: Floats, colour: str, label: str, width: float = 1.1) -> None:

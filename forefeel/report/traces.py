@@ -1,10 +1,11 @@
 """The arrays that report and figures need of one axis of a run.
 
-Times are those of the recorder's clock, in s from the first message of the run: the one clock that saw every
-message, and goes on when a daemon is restarted.
+Times are when a message was sent, on the recorder's clock: its stamp and the smallest transit that its topic
+had. So neither the network's jitter nor a recorder that waits for its disk moves them.
 """
 
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from common.recording.mcap_reader import Run
 from common.topics import FORCE, HAPTICS, PARAMETERS, RECORDED, SLAVE_STATE, Topic
 from forefeel.report.score import Floats, first_answers, first_of_each
 from forefeel.report.states import Span, spans
+
+_RESTART_NS = 10_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +64,21 @@ def run_span_ns(run: Run) -> tuple[int, int]:
     if not stamps:
         return 0, 0
     return min(int(s.min()) for s in stamps), max(int(s.max()) for s in stamps)
+
+
+def sent_ns(run: Run, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:
+    """When each message of a topic was sent, on the recorder's clock.
+
+    When it was received, if the two disagree by more than 10 s: the sender's host was started again.
+    """
+    received_ns = run.log_ns(axis, topic)
+    if not len(received_ns):
+        return received_ns
+    stamps_ns = run.column(axis, topic, "stamp_ns")
+    transit_ns = received_ns - stamps_ns
+    if np.ptp(transit_ns) > _RESTART_NS:
+        return received_ns
+    return np.asarray(stamps_ns + transit_ns.min(), dtype=np.int64)
 
 
 def axis_traces(run: Run, axis: str) -> AxisTraces:
@@ -114,12 +132,9 @@ def _delays(run: Run, axis: str) -> Floats:
 def _states(run: Run, axis: str, end_ns: int) -> list[Span]:
     stale_s = SLAVE_STATE.stale_after_s
     assert stale_s is not None
-    heard = zip(
-        run.log_ns(axis, SLAVE_STATE).tolist(),
-        (message.state for message in run.messages(axis, SLAVE_STATE)),
-        strict=True,
-    )
-    return spans(heard, end_ns, int(stale_s * 1e9))
+    states = (message.state for message in run.messages(axis, SLAVE_STATE))
+    heard = zip(sent_ns(run, axis, SLAVE_STATE).tolist(), states, strict=True)
+    return spans(sorted(heard, key=itemgetter(0)), end_ns, int(stale_s * 1e9))
 
 
 def _parameters(run: Run, axis: str, start_ns: int) -> ParameterTraces | None:
@@ -141,7 +156,7 @@ def _fits(message: ModelParameters, names: tuple[str, ...]) -> bool:
 
 
 def _time_s(run: Run, axis: str, topic: Topic[Any], start_ns: int) -> Floats:
-    return np.asarray((run.log_ns(axis, topic) - start_ns) * 1e-9)
+    return np.asarray((sent_ns(run, axis, topic) - start_ns) * 1e-9)
 
 
 def _floats(run: Run, axis: str, topic: Topic[Any], name: str) -> NDArray[np.float64]:

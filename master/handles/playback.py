@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from math import cos, pi, sin
 from typing import Protocol
 
+from common.errors import RecordingError
 from common.recording.recording import Recording
 from master.handles.motion import MinimumJerk
 from master.handles.person import Act, Person
@@ -34,27 +35,36 @@ class Motion(Protocol):
 
 
 class RecordedMotion:
-    """A measured position, linear between its samples, never across a gap longer than `gap_s`."""
+    """A measured position, linear between its samples, never across a gap longer than `gap_s`.
+
+    Raises:
+        RecordingError: every sample stands alone between gaps.
+    """
 
     carries_time = True
 
     def __init__(self, recording: Recording, gap_s: float = 0.1) -> None:
         self._time_s: list[float] = recording.time_s.tolist()
         self._position_m: list[float] = recording.position_m.tolist()
-        spans = [(self._time_s[s.start], self._time_s[s.stop - 1]) for s in recording.segments(gap_s)]
+        segments = recording.segments(gap_s)
+        self._last = frozenset(segment.stop - 1 for segment in segments)
+        spans = [(self._time_s[s.start], self._time_s[s.stop - 1]) for s in segments]
         self.pieces = [(start, end) for start, end in spans if end > start]
+        if not self.pieces:
+            raise RecordingError(f"{recording.source}: no two samples within {gap_s:g} s, nothing to play")
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """Linear interpolation; the velocity is that of the interval."""
-        i = min(max(bisect_right(self._time_s, t_s) - 1, 0), len(self._time_s) - 2)
+        """Linear interpolation; the velocity is that of the interval, at the end of a piece of the one before."""
+        i = bisect_right(self._time_s, t_s) - 1
+        i = max(0, i - (i in self._last))
         t0, x0 = self._time_s[i], self._position_m[i]
         velocity_m_s = (self._position_m[i + 1] - x0) / (self._time_s[i + 1] - t0)
         return x0 + velocity_m_s * (t_s - t0), velocity_m_s
 
 
 class MultiSine:
-    """x = centre + sum a_i (1 - cos(w_i t)) / 2: starts at rest, stays on one side; one frequency makes a
-    sine.
+    """x = centre - sum a_i cos(w_i t): starts at rest at its lowest, stays within centre +- sum a_i; one
+    frequency makes a sine.
     """
 
     carries_time = False
@@ -67,7 +77,7 @@ class MultiSine:
 
     def at(self, t_s: float) -> tuple[float, float]:
         """Position and velocity."""
-        position_m = self._centre_m + sum(self._a_m * (1.0 - cos(w * t_s)) for w in self._omega)
+        position_m = self._centre_m - sum(self._a_m * cos(w * t_s) for w in self._omega)
         return position_m, sum(self._a_m * w * sin(w * t_s) for w in self._omega)
 
 

@@ -1,0 +1,81 @@
+"""Start-up and resident memory of each daemon, and the speed of virtual time. `python -m benchmarks.service`."""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.virtual import VirtualLoopback
+
+_STREAMING_S = 8.0
+_VIRTUAL_S = 60.0
+_ENDPOINT = "tcp/127.0.0.1:17447"
+_READY = {"slave": "waiting for a master", "master": "session open"}
+
+
+def main() -> None:
+    """Prints one line a figure."""
+    plan = make_plan(Wish(seed=1, impairment="paper"))
+    _daemons(plan)
+    _virtual(plan)
+
+
+def _daemons(plan: Plan) -> None:
+    plan = replace(
+        plan,
+        slave={**plan.slave, "transport": {"listen": [_ENDPOINT]}},
+        master={**plan.master, "transport": {"connect": [_ENDPOINT]}},
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        slave_file, master_file = plan.write(Path(folder))
+        with _daemon("slave", slave_file) as slave, _daemon("master", master_file) as master:
+            time.sleep(_STREAMING_S)
+            for role, process in (("slave", slave), ("master", master)):
+                print(
+                    f"{role}: resident after {_STREAMING_S:g} s of streaming {_resident_mb(process.pid):.0f} MB"
+                )
+
+
+@contextmanager
+def _daemon(role: str, settings: Path) -> Iterator[subprocess.Popen[str]]:
+    """A daemon that has said that it is ready; the time until then is printed."""
+    start_s = time.monotonic()
+    command = [sys.executable, "-m", "forefeel", role, "--config", str(settings)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    try:
+        for line in process.stderr:
+            if _READY[role] in line:
+                break
+        print(f"{role}: '{_READY[role]}' {time.monotonic() - start_s:.2f} s after its start")
+        yield process
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def _resident_mb(pid: int) -> float:
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    found = re.search(r"VmRSS:\s+(\d+) kB", status)
+    assert found is not None
+    return int(found.group(1)) / 1024
+
+
+def _virtual(plan: Plan) -> None:
+    loop = VirtualLoopback(replace(plan, duration_s=_VIRTUAL_S), seed=1)
+    start_s, start_cpu_s = time.monotonic(), time.process_time()
+    loop.run(lambda _done_s: None)
+    wall_s, cpu_s = time.monotonic() - start_s, time.process_time() - start_cpu_s
+    print(f"virtual time: {_VIRTUAL_S:g} s of teleoperation in {wall_s:.1f} s ({cpu_s:.1f} s of one core)")
+
+
+if __name__ == "__main__":
+    print(f"{os.cpu_count()} cores, Python {sys.version.split()[0]}")
+    main()

@@ -1,0 +1,176 @@
+"""Both daemons in virtual time with what a loopback run does not have: a cable to cut, hosts whose clocks
+differ, ends that die.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from random import Random
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.bus import Bus
+from common.clock import Clock
+from common.codec import decode
+from common.config import checked
+from common.lateness import Lateness
+from common.messages import Message
+from common.runtime.port import Tick
+from common.runtime.virtual import VirtualRuntime
+from common.topics import SAFETY_EVENT, SLAVE_STATE, Topic, parse_key
+from common.transport.impaired import ImpairedTransport
+from common.transport.memory import MemoryBus
+from master.daemon import MasterDaemon
+from master.settings import MasterSettings
+from slave.daemon import SlaveDaemon
+from slave.settings import SlaveSettings
+
+S = 1_000_000_000
+AXIS = "insertion"
+DELAY_S = 0.010
+M = TypeVar("M", bound=Message)
+Payloads = list[tuple[str, bytes, int]]
+
+
+class Heard:
+    """What a recorder heard."""
+
+    def __init__(self, payloads: Payloads) -> None:
+        self.payloads = payloads
+
+    def messages(self, topic: Topic[M], axis: str = AXIS) -> list[M]:
+        return [decode(topic.message, p) for key, p, _ in self.payloads if _is(key, axis, topic)]
+
+    def column(self, topic: Topic[Any], name: str, axis: str = AXIS) -> NDArray[np.float64]:
+        """One field as float64; None is NaN."""
+        return np.array([getattr(m, name) for m in self.messages(topic, axis)], dtype=np.float64)
+
+    def events(self, axis: str = AXIS) -> list[tuple[float, str]]:
+        """(time in s, event) of each transition of the slave's safety state."""
+        return [(m.stamp_ns / S, m.event) for m in self.messages(SAFETY_EVENT, axis)]
+
+    def times(self, event: str, axis: str = AXIS) -> list[float]:
+        return [time_s for time_s, name in self.events(axis) if name == event]
+
+    def armed_share(self, axis: str = AXIS) -> float:
+        """Of the time from the first arming to the last state in which the deadman was wanted."""
+        states = [m.state.value for m in self.messages(SLAVE_STATE, axis)]
+        since = states[states.index("armed") :] if "armed" in states else []
+        return since.count("armed") / len(since) if since else 0.0
+
+
+def _is(key: str, axis: str, topic: Topic[Any]) -> bool:
+    parsed = parse_key(key)
+    return parsed is not None and parsed[1:] == (axis, topic)
+
+
+class Cable:
+    """A link of constant delay that holds everything back (`stalls`) or loses it (`cuts`) in spans of time,
+    in s of the virtual clock.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self.stalls: list[tuple[float, float]] = []
+        self.cuts: list[tuple[float, float]] = []
+
+    def plan(self, now_ns: int) -> tuple[int, ...]:
+        del now_ns  # of the host
+        now_s = self._clock.now_ns() / S
+        if any(start <= now_s < end for start, end in self.cuts):
+            return ()
+        waits_s = [end - now_s for start, end in self.stalls if start <= now_s < end]
+        return (round((max(waits_s, default=0.0) + DELAY_S) * S),)
+
+
+class HostClock:
+    """The virtual clock as a host reads it that was started at another time."""
+
+    def __init__(self, clock: Clock, offset_ns: int) -> None:
+        self._clock, self._offset_ns = clock, offset_ns
+
+    def now_ns(self) -> int:
+        return self._clock.now_ns() + self._offset_ns
+
+
+class Host:
+    """The runtime of one host: the virtual one, with that host's clock."""
+
+    scheduling = "virtual time"
+
+    def __init__(self, runtime: VirtualRuntime, offset_ns: int) -> None:
+        self._runtime, self._offset_ns = runtime, offset_ns
+        self.clock = HostClock(runtime.clock, offset_ns)
+        self.timers = self
+
+    def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
+        return self._runtime.loop(name, period_ns, lambda now_ns: tick(now_ns + self._offset_ns))
+
+    def task(self, name: str, period_ns: int, tick: Tick) -> None:
+        self._runtime.task(name, period_ns, lambda now_ns: tick(now_ns + self._offset_ns))
+
+    def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
+        self._runtime.call_at(due_ns - self._offset_ns, action)
+
+    def fault(self, error: BaseException) -> None:
+        self._runtime.fault(error)
+
+    def on_fault(self, reaction: Callable[[BaseException], None]) -> None:
+        self._runtime.on_fault(reaction)
+
+
+class Pair:
+    """A slave and a master, each on its own host with a cable for what comes in."""
+
+    def __init__(
+        self,
+        slave: dict[str, Any] | None = None,
+        master: dict[str, Any] | None = None,
+        slave_clock_ns: int = 0,
+        master_clock_ns: int = 0,
+    ) -> None:
+        self.runtime = VirtualRuntime()
+        self.to_slave, self.to_master = Cable(self.runtime.clock), Cable(self.runtime.clock)
+        self.payloads: Payloads = []
+        self.heard = Heard(self.payloads)
+        self._ids = Random("pair")
+        self._bus = MemoryBus()
+        recorder = self._bus.session(self.runtime.clock)
+        recorder.subscribe_all("forefeel", lambda key, p, stamp_ns: self.payloads.append((key, p, stamp_ns)))
+        self._slave_settings = checked(SlaveSettings, slave or {}, "slave")
+        self._master_settings = checked(MasterSettings, master or {}, "master")
+        self.start_slave(slave_clock_ns)
+        self.start_master(master_clock_ns)
+
+    def start_slave(self, clock_ns: int = 0) -> None:
+        """A new slave process on a host with that clock."""
+        host = Host(self.runtime, clock_ns)
+        self.slave = SlaveDaemon(self._slave_settings, self._join(host, self.to_slave), host, self._new_id)
+
+    def start_master(self, clock_ns: int = 0) -> None:
+        """A new master process on a host with that clock."""
+        host = Host(self.runtime, clock_ns)
+        self.master = MasterDaemon(
+            self._master_settings, self._join(host, self.to_master), host, self._new_id
+        )
+
+    def third(self) -> Bus:
+        """The bus of somebody else, on the first axis."""
+        return Bus(self._bus.session(self.runtime.clock), "cell", AXIS, self.runtime.clock)
+
+    def run(self, duration_s: float) -> float:
+        """Goes on; the time in s then."""
+        self.runtime.run(round(duration_s * S))
+        return self.runtime.clock.now_ns() / S
+
+    def _join(self, host: Host, cable: Cable) -> ImpairedTransport:
+        return ImpairedTransport(self._bus.session(host.clock), host, host.clock, cable, None)
+
+    def _new_id(self) -> int:
+        return self._ids.getrandbits(62) | 1
+
+
+def write_csv(path: Path, names: str, columns: Sequence[NDArray[np.float64]]) -> Path:
+    np.savetxt(path, np.column_stack(list(columns)), fmt="%.9f", delimiter=",", header=names, comments="")
+    return path

@@ -1,0 +1,157 @@
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from common.errors import RecordingError, RunError
+from common.recording.mcap_writer import RunWriter
+from forefeel.report.page import write_report
+from forefeel.report.svg import BINS, new_figure, thin, to_svg
+from tests.unit.report_run import RunBuilder, S, recorded, write_known_run
+
+HOSTILE = '<script>alert("1")</script>'
+TITLES = (
+    "Force", "Error of prediction and hold", "Position", "Safety state of the slave", "Delay",
+    "Identified parameters", "Lateness of the 1 kHz loops",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("report")
+    write_known_run(directory / "recording.mcap", reason=HOSTILE, seed=HOSTILE)
+    write_report(directory / "recording.mcap", directory / "new" / "folder")
+    return directory
+
+
+@pytest.fixture(scope="module")
+def page(out: Path) -> str:
+    return (out / "new" / "folder" / "report.html").read_text()
+
+
+def test_both_files_are_there_and_nothing_else(out: Path) -> None:
+    written = out / "new" / "folder"
+    assert sorted(path.name for path in written.iterdir()) == ["report.html", "report.json"]
+    assert (written / "report.html").stat().st_size < 3_000_000
+
+
+def test_the_same_recording_gives_the_same_bytes(out: Path) -> None:
+    write_report(out / "recording.mcap", out / "again")
+    for name in "report.html", "report.json":
+        assert (out / "again" / name).read_bytes() == (out / "new" / "folder" / name).read_bytes()
+
+
+def test_hostile_texts_appear_as_text(page: str) -> None:
+    assert "<script" not in page
+    assert page.count("&lt;script&gt;alert(") >= 2
+
+
+def test_the_page_needs_nothing_else(page: str) -> None:
+    addresses = set(re.findall(r"""https?://[^"'\s<>)]+""", page))
+    assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert not re.search(r"<(link|img|iframe|object|base)\b|@import|url\((?!#)", page)
+
+
+def test_every_figure_is_drawn_once_and_well_formed(page: str) -> None:
+    for title in TITLES:
+        assert page.count(f"<h3>{title}</h3>") == 1
+    drawings = re.findall(r"<svg .*?</svg>", page, flags=re.DOTALL)
+    assert len(drawings) >= len(TITLES)
+    for drawing in drawings:
+        ElementTree.fromstring(drawing)
+        assert not re.search(r"\b(nan|inf)\b", drawing)
+
+
+def test_ids_of_the_figures_do_not_clash(page: str) -> None:
+    per_figure = [
+        set(re.findall(r' id="([^"]+)"', drawing))
+        for drawing in re.findall(r"<svg .*?</svg>", page, flags=re.DOTALL)
+    ]
+    assert sum(map(len, per_figure)) == len(set().union(*per_figure))
+
+
+def test_the_page_says_what_counts(page: str) -> None:
+    for text in ("578 mN", "1.16 N", "0.500", "better than holding", "80 %", "m and k only as k - 0.99 m",
+                 "Research software, not a medical device."):  # fmt: skip
+        assert text in page
+
+
+def test_an_empty_run_has_a_page(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "run.mcap"):
+        pass
+    write_report(tmp_path / "run.mcap", tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "Nothing was recorded." in page
+    assert "<svg" not in page
+
+
+def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(tmp_path: Path) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        run.haptics(0, 1, predicted_n=1e300, held_n=0.0, answered=1, delay_s=0.0)
+        run.force(0, 1.0, answers=1)
+        run.slave_state(0, S.ARMED)
+        run.parameters(0, 1.0)
+        run.timing(0, "master")
+    report = write_report(tmp_path / "run.mcap", tmp_path)
+    assert report.prediction.rms_n == pytest.approx(1e300)
+    assert "worse than holding" in (tmp_path / "report.html").read_text()
+
+
+def test_two_axes_of_a_killed_recorder_have_a_page(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "whole.mcap") as writer:
+        for axis in "insertion", "rotation":
+            run = RunBuilder(writer, axis)
+            for k in range(1, 20):
+                run.haptics(k, k, predicted_n=1.0, held_n=2.0)
+                run.force(k, 0.0, answers=k)
+        writer.flush()
+        (tmp_path / "run.mcap").write_bytes((tmp_path / "whole.mcap").read_bytes())
+    report = write_report(tmp_path / "run.mcap", tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert report.truncated
+    assert page.count("The recorder was killed") == 2
+    assert [page.count(f"<h2>Axis {axis}</h2>") for axis in ("insertion", "rotation")] == [1, 1]
+    assert page.count("<h3>Force</h3>") == 2
+
+
+def test_what_can_not_be_read_or_written_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"none\.mcap"):
+        write_report(tmp_path / "none.mcap", tmp_path)
+    with RunWriter(tmp_path / "run.mcap"):
+        pass
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(RunError, match=r"report\.html: .*the report is not written"):
+        write_report(tmp_path / "run.mcap", tmp_path)
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_thin_traces_keep_every_peak_and_show_gaps() -> None:
+    rng = np.random.default_rng(5)
+    time_s = np.concatenate((np.arange(0, 10, 1e-3), np.arange(20, 30, 1e-3)))
+    values = rng.normal(size=len(time_s))
+    values[1234], values[15_678] = 50.0, -60.0
+    x, y = thin(time_s, values)
+    assert len(x) <= 2 * BINS + 2
+    assert np.all(np.diff(x) >= 0)
+    assert np.nanmax(y) == 50.0
+    assert np.nanmin(y) == -60.0
+    assert x[np.argmax(np.nan_to_num(y))] == pytest.approx(1.234, abs=30 / BINS)
+    inside = x[np.isnan(y)]
+    assert len(inside)
+    assert np.all((inside > 10) & (inside < 20))
+
+
+def test_short_traces_stay_as_they_are() -> None:
+    time_s, values = np.arange(5.0) / 10, np.array([1.0, 2.0, np.nan, 3.0, 4.0])
+    x, y = thin(time_s[::-1], values[::-1])
+    np.testing.assert_array_equal(x, time_s)
+    np.testing.assert_array_equal(y, values)
+
+
+def test_titles_of_drawings_are_escaped() -> None:
+    figure = new_figure(1.0)
+    figure.subplots().set_title("<a> & b")
+    svg = to_svg(figure, "name", 'a "title" \\1 <b>')
+    assert ElementTree.fromstring(svg).get("aria-label") == 'a "title" \\1 <b>'

@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.messages import SafetyState
+from forefeel.report.score import compare, error_size, first_answers, first_of_each, spread
+from forefeel.report.states import Span, armed_share, spans
+from forefeel.report.wording import micros, number, quantity, ratio, share
+
+S = SafetyState
+BIG = 2**62
+Pairs = st.lists(st.tuples(st.integers(BIG, BIG + 2), st.integers(1, 6)), max_size=30)
+
+
+@given(commands=Pairs, answers=Pairs, seed=st.integers(0, 99))
+def test_first_answers_agree_with_a_search(
+    commands: list[tuple[int, int]], answers: list[tuple[int, int]], seed: int
+) -> None:
+    stamps = np.random.default_rng(seed).permutation(len(answers))
+    expected = []
+    for command in commands:
+        matching = [i for i, answer in enumerate(answers) if answer == command]
+        expected.append(min(matching, key=lambda i: int(stamps[i]), default=-1))
+    found = first_answers(_columns(commands), _columns(answers), stamps)
+    assert found.tolist() == expected
+
+
+def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([p[0] for p in pairs], dtype=np.int64), np.array([p[1] for p in pairs], dtype=np.float64)
+
+
+@given(pairs=Pairs)
+def test_first_of_each_agrees_with_a_dictionary(pairs: list[tuple[int, int]]) -> None:
+    expected = sorted({pair: i for i, pair in reversed(list(enumerate(pairs)))}.values())
+    assert first_of_each(*_columns(pairs)).tolist() == expected
+
+
+def test_errors_of_one_to_thousand() -> None:
+    k = np.arange(1.0, 1001.0)
+    size = error_size(k * (-1) ** np.arange(1000), np.zeros(1000))
+    assert size.rms_n == pytest.approx(np.sqrt(1001 * 2001 / 6))
+    assert size.p95_n == pytest.approx(950.05)
+    assert size.max_n == 1000.0
+
+
+def test_prediction_and_hold_are_scored_on_the_same_commands() -> None:
+    nan = np.nan
+    predicted_n = np.array([nan, 1.0, 3.0, 9.0, 1.0])
+    held_n = np.array([5.0, 2.0, nan, 9.0, 3.0])
+    force_n = np.array([0.0, 0.0, 0.0, nan, 0.0])
+    comparison = compare(predicted_n, held_n, force_n)
+    assert comparison.commands == 2
+    assert comparison.prediction.rms_n == 1.0
+    assert comparison.hold.rms_n == pytest.approx(np.sqrt(6.5))
+    assert comparison.ratio.max == pytest.approx(1 / 3)
+
+
+def test_a_model_that_ran_away_still_has_an_error() -> None:
+    size = error_size(np.array([1e300, 0.0]), np.zeros(2))
+    assert size.rms_n == pytest.approx(1e300 / np.sqrt(2))
+    beyond = error_size(np.array([1.7e308]), np.array([-1.7e308]))
+    assert beyond.max_n is None
+    assert beyond.rms_n is None
+
+
+def test_a_perfect_hold_gives_no_ratio() -> None:
+    assert compare(np.ones(3), np.zeros(3), np.zeros(3)).ratio.rms is None
+    assert error_size(np.ones(3), np.ones(3)).rms_n == 0.0
+
+
+def test_spread_ignores_what_is_missing() -> None:
+    values = np.append(np.arange(1.0, 102.0), np.nan)
+    found = spread(values)
+    assert (found.p50, found.p99, found.max, found.mean) == pytest.approx((51.0, 100.0, 101.0, 51.0))
+    assert spread(np.array([np.nan])).p50 is None
+
+
+def test_a_silent_slave_is_not_armed() -> None:
+    found = spans([(0, S.READY), (10, S.ARMED), (20, S.ARMED), (100, S.READY)], end_ns=110, stale_ns=30)
+    assert found == [
+        Span(0, 10, S.READY),
+        Span(10, 50, S.ARMED),
+        Span(50, 100, None),
+        Span(100, 110, S.READY),
+    ]
+
+
+def test_armed_share_counts_from_the_first_arming_and_without_the_chosen_pause() -> None:
+    seconds = 10**9
+    heard = [(0, S.IDLE), (1 * seconds, S.READY), (2 * seconds, S.ARMED), (8 * seconds, S.READY)]
+    found = spans(heard, end_ns=10 * seconds, stale_ns=10 * seconds)
+    assert armed_share(found, 0.0) == pytest.approx(6 / 8)
+    assert armed_share(found, 1.5) == pytest.approx(6 / 6.5)
+    assert armed_share(found, 2.1) == 1.0
+    assert armed_share(found, 8.0) is None
+    assert armed_share(found[:1], 0.0) is None
+    assert armed_share([], 0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (0.0, "0 N"),
+        (0.0123, "12.3 mN"),
+        (-0.0123, "-12.3 mN"),
+        (0.9996, "1 N"),
+        (0.0009996, "1 mN"),
+        (1.0, "1 N"),
+        (12.345, "12.3 N"),
+        (1e-6, "1 µN"),
+        (1e-12, "0.001 nN"),
+    ],
+)
+def test_quantities_have_three_digits_and_a_prefix(value: float | None, text: str) -> None:
+    assert quantity(value, "N") == text
+
+
+def test_other_words() -> None:
+    assert micros(1500.0) == "1.5 ms"
+    assert share(0.99999) == "99.9 %"
+    assert share(1.0) == "100 %"
+    assert ratio(1.3) == "1.30"
+    assert ratio(None) == "–"
+    assert number(1234567).replace("\N{NARROW NO-BREAK SPACE}", " ") == "1 234 567"
+    assert number(0.123456) == "0.1235"

@@ -1,0 +1,264 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.recording.mcap_reader import read_run
+from common.recording.mcap_writer import RunWriter
+from forefeel.report.model import RunReport
+from forefeel.report.summary import summarise
+from forefeel.report.text import DISCLAIMER, ten_lines
+from tests.unit.report_run import MS, SESSION, RunBuilder, S, recorded, write_known_run
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
+    path = tmp_path_factory.mktemp("run") / "recording.mcap"
+    write_known_run(path)
+    return summarise(read_run(path))
+
+
+def _summary(path: Path) -> RunReport:
+    return summarise(read_run(path))
+
+
+def test_scores_are_exact(report: RunReport) -> None:
+    assert report.commands.model_dump() == {
+        "sent": 1000, "answered": 1000, "scored": 1000, "answered_share": 1.0, "scored_share": 1.0
+    }  # fmt: skip
+    assert report.prediction.rms_n == pytest.approx(1e-3 * np.sqrt(1001 * 2001 / 6))
+    assert report.prediction.p95_n == pytest.approx(0.95005)
+    assert report.prediction.max_n == pytest.approx(1.0)
+    assert report.hold.rms_n == pytest.approx(2e-3 * np.sqrt(1001 * 2001 / 6))
+    assert report.ratio.rms == pytest.approx(0.5)
+
+
+def test_settled_starts_three_seconds_after_the_first_scored_command(report: RunReport) -> None:
+    # commands come every 5 ms: 600 of them in 3 s
+    assert report.settled.commands == 400
+    assert report.settled.prediction.rms_n == pytest.approx(
+        1e-3 * np.sqrt(np.mean(np.arange(601, 1001) ** 2.0))
+    )
+
+
+def test_delay_has_one_value_per_answered_command(report: RunReport) -> None:
+    delay = report.delay_s
+    assert (delay.p50, delay.p99, delay.max, delay.mean) == pytest.approx((0.051, 0.100, 0.101, 0.051))
+    assert report.force_age_s.p50 == pytest.approx(0.101 / 2)
+
+
+def test_armed_share_is_exact(report: RunReport) -> None:
+    assert report.armed_share == pytest.approx(6.0 / (8.0 - 0.5))
+    assert report.stops == 2
+
+
+def test_counters_are_flat_and_complete(report: RunReport) -> None:
+    assert report.counters == {
+        "limit_velocity": 7,
+        "master_forces_unused": 3,
+        "safety_engage": 1,
+        "slave_refused_late": 10_000,
+        "stops": 2,
+        "impairment_master_inbound_messages": 4,
+        "impairment_master_inbound_lost": 1,
+        "impairment_master_inbound_duplicated": 1,
+    }
+    assert all(type(count) is int for count in report.counters.values())
+
+
+def test_the_last_word_counts(report: RunReport) -> None:
+    assert report.loop.master.ticks == report.loop.slave.ticks == 9900
+    assert report.loop.slave.p99_us == 110.5
+    assert report.loop.slave.scheduling == "SCHED_FIFO 50"
+    assert [(p.name, p.standard_deviation) for p in report.parameters] == [
+        ("bias.force_n", 0.25), ("spring.stiffness_n_m", 0.125)
+    ]  # fmt: skip
+    assert report.parameters[1].value == pytest.approx(7.95)
+    assert report.identifiable == ("m and k only as k - 0.99 m",)
+    assert report.settings == {"axis": "insertion", "max_force_n": "3.0"}
+
+
+def test_the_run_itself(report: RunReport) -> None:
+    assert (report.cell, report.axis, report.recording) == ("cell", "insertion", "recording.mcap")
+    assert report.duration_s == pytest.approx(10.0)
+    assert (report.seed, report.impairment) == ("7", "wan")
+    assert report.metadata["run"]["preset"] == "catheter"
+    assert report.samples["slave/force"] == 2000
+    assert not report.truncated
+
+
+def test_a_recorder_that_stalls_does_not_move_the_states(tmp_path: Path) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        for t_ms in range(0, 4000, 20):
+            run.late_ms = 30 + (400 if 900 <= t_ms < 1100 else 0)
+            run.slave_state(t_ms, S.ARMED if 1000 <= t_ms < 3000 else S.READY)
+        run.late_ms = 0
+        run.master_state(4030)
+    assert _summary(tmp_path / "run.mcap").armed_share == pytest.approx(2.0 / 3.0)
+
+
+def test_a_host_that_restarts_does_not_break_the_time(tmp_path: Path) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        for t_ms in range(0, 4000, 20):
+            run.late_ms = 0 if t_ms < 2000 else 3_600_000  # its clock began again, an hour less
+            run.slave_state(t_ms - run.late_ms, S.ARMED if 1000 <= t_ms < 3000 else S.READY)
+        run.late_ms = 0
+        run.master_state(4000)
+    assert _summary(tmp_path / "run.mcap").armed_share == pytest.approx(2.0 / 3.0)
+
+
+@pytest.mark.parametrize(
+    ("bound_ns", "grade"),
+    [(None, "unknown"), (MS - 1, "good"), (MS, "acceptable"), (10 * MS, "acceptable"), (10 * MS + 1, "poor")],
+)
+def test_clock_is_graded_by_its_bound(tmp_path: Path, bound_ns: int | None, grade: str) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        run.master_state(0, offset_ns=None if bound_ns is None else -2 * MS, bound_ns=bound_ns)
+    clock = _summary(tmp_path / "run.mcap").clock
+    assert clock.grade == grade
+    assert clock.offset_s == (None if bound_ns is None else pytest.approx(-0.002))
+
+
+def test_only_valid_answers_of_the_same_session_count(tmp_path: Path) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        run.haptics(0, 1, predicted_n=2.0, held_n=4.0)
+        run.haptics(1, 2, predicted_n=2.0, held_n=4.0)
+        run.haptics(2, 1, predicted_n=2.0, held_n=4.0, session_id=SESSION + 1)
+        run.force(3, 50.0, answers=1, valid=False)
+        run.force(5, 3.0, answers=1, session_id=SESSION + 1)
+        run.force(4, 1.0, answers=1)
+        run.force(6, 60.0, answers=None)
+    report = _summary(tmp_path / "run.mcap")
+    assert (report.commands.sent, report.commands.answered, report.commands.scored) == (3, 2, 2)
+    assert report.prediction.rms_n == pytest.approx(1.0)
+    assert report.hold.max_n == pytest.approx(3.0)
+
+
+REQUIRED = (
+    "schema prediction.rms_n prediction.p95_n prediction.max_n hold.rms_n hold.p95_n hold.max_n ratio.rms "
+    "settled.prediction.rms_n settled.hold.rms_n delay_s.p50 delay_s.p99 delay_s.max delay_s.mean "
+    "force_age_s.p50 force_age_s.p99 armed_share stops clock.offset_s clock.bound_s clock.grade duration_s "
+    "seed impairment metadata parameters identifiable samples truncated counters axes notes "
+    + " ".join(
+        f"loop.{role}.{name}"
+        for role in ("master", "slave")
+        for name in ("p50_us", "p99_us", "max_us", "ticks", "missed", "scheduling")
+    )
+)
+
+
+def _parsed(report: RunReport) -> dict[str, object]:
+    def refuse(constant: str) -> None:
+        pytest.fail(f"{constant} in JSON")
+
+    parsed: dict[str, object] = json.loads(report.to_json(), parse_constant=refuse)
+    return parsed
+
+
+def _at(parsed: object, place: str) -> object:
+    for name in place.split("."):
+        assert isinstance(parsed, dict)
+        parsed = parsed[name]
+    return parsed
+
+
+def test_json_has_every_key(report: RunReport) -> None:
+    parsed = _parsed(report)
+    assert next(iter(parsed)) == "schema"
+    assert parsed["schema"] == "forefeel.report/1"
+    for place in REQUIRED.split():
+        assert _at(parsed, place) is not None, place
+    assert RunReport.model_validate_json(report.to_json()) == report
+
+
+def test_an_empty_run_has_every_key_too(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "run.mcap"):
+        pass
+    report = _summary(tmp_path / "run.mcap")
+    parsed = _parsed(report)
+    for place in REQUIRED.split():
+        _at(parsed, place)
+    assert parsed["prediction"] == {"rms_n": None, "p95_n": None, "max_n": None}
+    assert parsed["armed_share"] is None
+    assert parsed["axes"] == {}
+    assert report.notes == ("Nothing was recorded.",)
+
+
+@pytest.mark.parametrize(("present", "missing"), [("master", "slave"), ("slave", "master")])
+def test_a_run_of_one_end_says_so(tmp_path: Path, present: str, missing: str) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        if present == "master":
+            run.haptics(0, 1, predicted_n=1.0)
+            run.master_state(10)
+        else:
+            run.force(0, 1.0, answers=None)
+            run.slave_state(10, S.READY)
+    report = _summary(tmp_path / "run.mcap")
+    assert f"No message of the {missing} was recorded." in report.notes
+    assert "No command was answered by a valid force: nothing could be scored." in report.notes
+    assert report.prediction.rms_n is None
+    assert (report.stops is None) == (missing == "slave")
+    _parsed(report)
+
+
+def test_a_refused_session_is_told(tmp_path: Path) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        run.handshake(0, "[" * 3000 + '"\\ud800"', accepted=False, reason="settings differ: max_force_n")
+    report = _summary(tmp_path / "run.mcap")
+    assert "The slave refused the session: settings differ: max_force_n" in report.notes
+    assert list(report.settings) == ["settings"]
+
+
+def test_settings_may_hold_half_a_surrogate_pair(tmp_path: Path) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        run.handshake(0, '{"axis": "\\ud800", "max_force_n": NaN}')
+    report = _summary(tmp_path / "run.mcap")
+    assert report.settings == {"axis": "?", "max_force_n": "NaN"}
+    _parsed(report)
+
+
+def test_every_axis_has_a_report_and_the_loops_are_found_on_any(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "run.mcap") as writer:
+        insertion, rotation = RunBuilder(writer, "insertion"), RunBuilder(writer, "rotation")
+        rotation.timing(0, "master")
+        rotation.impairment(0, "slave", ((), (1,)))
+        for run, error_n in (insertion, 1.0), (rotation, 2.0):
+            run.haptics(1, 1, predicted_n=error_n, held_n=5.0)
+            run.force(2, 0.0, answers=1)
+    report = _summary(tmp_path / "run.mcap")
+    assert report.axis == "insertion"
+    assert {name: axis.prediction.rms_n for name, axis in report.axes.items()} == {
+        "insertion": 1.0,
+        "rotation": 2.0,
+    }
+    assert report.prediction.rms_n == 1.0
+    assert report.loop.master.missed == 2
+    assert report.loop.slave.ticks is None
+    assert report.counters["impairment_slave_inbound_lost"] == 1
+
+
+def test_ten_lines(report: RunReport) -> None:
+    lines = ten_lines(report, Path("/somewhere") / ("deep" * 40))
+    assert len(lines) == 10
+    assert all(len(line) < 100 for line in lines)
+    assert "recording.mcap: 10.0 s, axis insertion, impairment wan, seed 7" in lines[0]
+    assert "578 mN rms" in lines[1]
+    assert "1.16 N rms" in lines[2]
+    assert "0.500" in lines[2]
+    assert "51 ms median" in lines[3]
+    assert "80 %" in lines[4]
+    assert "2 stops" in lines[4]
+    assert "110 µs p99" in lines[5]
+    assert "within ±3 ms (acceptable)" in lines[6]
+    assert "7 limited, 10000 refused, 1 lost and 1 duplicated" in lines[7]
+    assert "report.html" in lines[8]
+    assert lines[9] == DISCLAIMER == "Research software, not a medical device."
+
+
+def test_ten_lines_stay_ten_whatever_the_names_hold(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "run.mcap") as writer:
+        writer.add_metadata("run", {"seed": "1\n2\x1b[31m", "impairment": "wan\r"})
+    lines = ten_lines(_summary(tmp_path / "run.mcap"))
+    assert len("\n".join(lines).splitlines()) == 10
+    assert not any("\x1b" in line for line in lines)
