@@ -1,4 +1,4 @@
-"""Start-up and resident memory of each daemon, and the speed of virtual time. `python -m benchmarks.service`."""
+"""Start-up and memory of each daemon, and the speed of virtual time: `python -m benchmarks.service`."""
 
 import os
 import re
@@ -38,9 +38,8 @@ def _daemons(plan: Plan) -> None:
         with _daemon("slave", slave_file) as slave, _daemon("master", master_file) as master:
             time.sleep(_STREAMING_S)
             for role, process in (("slave", slave), ("master", master)):
-                print(
-                    f"{role}: resident after {_STREAMING_S:g} s of streaming {_resident_mb(process.pid):.0f} MB"
-                )
+                resident_mb = _resident_mb(process.pid)
+                print(f"{role}: {resident_mb:.0f} MB resident after {_STREAMING_S:g} s of streaming")
 
 
 @contextmanager

@@ -4,7 +4,7 @@ on the way in.
 
 from collections import Counter
 from collections.abc import Callable
-from itertools import count
+from itertools import count as numbers
 from typing import TypedDict, TypeVar
 
 from common.clock import Clock
@@ -32,7 +32,7 @@ class Outlet:
 
     def __init__(self, put: Callable[[bytes], None]) -> None:
         self._put = put
-        self._sequence = count(1)
+        self._sequence = numbers(1)
 
     def header(self, session_id: int, now_ns: int) -> Header:
         """The fields that every message carries, with the next sequence number of this outlet."""
@@ -73,3 +73,8 @@ class Bus:
             handler(message, receive_ns)
 
         self._transport.subscribe(topic.key(self._cell, self._axis), receive)
+
+    def malformed_counts(self) -> dict[str, int]:
+        """`malformed` as counters for a state message."""
+        counted = list(self.malformed.items())  # at once: the transport's threads go on counting
+        return {f"malformed_{name.replace('/', '_')}": count for name, count in counted}

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field
 PROTOCOL_VERSION = 1
 
 NonNegativeInt = Annotated[int, Field(ge=0, le=2**63 - 1)]
-Stamp = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
+Int64 = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
+Stamp = Int64
 ShortText = Annotated[str, Field(max_length=256)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 
@@ -82,7 +83,7 @@ class ForceSample(Message):
     position_m: float
     velocity_m_s: float
     force_n: float
-    raw_counts: int
+    raw_counts: Int64
     valid: bool
     answers_sequence: NonNegativeInt | None
     answers_stamp_ns: Stamp | None
@@ -197,7 +198,7 @@ class LoopTiming(Message):
     p99_us: float
     max_us: float
     edges_us: tuple[float, ...]
-    counts: tuple[int, ...]
+    counts: tuple[NonNegativeInt, ...]
     scheduling: ShortText
 
 
@@ -206,4 +207,4 @@ class ImpairmentTrace(Message):
 
     link: ShortText
     first_index: NonNegativeInt
-    delays_ns: tuple[tuple[int, ...], ...]
+    delays_ns: tuple[tuple[NonNegativeInt, ...], ...]

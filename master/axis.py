@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from common import topics
 from common.bus import Bus, Outlet
-from common.clock_offset import ClockOffset
 from common.errors import DeviceError
+from common.heartbeats import Heartbeats
 from common.messages import (
     EmergencyStop,
     ForceSample,
@@ -54,16 +54,16 @@ class MasterAxis:
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._loop = loop
         self._bus = bus
-        self._clock = ClockOffset()
+        self._heartbeats = Heartbeats(bus.outlet(topics.MASTER_HEARTBEAT))
         self._force: NewestForce | None = None
         self._force_stamp_ns: int | None = None
         self._stage_position_m: float | None = None
         self._slave_state: SlaveState | None = None
         self._state_heard_ns = 0
-        self._peer_heartbeat: tuple[int, int] | None = None
         self._deadman = False
         self._identifiable: tuple[str, ...] = ()
         self.stopping = False
+        self._failed = False
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
@@ -72,7 +72,6 @@ class MasterAxis:
         self._parameters: Outlet = bus.outlet(topics.PARAMETERS)
         self._state: Outlet = bus.outlet(topics.MASTER_STATE)
         self._handshake: Outlet = bus.outlet(topics.MASTER_HANDSHAKE)
-        self._heartbeat: Outlet = bus.outlet(topics.MASTER_HEARTBEAT)
         self._estop: Outlet = bus.outlet(topics.EMERGENCY_STOP)
         bus.subscribe(topics.FORCE, self._on_force)
         bus.subscribe(topics.SLAVE_STATE, self._on_state)
@@ -105,17 +104,12 @@ class MasterAxis:
             accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
         self.session.answered(handshake.session_id, accepted, reason, receive_ns)
         if before is not Link.OPEN and self.session.link is Link.OPEN:
-            self._clock = ClockOffset()  # a new one: an exchange of the old session may be under way
-            self._peer_heartbeat = self._force = self._force_stamp_ns = self._slave_state = None
+            self._heartbeats.restart()
+            self._force = self._force_stamp_ns = self._slave_state = None
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
-        if heartbeat.session_id != self.session.session_id:
-            return
-        self._peer_heartbeat = heartbeat.stamp_ns, receive_ns
-        if heartbeat.echo_stamp_ns is not None and heartbeat.echo_receive_ns is not None:
-            self._clock.update(
-                heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns, heartbeat.stamp_ns, receive_ns
-            )
+        if heartbeat.session_id == self.session.session_id:
+            self._heartbeats.heard(heartbeat, receive_ns)
 
     # --- the haptic loop ---
 
@@ -124,11 +118,12 @@ class MasterAxis:
         state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
         self.handle.show(Indication(state, stage_position_m))
         reading = self.handle.read(now_ns)
+        live_state = None if self.stopping else state  # the force fades before the handle is let go
         outputs = self._loop.tick(
-            now_ns, HapticInputs(reading, state, stage_position_m, force, self.identification.estimate)
+            now_ns, HapticInputs(reading, live_state, stage_position_m, force, self.identification.estimate)
         )
         self._deadman = outputs.deadman and not self.stopping
-        rendered_n = self.handle.render(0.0 if self.stopping else outputs.rendered_n, now_ns)
+        rendered_n = self.handle.render(0.0 if self._failed else outputs.rendered_n, now_ns)
         if self.session.link is Link.OPEN:
             self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
 
@@ -175,7 +170,7 @@ class MasterAxis:
         """Age of the newest force on the master's clock, and round trip of the command that it answers."""
         if force is None:
             return None, None
-        sample, best = force.sample, self._clock.best
+        sample, best = force.sample, self._heartbeats.offset
         age_s = None if best is None else (now_ns - sample.stamp_ns + best.offset_ns) * 1e-9
         sent_ns = sample.answers_stamp_ns
         return age_s, None if sent_ns is None else (force.arrived_ns - sent_ns) * 1e-9
@@ -201,13 +196,7 @@ class MasterAxis:
         """Heartbeat with the four stamps, about 20 Hz."""
         if self.session.link is not Link.OPEN:
             return
-        echo = self._peer_heartbeat
-        header = self._heartbeat.header(self.session.session_id, now_ns)
-        self._heartbeat.send(
-            Heartbeat(
-                **header, echo_stamp_ns=echo[0] if echo else None, echo_receive_ns=echo[1] if echo else None
-            )
-        )
+        self._heartbeats.beat(self.session.session_id, now_ns)
 
     def identify(self, now_ns: int) -> None:
         """Learns from the forces that arrived; about every 5 ms."""
@@ -241,7 +230,7 @@ class MasterAxis:
 
     def report(self, now_ns: int) -> None:
         """The axis' state, about 10 Hz."""
-        best, state = self._clock.best, self._shown_state(now_ns)
+        best, state = self._heartbeats.offset, self._shown_state(now_ns)
         self._state.send(
             MasterState(
                 **self._state.header(self.session.session_id, now_ns),
@@ -262,7 +251,7 @@ class MasterAxis:
 
     def fail(self, error: BaseException) -> None:
         """A fault of any thread: no force on the hand, no deadman; the slave's watchdog does the rest."""
-        self.stopping = True
+        self.stopping = self._failed = True
         self.counters[f"fault_{type(error).__name__}"] += 1
         try:
             self.handle.render(0.0, 0)
@@ -270,12 +259,10 @@ class MasterAxis:
             self.counters["render_failed"] += 1
 
     def _count(self) -> dict[str, int]:
-        counted = list(self._bus.malformed.items())  # at once: the transport's threads go on counting
-        malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
         identification = self.identification
         return {
             "forces_dropped": identification.queue.dropped,
             "forces_unused": identification.unused,
             **self.counters,
-            **malformed,
+            **self._bus.malformed_counts(),
         }

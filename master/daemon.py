@@ -101,7 +101,7 @@ class MasterDaemon:
             axis.fail(error)
 
     def shut_down(self) -> None:
-        """Releases the deadman and takes the force away; the loop tells the slave so until it ends."""
+        """Releases the deadman and fades the force out; the loop tells the slave so until it ends."""
         for axis in self.axes:
             axis.stopping = True
 

@@ -2,11 +2,14 @@
 stamps.
 """
 
+from itertools import groupby
+
 from common.estimation.identification import ContactEstimate, ContactIdentifier
 from common.messages import ForceSample
 from common.slots import BoundedQueue
 
 _QUEUE = 8192  # eight seconds at 1 kHz
+_PAUSE_NS = 1_000_000_000  # long enough for the identifier to start its filters anew
 
 
 class IdentificationTask:
@@ -25,15 +28,30 @@ class IdentificationTask:
         self.estimate: ContactEstimate | None = None
         self._identifier = identifier
         self.unused = 0
+        self._session_id = 0
+        self._shift_ns = 0
+        self._last_ns: int | None = None
 
     def run(self) -> None:
         """Learns from what has arrived since the last call."""
-        batch = sorted(self.queue.drain(), key=lambda sample: sample.stamp_ns)
-        for sample in batch:
-            if sample.valid and sample.answers_sequence is not None:
-                self._identifier.observe(sample.stamp_ns, sample.position_m, sample.force_n)
-            else:
-                self.unused += 1
+        for _, batch in groupby(self.queue.drain(), key=lambda sample: sample.session_id):
+            for sample in sorted(batch, key=lambda sample: sample.stamp_ns):
+                if sample.valid and sample.answers_sequence is not None:
+                    self._identifier.observe(self._stamp_ns(sample), sample.position_m, sample.force_n)
+                else:
+                    self.unused += 1
+
+    def _stamp_ns(self, sample: ForceSample) -> int:
+        """The sample's stamp; where a new session begins behind the old one (the slave's host was started
+        again), moved on to follow it.
+        """
+        new_session, self._session_id = sample.session_id != self._session_id, sample.session_id
+        last_ns = self._last_ns
+        if new_session and last_ns is not None and sample.stamp_ns + self._shift_ns <= last_ns:
+            self._shift_ns = last_ns + _PAUSE_NS - sample.stamp_ns
+        stamp_ns = sample.stamp_ns + self._shift_ns
+        self._last_ns = stamp_ns if last_ns is None else max(last_ns, stamp_ns)
+        return stamp_ns
 
     def update_estimate(self) -> None:
         """Makes what was learned visible to the loop; a tenth of a millisecond, so less often than `run`."""

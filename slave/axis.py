@@ -8,28 +8,24 @@ from math import isfinite
 
 from common import topics
 from common.bus import Bus, Outlet
-from common.clock_offset import ClockOffset
 from common.errors import DeviceError
 from common.messages import (
     EmergencyStop,
     ForceSample,
-    Handshake,
-    Heartbeat,
     LimitEvent,
     MotionCommand,
     SafetyEvent,
     SafetyState,
     SlaveState,
 )
-from common.settings import differences, settings_hash, shared_text
 from common.slots import BoundedQueue, LatestValue
 from slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
 from slave.gate import CommandGate, GateLimits, Refusal
 from slave.grippers.port import Gripper
 from slave.limit_log import LimitLog
 from slave.limiter import LimitHit
+from slave.link import SlaveLink
 from slave.load_cells.port import LoadCell, LoadCellReading
-from slave.session import Lease
 from slave.settings import SlaveAxisSettings
 from slave.stages.port import Stage, StageReading
 
@@ -63,16 +59,11 @@ class SlaveAxis:
         self.counters: Counter[str] = Counter()
         self.shutdown = False
         self._devices = devices
-        self._instance_id = instance_id
-        self._shared = shared_text(cell, settings.name, settings.limits)
         self._gate = CommandGate(_gate_limits(settings))
-        self._lease = Lease(int(settings.gate.lease_s * 1e9))
-        self._clock = ClockOffset()
+        self._link = SlaveLink(cell, settings, bus, instance_id)
         self._slot: LatestValue[tuple[MotionCommand, int]] = LatestValue()
-        self._handshakes: BoundedQueue[tuple[Handshake, int]] = BoundedQueue(16)
         self._transitions: BoundedQueue[tuple[int, Transition]] = BoundedQueue(256)
         self._limits = LimitLog()
-        self._peer_heartbeat: tuple[int, int] | None = None
         self._estop: str | None = None
         self._fault: str | None = None
         self._clear = False
@@ -85,19 +76,15 @@ class SlaveAxis:
     def _connect(self, bus: Bus) -> None:
         self._force: Outlet = bus.outlet(topics.FORCE)
         self._state: Outlet = bus.outlet(topics.SLAVE_STATE)
-        self._handshake: Outlet = bus.outlet(topics.SLAVE_HANDSHAKE)
-        self._heartbeat: Outlet = bus.outlet(topics.SLAVE_HEARTBEAT)
         self._limit_event: Outlet = bus.outlet(topics.LIMIT_EVENT)
         self._safety_event: Outlet = bus.outlet(topics.SAFETY_EVENT)
         bus.subscribe(topics.COMMAND, self._on_command)
-        bus.subscribe(topics.MASTER_HANDSHAKE, self._on_handshake)
-        bus.subscribe(topics.MASTER_HEARTBEAT, self._on_heartbeat)
         bus.subscribe(topics.EMERGENCY_STOP, self._on_estop)
 
     # --- where the transport delivers ---
 
     def _on_command(self, command: MotionCommand, receive_ns: int) -> None:
-        refusal = self._gate.admit(command, receive_ns, self._clock.best)
+        refusal = self._gate.admit(command, receive_ns, self._link.offset)
         if refusal is None:
             self._slot.put((command, receive_ns))
         else:
@@ -106,18 +93,6 @@ class SlaveAxis:
     def _count_refusal(self, refusal: Refusal) -> None:
         self.counters[f"refused_{refusal.rule}"] += 1
         self._limits.add(LimitHit(refusal.rule, refusal.requested, refusal.limit, refusal.unit))
-
-    def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
-        self._handshakes.put((handshake, receive_ns))
-
-    def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
-        if not self._lease.renew(heartbeat.session_id, receive_ns):
-            return
-        self._peer_heartbeat = heartbeat.stamp_ns, receive_ns
-        if heartbeat.echo_stamp_ns is not None and heartbeat.echo_receive_ns is not None:
-            self._clock.update(
-                heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns, heartbeat.stamp_ns, receive_ns
-            )
 
     def _on_estop(self, stop: EmergencyStop, receive_ns: int) -> None:
         del receive_ns
@@ -215,8 +190,8 @@ class SlaveAxis:
             position_m=self._stage_reading.position_m,
             force_n=force.force_n,
             force_valid=force.valid,
-            session_live=self._lease.live(now_ns),
-            clock=self._clock.best,
+            session_live=self._link.live(now_ns),
+            clock=self._link.offset,
             estop=self._estop,
             fault=self._fault,
             shutdown=self.shutdown,
@@ -238,10 +213,10 @@ class SlaveAxis:
 
     def _answer(self, now_ns: int, force: LoadCellReading) -> None:
         """The force belongs to the command that the stage executed until now."""
-        executing, best = self._executing, self._clock.best
+        executing, best = self._executing, self._link.offset
         self._force.send(
             ForceSample(
-                **self._force.header(self._lease.holder, now_ns),
+                **self._force.header(self._link.holder, now_ns),
                 position_m=self._stage_reading.position_m,
                 velocity_m_s=self._stage_reading.velocity_m_s,
                 force_n=force.force_n,
@@ -259,15 +234,14 @@ class SlaveAxis:
 
     def serve(self, now_ns: int) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms."""
-        for handshake, receive_ns in self._handshakes.drain():
-            self._open_session(handshake, receive_ns, now_ns)
+        self._link.serve(now_ns, self.at_rest, self._gate.open)
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
-            header = self._safety_event.header(self._lease.holder, stamp_ns)
+            header = self._safety_event.header(self._link.holder, stamp_ns)
             self._safety_event.send(
                 SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
             )
         for hit, count in self._limits.due(now_ns):
-            header = self._limit_event.header(self._lease.holder, now_ns)
+            header = self._limit_event.header(self._link.holder, now_ns)
             self._limit_event.send(
                 LimitEvent(
                     **header,
@@ -279,53 +253,15 @@ class SlaveAxis:
                 )
             )
 
-    def _open_session(self, handshake: Handshake, receive_ns: int, now_ns: int) -> None:
-        reason = self._refuse(handshake)
-        known = handshake.session_id == self._lease.holder
-        if not reason:
-            reason = self._lease.request(handshake.session_id, receive_ns, self.at_rest) or ""
-        if not reason and not known:
-            self._clock = ClockOffset()  # a new one: an exchange of the old session may be under way
-            self._peer_heartbeat = None
-            self._gate.open(handshake.session_id)
-        self.counters["handshakes_refused" if reason else "handshakes_accepted"] += 1
-        self._handshake.send(
-            Handshake(
-                **self._handshake.header(handshake.session_id, now_ns),
-                role="slave",
-                instance_id=self._instance_id,
-                software="forefeel",
-                settings_hash=settings_hash(self._shared),
-                settings=self._shared,
-                accepted=not reason,
-                reason=reason,
-            )
-        )
-
-    def _refuse(self, handshake: Handshake) -> str:
-        if handshake.role != "master":
-            return "only a master may open a session"
-        if handshake.settings_hash != settings_hash(self._shared):
-            return f"settings differ: {differences(self._shared, handshake.settings)}"
-        return ""
-
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz; none without a session."""
-        if not self._lease.live(now_ns):
-            return
-        echo = self._peer_heartbeat
-        header = self._heartbeat.header(self._lease.holder, now_ns)
-        self._heartbeat.send(
-            Heartbeat(
-                **header, echo_stamp_ns=echo[0] if echo else None, echo_receive_ns=echo[1] if echo else None
-            )
-        )
+        self._link.beat(now_ns)
 
     def report(self, now_ns: int) -> None:
         """The axis' state, about 50 Hz."""
         assert self._control is not None
-        machine, best = self._control.machine, self._clock.best
-        holder = self._lease.holder if self._lease.live(now_ns) else 0
+        machine, best = self._control.machine, self._link.offset
+        holder = self._link.holder if self._link.live(now_ns) else 0
         self._state.send(
             SlaveState(
                 **self._state.header(holder, now_ns),
@@ -342,14 +278,13 @@ class SlaveAxis:
         )
 
     def _count(self) -> dict[str, int]:
-        counted = list(self._bus.malformed.items())  # at once: the transport's threads go on counting
-        malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
         return {
             "commands_superseded": self._slot.superseded,
             "events_dropped": self._transitions.dropped,
             "limit_interventions": self._limits.total,
             **self.counters,
-            **malformed,
+            **self._link.counters,
+            **self._bus.malformed_counts(),
         }
 
 

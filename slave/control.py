@@ -113,11 +113,11 @@ class AxisControl:
         if inputs.command is None:
             return
         before, (self._command, self._received_ns) = self._command, inputs.command
+        if before is not None and before.session_id != self._command.session_id:
+            self._released, self._usual_transit_ns = False, None
         self._even_out(self._received_ns - self._command.stamp_ns)
         if not self._command.deadman:
             self._released = True
-        elif before is not None and before.session_id != self._command.session_id:
-            self._released = False
 
     def _even_out(self, transit_ns: int) -> None:
         """How much later than usual the newest command came: the setpoint is carried on by that much.

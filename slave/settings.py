@@ -37,7 +37,7 @@ class GripperDriver(Settings):
 class LoadCellDriver(Settings):
     """Which driver reads the force.
 
-    `recorded` returns the force of `recording` at each command's recording time, times `force_sign`: -1 turns a
+    `recorded` returns the force of `recording` at each command's recording time, times `force_sign`: -1 for a
     recording that shows the reaction to the resisting force.
     """
 

@@ -100,7 +100,8 @@ class RealRuntime:
             while True:
                 now_ns = self.clock.now_ns()
                 tick(now_ns)
-                deadline_ns = max(deadline_ns + period_ns, now_ns)
+                skipped = now_ns - deadline_ns >= period_ns
+                deadline_ns = (now_ns if skipped else deadline_ns) + period_ns
                 await asyncio.sleep((deadline_ns - self.clock.now_ns()) * 1e-9)
         except Exception as error:  # noqa: BLE001 - a task's last line: every fault goes to the safety reaction
             self.fault(error)

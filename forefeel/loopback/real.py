@@ -20,10 +20,12 @@ from common.transport.settings import TransportSettings
 from forefeel.interrupt import interruptible
 from forefeel.loopback.plan import AXIS, Plan
 from forefeel.recorder import Recorder
+from slave.safety import FOLLOWING
 
 _POLL_S = 0.1
 _END_S = 10.0
 _START_S = 30.0
+_RELEASE_S = 1.0
 Progress = Callable[[float, str], None]
 
 
@@ -141,6 +143,16 @@ def _watch(children: list[_Child], recorder: Recorder, plan: Plan, progress: Pro
     if not slave.running:
         slave.check()
         raise RunError("the slave ended before the master")
+    _await_release(recorder, f"{key}/{SLAVE_STATE.name}")
+
+
+def _await_release(recorder: Recorder, key: str) -> None:
+    """The master's last word may still be on its way to the slave, which otherwise would count a stop."""
+    for _ in range(int(_RELEASE_S / _POLL_S)):
+        state = _newest(recorder, key, SLAVE_STATE.message)
+        if state is None or state.state not in FOLLOWING:
+            return
+        time.sleep(_POLL_S)
 
 
 def _newest(recorder: Recorder, key: str, kind: type[Any]) -> Any:  # noqa: ANN401 - the message of that key

@@ -59,9 +59,9 @@ class VirtualLoopback:
             gc.enable()
 
     def _come_to_rest(self) -> None:
-        """Master first, then slave, as in real time."""
+        """Master first, the slave when it has heard of it, as in real time."""
         self.master.shut_down()
-        self.runtime.run(_S // 10)
+        self.runtime.run(_S, lambda _now_ns: not self.slave.at_rest)
         self.slave.shut_down()
         self.runtime.run(_S // 10)
         now_ns = self.runtime.clock.now_ns()

@@ -54,7 +54,7 @@ class RecordedMotion:
             raise RecordingError(f"{recording.source}: no two samples within {gap_s:g} s, nothing to play")
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """Linear interpolation; the velocity is that of the interval, at the end of a piece of the one before."""
+        """Linear interpolation; the velocity is that of the interval, at the end of a piece the last one."""
         i = bisect_right(self._time_s, t_s) - 1
         i = max(0, i - (i in self._last))
         t0, x0 = self._time_s[i], self._position_m[i]

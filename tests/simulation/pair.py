@@ -29,6 +29,9 @@ from slave.settings import SlaveSettings
 S = 1_000_000_000
 AXIS = "insertion"
 DELAY_S = 0.010
+OVERSHOOT = 1.4
+"""Of the simulated servo (2 w s + w^2) / (s + w)^2: 1 + 2 / e^2, the integral of its impulse response without
+sign, and what a setpoint adds that is a tick ahead."""
 M = TypeVar("M", bound=Message)
 Payloads = list[tuple[str, bytes, int]]
 
@@ -53,9 +56,9 @@ class Heard:
     def times(self, event: str, axis: str = AXIS) -> list[float]:
         return [time_s for time_s, name in self.events(axis) if name == event]
 
-    def armed_share(self, axis: str = AXIS) -> float:
-        """Of the time from the first arming to the last state in which the deadman was wanted."""
-        states = [m.state.value for m in self.messages(SLAVE_STATE, axis)]
+    def armed_share(self, until_s: float, axis: str = AXIS) -> float:
+        """Of the time from the first arming on."""
+        states = [m.state.value for m in self.messages(SLAVE_STATE, axis) if m.stamp_ns < until_s * S]
         since = states[states.index("armed") :] if "armed" in states else []
         return since.count("armed") / len(since) if since else 0.0
 

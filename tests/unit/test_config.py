@@ -1,0 +1,334 @@
+import json
+from copy import deepcopy
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import Field
+
+from common.config import Settings, checked, deep_merge, dump_yaml, load_settings, load_yaml
+from common.errors import ConfigurationError
+from common.settings import AxisLimits, ExistingFile, Segment, differences, settings_hash, shared_text
+from master.settings import MasterSettings
+from slave.settings import SlaveSettings
+
+DEPLOY = Path(__file__).parents[2] / "deploy" / "config"
+
+
+class Drive(Settings):
+    kind: Literal["drive"] = "drive"
+    speed_m_s: Annotated[float, Field(gt=0, le=1)] = 0.1
+
+
+class Brake(Settings):
+    kind: Literal["brake"]
+    force_n: float
+
+
+class Machine(Settings):
+    name: Segment
+    count: Annotated[int, Field(ge=0)] = 0
+    ratio: float = 1e-3
+    span_m: tuple[float, float] = (0.0, 1.0)
+    parts: tuple[Annotated[Drive | Brake, Field(discriminator="kind")], ...] = ()
+    notes: ExistingFile | None = None
+
+
+def written(tmp_path: Path, text: str | bytes) -> Path:
+    path = tmp_path / "machine.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def mistake(tmp_path: Path, text: str | bytes) -> str:
+    """The one line of the error, without the folder."""
+    with pytest.raises(ConfigurationError) as caught:
+        load_settings(Machine, written(tmp_path, text))
+    line = str(caught.value)
+    assert len(line.splitlines()) == 1
+    return line.replace(f"{tmp_path}/", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("name: a\nspeed: 1\n", "machine.yaml:2: speed: unknown key"),
+        ("count: 1\n", "machine.yaml:1: name: missing, a value is required"),
+        (
+            "name: a\ncount: -1\n",
+            "machine.yaml:2: count = -1: input should be greater than or equal to 0",
+        ),
+        (
+            "name: a\n\ncount: many\n",
+            "machine.yaml:3: count = 'many': input should be a valid integer, "
+            "unable to parse string as an integer",
+        ),
+        ("name: a\nratio: .nan\n", "machine.yaml:2: ratio = nan: input should be a finite number"),
+        ("name: a\nratio: -.inf\n", "machine.yaml:2: ratio = -inf: input should be a finite number"),
+        ("name: a\nratio:\n", "machine.yaml:2: ratio = None: input should be a valid number"),
+        ("name: a\nratio: [1]\n", "machine.yaml:2: ratio = a list: input should be a valid number"),
+        ("name: 3\n", "machine.yaml:1: name = 3: input should be a valid string"),
+        (
+            "name: a/b\n",
+            "machine.yaml:1: name = 'a/b': expected one key segment without / * $ ? # or blanks",
+        ),
+        (
+            "name: a\nspan_m: [0, x]\n",
+            "machine.yaml:2: span_m[1] = 'x': input should be a valid number, "
+            "unable to parse string as a number",
+        ),
+        ("name: a\nspan_m: [0]\n", "machine.yaml:2: span_m[1]: missing, a value is required"),
+        (
+            "name: a\nparts:\n  - kind: drive\n    speed_m_s: 2\n",
+            "machine.yaml:4: parts[0].speed_m_s = 2: input should be less than or equal to 1",
+        ),
+        (
+            "name: a\nparts:\n  - {kind: drive}\n  - kind: brake\n",
+            "machine.yaml:4: parts[1].force_n: missing, a value is required",
+        ),
+        (
+            "name: a\nparts:\n  - kind: drive\n    torque: 2\n",
+            "machine.yaml:4: parts[0].torque: unknown key",
+        ),
+        (
+            "name: a\nnotes: nowhere.txt\n",
+            "machine.yaml:2: notes = 'nowhere.txt': "
+            "expected a file that exists (relative to this configuration file)",
+        ),
+        ("name: a\nname: b\n", "machine.yaml:2: name: the key stands twice; expected it once"),
+        (
+            "name: a\nparts: [{kind: drive, kind: brake}]\n",
+            "machine.yaml:2: kind: the key stands twice; expected it once",
+        ),
+        ("", "machine.yaml:1: NoneType; expected a mapping of settings"),
+        ("# only a comment\n", "machine.yaml:1: NoneType; expected a mapping of settings"),
+        ("- name\n", "machine.yaml:1: list; expected a mapping of settings"),
+        ("just words\n", "machine.yaml:1: str; expected a mapping of settings"),
+        ("name: a\n? [b]\n: 1\n", "machine.yaml:2: a sequence as key; expected the name of a setting"),
+        ("name: a\n{b: 1}: 1\n", "machine.yaml:2: a mapping as key; expected the name of a setting"),
+        (
+            "name: a\nparts: &all [*all]\n",
+            "machine.yaml:2: an alias inside of what it stands for; expected a value",
+        ),
+        ("name: a\nparts: *none\n", "machine.yaml:2: found undefined alias 'none'; expected YAML"),
+        (
+            "name: a\ncount: [1\n",
+            "machine.yaml:3: expected ',' or ']', but got '<stream end>'; expected YAML",
+        ),
+        (
+            "name: a\n\tcount: 1\n",
+            "machine.yaml:2: found character '\\t' that cannot start any token; expected YAML",
+        ),
+        (
+            "name: a\n---\nname: b\n",
+            "machine.yaml:2: but found another document; expected YAML",
+        ),
+        (
+            "name: !!python/object:os.system a\n",
+            "machine.yaml:1: could not determine a constructor for the tag "
+            "'tag:yaml.org,2002:python/object:os.system'; expected YAML",
+        ),
+        ("name: a\0b\n", "machine.yaml:1: special characters are not allowed; expected YAML"),
+        (b"name: \xff\xfe\n", "machine.yaml: not UTF-8 text; expected a readable YAML file"),
+    ],
+)
+def test_a_mistake_is_one_line_that_says_where_what_and_what_was_expected(
+    tmp_path: Path, text: str | bytes, expected: str
+) -> None:
+    assert mistake(tmp_path, text) == expected
+
+
+@pytest.mark.parametrize("text", ["name: 2020-13-45\n", "count: 0x_\n", "a: " + "[" * 1100, "? " * 1100])
+def test_what_even_the_yaml_parser_does_not_expect_is_one_line(tmp_path: Path, text: str) -> None:
+    assert mistake(tmp_path, text).startswith("machine.yaml: ")
+
+
+def test_unreadable_files_are_one_line(tmp_path: Path) -> None:
+    for path, reason in ((tmp_path, "Is a directory"), (tmp_path / "none.yaml", "No such file or directory")):
+        with pytest.raises(ConfigurationError) as caught:
+            load_settings(Machine, path)
+        assert str(caught.value) == f"{path}: {reason}; expected a readable YAML file"
+
+
+def test_without_lines_the_place_still_stands() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        checked(Machine, {"name": "a", "parts": [{"kind": "drive", "speed_m_s": 2}]}, "plan")
+    assert str(caught.value) == "plan: parts[0].drive.speed_m_s = 2: input should be less than or equal to 1"
+
+
+def test_a_rule_over_several_values_names_the_mapping(tmp_path: Path) -> None:
+    path = tmp_path / "limits.yaml"
+    path.write_text("kind: rotation\nworkspace_m: [1, 0]\n")
+    with pytest.raises(ConfigurationError) as caught:
+        load_settings(AxisLimits, path)
+    assert str(caught.value) == (
+        f"{path}:1: (whole file) = a dict: workspace_m = [1.0, 0.0]: expected [low, high] with low < high"
+    )
+
+
+@given(st.binary(max_size=60))
+def test_any_bytes_give_a_mapping_or_one_line(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    path = written(tmp_path_factory.getbasetemp(), data)
+    try:
+        assert type(load_yaml(path)[0]) is dict
+    except ConfigurationError as error:
+        assert str(error).startswith(str(path))
+        assert len(str(error).splitlines()) == 1
+
+
+@given(st.text("abc:[]{}&*-? \n\t'\"!|>#0123.e", max_size=40))
+def test_any_text_that_looks_like_yaml_gives_a_mapping_or_one_line(
+    tmp_path_factory: pytest.TempPathFactory, text: str
+) -> None:
+    path = written(tmp_path_factory.getbasetemp(), text)
+    try:
+        load_settings(Machine, path)
+    except ConfigurationError as error:
+        assert str(error).startswith(str(path))
+        assert len(str(error).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("1e-3", 1e-3),
+        ("-2E+4", -2e4),
+        ("1.5e3", 1.5e3),
+        ("1.e2", 100.0),
+        ("+1e0", 1.0),
+        ("1_000e-3", 1.0),
+        ("3", 3.0),
+        ("0.5", 0.5),
+    ],
+)
+def test_numbers_as_engineers_write_them(tmp_path: Path, text: str, number: float) -> None:
+    value = load_yaml(written(tmp_path, f"a: {text}\n"))[0]["a"]
+    assert (type(value) in (int, float), value) == (True, number)
+
+
+@pytest.mark.parametrize("text", ["1e", "e3", "1e3x", "0x1e-3", "a1e3", "1e-3 m"])
+def test_words_are_no_numbers(tmp_path: Path, text: str) -> None:
+    assert load_yaml(written(tmp_path, f"a: {text}\n"))[0]["a"] == text
+
+
+def test_a_relative_path_counts_from_the_file_and_is_absolute_from_then_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "there"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("")
+    (folder / "machine.yaml").write_text("name: a\nnotes: notes.txt\n")
+    monkeypatch.chdir(tmp_path)
+    machine = load_settings(Machine, Path("there/machine.yaml"))
+    assert machine.notes == folder / "notes.txt"
+    assert load_settings(Machine, written(tmp_path, dump_yaml(machine))) == machine
+
+
+@pytest.mark.parametrize("kind", [SlaveSettings, MasterSettings])
+def test_the_effective_settings_load_again(
+    tmp_path: Path, kind: type[SlaveSettings] | type[MasterSettings]
+) -> None:
+    settings = kind()
+    again = load_settings(kind, written(tmp_path, dump_yaml(settings)))
+    assert again == settings
+    assert dump_yaml(again) == dump_yaml(settings)
+
+
+def test_the_deployed_files_load_and_share_their_limits() -> None:
+    slave = load_settings(SlaveSettings, DEPLOY / "slave.yaml")
+    master = load_settings(MasterSettings, DEPLOY / "master.yaml")
+    assert sorted(path.name for path in DEPLOY.glob("*.yaml")) == ["master.yaml", "slave.yaml"]
+    assert [axis.name for axis in slave.axes] == [axis.name for axis in master.axes]
+    for one, other in zip(slave.axes, master.axes, strict=True):
+        ours = shared_text(slave.cell, one.name, one.limits)
+        theirs = shared_text(master.cell, other.name, other.limits)
+        assert (differences(ours, theirs), settings_hash(ours)) == ("", settings_hash(theirs))
+
+
+@pytest.mark.parametrize("kind", [SlaveSettings, MasterSettings])
+def test_a_file_of_the_other_end_is_refused(
+    tmp_path: Path, kind: type[SlaveSettings] | type[MasterSettings]
+) -> None:
+    other = "master" if kind is SlaveSettings else "slave"
+    with pytest.raises(ConfigurationError, match=f"yaml:1: role = '{other}': input should be '"):
+        load_settings(kind, written(tmp_path, f"role: {other}\n"))
+
+
+def test_two_axes_of_one_name_are_refused(tmp_path: Path) -> None:
+    text = "axes: [{name: a}, {name: a}]\n"
+    for kind in (SlaveSettings, MasterSettings):
+        with pytest.raises(ConfigurationError, match="expected each name once"):
+            load_settings(kind, written(tmp_path, text))
+
+
+def test_a_hand_force_that_could_not_fade_in_time_is_refused(tmp_path: Path) -> None:
+    text = "axes:\n  - rendering:\n      max_force_n: 4\n      max_slew_n_s: 10\n"
+    with pytest.raises(ConfigurationError) as caught:
+        load_settings(MasterSettings, written(tmp_path, text))
+    assert str(caught.value).endswith(
+        "machine.yaml:2: axes[0].rendering = a dict: "
+        "fade_s = 0.2: expected at least max_force_n / max_slew_n_s = 0.4"
+    )
+
+
+TREE = st.recursive(
+    st.integers(0, 3),
+    lambda inner: st.dictionaries(st.sampled_from("abc"), inner, min_size=1, max_size=3),
+    max_leaves=8,
+)
+MAPPING = st.dictionaries(st.sampled_from("abc"), TREE, max_size=3)
+
+
+def leaves(tree: Any, place: tuple[str, ...] = ()) -> dict[tuple[str, ...], int]:  # noqa: ANN401 - a tree
+    if isinstance(tree, int):
+        return {place: tree}
+    return {p: leaf for key, child in tree.items() for p, leaf in leaves(child, (*place, key)).items()}
+
+
+@given(MAPPING, MAPPING)
+def test_a_merge_has_every_value_of_the_override_and_the_rest_of_the_base(
+    base: dict[str, Any], override: dict[str, Any]
+) -> None:
+    before = deepcopy([base, override])
+    merged = leaves(deep_merge(base, override))
+    over = leaves(override)
+    assert over.items() <= merged.items()
+    kept = {
+        p: v for p, v in leaves(base).items() if not any(p[: len(o)] == o or o[: len(p)] == p for o in over)
+    }
+    assert kept.items() <= merged.items()
+    assert merged.items() <= {**leaves(base), **over}.items()
+    assert [base, override] == before, "the arguments stay as they are"
+
+
+def test_differences_name_each_field_with_both_values() -> None:
+    mine = shared_text("lab", "insertion", AxisLimits())
+    theirs = shared_text("lab", "insertion", AxisLimits(max_velocity_m_s=0.1, kind="rotation"))
+    assert differences(mine, theirs) == (
+        "kind: insertion here, rotation there; max_velocity_m_s: 0.2 here, 0.1 there"
+    )
+    assert differences(mine, mine) == ""
+
+
+@pytest.mark.parametrize(
+    "theirs", ["", "no JSON", "[]", "null", "3", "[" * 4096, '{"a":' * 800 + "1" + "}" * 800, '"' * 4096]
+)
+def test_unreadable_settings_of_the_peer_are_said_to_be_so(theirs: str) -> None:
+    said = differences(shared_text("lab", "insertion", AxisLimits()), theirs)
+    assert said == "the peer's settings are unreadable" or said.startswith("a: None here, {'a'")
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(st.characters(), max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+)
+
+
+@given(st.dictionaries(st.text(st.characters(), max_size=6), JSON, max_size=6))
+def test_whatever_the_peer_sends_the_difference_fits_into_an_answer(other: dict[str, Any]) -> None:
+    said = differences(shared_text("lab", "insertion", AxisLimits()), json.dumps(other))
+    assert said.isascii()
+    assert 0 < len(said) <= 200
+    assert said.isprintable()

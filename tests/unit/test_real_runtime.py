@@ -1,0 +1,262 @@
+import asyncio
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+
+from common.errors import RunError
+from common.runtime import real
+from common.runtime.real import RealRuntime
+from common.runtime.realtime import prepare_thread
+
+MS = 1_000_000
+PATIENCE_S = 5.0
+
+
+@pytest.fixture(autouse=True)
+def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Locked memory and a frozen heap would last for the rest of the test run."""
+    monkeypatch.setattr(real, "prepare_process", lambda: "memory as it was")
+
+
+async def stopped(runtime: RealRuntime) -> None:
+    await asyncio.wait_for(runtime.stopping.wait(), PATIENCE_S)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():  # noqa: ASYNC110 - what is waited for happens in another thread
+            await asyncio.sleep(0.001)
+
+
+def test_a_loop_ticks_in_a_thread_of_its_own_on_its_deadlines() -> None:
+    ticks, threads = list[int](), set[str]()
+
+    def tick(now_ns: int) -> None:
+        ticks.append(now_ns)
+        threads.add(threading.current_thread().name)
+
+    async def run() -> RealRuntime:
+        runtime = RealRuntime()
+        lateness = runtime.loop("pace", MS, tick)
+        async with runtime:
+            await until(lambda: len(ticks) >= 20)
+        assert lateness.ticks == len(ticks)
+        first_deadline_ns = ticks[0] - round(lateness.max_us * 1e3)
+        spent = (ticks[-1] - first_deadline_ns) // MS + 1
+        assert lateness.ticks + lateness.missed <= spent
+        return runtime
+
+    runtime = asyncio.run(run())
+    assert threads == {"pace"}
+    assert all(after > before for before, after in pairwise(ticks))
+    assert runtime.scheduling == "normal scheduling (priority 0 configured), memory as it was"
+    runtime.raise_fault()
+
+
+def test_a_late_tick_skips_the_deadlines_it_missed_and_counts_them() -> None:
+    async def run() -> None:
+        runtime = RealRuntime()
+        ticks = list[int]()
+
+        def tick(now_ns: int) -> None:
+            ticks.append(now_ns)
+            if len(ticks) == 3:
+                runtime.clock.sleep_until_ns(now_ns + 20 * MS)
+
+        lateness = runtime.loop("pace", MS, tick)
+        async with runtime:
+            await until(lambda: len(ticks) >= 6)
+        assert lateness.missed >= 18
+        assert ticks[3] - ticks[2] >= 20 * MS
+        assert ticks[5] - ticks[3] > 0
+        assert lateness.max_us >= 18_000
+
+    asyncio.run(run())
+
+
+def test_tasks_tick_on_asyncio_and_never_catch_up_in_a_burst() -> None:
+    ticks = list[int]()
+
+    async def run() -> None:
+        runtime = RealRuntime()
+        runtime.task("soft", 2 * MS, ticks.append)
+        async with runtime:
+            assert {task.get_name() for task in asyncio.all_tasks()} > {"soft"}
+            await until(lambda: len(ticks) >= 3)
+            runtime.clock.sleep_until_ns(ticks[-1] + 30 * MS)  # asyncio stands
+            before = len(ticks)
+            await until(lambda: len(ticks) >= before + 3)
+        assert ticks[before + 1] - ticks[before] >= 1.5 * MS
+
+    asyncio.run(run())
+
+
+Start = Callable[[RealRuntime, Callable[[int], None]], object]
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        lambda runtime, tick: runtime.loop("loop", MS, tick),
+        lambda runtime, tick: runtime.task("task", MS, tick),
+        lambda runtime, tick: runtime.timers.call_at(0, lambda: tick(0)),
+    ],
+    ids=["loop", "task", "timer"],
+)
+def test_a_fault_reaches_every_reaction_and_ends_the_daemon_with_its_cause(start: Start) -> None:
+    heard: list[tuple[str, BaseException]] = []
+    cause = ValueError("torn cable")
+
+    def fail(_now_ns: int) -> None:
+        raise cause
+
+    async def run() -> RealRuntime:
+        runtime = RealRuntime()
+        runtime.on_fault(lambda error: heard.append(("first", error)))
+        runtime.on_fault(lambda error: heard.append(("second", error)))
+        start(runtime, fail)
+        async with runtime:
+            await stopped(runtime)
+        return runtime
+
+    runtime = asyncio.run(run())
+    assert heard == [("first", cause), ("second", cause)]
+    with pytest.raises(RunError, match=r"^stopped by a fault: ValueError: torn cable$") as caught:
+        runtime.raise_fault()
+    assert caught.value.__cause__ is cause
+
+
+def test_a_fault_of_a_foreign_thread_runs_the_reactions_there_and_the_first_one_is_kept() -> None:
+    where = list[str]()
+
+    async def run() -> RealRuntime:
+        runtime = RealRuntime()
+        runtime.on_fault(lambda _: where.append(threading.current_thread().name))
+        async with runtime:
+            for name in ("one", "two"):
+                thread = threading.Thread(target=runtime.fault, args=(KeyError(name),), name=name)
+                thread.start()
+                thread.join()
+            await stopped(runtime)
+        return runtime
+
+    runtime = asyncio.run(run())
+    assert where == ["one", "two"]
+    assert str(runtime.error) == "'one'"
+
+
+def test_a_reaction_that_fails_does_not_keep_the_daemon_running() -> None:
+    def broken(_: BaseException) -> None:
+        raise OSError("no hold")
+
+    async def run() -> RealRuntime:
+        runtime = RealRuntime()
+        runtime.on_fault(broken)
+        async with runtime:
+            with pytest.raises(OSError, match="no hold"):
+                runtime.fault(ValueError("first"))
+            await stopped(runtime)
+        return runtime
+
+    with pytest.raises(RunError, match="ValueError: first"):
+        asyncio.run(run()).raise_fault()
+
+
+def test_one_loop_that_fails_does_not_stop_the_others() -> None:
+    ticks = list[int]()
+
+    def fail(_now_ns: int) -> None:
+        raise ValueError
+
+    async def run() -> None:
+        runtime = RealRuntime()
+        runtime.loop("bad", MS, fail)
+        runtime.loop("good", MS, ticks.append)
+        async with runtime:
+            await stopped(runtime)
+            after = len(ticks)
+            await until(lambda: len(ticks) >= after + 3)
+
+    asyncio.run(run())
+
+
+def test_leaving_joins_every_thread_and_ends_every_task() -> None:
+    async def run() -> RealRuntime:
+        runtime = RealRuntime()
+        for i in range(3):
+            runtime.loop(f"loop {i}", MS, lambda _: None)
+            runtime.task(f"task {i}", MS, lambda _: None)
+        before = set(threading.enumerate())
+        async with runtime:
+            started = {thread.name for thread in threading.enumerate()} - {t.name for t in before}
+            assert started == {"loop 0", "loop 1", "loop 2", "timers"}
+            runtime.stop()
+            assert runtime.stopping.is_set()
+        left = {thread.name for thread in threading.enumerate()} - {t.name for t in before}
+        assert not {name for name in left if not name.startswith("asyncio")}
+        assert [task.get_name() for task in asyncio.all_tasks() if task is not asyncio.current_task()] == []
+        return runtime
+
+    asyncio.run(run()).raise_fault()
+
+
+def test_an_exception_inside_leaves_nothing_behind_and_is_raised() -> None:
+    async def run() -> None:
+        runtime = RealRuntime()
+        runtime.loop("loop", MS, lambda _: None)
+        runtime.task("task", MS, lambda _: None)
+        async with runtime:
+            raise KeyError("inside")
+
+    with pytest.raises(KeyError, match="inside"):
+        asyncio.run(run())
+
+
+def test_a_cancelled_daemon_leaves_nothing_behind() -> None:
+    async def run() -> None:
+        runtime = RealRuntime()
+        runtime.loop("loop", MS, lambda _: None)
+        runtime.task("task", MS, lambda _: None)
+        async with runtime:
+            await runtime.stopping.wait()
+
+    async def outer() -> None:
+        task = asyncio.create_task(run())
+        await asyncio.sleep(0.01)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(outer())
+
+
+def test_a_loop_that_was_never_started_stops_at_once() -> None:
+    async def run() -> None:
+        runtime = RealRuntime()
+        runtime.loop("loop", MS, lambda _: None)
+
+    asyncio.run(run())
+
+
+def test_a_priority_that_is_not_granted_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr("os.sched_setscheduler", refuse)
+    assert prepare_thread(50) == "normal scheduling (SCHED_FIFO 50 not granted: Operation not permitted)"
+    assert prepare_thread(0) == "normal scheduling (priority 0 configured)"
+
+
+def test_a_prepared_process_says_what_it_got_and_hands_the_interpreter_over_soon() -> None:
+    script = (
+        "import sys; from common.runtime.realtime import prepare_process; "
+        "said = prepare_process(); print(said); print(sys.getswitchinterval())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    said, interval_s = done.stdout.splitlines()
+    assert said == "memory locked" or said.startswith("memory not locked (")
+    assert float(interval_s) == pytest.approx(1e-4)

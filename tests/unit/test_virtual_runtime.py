@@ -1,0 +1,121 @@
+from functools import partial
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.runtime.virtual import VirtualRuntime
+
+MS = 1_000_000
+START_NS = 1_000_000_000
+
+
+def test_ticks_come_at_whole_periods_after_the_start() -> None:
+    runtime, ticks = VirtualRuntime(), list[int]()
+    lateness = runtime.loop("loop", MS, ticks.append)
+    runtime.run(5 * MS)
+    assert ticks == [START_NS + i * MS for i in range(1, 6)]
+    assert (lateness.ticks, lateness.max_us, lateness.missed) == (5, 0.0, 0)
+    runtime.run(MS - 1)
+    assert len(ticks) == 5
+    runtime.run(1)
+    assert len(ticks) == 6
+
+
+def test_the_clock_stands_at_the_stamp_of_each_event_and_then_at_the_end() -> None:
+    runtime, seen = VirtualRuntime(), list[tuple[int, int]]()
+    runtime.task("task", 3 * MS, lambda now_ns: seen.append((now_ns, runtime.clock.now_ns())))
+    runtime.run(10 * MS)
+    assert seen == [(START_NS + i * MS,) * 2 for i in (3, 6, 9)]
+    assert runtime.clock.now_ns() == START_NS + 10 * MS
+
+
+def test_events_of_one_stamp_run_in_the_order_of_their_scheduling() -> None:
+    runtime, order = VirtualRuntime(), list[str]()
+    runtime.timers.call_at(START_NS + MS, lambda: order.append("timer before"))
+    runtime.loop("a", MS, lambda _: order.append("a"))
+    runtime.task("b", MS, lambda _: order.append("b"))
+    runtime.timers.call_at(START_NS + MS, lambda: order.append("timer after"))
+    runtime.run(2 * MS)
+    assert order == ["timer before", "a", "b", "timer after", "a", "b"]
+
+
+def test_a_timer_of_the_past_runs_now_and_never_moves_the_clock_back() -> None:
+    runtime, seen = VirtualRuntime(), list[int]()
+
+    def tick(now_ns: int) -> None:
+        runtime.call_at(now_ns - 5 * MS, lambda: seen.append(runtime.clock.now_ns()))
+
+    runtime.task("task", MS, tick)
+    runtime.run(2 * MS)
+    assert seen == [START_NS + MS, START_NS + 2 * MS]
+
+
+def test_a_timer_runs_once() -> None:
+    runtime, seen = VirtualRuntime(), list[int]()
+    runtime.call_at(START_NS + MS, lambda: seen.append(1))
+    runtime.run(MS)
+    runtime.run(5 * MS)
+    assert seen == [1]
+
+
+def test_a_fault_ends_the_run_with_its_own_traceback() -> None:
+    runtime = VirtualRuntime()
+
+    def fail(now_ns: int) -> None:
+        raise ValueError(f"at {now_ns}")
+
+    runtime.loop("loop", MS, fail)
+    with pytest.raises(ValueError, match=f"at {START_NS + MS}"):
+        runtime.run(10 * MS)
+    with pytest.raises(KeyError, match="handler"):
+        runtime.fault(KeyError("handler"))
+
+
+def test_progress_every_tenth_of_a_second_until_it_says_no() -> None:
+    runtime, ticks, reports = VirtualRuntime(), list[int](), list[int]()
+    runtime.task("task", MS, ticks.append)
+
+    def progress(now_ns: int) -> bool:
+        reports.append((now_ns - START_NS) // MS)
+        return len(reports) < 4
+
+    runtime.run(1000 * MS, progress)
+    assert reports == [1, 101, 201, 301]
+    assert len(ticks) == 301
+    runtime.run(MS)
+    assert len(ticks) == 302
+
+
+def trace(seed: int) -> list[tuple[int, str]]:
+    """A run whose events schedule further events at random."""
+    runtime, rng, seen = VirtualRuntime(), Random(seed), list[tuple[int, str]]()
+
+    def note(name: str) -> None:
+        seen.append((runtime.clock.now_ns(), name))
+
+    def tick(now_ns: int) -> None:
+        note("tick")
+        for i in range(rng.randrange(3)):
+            runtime.call_at(now_ns + rng.randrange(-MS, 4 * MS, MS // 2), partial(note, f"timer {i}"))
+
+    runtime.loop("loop", MS, tick)
+    runtime.task("task", 2 * MS, lambda _: note("task"))
+    runtime.run(200 * MS)
+    return seen
+
+
+def test_equal_runs_are_equal_event_by_event() -> None:
+    assert trace(1) == trace(1)
+    assert trace(1) != trace(2)
+    assert [stamp for stamp, _ in trace(1)] == sorted(stamp for stamp, _ in trace(1))
+
+
+@given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 99)), max_size=40))
+def test_timers_run_by_stamp_then_by_order(asked: list[tuple[int, int]]) -> None:
+    runtime, seen = VirtualRuntime(), list[tuple[int, int]]()
+    for entry in asked:
+        runtime.call_at(START_NS + entry[0] * MS, partial(seen.append, entry))
+    runtime.run(20 * MS)
+    assert seen == sorted(asked, key=lambda entry: entry[0])
