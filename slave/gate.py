@@ -84,13 +84,13 @@ class CommandGate:
         return refusal
 
     def _check_age(self, window: _Window, transit_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
-        """The base is the smallest transit seen, at first the largest that the clock exchange leaves possible
-        (the whole round trip on the way here): offset and base delay cancel.
+        """The base is the smallest transit seen, at first what the clock exchange expects: offset and base
+        delay cancel.
         """
         limit_ns = self._limits.max_age_ns
         base_ns = window.base()
         if base_ns is None:
-            base_ns = transit_ns if clock is None else 3 * clock.bound_ns - clock.offset_ns
+            base_ns = transit_ns if clock is None else clock.bound_ns - clock.offset_ns
         earliest_ns = base_ns - limit_ns if clock is None else -clock.offset_ns - clock.bound_ns
         if transit_ns < earliest_ns:
             return Refusal("future", (earliest_ns - transit_ns) * 1e-9, 0.0, "s")

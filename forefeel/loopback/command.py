@@ -33,7 +33,7 @@ def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -
     folder = _fresh_folder(out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}", overwrite)
     console = Console(stderr=True, highlight=False)
     for note in plan.notes:
-        console.print(note, markup=False)
+        console.print(note, markup=False, soft_wrap=True)
     with _progress(console) as bar:
         task = bar.add_task("starting", total=plan.expected_s)
         _run(plan, wish.seed, folder, virtual, bar, task)

@@ -23,7 +23,8 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
         f"{quantity(report.delay_s.max, 's')} max; force age {quantity(report.force_age_s.p50, 's')} median",
         f"Armed      {share(report.armed_share)} of the time; "
         f"{_count(report.stops)} stops that the operator did not choose",
-        f"Loops      {_loop('master', report.loop.master)}; {_loop('slave', report.loop.slave)}",
+        f"Loops      late by median / p99: {_loop('master', report.loop.master)}; "
+        f"{_loop('slave', report.loop.slave)}",
         f"Clock      {_clock(report)}",
         f"Counters   {_counters(report)}",
         f"Files      report.html, report.json{where}",
@@ -47,7 +48,7 @@ def _size(size: ErrorSize) -> str:
 
 
 def _loop(role: str, loop: LoopFigures) -> str:
-    return f"{role} {micros(loop.p50_us)} median, {micros(loop.p99_us)} p99, {_count(loop.missed)} missed"
+    return f"{role} {micros(loop.p50_us)} / {micros(loop.p99_us)}, {_count(loop.missed)} missed"
 
 
 def _clock(report: RunReport) -> str:

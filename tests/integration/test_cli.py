@@ -392,3 +392,22 @@ def test_an_mcap_of_two_axes_is_no_recording_to_play(
     assert run(line.split()) == 2
     assert "holds insertion, rotation, expected one axis" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_loopback_run_reports_and_replaces_itself_only_when_asked(
+    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    line = f"loopback --virtual-time --duration 3 --impairment lan --seed 1 --out {out}".split()
+    assert run(line) == 0
+    report = capsys.readouterr().out
+    assert len(report.splitlines()) == 10
+    assert {"recording.mcap", "report.json", "report.html"} <= {path.name for path in out.iterdir()}
+    before = (out / "recording.mcap").read_bytes()
+    (out / "notes.txt").write_text("mine")
+    assert run(line) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert run([*line, "--overwrite"]) == 0
+    assert (out / "notes.txt").read_text() == "mine"
+    assert len((out / "recording.mcap").read_bytes()) == len(before)
+    assert capsys.readouterr().out == report

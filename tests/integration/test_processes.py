@@ -147,7 +147,14 @@ class Cell:
     def wait_for(self, state: str, timeout_s: float = 20.0) -> float:
         """Until the slave says that it is in that state, from now on."""
         self.heard.clear()
-        return wait_until(lambda: state in {m.state for m in self.messages(SLAVE_STATE)}, timeout_s)
+
+        def reached() -> bool:
+            return state in {m.state for m in self.messages(SLAVE_STATE)}
+
+        try:
+            return wait_until(reached, timeout_s)
+        except AssertionError as error:
+            raise AssertionError(f"not {state}: {[d.log.read_text() for d in self.started]}") from error
 
     def messages(self, topic: Topic[M]) -> list[M]:
         return [decode(topic.message, p) for key, p in list(self.heard) if key == f"{CELL}/{topic.name}"]

@@ -33,13 +33,6 @@ def ip(*words: str) -> None:
     assert done.returncode == 0, f"ip {' '.join(words)}: {done.stderr.strip()}"
 
 
-def wait_until(condition: Callable[[], object], timeout_s: float = 15.0) -> None:
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline_s, "not reached in time"
-        time.sleep(0.1)
-
-
 class Hosts:
     """Two hosts, 10.77.0.1 and 10.77.0.2, and the processes on them."""
 
@@ -78,6 +71,13 @@ class Hosts:
             )
         self._processes.append(process)
         return process
+
+    def wait_until(self, condition: Callable[[], object], timeout_s: float = 15.0) -> None:
+        deadline_s = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < deadline_s, [log.read_text() for log in self.folder.glob("*.log")]
+            assert all(process.poll() is None for process in self._processes), "one has ended"
+            time.sleep(0.1)
 
     def says(self, log: str, text: str) -> bool:
         return text in (self.folder / log).read_text()
@@ -127,16 +127,16 @@ def test_a_cut_cable_stops_the_slave_and_a_mended_one_brings_everything_back(hos
     cell = ["--cell", "cathlab", "--connect", "tcp/10.77.0.1:7447", "--connect", "tcp/10.77.0.2:7448"]
     recorder = hosts.run(0, "record.log", "record", "--out", "run.mcap", *cell)
     master = hosts.run(1, "master.log", "master", "--config", "master.yaml")
-    wait_until(lambda: hosts.says("master.log", "session open"))
-    wait_until(lambda: "engaged" in events(recording))
+    hosts.wait_until(lambda: hosts.says("master.log", "session open"))
+    hosts.wait_until(lambda: "engaged" in events(recording))
     time.sleep(0.5)
     cut_s = time.monotonic()
     hosts.cut()
-    wait_until(lambda: hosts.says("master.log", "waiting for the slave"))
-    wait_until(lambda: "session_lost" in events(recording))
+    hosts.wait_until(lambda: hosts.says("master.log", "waiting for the slave"))
+    hosts.wait_until(lambda: "session_lost" in events(recording))
     hosts.mend()
     mended_s = time.monotonic()
-    wait_until(lambda: events(recording).count("engaged") == 2)
+    hosts.wait_until(lambda: events(recording).count("engaged") == 2)
     time.sleep(1.0)
     for process in (master, slave, recorder):
         process.send_signal(signal.SIGTERM)

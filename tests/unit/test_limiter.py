@@ -1,0 +1,196 @@
+from math import sin
+
+import pytest
+
+from common.settings import AxisLimits
+from slave.limiter import LimitHit, MotionLimiter
+
+DT_S = 1e-3
+LIMITS = AxisLimits(
+    workspace_m=(-0.01, 0.1), max_velocity_m_s=0.2, max_acceleration_m_s2=8.0, max_force_n=3.0
+)
+STOP_M_S2 = 4.0
+
+
+def limiter(at_m: float = 0.05) -> MotionLimiter:
+    motion = MotionLimiter(LIMITS, STOP_M_S2)
+    motion.place(at_m)
+    return motion
+
+
+def moving(velocity_m_s: float, at_m: float = 0.05) -> MotionLimiter:
+    """A setpoint brought to a velocity by a stream of commands."""
+    motion = limiter(at_m - 0.03 * (1 if velocity_m_s > 0 else -1))
+    for _ in range(400):
+        if motion.velocity_m_s == velocity_m_s:
+            break
+        motion.follow(motion.position_m + 0.01 * velocity_m_s / abs(velocity_m_s), velocity_m_s, 0.0, DT_S)
+        motion.velocity_m_s = (
+            min(motion.velocity_m_s, velocity_m_s)
+            if velocity_m_s > 0
+            else max(motion.velocity_m_s, velocity_m_s)
+        )
+    motion.position_m = at_m
+    return motion
+
+
+def rules(hits: list[LimitHit]) -> list[str]:
+    return [hit.rule for hit in hits]
+
+
+def test_a_motion_within_the_limits_is_met_exactly_and_without_interventions() -> None:
+    motion = limiter(0.05)
+    for i in range(1, 3000):
+        t = i * DT_S
+        position_m, velocity_m_s = 0.05 + 0.03 * sin(3 * t) ** 2, 0.09 * sin(6 * t)
+        assert motion.follow(position_m, velocity_m_s, 0.0, DT_S) == []
+        assert motion.position_m == pytest.approx(position_m, abs=1e-15)
+
+
+def test_a_step_is_reached_exactly_without_overshoot_and_at_the_limits() -> None:
+    motion, reached = limiter(0.02), list[float]()
+    fastest = 0.0
+    for _ in range(500):
+        motion.follow(0.06, 0.0, 0.0, DT_S)
+        reached.append(motion.position_m)
+        fastest = max(fastest, motion.velocity_m_s)
+    assert motion.position_m == 0.06
+    assert motion.velocity_m_s == 0.0
+    assert max(reached) <= 0.06 + 1e-9
+    assert fastest == pytest.approx(0.2)
+    took_s = next(i for i, x in enumerate(reached, 1) if abs(x - 0.06) < 1e-5) * DT_S
+    assert took_s == pytest.approx(
+        0.04 / 0.2 + 0.2 / 8.0, abs=0.005
+    )  # at full speed, plus one ramp up and down
+
+
+def test_standing_commands_hold_the_setpoint_where_it_is() -> None:
+    motion = limiter(0.0123)
+    assert motion.follow(0.0123, 0.0, 0.0, DT_S) == []
+    assert (motion.position_m, motion.velocity_m_s) == (0.0123, 0.0)
+
+
+@pytest.mark.parametrize(("asked_m", "end_m"), [(0.5, 0.1), (-3.0, -0.01)])
+def test_beyond_the_workspace_it_comes_to_rest_at_the_end_of_it(asked_m: float, end_m: float) -> None:
+    motion = limiter()
+    for _ in range(2000):
+        before_m_s = motion.velocity_m_s
+        hits = motion.follow(asked_m, 0.2, 0.0, DT_S)
+        assert abs(motion.velocity_m_s - before_m_s) <= 8.0 * DT_S + 1e-12
+        assert LimitHit("workspace", asked_m, end_m, "m") in hits
+    assert motion.position_m == pytest.approx(end_m, abs=1e-9)
+    assert -0.01 <= motion.position_m <= 0.1
+
+
+def test_a_command_that_runs_into_the_end_of_the_workspace_brakes_before_it() -> None:
+    motion, position_m = limiter(0.05), 0.05
+    for _ in range(1000):
+        before_m_s = motion.velocity_m_s
+        position_m += 0.2 * DT_S
+        motion.follow(position_m, 0.2, 0.0, DT_S)
+        assert abs(motion.velocity_m_s - before_m_s) <= 8.0 * DT_S + 1e-12
+    assert motion.position_m == pytest.approx(0.1, abs=1e-9)
+
+
+def test_outside_of_the_workspace_it_may_only_come_back() -> None:
+    motion = limiter(0.12)
+    assert rules(motion.follow(0.2, 0.2, 0.0, DT_S)) == ["workspace", "velocity", "acceleration"]
+    assert motion.position_m < 0.12
+    motion = limiter(0.12)
+    for _ in range(1000):
+        before_m = motion.position_m
+        motion.follow(0.2, 0.2, 0.0, DT_S)
+        assert motion.position_m <= before_m + 1e-15
+    assert motion.position_m == pytest.approx(0.1, abs=1e-6)
+
+
+def test_speed_is_limited_and_said() -> None:
+    motion = limiter(0.0)
+    hits = [hit for i in range(200) for hit in motion.follow(0.5e-3 * i, 0.5, 0.0, DT_S)]
+    assert motion.velocity_m_s == pytest.approx(0.2)
+    last = hits[-1]
+    assert (last.rule, last.applied, last.unit) == ("velocity", 0.2, "m/s")
+    assert last.requested > 0.2
+
+
+def test_a_jump_is_an_intervention_of_the_acceleration() -> None:
+    motion = limiter(0.05)
+    hits = motion.follow(0.0501, 0.0, 0.0, DT_S)
+    assert rules(hits) == ["velocity", "acceleration"] or rules(hits) == ["acceleration"]
+    assert hits[-1].applied == 8.0
+    assert hits[-1].requested > 8.0
+    assert motion.velocity_m_s == pytest.approx(8.0 * DT_S)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
+def test_the_ramp_on_engaging_limits_the_speed(share: float) -> None:
+    motion = limiter(0.0)
+    for _ in range(300):
+        motion.follow(0.09, 0.0, 0.0, DT_S, share)
+        assert motion.velocity_m_s <= 0.2 * share + 1e-12
+    assert (motion.position_m > 0.0) == (share > 0)
+
+
+# --- force ---
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_above_the_force_limit_it_may_only_relieve(sign: int) -> None:
+    motion = limiter(0.05)
+    hits = motion.follow(0.05 + sign * 0.01, 0.0, sign * 3.5, DT_S)
+    assert (motion.position_m, motion.velocity_m_s) == (0.05, 0.0)
+    assert hits == [LimitHit("force", sign * 3.5, sign * 3.0, "N")]
+    back_m = 0.05 - sign * 0.01
+    for _ in range(200):
+        relieving = sign * (motion.position_m - back_m) > 1e-6
+        hits = motion.follow(back_m, 0.0, sign * 3.5, DT_S)
+        assert "force" not in rules(hits) or not relieving
+    assert motion.position_m == pytest.approx(back_m, abs=1e-6)
+
+
+def test_a_motion_into_a_force_brakes_at_once_at_the_acceleration_limit() -> None:
+    motion = moving(0.2)
+    speeds = [motion.velocity_m_s]
+    while motion.velocity_m_s > 0.0:
+        assert "force" in rules(motion.follow(0.09, 0.2, 3.01, DT_S))
+        speeds.append(motion.velocity_m_s)
+    assert len(speeds) - 1 == 0.2 / (8.0 * DT_S)
+    assert motion.position_m - 0.05 <= 0.2**2 / (2 * 8.0)
+
+
+def test_a_force_at_the_limit_is_none_above_it() -> None:
+    motion = limiter(0.05)
+    assert "force" not in rules(motion.follow(0.06, 0.0, 3.0, DT_S))
+    assert motion.position_m > 0.05
+
+
+# --- stop ---
+
+
+@pytest.mark.parametrize("velocity_m_s", [0.2, -0.2, 0.05, -0.013])
+def test_the_ramp_to_rest_takes_v_over_a_and_v_squared_over_two_a(velocity_m_s: float) -> None:
+    motion = moving(velocity_m_s)
+    ticks = 0
+    while motion.velocity_m_s != 0.0:
+        before_m_s = motion.velocity_m_s
+        motion.stop(DT_S)
+        ticks += 1
+        assert abs(motion.velocity_m_s) < abs(before_m_s)
+        assert abs(before_m_s - motion.velocity_m_s) <= STOP_M_S2 * DT_S + 1e-12
+    assert ticks == pytest.approx(abs(velocity_m_s) / (STOP_M_S2 * DT_S), abs=1)
+    assert abs(motion.position_m - 0.05) <= velocity_m_s**2 / (2 * STOP_M_S2) + 1e-12
+    rest_m = motion.position_m
+    motion.stop(DT_S)
+    assert (motion.position_m, motion.velocity_m_s) == (rest_m, 0.0)
+
+
+def test_a_stop_next_to_the_end_of_the_workspace_keeps_its_deceleration_and_stays_inside() -> None:
+    motion, position_m = limiter(0.05), 0.05
+    while motion.position_m < 0.0995:
+        position_m += 0.2 * DT_S
+        motion.follow(position_m, 0.2, 0.0, DT_S)
+    while motion.velocity_m_s > 0.0:
+        before_m_s = motion.velocity_m_s
+        motion.stop(DT_S)
+        assert before_m_s - motion.velocity_m_s <= STOP_M_S2 * DT_S + 1e-12
+    assert motion.position_m <= 0.1

@@ -1,0 +1,103 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slave.session import Lease
+
+MS = 1_000_000
+LEASE_NS = 1000 * MS
+
+
+def held(session_id: int = 7, now_ns: int = 0) -> Lease:
+    lease = Lease(LEASE_NS)
+    assert lease.request(session_id, now_ns, at_rest=True) is None
+    return lease
+
+
+def test_nobody_holds_a_new_lease() -> None:
+    lease = Lease(LEASE_NS)
+    assert (lease.holder, lease.live(0), lease.renew(0, 0)) == (0, False, False)
+
+
+def test_a_lease_lives_until_exactly_its_end() -> None:
+    lease = held()
+    assert lease.live(LEASE_NS - 1)
+    assert not lease.live(LEASE_NS)
+
+
+def test_heartbeats_of_the_holder_renew_it_and_no_others() -> None:
+    lease = held(7)
+    assert lease.renew(7, 900 * MS)
+    assert lease.live(900 * MS + LEASE_NS - 1)
+    assert not lease.renew(8, 1000 * MS)
+    assert not lease.live(900 * MS + LEASE_NS)
+
+
+def test_a_heartbeat_after_the_end_does_not_bring_a_lease_back() -> None:
+    lease = held(7)
+    assert not lease.renew(7, LEASE_NS)
+    assert not lease.live(LEASE_NS)
+
+
+def test_a_second_writer_is_refused_while_the_lease_lives() -> None:
+    lease = held(7)
+    assert lease.request(8, LEASE_NS - 1, at_rest=True) == "another session holds the lease"
+    assert lease.holder == 7
+    assert lease.request(8, LEASE_NS, at_rest=True) is None
+    assert lease.holder == 8
+
+
+def test_it_is_handed_over_only_at_rest() -> None:
+    lease = held(7)
+    assert lease.request(8, 2 * LEASE_NS, at_rest=False) == "the stage is not at rest"
+    assert not lease.live(2 * LEASE_NS)
+    assert lease.request(8, 2 * LEASE_NS, at_rest=True) is None
+
+
+def test_a_repeated_request_of_the_holder_is_harmless_and_does_not_renew() -> None:
+    lease = held(7)
+    assert lease.request(7, 500 * MS, at_rest=False) is None
+    assert not lease.live(LEASE_NS)
+
+
+def test_an_id_is_never_accepted_twice_however_many_follow() -> None:
+    lease = Lease(LEASE_NS)
+    for i in range(1, 5000):
+        assert lease.request(i, i * LEASE_NS, at_rest=True) is None
+    for i in (1, 2, 2500, 4999):
+        assert lease.request(i, 9999 * LEASE_NS, at_rest=True) == "this session id was used before"
+
+
+def test_session_zero_is_nobody() -> None:
+    lease = Lease(LEASE_NS)
+    assert lease.request(0, 0, at_rest=True) is not None
+    assert not lease.live(0)
+
+
+def test_a_refused_id_is_not_used_up() -> None:
+    lease = held(7)
+    assert lease.request(8, 10, at_rest=True) is not None
+    assert lease.request(8, LEASE_NS, at_rest=True) is None
+
+
+ACTS = st.lists(
+    st.tuples(st.booleans(), st.integers(0, 4), st.integers(0, 2000 * MS), st.booleans()), max_size=40
+)
+
+
+@given(ACTS)
+def test_there_is_one_writer_at_a_time_and_no_id_returns(acts: list[tuple[bool, int, int, bool]]) -> None:
+    lease, now_ns = Lease(LEASE_NS), 0
+    ended = set[int]()
+    for asks, session_id, pause_ns, at_rest in acts:
+        now_ns += pause_ns
+        holder, was_live = lease.holder, lease.live(now_ns)
+        if asks:
+            granted = lease.request(session_id, now_ns, at_rest) is None
+            if granted and session_id != holder:
+                assert at_rest and not was_live and session_id not in ended | {0}
+                ended.add(holder)
+            assert granted == (lease.live(now_ns) and lease.holder == session_id)
+        else:
+            renewed = lease.renew(session_id, now_ns)
+            assert renewed == (was_live and session_id == holder)
+            assert lease.live(now_ns) == was_live
