@@ -107,17 +107,14 @@ class AxisControl:
         return min(max(elapsed_s, 1e-6), _MAX_STEP_S)
 
     def _take(self, inputs: ControlInputs) -> None:
-        """An engagement needs a press after a release in its own session, never a deadman that is simply
-        held.
-        """
         if inputs.command is None:
             return
-        before, (self._command, self._received_ns) = self._command, inputs.command
-        if before is not None and before.session_id != self._command.session_id:
-            self._released, self._usual_transit_ns = False, None
+        self._command, self._received_ns = inputs.command
         self._even_out(self._received_ns - self._command.stamp_ns)
         if not self._command.deadman:
-            self._released = True
+            self._released = (
+                True  # an engagement needs a press after a release, never a deadman that is simply held
+            )
 
     def _even_out(self, transit_ns: int) -> None:
         """How much later than usual the newest command came: the setpoint is carried on by that much.
@@ -144,7 +141,9 @@ class AxisControl:
             found.append((E.SHUTDOWN, "the slave is shutting down"))
         if not inputs.session_live:
             found.append((E.SESSION_LOST, "the lease expired"))
-        elif inputs.clock is not None and not inputs.shutdown:
+        elif inputs.clock is None:
+            found.append((E.SESSION_LOST, "another session, its clock is not compared"))
+        elif not inputs.shutdown:
             found.append((E.SESSION_OPENED, "a session holds the lease, the clocks are compared"))
             found += self._command_events(now_ns, inputs, inputs.clock, hits)
         return found
@@ -164,12 +163,12 @@ class AxisControl:
         command, state = self._command, self.machine.state
         if command is None:
             return []
-        silent_s = (now_ns - self._received_ns) * 1e-9
+        silent_ns = now_ns - self._received_ns
         if self.machine.following:
             if not command.deadman:
                 return [(E.RELEASE, "deadman released")]
-            if 0 < self._gate.watchdog_s < silent_s:
-                return [(E.WATCHDOG, f"no valid command for {silent_s * 1e3:.0f} ms")]
+            if 0 < self._gate.watchdog_s * 1e9 < silent_ns:
+                return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
             return self._engaging_events(now_ns, command) if state is SafetyState.ENGAGING else []
         pressed = inputs.command is not None and command.deadman and self._released
         ready = state is SafetyState.READY and self.at_rest
@@ -189,9 +188,8 @@ class AxisControl:
     ) -> bool:
         """Round-trip limit and alignment guard; a refusal is an intervention too."""
         gate = self._gate
-        round_trip_s = clock.round_trip_ns * 1e-9
-        if round_trip_s > gate.max_round_trip_s:
-            hits.append(LimitHit("round_trip", round_trip_s, gate.max_round_trip_s, "s"))
+        if clock.round_trip_ns > gate.max_round_trip_s * 1e9:
+            hits.append(LimitHit("round_trip", clock.round_trip_ns * 1e-9, gate.max_round_trip_s, "s"))
             return False
         if abs(command.position_m - position_m) > gate.alignment_m:
             hits.append(LimitHit("alignment", command.position_m, position_m, "m"))

@@ -23,7 +23,7 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
         f"{quantity(report.delay_s.max, 's')} max; force age {quantity(report.force_age_s.p50, 's')} median",
         f"Armed      {share(report.armed_share)} of the time; "
         f"{_count(report.stops)} stops that the operator did not choose",
-        f"Loops      late by median / p99: {_loop('master', report.loop.master)}; "
+        f"Loops      p50 / p99 late: {_loop('master', report.loop.master)}; "
         f"{_loop('slave', report.loop.slave)}",
         f"Clock      {_clock(report)}",
         f"Counters   {_counters(report)}",

@@ -1,4 +1,5 @@
 from itertools import accumulate
+from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -100,7 +101,7 @@ def test_what_stays_inside_the_limits_is_met_exactly_and_never_touched(
         assert abs(motion.position_m - position_m) <= 1e-12
 
 
-WITHOUT = {
+WITHOUT: dict[str, dict[str, Any]] = {
     "workspace": {"workspace_m": (-9.0, 9.0)},
     "velocity": {"max_velocity_m_s": 1000.0},
     "force": {"max_force_n": 9000.0},

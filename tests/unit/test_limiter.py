@@ -18,19 +18,9 @@ def limiter(at_m: float = 0.05) -> MotionLimiter:
     return motion
 
 
-def moving(velocity_m_s: float, at_m: float = 0.05) -> MotionLimiter:
-    """A setpoint brought to a velocity by a stream of commands."""
-    motion = limiter(at_m - 0.03 * (1 if velocity_m_s > 0 else -1))
-    for _ in range(400):
-        if motion.velocity_m_s == velocity_m_s:
-            break
-        motion.follow(motion.position_m + 0.01 * velocity_m_s / abs(velocity_m_s), velocity_m_s, 0.0, DT_S)
-        motion.velocity_m_s = (
-            min(motion.velocity_m_s, velocity_m_s)
-            if velocity_m_s > 0
-            else max(motion.velocity_m_s, velocity_m_s)
-        )
-    motion.position_m = at_m
+def moving(velocity_m_s: float) -> MotionLimiter:
+    motion = limiter()
+    motion.velocity_m_s = velocity_m_s
     return motion
 
 

@@ -1,0 +1,249 @@
+"""A slave axis on the memory bus, with devices that a test breaks and a master that says what it is told."""
+
+from typing import Any
+
+from common import topics
+from common.bus import Bus, Outlet
+from common.clock import VirtualClock
+from common.errors import DeviceError
+from common.messages import (
+    EmergencyStop,
+    ForceSample,
+    Grip,
+    Handshake,
+    Heartbeat,
+    LimitEvent,
+    MotionCommand,
+    SafetyEvent,
+    SafetyState,
+    SlaveState,
+)
+from common.settings import AxisLimits, settings_hash, shared_text
+from common.topics import Qos
+from common.transport.memory import MemoryBus
+from slave.axis import Devices, SlaveAxis
+from slave.load_cells.port import LoadCellReading
+from slave.settings import GateSettings, SlaveAxisSettings
+from slave.stages.port import StageReading
+
+MS = 1_000_000
+START_M = 0.02
+SESSION = 41
+SETTINGS = SlaveAxisSettings(gate=GateSettings(engage_ramp_s=0.02))
+SHARED = shared_text("cell", "insertion", SETTINGS.limits)
+
+
+class FakeStage:
+    """Follows at once. `broken` names the calls that fail."""
+
+    def __init__(self) -> None:
+        self.position_m, self.velocity_m_s = START_M, 0.0
+        self.travel_m = (-1.0, 1.0)
+        self.broken = set[str]()
+        self.commands = list[tuple[int, float, float]]()
+        self.holds = list[int]()
+        self.opened = False
+
+    def _call(self, name: str) -> None:
+        if name in self.broken:
+            raise DeviceError(f"stage: {name} refused")
+
+    def open(self) -> None:
+        self._call("open")
+        self.opened = True
+
+    def close(self) -> None:
+        self.opened = False
+
+    def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
+        self._call("command")
+        self.commands.append((now_ns, position_m, velocity_m_s))
+        self.position_m = max(self.travel_m[0], min(self.travel_m[1], position_m))
+        self.velocity_m_s = velocity_m_s
+        return self.position_m
+
+    def hold(self, now_ns: int) -> None:
+        self._call("hold")
+        self.holds.append(now_ns)
+        self.velocity_m_s = 0.0
+
+    def read(self, now_ns: int) -> StageReading:
+        del now_ns
+        self._call("read")
+        return StageReading(self.position_m, self.velocity_m_s)
+
+
+class FakeGripper:
+    def __init__(self) -> None:
+        self.broken = False
+        self.asked = list[Grip]()
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def set(self, grip: Grip, now_ns: int) -> Grip:
+        del now_ns
+        if self.broken:
+            raise DeviceError("gripper: jammed")
+        self.asked.append(grip)
+        return grip
+
+
+class FakeLoadCell:
+    """Answers with `reading`, or raises `error`; notes the recording times that it was asked for."""
+
+    def __init__(self) -> None:
+        self.reading = LoadCellReading(0.1, 100, True)
+        self.error: Exception | None = None
+        self.asked = list[float | None]()
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> LoadCellReading:
+        del now_ns
+        self.asked.append(recording_time_s)
+        if self.error is not None:
+            raise self.error
+        return self.reading
+
+
+class SlaveRig:
+    """A millisecond per `step`; asyncio's tasks run at their rates."""
+
+    def __init__(self, settings: SlaveAxisSettings = SETTINGS) -> None:
+        self.clock = VirtualClock(1000 * MS)
+        self.network = MemoryBus()
+        self.stage, self.gripper, self.load_cell = FakeStage(), FakeGripper(), FakeLoadCell()
+        devices = Devices(self.stage, self.gripper, self.load_cell)
+        bus = Bus(self.network.session(self.clock), "cell", "insertion", self.clock)
+        self.axis = SlaveAxis("cell", settings, devices, bus, 99)
+        self._connect()
+        self.session_id = SESSION
+        self.beating = True
+        self.position_m = START_M
+        self.deadman = False
+        self.sends = True
+        self.fields: dict[str, Any] = {}
+        self._ticks = 0
+
+    def _connect(self) -> None:
+        session = self.network.session(self.clock)
+        bus = Bus(session, "cell", "insertion", self.clock)
+        self.outlets: dict[str, Outlet] = {
+            topic.name: bus.outlet(topic)
+            for topic in (
+                topics.COMMAND, topics.MASTER_HANDSHAKE, topics.MASTER_HEARTBEAT, topics.EMERGENCY_STOP,
+            )
+        }  # fmt: skip
+        self._puts = {
+            name: session.publisher(topics.BY_NAME[name].key("cell", "insertion"), Qos.STREAM)
+            for name in self.outlets
+        }
+        self.forces, self.states = list[ForceSample](), list[SlaveState]()
+        self.answers, self.beats = list[Handshake](), list[Heartbeat]()
+        self.limits, self.events = list[LimitEvent](), list[SafetyEvent]()
+        bus.subscribe(topics.FORCE, lambda m, _: self.forces.append(m))
+        bus.subscribe(topics.SLAVE_STATE, lambda m, _: self.states.append(m))
+        bus.subscribe(topics.SLAVE_HANDSHAKE, lambda m, _: self.answers.append(m))
+        bus.subscribe(topics.SLAVE_HEARTBEAT, lambda m, _: self.beats.append(m))
+        bus.subscribe(topics.LIMIT_EVENT, lambda m, _: self.limits.append(m))
+        bus.subscribe(topics.SAFETY_EVENT, lambda m, _: self.events.append(m))
+
+    def put_raw(self, topic: topics.Topic[Any], payload: bytes) -> None:
+        """Bytes on a topic, whatever they are."""
+        self._puts[topic.name](payload)
+
+    @property
+    def now_ns(self) -> int:
+        return self.clock.now_ns()
+
+    def state(self) -> SafetyState:
+        """As it is published now."""
+        self.axis.report(self.now_ns)
+        return self.states[-1].state
+
+    def counters(self) -> dict[str, int]:
+        self.axis.report(self.now_ns)
+        return self.states[-1].counters
+
+    def shake(self, session_id: int | None = None, **changes: Any) -> Handshake:  # noqa: ANN401 - any field
+        """Asks for a session; the slave's answer."""
+        session_id = self.session_id if session_id is None else session_id
+        outlet = self.outlets[topics.MASTER_HANDSHAKE.name]
+        fields: dict[str, Any] = {
+            "role": "master",
+            "instance_id": 1,
+            "software": "forefeel",
+            "settings_hash": settings_hash(SHARED),
+            "settings": SHARED,
+            **changes,
+        }
+        outlet.send(Handshake(**outlet.header(session_id, self.now_ns), **fields))
+        self.axis.serve(self.now_ns)
+        return self.answers[-1]
+
+    def beat(self) -> None:
+        """The master's heartbeat, echoing the slave's newest: equal clocks, a network without delay."""
+        outlet = self.outlets[topics.MASTER_HEARTBEAT.name]
+        echo = self.beats[-1].stamp_ns if self.beats else None
+        header = outlet.header(self.session_id, self.now_ns)
+        outlet.send(Heartbeat(**header, echo_stamp_ns=echo, echo_receive_ns=echo))
+
+    def command(self) -> MotionCommand:
+        outlet = self.outlets[topics.COMMAND.name]
+        fields: dict[str, Any] = {"velocity_m_s": 0.0, **self.fields}
+        command = MotionCommand(
+            **outlet.header(self.session_id, self.now_ns),
+            position_m=self.position_m,
+            deadman=self.deadman,
+            **fields,
+        )
+        outlet.send(command)
+        return command
+
+    def stop(self, source: str = "nurse", reason: str = "pressed") -> None:
+        outlet = self.outlets[topics.EMERGENCY_STOP.name]
+        outlet.send(EmergencyStop(**outlet.header(0, self.now_ns), source=source, reason=reason))
+
+    def step(self, ticks: int = 1) -> None:
+        for _ in range(ticks):
+            self._ticks += 1
+            self.clock.set_ns(self.now_ns + MS)
+            if self.sends:
+                self.command()
+            self.axis.tick(self.now_ns)
+            if self._ticks % 10 == 0:
+                self.axis.serve(self.now_ns)
+            if self._ticks % 20 == 0:
+                self.axis.report(self.now_ns)
+            if self._ticks % 50 == 0:
+                self.axis.beat(self.now_ns)
+                if self.beating:
+                    self.beat()
+
+    def connected(self) -> "SlaveRig":
+        """A session whose clocks are compared: READY."""
+        self.axis.open(self.now_ns)
+        assert self.shake().accepted
+        self.step(120)
+        assert self.state() is SafetyState.READY, self.states[-1].reason
+        return self
+
+    def armed(self) -> "SlaveRig":
+        self.connected()
+        self.position_m, self.deadman = self.stage.position_m, True
+        self.step(40)
+        assert self.state() is SafetyState.ARMED, self.states[-1].reason
+        return self
+
+
+def other_limits(**changes: Any) -> str:  # noqa: ANN401 - any limit
+    """The shared text of a master that is configured otherwise."""
+    return shared_text("cell", "insertion", AxisLimits(**changes))

@@ -1,0 +1,484 @@
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.clock_offset import OffsetEstimate
+from common.messages import Grip, SafetyState
+from slave.limiter import LimitHit
+from slave.settings import GateSettings
+from tests.unit.control_rig import COMPARED, MS, SESSION, START_M, Rig
+
+S = SafetyState
+HALTS: list[dict[str, Any]] = [{"estop": "pressed"}, {"fault": "drive"}]
+STOPS: list[dict[str, Any]] = [*HALTS, {"shutdown": True}, {"session_live": False}, {"clock": None}]
+
+
+# --- from idle to armed ---
+
+
+def test_idle_holds_and_follows_nothing() -> None:
+    rig = Rig(session_live=False)
+    out = rig.tick(rig.command(START_M + 0.0005, True))
+    assert (rig.state(), out.moving, out.executing, out.target_m) == (S.IDLE, False, None, START_M)
+
+
+@pytest.mark.parametrize("changes", [{"session_live": False}, {"clock": None}])
+def test_ready_needs_a_live_session_and_compared_clocks(changes: dict[str, Any]) -> None:
+    rig = Rig(**changes)
+    rig.released(5)
+    assert rig.state() is S.IDLE
+
+
+def test_a_release_a_press_and_the_ramp_lead_to_armed() -> None:
+    rig = Rig()
+    rig.released(2)
+    assert rig.state() is S.READY
+    rig.held()
+    assert rig.state() is S.ENGAGING
+    rig.held(199)
+    assert rig.state() is S.ENGAGING
+    rig.held(2)
+    assert rig.state() is S.ARMED
+    assert rig.events == ["session_opened", "engage", "engaged"]
+
+
+def test_a_deadman_that_is_simply_held_never_engages() -> None:
+    rig = Rig()
+    rig.held(500)
+    assert rig.state() is S.READY
+    rig.released()
+    rig.held()
+    assert rig.state() is S.ENGAGING
+
+
+def test_without_a_new_command_nothing_engages() -> None:
+    rig = Rig()
+    rig.released(3)
+    pressed = rig.command(START_M, True)
+    rig.clock = None
+    rig.tick(pressed)
+    rig.clock = COMPARED
+    for _ in range(50):
+        rig.tick()
+    assert rig.state() is S.READY
+
+
+@pytest.mark.parametrize("distance_m", [0.0011, -0.0011, 0.05])
+def test_a_command_away_from_the_stage_does_not_engage_and_is_reported(distance_m: float) -> None:
+    rig = Rig()
+    rig.released(2)
+    out = rig.tick(rig.command(START_M + distance_m, True))
+    assert rig.state() is S.READY
+    assert out.limits == [LimitHit("alignment", START_M + distance_m, START_M, "m")]
+    rig.held(1, START_M + 0.0009)
+    assert rig.state() is S.ENGAGING
+
+
+def test_the_guard_compares_with_the_stage_and_not_with_an_old_setpoint() -> None:
+    """The stage was moved by hand while it was held."""
+    rig = Rig()
+    rig.released(2)
+    rig.stage_m = 0.05
+    rig.held(1, START_M)
+    assert rig.state() is S.READY
+    rig.held(1, 0.05)
+    assert rig.state() is S.ENGAGING
+    assert rig.out.target_m == pytest.approx(0.05, abs=1e-6)
+    for _ in range(300):
+        before_m = rig.out.target_m
+        rig.held(1, 0.05)
+        assert abs(rig.out.target_m - before_m) <= 0.2e-3
+    assert rig.state() is S.ARMED
+    assert rig.out.target_m == pytest.approx(0.05, abs=1e-6)
+
+
+def test_a_round_trip_beyond_the_limit_does_not_engage() -> None:
+    rig = Rig(clock=OffsetEstimate(0, 350 * MS + 1))
+    rig.released(2)
+    out = rig.tick(rig.command(START_M, True))
+    assert (rig.state(), [hit.rule for hit in out.limits]) == (S.READY, ["round_trip"])
+    assert out.limits[0].requested > out.limits[0].applied == 0.7
+    rig.clock = OffsetEstimate(0, 350 * MS)
+    rig.held()
+    assert rig.state() is S.ENGAGING
+
+
+def test_the_permitted_speed_rises_while_engaging() -> None:
+    rig = Rig()
+    rig.released(2)
+    rig.held(1, START_M + 0.0009)
+    for tick in range(1, 200):
+        rig.held(1, START_M + 0.0009)
+        assert abs(rig.out.velocity_m_s) <= 0.2 * tick * 1e-3 / 0.2 + 1e-9
+
+
+def test_a_command_that_runs_away_while_engaging_ends_it() -> None:
+    rig = Rig().engaged()
+    rig.held(1, START_M + 0.0049)
+    assert rig.state() is S.ENGAGING
+    rig.held(1, START_M + 0.02)
+    assert rig.state() in (S.STOPPING, S.READY)
+    assert "misaligned" in rig.events
+    assert rig.control.stops == 1
+
+
+def test_one_that_does_not_come_close_is_not_armed() -> None:
+    rig = Rig().engaged()
+    rig.follows = False
+    position_m = START_M
+    for _ in range(400):  # faster than the stage may move, for ever a little ahead
+        position_m = rig.control.limiter.position_m + 0.003
+        if position_m > 0.09:
+            break
+        rig.held(1, position_m)
+    assert rig.state() is S.ENGAGING
+
+
+# --- armed ---
+
+
+def test_armed_the_setpoint_is_the_command() -> None:
+    rig = Rig().armed()
+    for i in range(1, 300):
+        position_m = START_M + 1e-7 * i * i
+        velocity_m_s = 2e-4 * i
+        if velocity_m_s > 0.05:
+            break
+        rig.held(1, position_m, velocity_m_s=velocity_m_s)
+        assert rig.out.target_m == pytest.approx(position_m, abs=1e-9)
+        assert rig.out.executing is not None
+        assert rig.out.executing.sequence == rig.sequence
+    assert rig.rules == []
+
+
+def test_between_two_commands_the_setpoint_goes_on_along_the_newest() -> None:
+    rig = Rig().moving(0.1)
+    before_m = rig.out.target_m
+    for _ in range(20):
+        rig.tick()
+    assert rig.state() is S.ARMED
+    assert rig.out.target_m - before_m == pytest.approx(20 * 0.1e-3, rel=1e-3)
+
+
+def ripple_m(late_ms: list[int]) -> float:
+    """How far the setpoint strays from a straight line while commands of one speed arrive with jitter."""
+    rig = Rig().armed()
+    speed_m_s, ticks = 0.02, 2500
+    arrivals: dict[int, list[int]] = {}
+    for sent in range(ticks):
+        arrivals.setdefault(sent + 10 + late_ms[sent % len(late_ms)], []).append(sent)
+    start_ns, targets_m, newest = rig.now_ns, list[float](), -1
+    for tick in range(ticks):
+        command = None
+        for sent in arrivals.get(tick, []):
+            if sent < newest:  # overtaken: the gate refuses it
+                continue
+            newest = sent
+            position_m, stamp_ns = START_M + sent * 1e-3 * speed_m_s, start_ns + sent * MS
+            fresh, _ = rig.command(position_m, True, velocity_m_s=speed_m_s)
+            command = fresh.model_copy(update={"stamp_ns": stamp_ns}), rig.now_ns
+        targets_m.append(rig.tick(command).target_m - tick * 1e-3 * speed_m_s)
+    return max(targets_m[-200:]) - min(targets_m[-200:])
+
+
+def test_jitter_of_the_network_is_no_jitter_of_the_stage() -> None:
+    assert ripple_m([0]) < 1e-6
+    assert ripple_m([0] * 50 + [8] * 50) < 0.1 * 0.008 * 0.02
+
+
+# --- stops ---
+
+
+def test_a_release_stops_at_the_configured_deceleration_and_is_no_stop_of_the_machine() -> None:
+    rig = Rig().moving(0.1)
+    start_m, speed_m_s = rig.stage_m, rig.out.velocity_m_s
+    rig.released()
+    assert rig.state() is S.STOPPING
+    assert rig.out.velocity_m_s == pytest.approx(speed_m_s - 4.0e-3)
+    rest_m = rig.at_rest_m()
+    assert rig.state() is S.READY
+    assert rest_m - start_m == pytest.approx(speed_m_s**2 / 8.0, rel=0.05)
+    assert (rig.events, rig.control.stops) == (["release", "at_rest"], 0)
+
+
+def test_the_watchdog_fires_in_the_first_tick_beyond_60_ms() -> None:
+    rig = Rig().moving()
+    for silent_ms in range(1, 61):
+        rig.tick()
+        assert rig.state() is S.ARMED, silent_ms
+    rig.tick()
+    assert rig.state() is S.STOPPING
+    assert rig.reason == "no valid command for 61 ms"
+    assert rig.control.stops == 1
+
+
+@pytest.mark.parametrize("watchdog_s", [0.02, 0.3])
+def test_the_watchdog_is_configurable(watchdog_s: float) -> None:
+    rig = Rig(gate=GateSettings(watchdog_s=watchdog_s)).moving()
+    for _ in range(round(watchdog_s * 1000)):
+        rig.tick()
+    assert rig.state() is S.ARMED
+    rig.tick()
+    assert rig.state() is S.STOPPING
+
+
+def test_without_a_watchdog_a_simulation_goes_on() -> None:
+    rig = Rig(gate=GateSettings(watchdog_s=0.0)).armed()
+    for _ in range(2000):
+        rig.tick()
+    assert rig.state() is S.ARMED
+
+
+@pytest.mark.parametrize("stop", [*STOPS, {"watchdog": True}], ids=str)
+def test_no_stop_resumes_by_itself(stop: dict[str, Any]) -> None:
+    rig = Rig().moving()
+    if "watchdog" in stop:
+        for _ in range(70):
+            rig.tick()
+    else:
+        rig.tick(rig.command(rig.stage_m, True), **stop)
+    assert not rig.control.machine.following
+    rig.at_rest_m()
+    rest_m = rig.stage_m
+    if stop in HALTS:
+        rig.tick(clear=True)
+    rig.held(500)  # the hand never let go
+    assert not rig.control.machine.following
+    assert rig.stage_m == rest_m
+    rig.released(2)
+    rig.held()
+    assert rig.state() is S.ENGAGING
+
+
+@pytest.mark.parametrize("stop", STOPS, ids=str)
+def test_every_stop_acts_in_the_tick_in_which_it_comes(stop: dict[str, Any]) -> None:
+    rig = Rig().moving(0.1)
+    out = rig.tick(rig.command(rig.stage_m + 0.001, True, velocity_m_s=0.1), **stop)
+    assert not rig.control.machine.following
+    assert out.executing is None
+    assert out.velocity_m_s == pytest.approx(0.1 - 4.0e-3, abs=1e-4)
+    assert rig.control.stops == 1
+
+
+@pytest.mark.parametrize("halt", HALTS, ids=str)
+@pytest.mark.parametrize("start", ["idle", "ready", "engaging", "armed", "stopping"])
+def test_a_halt_is_latched_from_every_state_until_it_is_cleared(halt: dict[str, Any], start: str) -> None:
+    rig = Rig(session_live=start != "idle")
+    match start:
+        case "engaging":
+            rig.engaged()
+        case "armed":
+            rig.moving()
+        case "stopping":
+            rig.moving()
+            rig.released()
+        case _:
+            rig.released(2)
+    assert rig.state().value == start
+    rig.tick(**halt)
+    halted = S.ESTOPPED if "estop" in halt else S.FAULT
+    rig.released(50)
+    rig.held(50)
+    assert rig.state() is halted
+    assert not rig.out.moving
+    rig.session_live = True
+    rig.tick(clear=True)
+    assert rig.state() is S.READY
+
+
+def test_a_stop_that_comes_with_the_clearing_of_another_one_holds() -> None:
+    rig = Rig().armed()
+    rig.tick(estop="first")
+    rig.tick(estop="second", clear=True)
+    assert (rig.state(), rig.reason) == (S.ESTOPPED, "second")
+    rig.tick(clear=True)
+    assert rig.state() is S.READY
+
+
+def test_a_stop_while_armed_is_not_lost_to_a_clearing_in_the_same_tick() -> None:
+    rig = Rig().moving()
+    rig.tick(estop="now", clear=True)
+    assert rig.state() is S.ESTOPPED
+
+
+def test_a_clearing_that_clears_nothing_changes_nothing() -> None:
+    rig = Rig().armed()
+    rig.tick(rig.command(START_M, True), clear=True)
+    assert (rig.state(), rig.events) == (S.ARMED, [])
+
+
+def test_an_emergency_stop_outranks_a_fault_in_the_same_tick() -> None:
+    rig = Rig().armed()
+    rig.tick(estop="pressed", fault="drive")
+    assert rig.state() is S.ESTOPPED
+    assert rig.events == ["estop"]
+
+
+def test_a_shutdown_stops_and_nothing_arms_after_it() -> None:
+    rig = Rig().moving()
+    rig.tick(rig.command(rig.stage_m, True), shutdown=True)
+    assert rig.state() is S.STOPPING
+    for _ in range(100):
+        rig.tick(rig.command(rig.stage_m, False), shutdown=True)
+    for _ in range(100):
+        rig.tick(rig.command(rig.stage_m, True), shutdown=True)
+    assert (rig.state(), rig.out.moving) == (S.READY, False)
+
+
+def test_nothing_engages_while_the_setpoint_still_moves() -> None:
+    """A fault cleared in the middle of its ramp."""
+    rig = Rig().moving(0.15)
+    rig.tick(fault="drive")
+    rig.tick(clear=True)
+    assert rig.state() is S.READY
+    rig.released()
+    speeds = [rig.out.velocity_m_s]
+    for _ in range(60):
+        rig.held()
+        speeds.append(rig.out.velocity_m_s)
+        if rig.state() is S.ENGAGING:
+            break
+    assert rig.state() is S.ENGAGING
+    assert all(before - after <= 4.0e-3 + 1e-9 for before, after in pairwise(speeds))
+
+
+def test_a_session_that_takes_over_between_two_ticks_does_not_inherit_the_release() -> None:
+    rig = Rig()
+    rig.released(3)
+    rig.session_id, rig.clock = SESSION + 1, None
+    rig.held()
+    rig.clock = COMPARED
+    rig.held(20)
+    assert rig.state() is S.READY
+    rig.released()
+    rig.held()
+    assert rig.state() is S.ENGAGING
+
+
+# --- force ---
+
+
+def test_a_load_cell_that_stays_invalid_while_the_stage_follows_is_a_fault() -> None:
+    rig = Rig().armed()
+    rig.force_valid = False
+    rig.held(200)
+    assert rig.state() is S.ARMED
+    rig.held(2)
+    assert (rig.state(), rig.reason) == (S.FAULT, "load cell invalid for more than 0.2 s")
+
+
+def test_a_single_valid_force_starts_the_timeout_anew() -> None:
+    rig = Rig().armed()
+    for _ in range(5):
+        rig.force_valid = False
+        rig.held(190)
+        rig.force_valid = True
+        rig.held()
+    assert rig.state() is S.ARMED
+
+
+def test_an_invalid_load_cell_is_no_fault_while_nothing_follows_nor_when_it_is_not_asked_for() -> None:
+    rig = Rig(force_valid=False)
+    rig.released(1000)
+    assert rig.state() is S.READY
+    rig = Rig(gate=GateSettings(force_timeout_s=None)).armed()
+    rig.force_valid = False
+    rig.held(1000)
+    assert rig.state() is S.ARMED
+
+
+def test_above_the_force_limit_the_stage_does_not_go_on_and_says_so() -> None:
+    rig = Rig().armed()
+    rig.force_n = 3.2
+    rig.held(100, START_M + 0.005)
+    assert rig.out.target_m == pytest.approx(START_M, abs=1e-6)
+    assert set(rig.rules) == {"force"}
+    rig.force_n = 2.9
+    rig.held(200, START_M + 0.005)
+    assert rig.out.target_m == pytest.approx(START_M + 0.005, abs=1e-6)
+
+
+def test_an_invalid_force_does_not_act_as_a_force() -> None:
+    rig = Rig().armed()
+    rig.force_n, rig.force_valid = 99.0, False
+    rig.held(100, START_M + 0.002)
+    assert rig.out.target_m == pytest.approx(START_M + 0.002, abs=1e-6)
+
+
+# --- grip ---
+
+
+def test_the_grip_changes_only_while_commands_are_followed() -> None:
+    rig = Rig()
+    rig.tick(rig.command(START_M, False, gripper=Grip.OPEN))
+    rig.tick(rig.command(START_M + 0.01, True, gripper=Grip.OPEN))
+    assert (rig.state(), rig.out.grip) == (S.READY, Grip.CLOSED)
+    rig.armed()
+    rig.held(1, gripper=Grip.OPEN)
+    assert rig.out.grip is Grip.OPEN
+    rig.tick(rig.command(START_M, False, gripper=Grip.CLOSED))
+    assert (rig.state(), rig.out.grip) == (S.READY, Grip.OPEN)
+
+
+@pytest.mark.parametrize("stop", STOPS, ids=str)
+def test_a_stop_leaves_the_grip_as_it_is(stop: dict[str, Any]) -> None:
+    rig = Rig().armed()
+    rig.tick(rig.command(START_M, True, gripper=Grip.OPEN), **stop)
+    assert rig.out.grip is Grip.CLOSED
+
+
+def test_a_late_tick_moves_the_setpoint_by_ten_milliseconds_at_most() -> None:
+    rig = Rig().moving(0.1)
+    before_m = rig.out.target_m
+    rig.now_ns += 40 * MS
+    rig.tick()
+    assert abs(rig.out.target_m - before_m) <= 0.2 * 0.010
+
+
+# --- whatever happens ---
+
+STEP = st.tuples(
+    st.sampled_from(["held", "released", "silent", "held away", "nothing"]),
+    st.integers(1, 50),
+    st.floats(-0.02, 0.11),
+    st.sampled_from(
+        [{}, {}, {}, *HALTS, {"shutdown": True}, {"session_live": False}, {"clear": True}, {"clock": None}]
+    ),
+    st.floats(-4.0, 4.0),
+)
+
+
+@given(st.lists(STEP, min_size=1, max_size=15), st.booleans())
+def test_the_stage_moves_only_while_engaging_armed_or_ramping_to_rest(
+    steps: list[tuple[str, int, float, dict[str, Any], float]], begins_armed: bool
+) -> None:
+    rig = Rig(gate=GateSettings(engage_ramp_s=0.02, watchdog_s=0.02))
+    if begins_armed:
+        rig.moving()
+    halted = False
+    for act, ticks, position_m, changes, force_n in steps:
+        rig.force_n = force_n
+        for tick in range(ticks):
+            before, before_m, before_m_s = rig.state(), rig.out.target_m, rig.out.velocity_m_s
+            command = None
+            if act in ("held", "released"):
+                command = rig.command(rig.stage_m, act == "held", velocity_m_s=0.02)
+            elif act == "held away":
+                command = rig.command(position_m, True)
+            out = rig.tick(command, **(changes if tick == 0 else {}))
+            if rig.control.machine.following:
+                assert not halted, "follows after a halt that nobody cleared"
+                assert out.executing is not None
+                assert out.executing.deadman
+            else:
+                assert abs(out.velocity_m_s) <= max(0.0, abs(before_m_s) - 4.0e-3) + 1e-12
+                assert out.executing is None
+                if before_m_s == 0.0:
+                    assert (out.target_m, out.moving) == (before_m, False)
+            if not (rig.control.machine.following and before is S.READY):  # engaging starts at the stage
+                assert abs(out.target_m - before_m) <= 0.2e-3 + 1e-12
+            if tick == 0:
+                halted = (halted or bool({"estop", "fault"} & set(changes))) and "clear" not in changes

@@ -1,0 +1,142 @@
+from math import inf, isfinite, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from master.rendering import ForceRenderer
+from master.settings import RenderingSettings
+
+MS = 1_000_000
+SETTINGS = RenderingSettings(force_scale=2.0, max_force_n=4.0, max_slew_n_s=40.0, fade_s=0.2)
+
+
+class Hand:
+    """A renderer at 1 kHz."""
+
+    def __init__(self, settings: RenderingSettings = SETTINGS) -> None:
+        self.renderer = ForceRenderer(settings)
+        self.now_ns = 0
+        self.limited = False
+
+    def feel(self, contact_n: float | None, live: bool = True, ticks: int = 1, tick_ns: int = MS) -> float:
+        force_n = self.renderer.force_n
+        for _ in range(ticks):
+            self.now_ns += tick_ns
+            force_n, self.limited = self.renderer.render(self.now_ns, contact_n, live)
+        return force_n
+
+
+def test_a_steady_contact_is_felt_scaled() -> None:
+    hand = Hand()
+    assert hand.feel(0.5, ticks=300) == 1.0
+    assert not hand.limited
+
+
+@pytest.mark.parametrize("contact_n", [2.5, -2.5, 1e12])
+def test_no_more_than_the_limit_is_felt_and_that_is_said(contact_n: float) -> None:
+    hand = Hand()
+    assert hand.feel(contact_n, ticks=1000) == (4.0 if contact_n > 0 else -4.0)
+    assert hand.limited
+
+
+def test_at_the_limit_nothing_is_limited() -> None:
+    hand = Hand()
+    assert hand.feel(2.0, ticks=1000) == 4.0
+    assert not hand.limited
+
+
+def test_a_jump_of_the_contact_is_slewed() -> None:
+    hand = Hand()
+    hand.feel(-1.0, ticks=500)
+    before_n, ticks = hand.renderer.force_n, 0
+    while hand.feel(1.0) != 2.0:
+        assert hand.limited
+        assert hand.renderer.force_n - before_n == pytest.approx(0.04)
+        before_n, ticks = hand.renderer.force_n, ticks + 1
+    assert ticks == pytest.approx(4.0 / 0.04, abs=1)
+
+
+def test_the_first_tick_renders_nothing() -> None:
+    assert Hand().feel(1.5) == 0.0
+
+
+def test_the_force_comes_in_over_the_time_of_the_fade() -> None:
+    hand = Hand()
+    assert hand.feel(0.5, ticks=101) == pytest.approx(0.5)
+    assert hand.feel(0.5, ticks=100) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("contact_n", "live"), [(1.5, False), (None, True), (nan, True), (inf, True), (-inf, True), (None, False)]
+)
+def test_what_is_stale_unknown_or_no_number_fades_to_zero_within_the_time_of_the_fade(
+    contact_n: float | None, live: bool
+) -> None:
+    hand = Hand()
+    hand.feel(1.5, ticks=500)
+    forces_n = [hand.feel(contact_n, live) for _ in range(201)]
+    assert all(after <= before for before, after in zip([3.0, *forces_n], forces_n, strict=False))
+    assert forces_n[100] == pytest.approx(1.5, abs=0.02)
+    assert forces_n[-1] == 0.0
+    assert hand.feel(contact_n, live, ticks=500) == 0.0
+
+
+def test_a_force_that_comes_back_during_the_fade_comes_back_without_a_jump() -> None:
+    hand = Hand()
+    hand.feel(1.5, ticks=500)
+    low_n = hand.feel(1.5, live=False, ticks=150)
+    assert hand.feel(1.5) == pytest.approx(low_n, abs=0.041)
+    assert hand.feel(1.5, ticks=200) == 3.0
+
+
+def test_after_a_stall_of_the_loop_the_force_moves_by_ten_milliseconds_at_most() -> None:
+    hand = Hand()
+    hand.feel(2.0, ticks=500)
+    assert 4.0 - hand.feel(-2.0, tick_ns=500 * MS) == pytest.approx(0.4)
+
+
+CONTACT = st.none() | st.floats(-10.0, 10.0) | st.sampled_from([nan, inf, -inf, 1e308, -1e308])
+STEP = st.tuples(
+    CONTACT, st.booleans(), st.integers(1, 60), st.sampled_from([MS, MS, MS, 1, 3 * MS, 50 * MS])
+)
+
+
+@st.composite
+def all_settings(draw: st.DrawFn) -> RenderingSettings:
+    max_force_n = draw(st.floats(0.1, 50.0))
+    max_slew_n_s = draw(st.floats(20.0, 1000.0))
+    shortest_s = max_force_n / max_slew_n_s
+    return RenderingSettings(
+        force_scale=draw(st.floats(0.01, 100.0)),
+        max_force_n=max_force_n,
+        max_slew_n_s=max_slew_n_s,
+        fade_s=draw(st.floats(shortest_s, 5.0)),
+    )
+
+
+@given(all_settings(), st.lists(STEP, min_size=1, max_size=20))
+def test_never_a_jump_never_too_much_never_a_number_that_is_none(
+    settings: RenderingSettings, steps: list[tuple[float | None, bool, int, int]]
+) -> None:
+    hand = Hand(settings)
+    for contact_n, live, ticks, tick_ns in steps:
+        for _ in range(ticks):
+            before_n = hand.renderer.force_n
+            force_n = hand.feel(contact_n, live, tick_ns=tick_ns)
+            assert isfinite(force_n)
+            assert abs(force_n) <= settings.max_force_n
+            moved_s = min(tick_ns * 1e-9, 0.010)
+            assert abs(force_n - before_n) <= settings.max_slew_n_s * moved_s * (1 + 1e-9) + 1e-12
+
+
+@given(all_settings(), st.lists(STEP, max_size=12), st.sampled_from([1.0, nan, None]))
+def test_from_wherever_it_is_the_force_is_gone_when_the_fade_is_over(
+    settings: RenderingSettings, steps: list[tuple[float | None, bool, int, int]], then: float | None
+) -> None:
+    hand = Hand(settings)
+    for contact_n, live, ticks, tick_ns in steps:
+        hand.feel(contact_n, live, ticks, tick_ns)
+    ticks = round(settings.fade_s * 1000) + 2
+    assert abs(hand.feel(then, live=False, ticks=ticks)) <= 1e-9
+    assert hand.feel(then, live=False, ticks=50) == 0.0
