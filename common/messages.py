@@ -88,6 +88,7 @@ class ForceSample(Message):
     answers_sequence: NonNegativeInt | None
     answers_stamp_ns: Stamp | None
     recording_time_s: float | None = None
+    gripper: Gripper = Grip.CLOSED
     clock_offset_ns: Stamp | None = None
     clock_bound_ns: NonNegativeInt | None = None
 

@@ -23,7 +23,7 @@ from slave.settings import SlaveSettings
 
 _POLL_S = 0.05
 _REST_S = 2.0
-_FAREWELL_S = 0.1  # the master says "deadman released" for this long before it goes
+_FAREWELL_S = 0.3  # the master says "deadman released" for this long, and the force fades, before it goes
 _REMIND_S = 5.0
 _PR_SET_PDEATHSIG = 1
 

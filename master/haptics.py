@@ -59,9 +59,7 @@ class HapticLoop:
         """One tick: command from the handle, prediction from the command, force from the prediction."""
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
-        predicted_n = self._predictor.predict(now_ns, position_m, reading.velocity_m_s, inputs.estimate)
-        if predicted_n is not None and not isfinite(predicted_n):
-            predicted_n = None
+        predicted_n = self._predict(now_ns, position_m, reading, inputs.estimate)
         fresh = force is not None and now_ns - force.arrived_ns <= self._stale_ns
         live = fresh and reading.deadman and inputs.state in _LIVE
         rendered_n, limited = self._renderer.render(now_ns, predicted_n, live)
@@ -76,3 +74,13 @@ class HapticLoop:
             rendered_n=rendered_n,
             limited=limited,
         )
+
+    def _predict(
+        self, now_ns: int, position_m: float, reading: HandleReading, estimate: ContactEstimate | None
+    ) -> float | None:
+        """None while the fixture is open: the instrument is not held, and closing it is a new contact."""
+        if reading.gripper is Grip.OPEN:
+            self._predictor.reset()
+            return None
+        predicted_n = self._predictor.predict(now_ns, position_m, reading.velocity_m_s, estimate)
+        return predicted_n if predicted_n is not None and isfinite(predicted_n) else None

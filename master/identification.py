@@ -5,7 +5,7 @@ stamps.
 from itertools import groupby
 
 from common.estimation.identification import ContactEstimate, ContactIdentifier
-from common.messages import ForceSample
+from common.messages import ForceSample, Grip
 from common.slots import BoundedQueue
 
 _QUEUE = 8192  # eight seconds at 1 kHz
@@ -36,7 +36,8 @@ class IdentificationTask:
         """Learns from what has arrived since the last call."""
         for _, batch in groupby(self.queue.drain(), key=lambda sample: sample.session_id):
             for sample in sorted(batch, key=lambda sample: sample.stamp_ns):
-                if sample.valid and sample.answers_sequence is not None:
+                held = sample.gripper is Grip.CLOSED
+                if held and sample.valid and sample.answers_sequence is not None:
                     self._identifier.observe(self._stamp_ns(sample), sample.position_m, sample.force_n)
                 else:
                     self.unused += 1

@@ -6,10 +6,14 @@ from pydantic import Field, model_validator
 
 from common.config import Settings
 from common.settings import AxisLimits, ColumnSettings, DaemonSettings, ExistingFile, Segment
+from common.topics import FORCE
 
 
 class OperatorSettings(Settings):
-    """The synthetic operator: strokes, tremor and arm (arm values: typical of a relaxed hand in one axis)."""
+    """The synthetic operator: strokes, tremor and arm (arm values: typical of a relaxed hand in one axis).
+
+    `restroke`: withdraws with the fixture open, so that every stroke inserts the instrument further.
+    """
 
     driver: Literal["operator"] = "operator"
     home_m: Annotated[float, Field(ge=-1, le=1)] = 0.005
@@ -17,6 +21,7 @@ class OperatorSettings(Settings):
     insert_s: Annotated[float, Field(ge=0.2, le=60)] = 1.8
     withdraw_s: Annotated[float, Field(ge=0.2, le=60)] = 1.4
     dwell_s: Annotated[float, Field(ge=0, le=60)] = 0.6
+    restroke: bool = False
     tremor_m: Annotated[float, Field(ge=0, le=0.005)] = 0.0002
     arm_mass_kg: Annotated[float, Field(gt=0.01, le=20)] = 0.4
     arm_damping_n_s_m: Annotated[float, Field(ge=0, le=200)] = 12.0
@@ -83,7 +88,7 @@ class RenderingSettings(Settings):
     force_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     max_force_n: Annotated[float, Field(gt=0, le=50)] = 4.0
     max_slew_n_s: Annotated[float, Field(gt=0, le=10_000)] = 40.0
-    stale_s: Annotated[float, Field(gt=0, le=2)] = 0.1
+    stale_s: Annotated[float, Field(gt=0, le=2)] = FORCE.stale_after_s or 0.1
     fade_s: Annotated[float, Field(gt=0, le=5)] = 0.2
 
     @model_validator(mode="after")

@@ -12,6 +12,7 @@ from common.errors import DeviceError
 from common.messages import (
     EmergencyStop,
     ForceSample,
+    Grip,
     LimitEvent,
     MotionCommand,
     SafetyEvent,
@@ -69,6 +70,7 @@ class SlaveAxis:
         self._clear = False
         self._stage_reading = StageReading(0.0, 0.0)
         self._executing: MotionCommand | None = None
+        self._grip = Grip.CLOSED
         self._control: AxisControl | None = None
         self._bus = bus
         self._connect(bus)
@@ -207,7 +209,7 @@ class SlaveAxis:
                     self._limits.add(LimitHit("travel", asked_m, applied_m, "m"))
             else:
                 self._devices.stage.hold(now_ns)
-            self._devices.gripper.set(outputs.grip, now_ns)
+            self._grip = self._devices.gripper.set(outputs.grip, now_ns)
         except DeviceError as error:
             self._fault = str(error)
 
@@ -225,6 +227,7 @@ class SlaveAxis:
                 answers_sequence=executing.sequence if executing else None,
                 answers_stamp_ns=executing.stamp_ns if executing else None,
                 recording_time_s=executing.recording_time_s if executing else None,
+                gripper=self._grip,
                 clock_offset_ns=best.offset_ns if best else None,
                 clock_bound_ns=best.bound_ns if best else None,
             )

@@ -6,13 +6,14 @@ from pydantic import Field, model_validator
 
 from common.config import Settings
 from common.settings import AxisLimits, ColumnSettings, DaemonSettings, ExistingFile, Segment
+from common.topics import COMMAND
 from slave.plant.settings import WorldSettings, world_settings
 
 
 class GateSettings(Settings):
     """Constants of the safety gate (see docs/explanation/safety.md for the reasons)."""
 
-    watchdog_s: Annotated[float, Field(ge=0, le=0.3)] = 0.060
+    watchdog_s: Annotated[float, Field(ge=0, le=0.3)] = COMMAND.stale_after_s or 0.060
     max_age_s: Annotated[float, Field(gt=0, le=1)] = 0.100
     max_round_trip_s: Annotated[float, Field(gt=0, le=2)] = 0.700
     lease_s: Annotated[float, Field(ge=0.2, le=10)] = 1.0

@@ -66,7 +66,8 @@ class Operator:
         dt_s = 0.0 if self._previous_ns is None else min((now_ns - self._previous_ns) * 1e-9, _MAX_STEP_S)
         self._previous_ns = now_ns
         was = self.person.act
-        self.person.look(now_ns * 1e-9, self._indication.state)
+        aligned = self._reach_s >= self._reach.duration_s
+        self.person.look(now_ns * 1e-9, self._indication.state, aligned)
         self._plan(was, dt_s)
         reference_m, reference_m_s = self._reach.at(self._reach_s)
         shake_m, shake_m_s = self._tremor.at(now_ns * 1e-9)
@@ -96,6 +97,7 @@ class Operator:
         settings, rng = self._settings, self._rng
         inward = self._stroke % 2 == 0
         self._stroke += 1
+        self._gripper = Grip.OPEN if settings.restroke and not inward else Grip.CLOSED
         depth_m = settings.depth_m * rng.uniform(0.8, 1.2)
         duration_s = (settings.insert_s if inward else settings.withdraw_s) * rng.uniform(0.8, 1.2)
         self._dwell_s = settings.dwell_s * rng.uniform(0.8, 1.2)

@@ -40,15 +40,16 @@ class Person:
         """Whether the deadman is held."""
         return self.act is not Act.WAITING
 
-    def look(self, now_s: float, state: SafetyState | None) -> None:
-        """One glance at the display."""
+    def look(self, now_s: float, state: SafetyState | None, aligned: bool = True) -> None:
+        """One glance at the display; nobody presses before the hand is `aligned` with the stage."""
         elapsed_s = now_s - (self._previous_s if self._previous_s is not None else now_s)
         self._previous_s = now_s
         if self._chosen:
             self.clutched_out_s += elapsed_s
         match self.act:
             case Act.WAITING if state is SafetyState.READY and now_s - self._since_s >= REACTION_S:
-                self._enter(Act.PRESSING, now_s)
+                if aligned:
+                    self._enter(Act.PRESSING, now_s)
             case Act.PRESSING if state is SafetyState.ARMED:
                 self._chosen = False
                 self._enter(Act.MOVING, now_s)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from common.bus import Header
 from common.codec import encode
 from common.lateness import EDGES_US
 from common.messages import (
@@ -43,7 +44,7 @@ class RunBuilder:
         key = BY_NAME[topic].key("cell", self._axis)
         self._writer.write(key, encode(message), START_NS + (t_ms + self.late_ms) * MS)
 
-    def header(self, t_ms: int, session_id: int = SESSION) -> dict[str, int]:
+    def header(self, t_ms: int, session_id: int = SESSION) -> Header:
         self._sequence += 1
         return {"session_id": session_id, "sequence": self._sequence, "stamp_ns": START_NS + t_ms * MS}
 

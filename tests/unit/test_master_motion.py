@@ -102,12 +102,9 @@ def test_the_arm_answers_a_step_as_the_analytic_oscillator_does() -> None:
     assert exp(-decay * 1.0) < 1e-6 and pi / omega < 1.0
 
 
-@pytest.mark.parametrize("dt_s", [1e-4, 0.9e-3, 5e-3, 50e-3])
+@pytest.mark.parametrize("dt_s", [1e-4, 0.8e-3, 5e-3, 50e-3])
 def test_the_arm_does_not_depend_on_how_its_time_is_cut(dt_s: float) -> None:
     arm, fine = Arm(0.4, 12.0, 250.0), Arm(0.4, 12.0, 250.0)
     moved(arm, 0.2, 1.0, reference_m=0.01, dt_s=dt_s)
     moved(fine, 0.2, 1.0, reference_m=0.01, dt_s=0.5e-3)
-    steps = round(0.2 / dt_s)
-    assert steps * dt_s == pytest.approx(0.2, abs=dt_s)
-    if steps * dt_s == pytest.approx(0.2, rel=1e-9):
-        assert arm.position_m == pytest.approx(fine.position_m, abs=3e-5)
+    assert arm.position_m == pytest.approx(fine.position_m, abs=3e-5)

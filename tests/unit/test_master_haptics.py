@@ -1,0 +1,167 @@
+from math import inf, isfinite, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.estimation.identification import ContactEstimate
+from common.messages import ForceSample, Grip, SafetyState
+from master.handles.port import HandleReading
+from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
+from master.rendering import ForceRenderer
+from master.settings import RenderingSettings
+
+MS = 1_000_000
+S = SafetyState
+STALE_S = 0.1
+
+
+class Spring:
+    """A predictor whose answer the test decides; notes what it was asked."""
+
+    def __init__(self) -> None:
+        self.answer: float | None = 1.0
+        self.asked = list[tuple[int, float, float]]()
+
+    def predict(
+        self, stamp_ns: int, position_m: float, velocity_m_s: float, estimate: ContactEstimate | None
+    ) -> float | None:
+        del estimate
+        self.asked.append((stamp_ns, position_m, velocity_m_s))
+        return self.answer
+
+    def reset(self) -> None:
+        self.asked.clear()
+
+
+def sample(force_n: float = 0.7) -> ForceSample:
+    return ForceSample(
+        session_id=1,
+        sequence=1,
+        stamp_ns=0,
+        position_m=0.0,
+        velocity_m_s=0.0,
+        force_n=force_n,
+        raw_counts=0,
+        valid=True,
+        answers_sequence=1,
+        answers_stamp_ns=0,
+    )
+
+
+class Bench:
+    """The loop at 1 kHz, armed and fed with fresh forces unless a test says otherwise."""
+
+    def __init__(self) -> None:
+        self.predictor = Spring()
+        self.loop = HapticLoop(self.predictor, ForceRenderer(RenderingSettings()), STALE_S)
+        self.now_ns = 10_000 * MS
+        self.heard_ns: int | None = None
+        self.state: S | None = S.ARMED
+        self.stage_m: float | None = 0.02
+        self.reading = HandleReading(0.1, 0.003, True)
+
+    def tick(self, ticks: int = 1, fresh: bool = True) -> HapticOutputs:
+        for _ in range(ticks):
+            self.now_ns += MS
+            if fresh:
+                self.heard_ns = self.now_ns
+            force = None if self.heard_ns is None else NewestForce(sample(), self.heard_ns)
+            out = self.loop.tick(
+                self.now_ns, HapticInputs(self.reading, self.state, self.stage_m, force, None)
+            )
+        return out
+
+
+def test_the_hand_feels_the_prediction_and_not_the_late_force() -> None:
+    out = Bench().tick(300)
+    assert (out.rendered_n, out.predicted_n, out.held_n, out.limited) == (1.0, 1.0, 0.7, False)
+
+
+def test_the_model_sees_the_position_of_the_command_and_the_velocity_of_the_handle() -> None:
+    bench = Bench()
+    bench.reading = HandleReading(0.1, 0.0, False)
+    bench.tick()
+    bench.reading = HandleReading(0.105, 0.003, True)
+    out = bench.tick()
+    assert out.position_m == pytest.approx(0.025)
+    assert bench.predictor.asked[-1] == (bench.now_ns, out.position_m, 0.003)
+    assert out.velocity_m_s == 0.003
+
+
+def test_with_the_deadman_open_the_command_stands_on_the_stage_and_nothing_is_felt() -> None:
+    bench = Bench()
+    bench.tick(300)
+    bench.reading = HandleReading(0.4, 0.2, False)
+    out = bench.tick(201)
+    assert out.position_m == pytest.approx(0.02)
+    assert (out.velocity_m_s, out.deadman, out.rendered_n) == (0.0, False, 0.0)
+
+
+def test_grip_and_recording_time_go_with_the_command() -> None:
+    bench = Bench()
+    bench.reading = HandleReading(0.1, 0.0, True, Grip.OPEN, 12.5)
+    out = bench.tick()
+    assert (out.gripper, out.recording_time_s) == (Grip.OPEN, 12.5)
+
+
+def test_feedback_that_stops_coming_is_felt_for_the_stale_time_and_fades_after_it() -> None:
+    bench = Bench()
+    bench.tick(300)
+    assert bench.tick(100, fresh=False).rendered_n == 1.0
+    fading = [bench.tick(fresh=False).rendered_n for _ in range(201)]
+    assert all(after < before for before, after in zip([1.0, *fading[:-1]], fading, strict=True) if before)
+    assert fading[-1] == 0.0
+    assert bench.tick(1000, fresh=False).rendered_n == 0.0
+
+
+def test_before_any_force_nothing_is_felt() -> None:
+    out = Bench().tick(500, fresh=False)
+    assert (out.rendered_n, out.held_n) == (0.0, None)
+
+
+@pytest.mark.parametrize("state", [None, *(s for s in SafetyState if s not in (S.ENGAGING, S.ARMED))])
+def test_a_force_is_felt_only_while_the_slave_follows(state: S | None) -> None:
+    bench = Bench()
+    bench.tick(300)
+    bench.state = state
+    assert bench.tick(201).rendered_n == 0.0
+    bench.state = S.ENGAGING
+    assert bench.tick(300).rendered_n == 1.0
+
+
+@pytest.mark.parametrize("answer", [None, nan, inf, -inf])
+def test_a_prediction_that_is_no_number_is_none_and_fades(answer: float | None) -> None:
+    bench = Bench()
+    bench.tick(300)
+    bench.predictor.answer = answer
+    out = bench.tick(201)
+    assert (out.predicted_n, out.rendered_n) == (None, 0.0)
+
+
+ANSWER = st.none() | st.floats(-100.0, 100.0) | st.sampled_from([nan, inf, -inf])
+STEP = st.tuples(
+    ANSWER, st.booleans(), st.booleans(), st.sampled_from([None, *SafetyState]), st.integers(1, 150)
+)
+
+
+@given(st.lists(STEP, min_size=1, max_size=15))
+def test_whatever_happens_the_force_is_finite_limited_slewed_and_never_of_stale_feedback(
+    steps: list[tuple[float | None, bool, bool, S | None, int]],
+) -> None:
+    bench = Bench()
+    last_live_ns, before_n = 0, 0.0
+    for answer, fresh, pressed, state, ticks in steps:
+        bench.predictor.answer, bench.state = answer, state
+        bench.reading = HandleReading(0.1, 0.0, pressed)
+        for _ in range(ticks):
+            out = bench.tick(fresh=fresh)
+            heard = bench.heard_ns is not None and bench.now_ns - bench.heard_ns <= STALE_S * 1e9
+            if heard and pressed and state in (S.ENGAGING, S.ARMED):
+                last_live_ns = bench.now_ns
+            assert isfinite(out.rendered_n)
+            assert abs(out.rendered_n) <= 4.0
+            assert abs(out.rendered_n - before_n) <= 0.04 + 1e-12
+            if bench.now_ns - last_live_ns > 201 * MS:
+                assert abs(out.rendered_n) < 1e-12
+            before_n = out.rendered_n
