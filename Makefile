@@ -17,8 +17,9 @@ $(READY): pyproject.toml
 demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out/demo
 	$(BIN)/forefeel loopback --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
-test: $(READY) ## all tests
-	$(BIN)/python -m pytest
+test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
+	$(BIN)/python -m pytest -n 2 -m 'not realtime'
+	$(BIN)/python -m pytest -m realtime
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/ruff check .

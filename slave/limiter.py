@@ -61,9 +61,9 @@ class MotionLimiter:
         """
         hits: list[LimitHit] = []
         target_m = self._inside_workspace(position_m, hits)
-        target_m = self._not_against_force(target_m, force_n, hits)
         if target_m != position_m:
             velocity_m_s = 0.0
+        target_m, velocity_m_s = self._not_against_force(target_m, velocity_m_s, force_n, hits)
         wanted = (target_m - self.position_m) / dt_s
         feed_forward = _clip(velocity_m_s, self._velocity_m_s)
         # the speed, relative to the target, from which it can still brake before overshooting
@@ -104,11 +104,14 @@ class MotionLimiter:
             hits.append(LimitHit("workspace", position_m, target_m, "m"))
         return target_m
 
-    def _not_against_force(self, target_m: float, force_n: float, hits: list[LimitHit]) -> float:
+    def _not_against_force(
+        self, target_m: float, velocity_m_s: float, force_n: float, hits: list[LimitHit]
+    ) -> tuple[float, float]:
         """Above the force limit the setpoint may only move so that the contact is relieved."""
         if abs(force_n) <= self._force_n:
-            return target_m
+            return target_m, velocity_m_s
         relieved = min(target_m, self.position_m) if force_n > 0 else max(target_m, self.position_m)
-        if relieved != target_m:
-            hits.append(LimitHit("force", force_n, copysign(self._force_n, force_n), "N"))
-        return relieved
+        if relieved == target_m and velocity_m_s * force_n <= 0.0:
+            return target_m, velocity_m_s
+        hits.append(LimitHit("force", force_n, copysign(self._force_n, force_n), "N"))
+        return relieved, 0.0

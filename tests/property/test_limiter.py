@@ -145,10 +145,10 @@ def test_above_the_force_limit_the_speed_into_the_contact_only_falls(
         motion.follow(position_m, velocity_m_s, 0.0, dt_s, share)
         for _ in range(ticks):
             before_m_s = sign * motion.velocity_m_s
+            pushes = sign * (position_m - motion.position_m) > 0 and low_m <= position_m <= high_m
             hits = motion.follow(position_m, velocity_m_s, sign * excess * limits.max_force_n, dt_s, share)
             assert (
                 sign * motion.velocity_m_s
                 <= max(0.0, before_m_s - limits.max_acceleration_m_s2 * dt_s) + TINY
             )
-            if sign * (position_m - motion.position_m) > 0 and low_m <= position_m <= high_m:
-                assert "force" in {hit.rule for hit in hits}
+            assert "force" in {hit.rule for hit in hits} or not pushes

@@ -138,6 +138,16 @@ def test_above_the_force_limit_it_may_only_relieve(sign: int) -> None:
     assert motion.position_m == pytest.approx(back_m, abs=1e-6)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_above_the_force_limit_a_command_that_lags_but_moves_into_the_contact_does_not_push(
+    sign: int,
+) -> None:
+    motion = limiter(0.05)
+    hits = motion.follow(0.05 - sign * 1e-6, sign * 0.2, sign * 3.5, DT_S)
+    assert rules(hits) == ["force"]
+    assert sign * motion.velocity_m_s <= 0.0
+
+
 def test_a_motion_into_a_force_brakes_at_once_at_the_acceleration_limit() -> None:
     motion = moving(0.2)
     speeds = [motion.velocity_m_s]

@@ -1,0 +1,13 @@
+"""Tests with real processes on the wall clock of a machine that others use, too."""
+
+from pathlib import Path
+
+import pytest
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """They run alone (`realtime`). One that fails is run twice more: a fault stays, a stolen second does not."""
+    for item in items:
+        if item.path.is_relative_to(Path(__file__).parent):
+            item.add_marker(pytest.mark.realtime)
+            item.add_marker(pytest.mark.flaky(reruns=2))
