@@ -49,7 +49,7 @@ def decode(kind: type[M], payload: bytes) -> M:
         message = kind.model_validate(fields)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
+        place = repr(".".join(str(part) for part in first["loc"]))[1:-1]  # a name from the network: one line
         raise CodecError(f"{kind.__name__}.{place}: {first['msg']}") from error
     if message.protocol != PROTOCOL_VERSION and kind is not Handshake:
         raise CodecError(f"{kind.__name__}: protocol {message.protocol}, this end speaks {PROTOCOL_VERSION}")

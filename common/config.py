@@ -94,7 +94,8 @@ def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str
     while known and known not in lines:
         known = known[:-1]
     line = f":{lines[known]}" if known in lines else ""
-    dotted = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in place).lstrip(".") or "(whole file)"
+    dotted = "".join(f"[{p}]" if isinstance(p, int) else f".{_shown(p)}" for p in place).lstrip(".")
+    dotted = dotted or "(whole file)"
     expected = problem["msg"].removeprefix("Value error, ")
     match problem["type"]:
         case "extra_forbidden":
@@ -104,6 +105,11 @@ def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str
     value = problem["input"]
     shown = repr(value) if isinstance(value, int | float | str | bool | None) else f"a {type(value).__name__}"
     return f"{where}{line}: {dotted} = {shown}: {expected[:1].lower()}{expected[1:]}"
+
+
+def _shown(key: str) -> str:
+    """A key on one line, whatever it holds."""
+    return repr(key)[1:-1]
 
 
 def _placed(loc: Place, lines: dict[Place, int]) -> Place:
@@ -134,7 +140,7 @@ def _lines(
                 raise ConfigurationError(f"{path}:{line}: a {key.id} as key; expected the name of a setting")
             if key.value in seen:
                 raise ConfigurationError(
-                    f"{path}:{line}: {key.value}: the key stands twice; expected it once"
+                    f"{path}:{line}: {_shown(key.value)}: the key stands twice; expected it once"
                 )
             seen.add(key.value)
             yield from _lines(child, (*place, key.value), path, around)

@@ -11,6 +11,7 @@ from secrets import randbits
 
 from common.errors import ConfigurationError, EndpointError, RunError
 from common.runtime.real import RealRuntime
+from common.runtime.realtime import prepare_thread
 from common.settings import DaemonSettings
 from common.transport.zenoh_bus import ZenohTransport
 from master.axis import MasterAxis
@@ -22,6 +23,7 @@ from slave.daemon import SlaveDaemon
 from slave.settings import SlaveSettings
 
 _POLL_S = 0.05
+_BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
 _REST_S = 2.0
 _FAREWELL_S = 0.3  # the master says "deadman released" for this long, and the force fades, before it goes
 _REMIND_S = 5.0
@@ -96,7 +98,15 @@ async def _master(settings: MasterSettings, duration_s: float | None) -> None:
 
 
 def _runtime(settings: DaemonSettings) -> RealRuntime:
-    runtime = RealRuntime(settings.realtime.priority)
+    """A runtime in a process whose every thread is ahead of the machine's other work, below the loop.
+
+    Threads inherit it: those of Zenoh, the receivers, the timers. A command that waits in one of them behind another
+    program is as late as one that the loop executes late, and a thread that is put off while it holds the
+    interpreter's lock puts off the loop.
+    """
+    priority = settings.realtime.priority
+    prepare_thread(max(1, priority - _BELOW_THE_LOOP) if priority else 0)
+    runtime = RealRuntime(priority)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, runtime.stop)

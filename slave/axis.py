@@ -235,15 +235,15 @@ class SlaveAxis:
 
     # --- on asyncio ---
 
-    def serve(self, now_ns: int) -> None:
-        """Answers handshakes and publishes what happened; about every 10 ms."""
+    def serve(self, now_ns: int, last: bool = False) -> None:
+        """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
         self._link.serve(now_ns, self.at_rest, self._gate.open)
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
             header = self._safety_event.header(self._link.holder, stamp_ns)
             self._safety_event.send(
                 SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
             )
-        for hit, count in self._limits.due(now_ns):
+        for hit, count in self._limits.due(now_ns, last):
             header = self._limit_event.header(self._link.holder, now_ns)
             self._limit_event.send(
                 LimitEvent(

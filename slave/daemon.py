@@ -77,7 +77,8 @@ class SlaveDaemon:
 
     def close(self, now_ns: int) -> None:
         """Publishes what is left, closes devices and transport; after the loops have ended."""
-        self._serve(now_ns)
+        for axis in self.axes:
+            axis.serve(now_ns, last=True)
         self._report(now_ns)
         self._reports.timing(now_ns)
         self._reports.impairment(now_ns)

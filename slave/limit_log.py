@@ -25,11 +25,15 @@ class LimitLog:
             self._open[hit.rule] = (hit, count + 1)
             self.total += 1
 
-    def due(self, now_ns: int) -> list[tuple[LimitHit, int]]:
-        """What is to be published now: (newest intervention, how many since the last event of its rule)."""
+    def due(self, now_ns: int, last: bool = False) -> list[tuple[LimitHit, int]]:
+        """What is to be published now: (newest intervention, how many since the last event of its rule);
+        with `last` all there is.
+        """
         with self._lock:
             rules = [
-                rule for rule in self._open if now_ns - self._sent_ns.get(rule, -_INTERVAL_NS) >= _INTERVAL_NS
+                rule
+                for rule in self._open
+                if last or now_ns - self._sent_ns.get(rule, -_INTERVAL_NS) >= _INTERVAL_NS
             ]
             for rule in rules:
                 self._sent_ns[rule] = now_ns

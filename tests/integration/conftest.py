@@ -6,7 +6,7 @@ import pytest
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """They run alone (`realtime`). One that fails is run twice more: a fault stays, a stolen second does not."""
+    """They run alone (`realtime`). A failed one runs twice more: a fault stays, a stolen second does not."""
     for item in items:
         if item.path.is_relative_to(Path(__file__).parent):
             item.add_marker(pytest.mark.realtime)

@@ -98,6 +98,11 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
             "expected a file that exists (relative to this configuration file)",
         ),
         ("name: a\nname: b\n", "machine.yaml:2: name: the key stands twice; expected it once"),
+        ('name: a\n"b\\nc": 1\n', "machine.yaml:2: b\\nc: unknown key"),
+        (
+            'name: a\n"b\\nc": 1\n"b\\nc": 2\n',
+            "machine.yaml:3: b\\nc: the key stands twice; expected it once",
+        ),
         (
             "name: a\nparts: [{kind: drive, kind: brake}]\n",
             "machine.yaml:2: kind: the key stands twice; expected it once",

@@ -130,6 +130,10 @@ def test_an_unknown_field_is_refused() -> None:
     assert refusal(MotionCommand, command(speed=1)).startswith("MotionCommand.speed: Extra inputs")
 
 
+def test_an_unknown_field_of_two_lines_is_refused_on_one() -> None:
+    assert refusal(MotionCommand, command(**{"a\nb": 1})).startswith("MotionCommand.a\\nb: Extra inputs")
+
+
 def test_a_missing_field_is_refused() -> None:
     assert refusal(MotionCommand, msgpack.packb(HEADER)) == "MotionCommand.position_m: Field required"
 

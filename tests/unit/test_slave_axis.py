@@ -437,6 +437,15 @@ def test_every_intervention_of_the_loop_is_counted_once() -> None:
     assert rig.stage.position_m <= 0.12 + 1e-12
 
 
+def test_what_was_gathered_at_the_end_is_published_at_the_end() -> None:
+    rig = SlaveRig().armed()
+    rig.fields = {"velocity_m_s": -3.0}
+    rig.step(30)
+    assert total(rig, "range") < 30
+    rig.axis.serve(rig.now_ns, last=True)
+    assert total(rig, "range") == rig.counters()["refused_range"] == 30
+
+
 def test_a_drive_that_does_not_go_where_it_is_told_is_an_intervention() -> None:
     rig = SlaveRig().armed()
     rig.stage.travel_m = (0.0, START_M + 0.001)
