@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from common.errors import ConfigurationError
@@ -20,6 +20,17 @@ class Settings(BaseModel):
     model_config: ClassVar[ConfigDict] = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, protected_namespaces=()
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _yes_is_no_number(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
+        """YAML reads yes, no, on and off as truth values, which pydantic would take for 1 and 0."""
+        for name, value in data.items() if isinstance(data, dict) else ():
+            values = value if isinstance(value, list | tuple) else [value]
+            field = cls.model_fields.get(name)
+            if field and field.annotation is not bool and any(isinstance(each, bool) for each in values):
+                raise ValueError(f"{name} = {value}: expected no truth value (YAML reads yes and on as true)")
+        return data
 
 
 S = TypeVar("S", bound=BaseModel)

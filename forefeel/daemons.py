@@ -100,9 +100,7 @@ async def _master(settings: MasterSettings, duration_s: float | None) -> None:
 def _runtime(settings: DaemonSettings) -> RealRuntime:
     """A runtime in a process whose every thread is ahead of the machine's other work, below the loop.
 
-    Threads inherit it: those of Zenoh, the receivers, the timers. A command that waits in one of them behind another
-    program is as late as one that the loop executes late, and a thread that is put off while it holds the
-    interpreter's lock puts off the loop.
+    Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008).
     """
     priority = settings.realtime.priority
     prepare_thread(max(1, priority - _BELOW_THE_LOOP) if priority else 0)

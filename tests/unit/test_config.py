@@ -71,6 +71,16 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
         ("name: a\nratio: [1]\n", "machine.yaml:2: ratio = a list: input should be a valid number"),
         ("name: 3\n", "machine.yaml:1: name = 3: input should be a valid string"),
         (
+            "name: a\nratio: on\n",
+            "machine.yaml:1: (whole file) = a dict: "
+            "ratio = True: expected no truth value (YAML reads yes and on as true)",
+        ),
+        (
+            "name: a\nspan_m: [no, 1]\n",
+            "machine.yaml:1: (whole file) = a dict: "
+            "span_m = [False, 1]: expected no truth value (YAML reads yes and on as true)",
+        ),
+        (
             "name: a/b\n",
             "machine.yaml:1: name = 'a/b': expected one key segment without / * $ ? # or blanks",
         ),
@@ -143,6 +153,15 @@ def test_a_mistake_is_one_line_that_says_where_what_and_what_was_expected(
     tmp_path: Path, text: str | bytes, expected: str
 ) -> None:
     assert mistake(tmp_path, text) == expected
+
+
+def test_a_truth_value_is_read_where_one_belongs(tmp_path: Path) -> None:
+    class Switch(Settings):
+        on: bool = False
+
+    assert load_settings(Switch, written(tmp_path, '"on": yes\n')).on
+    with pytest.raises(ConfigurationError, match="input should be a valid boolean"):
+        load_settings(Switch, written(tmp_path, '"on": maybe\n'))
 
 
 @pytest.mark.parametrize("text", ["name: 2020-13-45\n", "count: 0x_\n", "a: " + "[" * 1100, "? " * 1100])
