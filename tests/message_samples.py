@@ -13,7 +13,8 @@ from common.messages import Message
 
 KINDS: tuple[type[Message], ...] = tuple(Message.__subclasses__())
 NAME_LETTERS = string.ascii_letters + string.digits + "_.-"
-MOST_ITEMS = 12
+MOST_ITEMS = 8
+MOST_LETTERS = 40  # more of them take time and find nothing; the longest texts have a test of their own
 
 
 def messages(kind: type[Message]) -> st.SearchStrategy[Message]:
@@ -63,8 +64,8 @@ def _integers(rules: tuple[Any, ...]) -> st.SearchStrategy[int]:
 def _texts(rules: tuple[Any, ...]) -> st.SearchStrategy[str]:
     longest = min(rule.max_length for rule in rules if isinstance(rule, annotated_types.MaxLen))
     if any(getattr(rule, "pattern", None) for rule in rules):
-        return st.text(NAME_LETTERS, min_size=1, max_size=longest)
-    return st.text(st.characters(codec="utf-8"), max_size=longest)
+        return st.text(NAME_LETTERS, min_size=1, max_size=min(longest, MOST_LETTERS))
+    return st.text(st.characters(codec="utf-8"), max_size=min(longest, MOST_LETTERS))
 
 
 def _flat(rules: tuple[Any, ...]) -> list[Any]:

@@ -103,7 +103,7 @@ def test_the_age_limit_counts_from_the_smallest_transit_and_is_exact(clock: Offs
 
 
 @pytest.mark.parametrize("compared", [False, True], ids=["clocks not compared", "clocks compared"])
-@pytest.mark.parametrize("stall_ns", [150 * MS, 2 * S, 30 * S])
+@pytest.mark.parametrize("stall_ns", [150 * MS, 2 * S, 10 * S])
 def test_of_the_burst_after_a_stall_nothing_older_than_the_limit_is_admitted(
     compared: bool, stall_ns: int
 ) -> None:
@@ -204,8 +204,8 @@ def test_an_hour_of_drift_refuses_no_command(drift_ppm: int, delay_ns: int) -> N
     def masters(stamp_ns: int) -> int:
         return stamp_ns + stamp_ns * drift_ppm // 1_000_000
 
-    for i in range(1, 36_000):
-        sent_ns = i * 100 * MS
+    for i in range(1, 18_000):
+        sent_ns = i * 200 * MS
         heard_ns = sent_ns + delay_ns + i % 5 * delay_ns // 20  # a little jitter
         refusal = gate.admit(command(i, masters(sent_ns)), heard_ns, clock.best)
         assert refusal is None, f"after {sent_ns / S} s: {refusal}"
@@ -216,11 +216,11 @@ def test_an_hour_of_drift_refuses_no_command(drift_ppm: int, delay_ns: int) -> N
 
 def test_after_an_hour_of_drift_late_is_still_late() -> None:
     gate = opened()
-    drifted = [(i * 100 * MS, i * 100 * MS + i * 10_000) for i in range(1, 36_000)]
+    drifted = [(i * 200 * MS, i * 200 * MS + i * 20_000) for i in range(1, 18_000)]
     for i, (sent_ns, heard_ns) in enumerate(drifted, start=1):
         assert gate.admit(command(i, sent_ns), heard_ns, None) is None
     sent_ns, heard_ns = drifted[-1]
-    assert rule(gate.admit(command(36_000, sent_ns), heard_ns + 107 * MS, None)) == "late"
+    assert rule(gate.admit(command(18_000, sent_ns), heard_ns + 107 * MS, None)) == "late"
 
 
 # --- range ---
