@@ -60,8 +60,15 @@ class Bus:
         """Declares the publisher of a topic."""
         return Outlet(self._transport.publisher(topic.key(self._cell, self._axis), topic.qos))
 
-    def subscribe(self, topic: Topic[M], handler: Callable[[M, int], None]) -> None:
-        """Calls `handler(message, receive_ns)` for each well-formed message; others are counted."""
+    def subscribe(
+        self,
+        topic: Topic[M],
+        handler: Callable[[M, int], None],
+        on_malformed: Callable[[], None] | None = None,
+    ) -> None:
+        """Calls `handler(message, receive_ns)` for each well-formed message; others are counted, and
+        `on_malformed` is called.
+        """
         kind, name, malformed = topic.message, topic.name, self.malformed
 
         def receive(payload: bytes, receive_ns: int) -> None:
@@ -69,6 +76,8 @@ class Bus:
                 message = decode(kind, payload)
             except CodecError:
                 malformed[name] += 1
+                if on_malformed is not None:
+                    on_malformed()
                 return
             handler(message, receive_ns)
 

@@ -81,7 +81,7 @@ class SlaveAxis:
         self._limit_event: Outlet = bus.outlet(topics.LIMIT_EVENT)
         self._safety_event: Outlet = bus.outlet(topics.SAFETY_EVENT)
         bus.subscribe(topics.COMMAND, self._on_command)
-        bus.subscribe(topics.EMERGENCY_STOP, self._on_estop)
+        bus.subscribe(topics.EMERGENCY_STOP, self._on_estop, self._on_garbled_estop)
 
     # --- where the transport delivers ---
 
@@ -99,6 +99,10 @@ class SlaveAxis:
     def _on_estop(self, stop: EmergencyStop, receive_ns: int) -> None:
         del receive_ns
         self.emergency_stop(f"{stop.source}: {stop.reason}")
+
+    def _on_garbled_estop(self) -> None:
+        """Whoever sent this meant a stop."""
+        self.emergency_stop("an emergency stop that can not be read")
 
     # --- from anyone ---
 

@@ -1,6 +1,7 @@
 """The slave's composition root: the only place that knows concrete classes."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 
 from common.bus import Bus
 from common.daemon import SECOND_NS, Reports, impaired
@@ -61,9 +62,10 @@ class SlaveDaemon:
                     axis.emergency_stop(f"axis {halted.name} is halted")
 
     def fail(self, error: BaseException) -> None:
-        """Reaction to a fault of any thread."""
-        for axis in self.axes:
-            axis.fail(error)
+        """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
+        with ExitStack() as reactions:
+            for axis in self.axes:
+                reactions.callback(axis.fail, error)
 
     def shut_down(self) -> None:
         """Asks every axis to come to rest and to arm no more; see `at_rest`."""

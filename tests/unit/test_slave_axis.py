@@ -180,7 +180,6 @@ def test_commands_that_came_between_two_ticks_are_counted_as_superseded() -> Non
         topics.COMMAND,
         topics.MASTER_HANDSHAKE,
         topics.MASTER_HEARTBEAT,
-        topics.EMERGENCY_STOP,
     ],
     ids=lambda topic: str(topic.name),
 )
@@ -227,6 +226,14 @@ def test_an_emergency_stop_from_the_network_stops_in_the_next_tick_and_latches()
     rig.step(200)
     assert rig.state() is S.ESTOPPED
     assert len(rig.stage.commands) == moved
+
+
+def test_a_stop_that_can_not_be_read_is_a_stop() -> None:
+    rig = SlaveRig().armed()
+    rig.put_raw(topics.EMERGENCY_STOP, b"\x93")
+    rig.step(20)
+    assert rig.state() is S.ESTOPPED
+    assert rig.counters()["malformed_any_estop"] == 1
 
 
 def test_a_stop_is_no_command_it_needs_no_session_and_may_be_repeated() -> None:
