@@ -1,7 +1,6 @@
 """The only reader of the system's time."""
 
 import time
-from datetime import UTC, datetime
 from typing import Protocol
 
 
@@ -48,8 +47,3 @@ class VirtualClock:
         if now_ns < self._now_ns:
             raise ValueError(f"time goes back: {now_ns} < {self._now_ns}")
         self._now_ns = now_ns
-
-
-def utc_now() -> str:
-    """Wall-clock time for headers of files, ISO 8601; never used to measure anything."""
-    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -109,6 +109,12 @@ class DaemonSettings(Settings):
     realtime: RealtimeSettings = RealtimeSettings()
 
 
+def require_distinct(names: list[str]) -> None:
+    """Raises ValueError when two axes have one name."""
+    if len(set(names)) != len(names):
+        raise ValueError(f"axes: names {names}: expected each name once")
+
+
 def shared_text(cell: str, axis: str, limits: AxisLimits) -> str:
     """What both ends must agree on for one axis, as canonical JSON."""
     shared = {"protocol": PROTOCOL_VERSION, "cell": cell, "axis": axis, **limits.model_dump(mode="json")}

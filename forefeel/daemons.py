@@ -7,6 +7,8 @@ import ctypes
 import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from secrets import randbits
 
 from common.errors import ConfigurationError, EndpointError, RunError
@@ -58,12 +60,8 @@ def run_master(settings: MasterSettings, duration_s: float | None = None) -> Non
 
 async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
     runtime = _runtime(settings)
-    transport = ZenohTransport.open(settings.transport, runtime.clock, runtime.fault)
-    try:
+    with _opened(settings, runtime) as transport:
         daemon = SlaveDaemon(settings, transport, runtime, _new_id)
-    except BaseException:
-        transport.close()
-        raise
     say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
     async with runtime:
         await _until(runtime, duration_s)
@@ -76,12 +74,8 @@ async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
 
 async def _master(settings: MasterSettings, duration_s: float | None) -> None:
     runtime = _runtime(settings)
-    transport = ZenohTransport.open(settings.transport, runtime.clock, runtime.fault)
-    try:
+    with _opened(settings, runtime) as transport:
         daemon = MasterDaemon(settings, transport, runtime, _new_id)
-    except BaseException:
-        transport.close()
-        raise
     say(f"master: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for the slave")
     try:
         async with runtime:
@@ -95,6 +89,17 @@ async def _master(settings: MasterSettings, duration_s: float | None) -> None:
         daemon.close(runtime.clock.now_ns())
     say("master: handle released, closed")
     runtime.raise_fault()
+
+
+@contextmanager
+def _opened(settings: DaemonSettings, runtime: RealRuntime) -> Iterator[ZenohTransport]:
+    """The daemon's transport, which the daemon closes; closed here when the daemon can not be composed."""
+    transport = ZenohTransport.open(settings.transport, runtime.clock, runtime.fault)
+    try:
+        yield transport
+    except BaseException:
+        transport.close()
+        raise
 
 
 def _runtime(settings: DaemonSettings) -> RealRuntime:

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 
 from common.bus import Bus
-from common.config import load_yaml
 from common.daemon import SECOND_NS, Reports, impaired
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError
 from common.estimation.identification import ContactIdentifier, IdentificationSettings
 from common.estimation.prediction import ContactPredictor
+from common.model_file import load_model
 from common.recording.tabular import load_recording
 from common.runtime.port import Runtime
 from common.settings import TICK_NS
@@ -155,11 +155,7 @@ def contact_model(settings: PredictionSettings) -> ContactModel:
     """
     if settings.model is None:
         return ContactModel.from_mapping(_DEFAULT_MODEL)
-    mapping, _ = load_yaml(settings.model)
-    try:
-        return ContactModel.from_mapping(mapping)
-    except ValueError as error:
-        raise ConfigurationError(f"{settings.model}: {error}") from error
+    return load_model(settings.model)
 
 
 def make_handle(settings: HandleSettings) -> Handle:

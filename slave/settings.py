@@ -5,7 +5,14 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from common.config import Settings
-from common.settings import AxisLimits, ColumnSettings, DaemonSettings, ExistingFile, Segment
+from common.settings import (
+    AxisLimits,
+    ColumnSettings,
+    DaemonSettings,
+    ExistingFile,
+    Segment,
+    require_distinct,
+)
 from common.topics import COMMAND
 from slave.plant.settings import WorldSettings, world_settings
 
@@ -81,7 +88,5 @@ class SlaveSettings(DaemonSettings):
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
-        names = [axis.name for axis in self.axes]
-        if len(set(names)) != len(names):
-            raise ValueError(f"axes: names {names}: expected each name once")
+        require_distinct([axis.name for axis in self.axes])
         return self

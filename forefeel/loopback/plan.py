@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from common.config import checked, dump_yaml, load_yaml
-from common.effects.model import ContactModel
+from common.config import checked, dump_yaml
 from common.errors import ConfigurationError, RecordingError
+from common.model_file import load_model
 from common.recording.recording import Recording
 from common.recording.tabular import Mapping, load_recording
 from common.transport.settings import PRESETS
@@ -128,19 +128,11 @@ def _metadata(wish: Wish) -> dict[str, str]:
 
 def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
     if wish.slave_model is not None:
-        slave_axis["simulation"]["contact"] = _model(wish.slave_model).to_mapping()
+        slave_axis["simulation"]["contact"] = load_model(wish.slave_model).to_mapping()
     if wish.master_model is not None:
-        if not _model(wish.master_model).runtime().linear_names:
+        if not load_model(wish.master_model).runtime().linear_names:
             raise ConfigurationError(f"{wish.master_model}: no linear parameter; expected one to identify")
         master_axis.setdefault("prediction", {})["model"] = str(wish.master_model.resolve())
-
-
-def _model(path: Path) -> ContactModel:
-    mapping, _ = load_yaml(path)
-    try:
-        return ContactModel.from_mapping(mapping)
-    except ValueError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def _play(

@@ -6,54 +6,32 @@ from random import Random
 
 from common.messages import Grip
 from master.handles.motion import Arm, MinimumJerk, Tremor
-from master.handles.person import Act, Person
-from master.handles.port import HandleReading, Indication
+from master.handles.person import Act
+from master.handles.port import HandleReading
+from master.handles.simulated import SimulatedHandle
 from master.settings import OperatorSettings
 
 _ALIGN_S = 0.3
-_MAX_STEP_S = 0.05
 
 
-class Operator:
+class Operator(SimulatedHandle):
     """A person with a plan. The plan's time runs only while armed; after a stop the hand aligns with the
     stage and goes on from there.
     """
 
     def __init__(self, settings: OperatorSettings, seed: int) -> None:
         rng = Random(f"operator {seed}")
-        self.person = Person()
+        super().__init__()
         self._settings = settings
         self._rng = rng
         self._tremor = Tremor(settings.tremor_m, rng)
         self._arm = Arm(settings.arm_mass_kg, settings.arm_damping_n_s_m, settings.arm_stiffness_n_m)
-        self._indication = Indication(None, None)
         self._force_n = 0.0
         self._reach = MinimumJerk(0.0, 0.0, _ALIGN_S)
         self._reach_s = 0.0
         self._dwell_s = 0.0
         self._stroke = 0
         self._gripper = Grip.CLOSED
-        self._previous_ns: int | None = None
-
-    @property
-    def finished(self) -> bool:
-        """The operator never ends by itself."""
-        return False
-
-    @property
-    def clutched_out_s(self) -> float:
-        """The operator never opens the clutch by choice."""
-        return self.person.clutched_out_s
-
-    def open(self) -> None:
-        """Nothing to open."""
-
-    def close(self) -> None:
-        """Nothing to close."""
-
-    def show(self, indication: Indication) -> None:
-        """The person looks at it at the next tick."""
-        self._indication = indication
 
     def render(self, force_n: float, now_ns: int) -> float:
         """The hand feels the force from now on."""
@@ -63,8 +41,7 @@ class Operator:
 
     def read(self, now_ns: int) -> HandleReading:
         """Moves the arm up to now."""
-        dt_s = 0.0 if self._previous_ns is None else min((now_ns - self._previous_ns) * 1e-9, _MAX_STEP_S)
-        self._previous_ns = now_ns
+        dt_s = self._step_s(now_ns)
         was = self.person.act
         aligned = self._reach_s >= self._reach.duration_s
         self.person.look(now_ns * 1e-9, self._indication.state, aligned)

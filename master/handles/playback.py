@@ -10,10 +10,9 @@ from typing import Protocol
 from common.errors import RecordingError
 from common.recording.recording import Recording
 from master.handles.motion import MinimumJerk
-from master.handles.person import Act, Person
-from master.handles.port import HandleReading, Indication
-
-_MAX_STEP_S = 0.05
+from master.handles.person import Act
+from master.handles.port import HandleReading
+from master.handles.simulated import SimulatedHandle
 
 
 class Motion(Protocol):
@@ -81,14 +80,13 @@ class MultiSine:
         return position_m, sum(self._a_m * w * sin(w * t_s) for w in self._omega)
 
 
-class Playback:
+class Playback(SimulatedHandle):
     """Plays a motion by absolute position: aligns with the stage, arms, goes to the start of the piece, plays
     it, opens the clutch.
     """
 
     def __init__(self, motion: Motion, approach_m_s: float) -> None:
-        self.person = Person()
-        self.finished = False
+        super().__init__()
         self._motion = motion
         self._approach_m_s = approach_m_s
         self._piece = 0
@@ -96,23 +94,6 @@ class Playback:
         self._approach: MinimumJerk | None = None
         self._approach_s = 0.0
         self._position_m = 0.0
-        self._indication = Indication(None, None)
-        self._previous_ns: int | None = None
-
-    @property
-    def clutched_out_s(self) -> float:
-        """Time spent aligning between two pieces."""
-        return self.person.clutched_out_s
-
-    def open(self) -> None:
-        """Nothing to open."""
-
-    def close(self) -> None:
-        """Nothing to close."""
-
-    def show(self, indication: Indication) -> None:
-        """The person looks at it at the next tick."""
-        self._indication = indication
 
     def render(self, force_n: float, now_ns: int) -> float:
         """The hand is rigid."""
@@ -121,8 +102,7 @@ class Playback:
 
     def read(self, now_ns: int) -> HandleReading:
         """Plays on up to now."""
-        dt_s = 0.0 if self._previous_ns is None else min((now_ns - self._previous_ns) * 1e-9, _MAX_STEP_S)
-        self._previous_ns = now_ns
+        dt_s = self._step_s(now_ns)
         self.person.look(now_ns * 1e-9, self._indication.state)
         if self.finished or self.person.act is not Act.MOVING:
             return self._wait()

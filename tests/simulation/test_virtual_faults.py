@@ -1,7 +1,6 @@
 """The whole system in virtual time when something goes wrong: limits, stalls, deaths, stops."""
 
-import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -24,15 +23,6 @@ from tests.simulation.pair import DELAY_S, OVERSHOOT, Pair, S
 TICK_S = 0.001
 WATCHDOG_S = 0.060
 MAX_AGE_S = 0.100
-
-
-@pytest.fixture(autouse=True)
-def no_collection() -> Iterator[None]:
-    """What is made stays, as recorded payloads: collecting would find nothing, slowly."""
-    gc.disable()
-    yield
-    gc.enable()
-    gc.collect()
 
 
 def limited(**limits: object) -> dict[str, Any]:

@@ -1,7 +1,5 @@
 """The whole system in virtual time: both daemons, codec, gates, impairment, operator and world."""
 
-import gc
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -32,15 +30,6 @@ from tests.simulation.pair import OVERSHOOT, Heard, S, write_csv
 
 TICK_S = 0.001
 WATCHDOG_S = 0.060
-
-
-@pytest.fixture(autouse=True)
-def no_collection() -> Iterator[None]:
-    """What is made stays, as recorded payloads: collecting would find nothing, slowly."""
-    gc.disable()
-    yield
-    gc.enable()
-    gc.collect()
 
 
 def run_plan(plan: Plan, seed: int = 1) -> Heard:

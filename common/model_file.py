@@ -1,0 +1,20 @@
+"""A contact model from a model.yaml."""
+
+from pathlib import Path
+
+from common.config import load_yaml
+from common.effects.model import ContactModel
+from common.errors import ConfigurationError
+
+
+def load_model(path: Path) -> ContactModel:
+    """The model that the file holds.
+
+    Raises:
+        ConfigurationError: the file is no YAML, or no model of schema `forefeel.model/1`.
+    """
+    mapping, _ = load_yaml(path)
+    try:
+        return ContactModel.from_mapping(mapping)
+    except ValueError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
