@@ -98,7 +98,8 @@ class HapticSample(Message):
     same tick.
 
     `delay_s`: from the command `answered_sequence` to the arrival of the force that answers it, both on the
-    master's clock.
+    master's clock. `energy_j`: what the hand has put into the handle since the start; negative where the
+    rendered force gave it more than it took.
     """
 
     handle_position_m: float
@@ -110,6 +111,7 @@ class HapticSample(Message):
     delay_s: float | None
     answered_sequence: NonNegativeInt | None
     limited: bool
+    energy_j: float = 0.0
 
 
 class ModelParameters(Message):

@@ -163,6 +163,7 @@ class MasterAxis:
                 delay_s=delay_s,
                 answered_sequence=force.sample.answers_sequence if force else None,
                 limited=outputs.limited,
+                energy_j=outputs.energy_j,
             )
         )
 

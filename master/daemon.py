@@ -19,7 +19,6 @@ from master.handles.playback import MultiSine, Playback, RecordedMotion
 from master.handles.port import Handle
 from master.haptics import HapticLoop
 from master.identification import IdentificationTask
-from master.rendering import ForceRenderer
 from master.settings import (
     HandleSettings,
     MasterAxisSettings,
@@ -124,10 +123,8 @@ class MasterDaemon:
 
 def _axis(cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[], int]) -> MasterAxis:
     model = contact_model(settings.prediction)
-    prediction, rendering = settings.prediction, settings.rendering
-    loop = HapticLoop(
-        ContactPredictor(model, prediction.velocity_cutoff_hz), ForceRenderer(rendering), rendering.stale_s
-    )
+    prediction = settings.prediction
+    loop = HapticLoop(ContactPredictor(model, prediction.velocity_cutoff_hz), settings.rendering)
     return MasterAxis(
         cell, settings, make_handle(settings.handle), loop, _identification(model, prediction), bus, new_id
     )

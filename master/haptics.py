@@ -9,6 +9,7 @@ from common.messages import ForceSample, Grip, SafetyState
 from master.clutch import Clutch
 from master.handles.port import HandleReading
 from master.rendering import ForceRenderer
+from master.settings import RenderingSettings
 
 _LIVE = frozenset({SafetyState.ENGAGING, SafetyState.ARMED})
 
@@ -44,16 +45,18 @@ class HapticOutputs(NamedTuple):
     held_n: float | None
     rendered_n: float
     limited: bool
+    energy_j: float
 
 
 class HapticLoop:
     """Handle in, command out, force out."""
 
-    def __init__(self, predictor: Predictor, renderer: ForceRenderer, stale_s: float) -> None:
+    def __init__(self, predictor: Predictor, settings: RenderingSettings) -> None:
         self.clutch = Clutch()
         self._predictor = predictor
-        self._renderer = renderer
-        self._stale_ns = int(stale_s * 1e9)
+        self._renderer = ForceRenderer(settings)
+        self._feels_hold = settings.source == "held"
+        self._stale_ns = int(settings.stale_s * 1e9)
 
     def tick(self, now_ns: int, inputs: HapticInputs) -> HapticOutputs:
         """One tick: command from the handle, prediction from the command, force from the prediction."""
@@ -62,7 +65,9 @@ class HapticLoop:
         predicted_n = self._predict(now_ns, position_m, reading, inputs.estimate)
         fresh = force is not None and now_ns - force.arrived_ns <= self._stale_ns
         live = fresh and reading.deadman and inputs.state in _LIVE
-        rendered_n, limited = self._renderer.render(now_ns, predicted_n, live)
+        held_n = force.sample.force_n if force else None
+        felt_n = held_n if self._feels_hold else predicted_n
+        rendered = self._renderer.render(now_ns, felt_n, live, reading.position_m)
         return HapticOutputs(
             position_m=position_m,
             velocity_m_s=reading.velocity_m_s if reading.deadman else 0.0,
@@ -70,9 +75,10 @@ class HapticLoop:
             gripper=reading.gripper,
             recording_time_s=reading.recording_time_s,
             predicted_n=predicted_n,
-            held_n=force.sample.force_n if force else None,
-            rendered_n=rendered_n,
-            limited=limited,
+            held_n=held_n,
+            rendered_n=rendered.force_n,
+            limited=rendered.limited,
+            energy_j=rendered.energy_j,
         )
 
     def _predict(

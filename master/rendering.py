@@ -1,14 +1,28 @@
-"""From a force of the model to a force for the hand: scaled, limited, slew-limited, faded. Pure."""
+"""From a force of the model to one for the hand: scaled, limited, faded, passive, without a jump. Pure."""
 
 from math import isfinite
+from typing import NamedTuple
 
+from master.passivity import PassivityController, PassivityObserver
 from master.settings import RenderingSettings
 
 _MAX_STEP_S = 0.010
 
 
+class Rendered(NamedTuple):
+    """The force in N, whether a limit acted, and the energy in J that the hand has put in so far."""
+
+    force_n: float
+    limited: bool
+    energy_j: float
+
+
 class ForceRenderer:
     """Never shows a force that is stale, not finite, above the limit, or that jumps.
+
+    A change of the force is bounded in three ways: by `max_slew_n_s` altogether, by `max_stiffness_n_m` for
+    each metre that the hand moves, and by `max_jump_n_s` for what changes without a motion: a model that has
+    learned something must not kick the hand.
 
     Attributes:
         force_n: what is rendered now.
@@ -19,13 +33,20 @@ class ForceRenderer:
         self._fade = 0.0
         self._target_n = 0.0
         self._previous_ns: int | None = None
+        self._position_m: float | None = None
+        self._observer = PassivityObserver()
+        self._controller = PassivityController(settings.max_damping_n_s_m)
         self.force_n = 0.0
 
-    def render(self, now_ns: int, contact_n: float | None, live: bool) -> tuple[float, bool]:
-        """(force in N, whether a limit acted). `live`: armed, and the feedback is fresh; else the force fades
-        to zero in fade_s.
+    def render(self, now_ns: int, contact_n: float | None, live: bool, position_m: float) -> Rendered:
+        """The force for a hand that is at `position_m` now.
+
+        `live`: armed, and the feedback is fresh; else the force fades to zero in fade_s.
         """
         dt_s = self._step_s(now_ns)
+        moved_m = 0.0 if self._position_m is None else position_m - self._position_m
+        self._position_m = position_m
+        energy_j = self._observer.observe(position_m, self.force_n)
         settings, limited = self._settings, False
         usable = live and contact_n is not None and isfinite(contact_n)
         if usable and contact_n is not None:
@@ -34,11 +55,23 @@ class ForceRenderer:
             limited = self._target_n != asked_n
         change = dt_s / settings.fade_s
         self._fade = min(1.0, self._fade + change) if usable else max(0.0, self._fade - change)
-        wanted_n = self._fade * self._target_n
-        step_n = settings.max_slew_n_s * dt_s
-        applied_n = max(self.force_n - step_n, min(self.force_n + step_n, wanted_n))
-        self.force_n = applied_n
-        return applied_n, limited or applied_n != wanted_n
+        wanted_n = self._fade * self._passive_n(energy_j, moved_m, dt_s)
+        step_n = self._step_n(abs(moved_m), dt_s) if usable else settings.max_slew_n_s * dt_s
+        self.force_n = max(self.force_n - step_n, min(self.force_n + step_n, wanted_n))
+        return Rendered(self.force_n, limited or self.force_n != wanted_n, energy_j)
+
+    def _passive_n(self, energy_j: float, moved_m: float, dt_s: float) -> float:
+        """The target with the controller's damping where that is on, within the limit."""
+        if not (self._settings.passivity_controller and dt_s > 0.0):
+            return self._target_n
+        target_n = self._target_n + self._controller.force_n(energy_j, moved_m / dt_s, dt_s)
+        return max(-self._settings.max_force_n, min(self._settings.max_force_n, target_n))
+
+    def _step_n(self, moved_m: float, dt_s: float) -> float:
+        """How much the force may change in this step."""
+        settings = self._settings
+        slowest_n = settings.max_stiffness_n_m * moved_m + settings.max_jump_n_s * dt_s
+        return min(settings.max_slew_n_s * dt_s, slowest_n)
 
     def _step_s(self, now_ns: int) -> float:
         previous_ns, self._previous_ns = self._previous_ns, now_ns

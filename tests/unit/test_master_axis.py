@@ -30,7 +30,6 @@ from master.axis import MasterAxis
 from master.handles.port import HandleReading, Indication
 from master.haptics import HapticLoop
 from master.identification import IdentificationTask
-from master.rendering import ForceRenderer
 from master.session import Link
 from master.settings import MasterAxisSettings, RenderingSettings
 
@@ -104,7 +103,7 @@ class Rig:
             "cell",
             MasterAxisSettings(),
             self.handle,
-            HapticLoop(self.predictor, ForceRenderer(RenderingSettings()), 0.1),
+            HapticLoop(self.predictor, RenderingSettings()),
             IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings())),
             Bus(network.session(self.clock), "cell", "insertion", self.clock),
             ids.__next__,

@@ -8,12 +8,12 @@ from common.estimation.identification import ContactEstimate
 from common.messages import ForceSample, Grip, SafetyState
 from master.handles.port import HandleReading
 from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
-from master.rendering import ForceRenderer
 from master.settings import RenderingSettings
 
 MS = 1_000_000
 S = SafetyState
 STALE_S = 0.1
+SETTINGS = RenderingSettings()
 
 
 class Spring:
@@ -52,9 +52,9 @@ def sample(force_n: float = 0.7) -> ForceSample:
 class Bench:
     """The loop at 1 kHz, armed and fed with fresh forces unless a test says otherwise."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: RenderingSettings = SETTINGS) -> None:
         self.predictor = Spring()
-        self.loop = HapticLoop(self.predictor, ForceRenderer(RenderingSettings()), STALE_S)
+        self.loop = HapticLoop(self.predictor, settings)
         self.now_ns = 10_000 * MS
         self.heard_ns: int | None = None
         self.state: S | None = S.ARMED
@@ -76,6 +76,11 @@ class Bench:
 def test_the_hand_feels_the_prediction_and_not_the_late_force() -> None:
     out = Bench().tick(300)
     assert (out.rendered_n, out.predicted_n, out.held_n, out.limited) == (1.0, 1.0, 0.7, False)
+
+
+def test_for_comparison_the_hand_feels_the_late_force() -> None:
+    out = Bench(RenderingSettings(source="held")).tick(300)
+    assert (out.rendered_n, out.predicted_n, out.held_n) == (0.7, 1.0, 0.7)
 
 
 def test_the_model_sees_the_position_of_the_command_and_the_velocity_of_the_handle() -> None:

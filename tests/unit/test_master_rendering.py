@@ -8,7 +8,9 @@ from master.rendering import ForceRenderer
 from master.settings import RenderingSettings
 
 MS = 1_000_000
-SETTINGS = RenderingSettings(force_scale=2.0, max_force_n=4.0, max_slew_n_s=40.0, fade_s=0.2)
+SETTINGS = RenderingSettings(
+    force_scale=2.0, max_force_n=4.0, max_slew_n_s=40.0, max_jump_n_s=40.0, fade_s=0.2
+)
 
 
 class Hand:
@@ -17,13 +19,24 @@ class Hand:
     def __init__(self, settings: RenderingSettings = SETTINGS) -> None:
         self.renderer = ForceRenderer(settings)
         self.now_ns = 0
+        self.position_m = self.energy_j = 0.0
         self.limited = False
 
-    def feel(self, contact_n: float | None, live: bool = True, ticks: int = 1, tick_ns: int = MS) -> float:
+    def feel(
+        self,
+        contact_n: float | None,
+        live: bool = True,
+        ticks: int = 1,
+        tick_ns: int = MS,
+        speed_m_s: float = 0.0,
+    ) -> float:
         force_n = self.renderer.force_n
         for _ in range(ticks):
             self.now_ns += tick_ns
-            force_n, self.limited = self.renderer.render(self.now_ns, contact_n, live)
+            self.position_m += speed_m_s * tick_ns * 1e-9
+            force_n, self.limited, self.energy_j = self.renderer.render(
+                self.now_ns, contact_n, live, self.position_m
+            )
         return force_n
 
 
@@ -88,6 +101,69 @@ def test_a_force_that_comes_back_during_the_fade_comes_back_without_a_jump() -> 
     low_n = hand.feel(1.5, live=False, ticks=150)
     assert hand.feel(1.5) == pytest.approx(low_n, abs=0.041)
     assert hand.feel(1.5, ticks=200) == 3.0
+
+
+def test_without_a_motion_the_force_changes_no_faster_than_a_model_may_jump() -> None:
+    """What the hand gets when the model learns: max_jump_n_s, not max_slew_n_s."""
+    hand = Hand(RenderingSettings(force_scale=1.0, max_jump_n_s=5.0))
+    hand.feel(1.0, ticks=500)
+    before_n = hand.renderer.force_n
+    assert hand.feel(2.0) - before_n == pytest.approx(0.005)
+    assert hand.limited
+
+
+def test_a_wall_is_no_stiffer_than_the_bound() -> None:
+    """A contact of 100 N/mm, felt through a bound of 0.8 N/mm and a jump of next to nothing."""
+    hand = Hand(RenderingSettings(max_jump_n_s=1e-6, max_stiffness_n_m=800.0, max_slew_n_s=10_000.0))
+    hand.feel(0.0, ticks=300)
+    start_m = hand.position_m
+    while hand.position_m < start_m + 0.002:
+        force_n = hand.feel(1e5 * (hand.position_m - start_m), speed_m_s=0.05)
+        assert force_n <= 800.0 * (hand.position_m - start_m) + 1e-6
+    assert force_n == pytest.approx(1.6, rel=0.05)
+
+
+def test_the_energy_is_the_work_that_the_hand_has_done() -> None:
+    """1 N over 10 mm against the motion, then 1 N over 4 mm with it."""
+    hand = Hand(RenderingSettings())
+    hand.feel(1.0, ticks=500)
+    hand.feel(1.0, ticks=100, speed_m_s=0.1)
+    hand.feel(1.0, ticks=1)
+    assert hand.energy_j == pytest.approx(0.010, rel=1e-3)
+    hand.feel(1.0, ticks=100, speed_m_s=-0.04)
+    hand.feel(1.0, ticks=1)
+    assert hand.energy_j == pytest.approx(0.006, rel=1e-3)
+
+
+def _push_with_the_motion(controller: bool) -> tuple[float, float]:
+    """(energy in J, force in N) after a force of 1 N has driven the hand over 10 mm at 50 mm/s."""
+    hand = Hand(RenderingSettings(passivity_controller=controller, max_damping_n_s_m=50.0))
+    hand.feel(-1.0, ticks=500)
+    hand.feel(-1.0, ticks=200, speed_m_s=0.05)
+    return hand.energy_j, hand.renderer.force_n
+
+
+def test_a_force_that_drives_the_hand_is_damped_by_the_controller_and_only_seen_without_it() -> None:
+    energy_j, force_n = _push_with_the_motion(controller=False)
+    assert energy_j == pytest.approx(-0.010, rel=0.02)
+    assert force_n == pytest.approx(-1.0)
+    damped_j, damped_n = _push_with_the_motion(controller=True)
+    assert abs(damped_n) < 0.5  # it goes to and fro around nothing, as fast as it may
+    assert damped_j > -0.001
+
+
+def test_what_is_passive_is_not_damped() -> None:
+    """A spring of 200 N/m is felt as it is, 10 mm in and out to 1.2 mm.
+
+    Further out even a spring is active: a force held for T gives K v T x more than it took, Colgate and
+    Schenkel's leak, which here makes E negative below sqrt(2 X v T) = 1 mm.
+    """
+    hand = Hand(RenderingSettings())
+    hand.feel(0.0, ticks=300)
+    for speed_m_s, ticks in ((0.05, 200), (-0.05, 175)):
+        for _ in range(ticks):
+            stretch_n = 200.0 * (hand.position_m + speed_m_s * 1e-3)
+            assert hand.feel(stretch_n, speed_m_s=speed_m_s) == pytest.approx(stretch_n, abs=1e-9)
 
 
 def test_after_a_stall_of_the_loop_the_force_moves_by_ten_milliseconds_at_most() -> None:
