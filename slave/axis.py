@@ -9,6 +9,7 @@ from math import isfinite
 from common import topics
 from common.bus import Bus, Outlet
 from common.errors import DeviceError
+from common.limiter import LimitHit
 from common.messages import (
     EmergencyStop,
     ForceSample,
@@ -24,7 +25,6 @@ from slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
 from slave.gate import CommandGate, GateLimits, Refusal
 from slave.grippers.port import Gripper
 from slave.limit_log import LimitLog
-from slave.limiter import LimitHit
 from slave.link import SlaveLink
 from slave.load_cells.port import LoadCell, LoadCellReading
 from slave.settings import SlaveAxisSettings

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from common.clock_offset import OffsetEstimate
+from common.limiter import LimitHit, MotionLimiter
 from common.messages import Grip, MotionCommand, SafetyState
 from common.settings import AxisLimits
-from slave.limiter import LimitHit, MotionLimiter
 from slave.safety import SafetyEventName, SafetyMachine
 from slave.settings import GateSettings
 

@@ -4,7 +4,7 @@ none uncounted.
 
 from threading import Lock
 
-from slave.limiter import LimitHit
+from common.limiter import LimitHit
 
 _INTERVAL_NS = 100_000_000
 

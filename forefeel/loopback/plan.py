@@ -128,7 +128,7 @@ def _metadata(wish: Wish) -> dict[str, str]:
 
 def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
     if wish.slave_model is not None:
-        slave_axis["simulation"]["contact"] = load_model(wish.slave_model).to_mapping()
+        slave_axis["simulation"]["model"] = str(wish.slave_model.resolve())
     if wish.master_model is not None:
         if not load_model(wish.master_model).runtime().linear_names:
             raise ConfigurationError(f"{wish.master_model}: no linear parameter; expected one to identify")

@@ -1,12 +1,15 @@
 """Settings of the simulated world. A preset gives every value; a file overrides what it names."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PlainSerializer, PlainValidator, model_validator
+from pydantic import Field, PlainSerializer, PlainValidator, ValidationInfo, model_validator
 
 from common.config import Settings, checked, deep_merge
 from common.effects.model import ContactModel
+from common.errors import ConfigurationError
+from common.model_file import load_model
 from slave.plant.presets import PRESETS
 
 PresetName = Literal["catheter", "guidewire"]
@@ -69,7 +72,8 @@ class LoadCellSettings(Settings):
 class WorldSettings(Settings):
     """The simulated world of one axis. What a mapping leaves out comes from its preset, value by value.
 
-    A list is replaced as a whole: `contact: {effects: [...]}` gives all effects.
+    A list is replaced as a whole: `contact: {effects: [...]}` gives all effects. `model`: a model.yaml that
+    is read as the contact; the effective settings then show what stood in it.
     """
 
     preset: PresetName = "catheter"
@@ -78,14 +82,30 @@ class WorldSettings(Settings):
     fixture: FixtureSettings
     contact: Contact
     load_cell: LoadCellSettings
+    model: Path | None = None
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_from_preset(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
+    def _fill_from_preset(cls, data: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - raw input of pydantic
         if not isinstance(data, dict):
             return data
+        data = _with_model(data, (info.context or {}).get("directory", Path()))
         values = PRESETS.get(data.get("preset", "catheter"))  # an unknown name is refused by its field
         return data if values is None else deep_merge(values, data)
+
+
+def _with_model(data: dict[str, Any], directory: Path) -> dict[str, Any]:
+    """`data` with the model that `model` names as its contact."""
+    model = data.get("model")
+    if not isinstance(model, str | Path):
+        return data
+    if "contact" in data:
+        raise ValueError("model and contact: expected one of them, both say what is touched")
+    try:
+        contact = load_model(directory / model)
+    except ConfigurationError as error:
+        raise ValueError(str(error)) from error
+    return {**data, "model": None, "contact": contact.to_mapping()}
 
 
 def world_settings(mapping: Mapping[str, Any]) -> WorldSettings:

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.clock_offset import OffsetEstimate
+from common.limiter import LimitHit
 from common.messages import Grip, SafetyState
-from slave.limiter import LimitHit
 from slave.settings import GateSettings
 from tests.unit.control_rig import COMPARED, MS, SESSION, START_M, Rig
 

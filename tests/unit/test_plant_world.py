@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from math import cos, pi, sin, sqrt
+from pathlib import Path
 from statistics import fmean
 from typing import Any
 
@@ -280,3 +281,43 @@ def test_settings_within_settings_fill_from_the_preset_and_name_their_place() ->
     assert axis.simulation == preset("guidewire")
     with pytest.raises(ConfigurationError, match=r"simulation\.load_cell\.noise_n = -1"):
         checked(Axis, {"simulation": {"load_cell": {"noise_n": -1}}}, "slave.yaml")
+
+
+MODEL = """\
+schema: forefeel.model/1
+name: a spring
+effects:
+  - {effect: mass_damper_spring, parameters: {mass_kg: 0, damping_n_s_m: 0, stiffness_n_m: 30}}
+"""
+
+
+def test_a_model_file_beside_the_settings_is_the_contact(tmp_path: Path) -> None:
+    class Axis(Settings):
+        simulation: WorldSettings
+
+    (tmp_path / "spring.yaml").write_text(MODEL)
+    axis = checked(Axis, {"simulation": {"model": "spring.yaml"}}, "slave.yaml", directory=tmp_path)
+    contact = axis.simulation.contact
+    assert [entry.effect for entry in contact.effects] == ["mass_damper_spring"]
+    assert contact.runtime().linear_values == (0.0, 0.0, 30.0)
+    assert world_settings(axis.simulation.model_dump()) == axis.simulation
+
+
+@pytest.mark.parametrize(
+    ("text", "more", "message"),
+    [
+        (None, {}, r"model\.yaml: No such file"),
+        (MODEL.replace("30", "-30"), {}, r"effects\[0\]\.parameters\.stiffness_n_m = -30"),
+        ("- 1", {}, r"expected a mapping"),
+        (MODEL, {"contact": {"effects": []}}, r"model and contact: expected one of them"),
+    ],
+)
+def test_a_model_file_that_is_none_is_refused_in_one_line(
+    tmp_path: Path, text: str | None, more: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "model.yaml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ConfigurationError, match=message) as caught:
+        world_settings({"model": str(path), **more})
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,108 @@
+"""The drive's lag, against drives of which it is known."""
+
+from collections import deque
+from math import cos, inf, nan, pi, sin
+
+import pytest
+
+from common.estimation.stage_lag import StageLag
+
+DT_S = 1e-3
+DELAY_TICKS = 150
+
+
+def _reach(t: float) -> float:
+    """A stroke with 1.3 Hz on it, at most 60 mm/s."""
+    return 0.02 * (1 - cos(2 * pi * 0.3 * t)) + 0.002 * sin(2 * pi * 1.3 * t)
+
+
+class Drive:
+    """w^2 / (s + w)^2 without feed-forward (lag 2 / w), or (2 w s + w^2) / (s + w)^2 with it (lag zero)."""
+
+    def __init__(self, w: float, feed_forward: bool) -> None:
+        self._w, self._feed = w, feed_forward
+        self.x = self.v = 0.0
+        self._before = 0.0
+
+    def step(self, target: float) -> float:
+        feed = (target - self._before) / DT_S if self._feed else 0.0
+        self._before = target
+        for _ in range(10):
+            h = DT_S / 10
+            self.v += h * self._w * (self._w * (target - self.x) + 2.0 * (feed - self.v))
+            self.x += h * self.v
+        return self.x
+
+
+def _run(drive: Drive, seconds: float, lose: int = 0) -> tuple[StageLag, float, float]:
+    """(what was learned, rms deviation of the stage from its command, and from what was expected), the
+    last two over the second half.
+    """
+    lag, late = StageLag(), deque[tuple[int, float]]()
+    raw = expected = 0.0
+    ticks = int(seconds / DT_S)
+    for n in range(ticks):
+        command_m = _reach(n * DT_S)
+        expected_m = lag.command(n, n * DT_S, command_m)
+        readback_m = drive.step(command_m)
+        late.append((n, readback_m))
+        if len(late) > DELAY_TICKS:
+            sequence, position_m = late.popleft()
+            if not lose or sequence % lose:
+                lag.observe(sequence, position_m)
+        if n % 50 == 0:
+            lag.update()
+        if n > ticks // 2:
+            raw += (readback_m - command_m) ** 2
+            expected += (readback_m - expected_m) ** 2
+    half = ticks - ticks // 2
+    return lag, (raw / half) ** 0.5, (expected / half) ** 0.5
+
+
+@pytest.mark.parametrize("lose", [0, 10])
+def test_the_lag_of_a_servo_is_found_across_the_delay(lose: int) -> None:
+    """Bandwidth 5 Hz: T1 = 2 / w = 64 ms, T2 = 3 / w^2; a tenth of the readbacks is lost."""
+    w = 2 * pi * 5.0
+    lag, raw_m, expected_m = _run(Drive(w, feed_forward=False), 12.0, lose)
+    assert lag.lag_s == pytest.approx(2 / w, rel=0.05)
+    assert lag.lag2_s2 == pytest.approx(3 / w**2, rel=0.25)
+    assert expected_m < 0.1 * raw_m
+
+
+def test_feed_forward_leaves_only_the_part_under_acceleration() -> None:
+    w = 2 * pi * 5.0
+    lag, raw_m, expected_m = _run(Drive(w, feed_forward=True), 12.0)
+    assert abs(lag.lag_s) < 0.002
+    assert lag.lag2_s2 == pytest.approx(-1 / w**2, rel=0.25)
+    assert expected_m < 0.35 * raw_m
+
+
+def test_before_enough_is_seen_the_command_is_expected_as_it_is() -> None:
+    lag = StageLag()
+    for n in range(300):
+        assert lag.command(n, n * DT_S, _reach(n * DT_S)) == _reach(n * DT_S)
+        lag.observe(n, 0.5 * _reach(n * DT_S))
+        lag.update()
+    assert (lag.lag_s, lag.lag2_s2) == (0.0, 0.0)
+
+
+def test_a_stage_that_stands_teaches_nothing() -> None:
+    lag = StageLag()
+    for n in range(3000):
+        lag.command(n, n * DT_S, 0.01)
+        lag.observe(n, 0.0101)
+    lag.update()
+    assert (lag.lag_s, lag.lag2_s2) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("nonsense", [nan, inf, -inf])
+def test_numbers_that_are_none_are_left_out(nonsense: float) -> None:
+    lag, _, _ = _run(Drive(2 * pi * 5.0, feed_forward=False), 6.0)
+    lag.update()
+    before = (lag.lag_s, lag.lag2_s2)
+    lag.command(7000, 7.0, nonsense)
+    lag.observe(5999, nonsense)
+    lag.observe(12, 0.01)  # long ago
+    lag.observe(99_999, 0.01)  # never sent
+    lag.update()
+    assert (lag.lag_s, lag.lag2_s2) == before
