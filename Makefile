@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help demo test check bench format clean
+.PHONY: help demo test check bench soak format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -18,7 +18,7 @@ demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out
 	$(BIN)/forefeel loopback --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
 test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
-	$(BIN)/python -m pytest -n 2 -m 'not realtime'
+	$(BIN)/python -m pytest -n 2 -m 'not realtime and not soak'
 	$(BIN)/python -m pytest -m realtime
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
@@ -29,6 +29,9 @@ check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 
 bench: $(READY) ## start-up, memory, speed of virtual time
 	$(BIN)/python -m benchmarks.service
+
+soak: $(READY) ## long runs: an hour of samples, ...
+	$(BIN)/python -m pytest -m soak -s
 
 format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .
