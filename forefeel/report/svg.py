@@ -2,6 +2,7 @@
 
 import re
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from html import escape
 from io import StringIO
 from typing import Any
@@ -12,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from forefeel.report.score import Floats
+from common.error_size import Floats
 
 BLACK, ORANGE, SKY, GREEN = "#1a1a1a", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILION, PURPLE, GREY = "#F0E442", "#0072B2", "#D55E00", "#CC79A7", "#b8bec6"
@@ -50,6 +51,15 @@ _STYLE: Any = {
 _GROUP_ID = re.compile(r'<g id="[^"]*"')
 _HEAD = re.compile(r'<svg [^>]*?(viewBox="[^"]*")[^>]*>')
 _SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """One figure of the page: title, caption, and an `<svg>` element."""
+
+    title: str
+    caption: str
+    svg: str
 
 
 def styled() -> AbstractContextManager[None]:
