@@ -88,14 +88,14 @@ def to_svg(figure: Figure, name: str, title: str) -> str:
     )
 
 
-def thin(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+def thin(time_s: Floats, values: Floats, gap_s: float = _GAP_S) -> tuple[Floats, Floats]:
     """The trace as a line of about 2 BINS points at most that keeps every peak.
 
-    NaN interrupts the line, and so does a pause over 0.25 s.
+    NaN interrupts the line, and so does a pause over `gap_s`.
     """
     order = np.argsort(time_s, kind="stable")
     time_s, values = time_s[order], values[order]
-    pauses = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
+    pauses = np.flatnonzero(np.diff(time_s) > gap_s) + 1
     time_s = np.insert(time_s, pauses, (time_s[pauses - 1] + time_s[pauses]) / 2)
     values = np.insert(values, pauses, np.nan)
     if len(time_s) <= 2 * BINS:
@@ -130,9 +130,17 @@ def _ends(trace: Floats, trim: float) -> tuple[float, float] | None:
     return low, high
 
 
-def plot(axes: Axes, time_s: Floats, values: Floats, colour: str, label: str, width: float = 1.1) -> None:
+def plot(
+    axes: Axes,
+    time_s: Floats,
+    values: Floats,
+    colour: str,
+    label: str,
+    width: float = 1.1,
+    gap_s: float = _GAP_S,
+) -> None:
     """Draws a trace, thinned; it goes just out of the picture where it is beyond the limits."""
     low, high = axes.get_ylim()
     span = high - low
-    x, y = thin(time_s, values)
+    x, y = thin(time_s, values, gap_s)
     axes.plot(x, np.clip(y, low - span, high + span), color=colour, label=label, linewidth=width)
