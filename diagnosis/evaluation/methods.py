@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 from operator import mul
 from typing import Generic, NamedTuple, Protocol, TypeVar
@@ -19,6 +19,8 @@ LONGEST_LATENESS_S = 60.0
 
 _VELOCITY_CUTOFF_HZ = 40.0
 _ESTIMATE_EVERY_S = 0.05
+_STROKE_S = 1.0
+_AMPLITUDE_M = 1e-6, 1e3  # beyond it the default is kept
 _IDENTIFICATION = IdentificationSettings(memory_s=2.0, cutoff_hz=15.0)
 
 
@@ -174,15 +176,21 @@ class PaperMethod:
 class ContactMethod:
     """The safe recursive least squares of `common.estimation` on one contact model, memory 2 s.
 
+    The scales of its regressors need a typical stroke: half the range of the own motion in the first second,
+    whose forces wait until then.
+
     Raises:
         ValueError: a model without linear parameters.
     """
 
     def __init__(self, name: str, model: ContactModel) -> None:
         self.name = name
-        self._identifier = ContactIdentifier(model, _IDENTIFICATION)
+        self._model = model
+        self._settings = _IDENTIFICATION
+        self._identifier = ContactIdentifier(model, self._settings)
         self._predictor = ContactPredictor(model, _VELOCITY_CUTOFF_HZ)
         self._pairs = Pairs[float]()
+        self._first: list[tuple[float, float]] | None = []
         self._estimate: ContactEstimate | None = None
         self._estimated_s = -inf
         self._force_n: float | None = None
@@ -196,15 +204,33 @@ class ContactMethod:
     def move(self, t_s: float, position_m: float) -> None:
         """Learns from what arrived, then predicts."""
         self._pairs.remember(t_s, position_m)
-        for stamp_s, x, force_n in self._pairs.take():
-            self._identifier.observe(_ns(stamp_s), x, force_n)
-        if t_s - self._estimated_s >= _ESTIMATE_EVERY_S:
-            self._estimate, self._estimated_s = self._identifier.estimate(), t_s
+        if self._first is not None:
+            self._measure_stroke(self._first, t_s, position_m)
+        if self._first is None:
+            self._learn(t_s)
         v = 0.0
         if self._last is not None:
             v = (position_m - self._last[1]) / (t_s - self._last[0])
         self._last = t_s, position_m
         self._force_n = self._predictor.predict(_ns(t_s), position_m, v, self._estimate)
+
+    def _measure_stroke(self, first: list[tuple[float, float]], t_s: float, position_m: float) -> None:
+        """At the end of the first second the identifier is made anew, for the stroke seen in it."""
+        first.append((t_s, position_m))
+        if t_s - first[0][0] < _STROKE_S:
+            return
+        positions_m = [x for _, x in first]
+        amplitude_m = 0.5 * (max(positions_m) - min(positions_m))
+        if _AMPLITUDE_M[0] <= amplitude_m <= _AMPLITUDE_M[1]:
+            settings = replace(self._settings, nominal_amplitude_m=amplitude_m)
+            self._identifier = ContactIdentifier(self._model, settings)
+        self._first = None
+
+    def _learn(self, t_s: float) -> None:
+        for stamp_s, x, force_n in self._pairs.take():
+            self._identifier.observe(_ns(stamp_s), x, force_n)
+        if t_s - self._estimated_s >= _ESTIMATE_EVERY_S:
+            self._estimate, self._estimated_s = self._identifier.estimate(), t_s
 
     def observe(self, stamp_s: float, force_n: float) -> None:
         """Waits for the next `move`."""
