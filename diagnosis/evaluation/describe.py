@@ -55,44 +55,62 @@ def _gaps(recording: Recording) -> str | None:
 
 
 def _motion(recording: Recording) -> str | None:
-    """Compares the speed over windows of half a second: steady when 95 % of them agree within 5 %, or within
-    what the noise of the position does to them.
+    """Compares lines through windows of half a second: steady when 95 % of them are straight and agree within
+    5 %, or within what the noise of the position does to them.
     """
-    speeds, doubt = _window_speeds(recording)
-    if not len(speeds):
+    windows, noise_m = _windows(recording)
+    if not len(windows):
         return None
-    usual = float(np.median(speeds))
-    still = float(np.mean(np.abs(speeds) <= doubt))
-    steady = float(np.mean(np.abs(speeds - usual) <= _STEADY * abs(usual) + doubt))
+    speeds, crooked_m = windows.T
+    usual = abs(float(np.median(speeds)))
+    doubt = 4.0 * noise_m * _slope_spread(recording)
+    straight = crooked_m <= 3.0 * noise_m + _STEADY * usual * _WINDOW_S
+    still = float(np.mean(straight & (np.abs(speeds) <= doubt)))
+    steady = float(np.mean(straight & (np.abs(speeds - np.median(speeds)) <= _STEADY * usual + doubt)))
     if still >= _MOST:
         return f"position does not move{_share(still)}: motion tells nothing, expect hold"
     if steady >= _MOST:
         return (
-            f"position moves at constant speed, {abs(usual) * 1e3:.3g} mm/s{_share(steady)}: "
+            f"position moves at constant speed, {usual * 1e3:.3g} mm/s{_share(steady)}: "
             "motion tells nothing, expect hold"
         )
     return None
 
 
 def _share(share: float) -> str:
-    return "" if share == 1.0 else f", {share:.0%} of the time"
+    return "" if share == 1.0 else f", {100 * share:.3g} % of the time"
 
 
-def _window_speeds(recording: Recording) -> tuple[Floats, float]:
-    """(slope of the position over each window of half a second in m/s, 4 sigma of what noise makes of it).
+def _windows(recording: Recording) -> tuple[Floats, float]:
+    """((speed in m/s, rms distance from the line in m) of each window, shape (n, 2); noise in m).
 
     The noise is what second differences show; a motion that is well sampled hardly enters them.
     """
-    speeds: list[float] = []
+    lines: list[tuple[float, float]] = []
     wiggles: list[Floats] = []
-    samples = max(int(_WINDOW_S * recording.rate_hz), 4)
+    samples = _samples(recording)
     for piece in recording.segments():
         time_s, x = recording.time_s[piece], recording.position_m[piece]
         wiggles.append(np.diff(x, 2))
         for start in range(0, len(x) - samples + 1, samples):
             window = slice(start, start + samples)
-            late = time_s[window] - time_s[window].mean()
-            speeds.append(float(late @ (x[window] - x[start]) / (late @ late)))
-    noise_m = float(np.sqrt(np.mean(np.concatenate(wiggles) ** 2) / 6.0)) if speeds else 0.0
-    spread_s = samples / recording.rate_hz / np.sqrt(12.0)
-    return np.array(speeds), 4.0 * noise_m / (spread_s * np.sqrt(samples)) if speeds else 0.0
+            lines.append(_line(time_s[window], x[window]))
+    noise_m = float(np.sqrt(np.mean(np.concatenate(wiggles) ** 2) / 6.0)) if lines else 0.0
+    return np.array(lines), noise_m
+
+
+def _line(time_s: Floats, x: Floats) -> tuple[float, float]:
+    moved_m = x - x[0]  # exactly zero at rest
+    late_s, off_m = time_s - time_s.mean(), moved_m - moved_m.mean()
+    speed = float(late_s @ off_m / (late_s @ late_s))
+    return speed, float(np.sqrt(np.mean((off_m - speed * late_s) ** 2)))
+
+
+def _samples(recording: Recording) -> int:
+    return max(int(_WINDOW_S * recording.rate_hz), 4)
+
+
+def _slope_spread(recording: Recording) -> float:
+    """Standard deviation of a window's slope for noise of standard deviation 1 m, in 1/s."""
+    n = _samples(recording)
+    return float(np.sqrt(12.0 / n) * recording.rate_hz / n)

@@ -122,7 +122,7 @@ def rules(link: Link, model: ContactModel | None) -> tuple[str, ...]:
             if not link.jitter_s
             else f"{link.delay_s:g} s late, earlier or later by up to {link.jitter_s:g} s each, in any order."
         )
-        + (f" {link.loss:.1%} of them are lost." if link.loss else "")
+        + (f" {100 * link.loss:.3g} % of them are lost." if link.loss else "")
         + (f" Seed {link.seed}." if link.jitter_s or link.loss else ""),
         "hold is the newest force by stamp among those that have arrived.",
         f"Scored at the recording's own stamps, against the force as recorded, from {SETTLING_S:g} s + delay "
