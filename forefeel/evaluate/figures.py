@@ -62,6 +62,7 @@ def typical_start(evaluated: Evaluated) -> float:
     first_s = float(time_s[rows][0])
     stretch = np.floor((time_s[rows] - first_s) / _TYPICAL_S).astype(np.int64)
     known = np.unique(stretch)
+    known = known[:-1] if len(known) > 1 else known  # the last one is cut short
     means = np.array([np.mean(squares[rows][stretch == number]) for number in known])
     middle = known[np.argsort(means)[(len(known) - 1) // 2]]
     return first_s + _TYPICAL_S * float(middle)
