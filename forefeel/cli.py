@@ -13,6 +13,8 @@ from common.recording.tabular import Mapping
 from common.settings import DaemonSettings
 from common.topics import checked_segment
 from common.transport.settings import PRESETS, TransportSettings
+from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
+from forefeel.evaluate.command import evaluate
 from forefeel.interrupt import interruptible
 
 app = typer.Typer(
@@ -152,6 +154,9 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         master_model=master_model,
     )
     run_loopback(wish, out, overwrite, virtual_time)
+
+
+app.command(epilog=EVALUATE_EPILOG)(evaluate)
 
 
 def _columns(time_column: str | None, position: str | None, force: str | None) -> Mapping | None:

@@ -6,6 +6,7 @@ from common.bus import Bus
 from common.daemon import SECOND_NS, Reports, impaired
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError
+from common.estimation.default_model import default_model
 from common.estimation.identification import ContactIdentifier, IdentificationSettings
 from common.estimation.prediction import ContactPredictor
 from common.model_file import load_model
@@ -30,20 +31,6 @@ from master.settings import (
     SineSettings,
 )
 
-# Equation (1) of the paper, the bias that every load cell has, and friction over 0.25 mm since a reversal,
-# which saves a third of the error on the simulated catheter. The values are where learning starts.
-_DEFAULT_MODEL = {
-    "schema": "forefeel.model/1",
-    "name": "m, b, k, bias and friction",
-    "effects": [
-        {
-            "effect": "mass_damper_spring",
-            "parameters": {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 0.0},
-        },
-        {"effect": "bias", "parameters": {"force_n": 0.0}},
-        {"effect": "presliding_hysteresis", "parameters": {"force_n": 0.001, "stiffness_n_m": 4.0}},
-    ],
-}
 _MIN_UPDATES = 1000  # a second of informative samples: the first tenth of a stroke teaches nothing
 
 
@@ -151,7 +138,7 @@ def contact_model(settings: PredictionSettings) -> ContactModel:
         ConfigurationError: the file holds no valid model.
     """
     if settings.model is None:
-        return ContactModel.from_mapping(_DEFAULT_MODEL)
+        return default_model()
     return load_model(settings.model)
 
 

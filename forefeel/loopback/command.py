@@ -1,13 +1,13 @@
 """One loopback run from the wish to the ten lines."""
 
-import shutil
 from datetime import datetime
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from common.errors import ConfigurationError, RunError
+from common.errors import RunError
+from forefeel.files import fresh_folder
 from forefeel.loopback.plan import Plan, Wish, make_plan
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
@@ -30,7 +30,9 @@ def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -
     plan = make_plan(wish)
     plan.slave_settings()
     plan.master_settings()
-    folder = _fresh_folder(out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}", overwrite)
+    folder = fresh_folder(
+        out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}", _OURS, "an earlier run", overwrite
+    )
     console = Console(stderr=True, highlight=False)
     for note in plan.notes:
         console.print(note, markup=False, soft_wrap=True)
@@ -63,32 +65,6 @@ def _require_armed(report: RunReport) -> None:
     if share is None or share < MIN_ARMED_SHARE:
         found = "never armed" if share is None else f"armed {share:.1%} of the time"
         raise RunError(f"{found}, {report.stops or 0} stops; expected at least {MIN_ARMED_SHARE:.0%}")
-
-
-def _fresh_folder(folder: Path, overwrite: bool) -> Path:
-    """The folder, made where it is missing; results of an earlier run are replaced only when that was asked
-    for.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise ConfigurationError(f"--out {folder}: is a file; expected a folder")
-    old = [folder / name for name in _OURS if (folder / name).exists()]
-    if old and not overwrite:
-        raise ConfigurationError(
-            f"--out {folder}: holds an earlier run; expected another folder, or --overwrite"
-        )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if shutil.disk_usage(folder).free < 200e6:
-            raise ConfigurationError(
-                f"--out {folder}: less than 200 MB free; expected room for the recording"
-            )
-        for path in old:
-            path.unlink()
-    except OSError as error:
-        raise ConfigurationError(
-            f"--out {folder}: {error.strerror}; expected a folder that can be written"
-        ) from error
-    return folder
 
 
 def _progress(console: Console) -> Progress:

@@ -1,7 +1,6 @@
 """The figures of a report. Each says in its caption what it shows and what it leaves out."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
 
@@ -10,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from common.error_size import Floats
 from common.messages import LoopTiming, SafetyState
 from forefeel.report.captions import (
     DELAY,
@@ -23,7 +23,7 @@ from forefeel.report.captions import (
     STATES,
     TRIM,
 )
-from forefeel.report.score import Floats, scored
+from forefeel.report.score import scored
 from forefeel.report.svg import (
     BLACK,
     BLUE,
@@ -34,6 +34,7 @@ from forefeel.report.svg import (
     SKY,
     VERMILION,
     YELLOW,
+    Drawing,
     limit_y,
     new_figure,
     plot,
@@ -54,15 +55,6 @@ _COLOURS: dict[SafetyState | None, str] = {
     None: "#ffffff",
 }
 _DETAIL_S = 4.0
-
-
-@dataclass(frozen=True, slots=True)
-class Drawing:
-    """One figure of the page: title, caption, and an `<svg>` element."""
-
-    title: str
-    caption: str
-    svg: str
 
 
 Recipe = tuple[Callable[[AxisTraces], Figure | None], str, str]

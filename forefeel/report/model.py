@@ -4,7 +4,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from forefeel.report.score import Comparison, ErrorRatio, ErrorSize, Spread
+from common.error_size import ErrorSize
+from forefeel.report.score import Comparison, ErrorRatio, Spread
 
 
 class _Part(BaseModel):

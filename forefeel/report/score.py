@@ -12,17 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from common.error_size import ErrorSize, Floats, error_size
+
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorSize:
-    """Root mean square, 95 % quantile and maximum of the error's size; None without a scored command."""
-
-    rms_n: float | None = None
-    p95_n: float | None = None
-    max_n: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,18 +96,6 @@ def compare(predicted_n: Floats, held_n: Floats, force_n: Floats) -> Comparison:
         max=_ratio(prediction.max_n, hold.max_n),
     )
     return Comparison(int(np.count_nonzero(rows)), prediction, hold, ratio)
-
-
-def error_size(estimate_n: Floats, force_n: Floats) -> ErrorSize:
-    """Size of `estimate_n - force_n`; None what no float can hold, as when a model ran away."""
-    if not len(force_n):
-        return ErrorSize()
-    with np.errstate(over="ignore", invalid="ignore"):
-        size = np.abs(estimate_n - force_n)
-        largest = float(size.max())
-        # scaled, so that squares of a diverged prediction do not overflow
-        rms = largest * float(np.sqrt(np.mean((size / largest) ** 2))) if largest > 0 else 0.0
-        return ErrorSize(_finite(rms), _finite(float(np.quantile(size, 0.95))), _finite(largest))
 
 
 def spread(values: Floats) -> Spread:

@@ -2,6 +2,7 @@
 
 import re
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from html import escape
 from io import StringIO
 from typing import Any
@@ -12,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from forefeel.report.score import Floats
+from common.error_size import Floats
 
 BLACK, ORANGE, SKY, GREEN = "#1a1a1a", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILION, PURPLE, GREY = "#F0E442", "#0072B2", "#D55E00", "#CC79A7", "#b8bec6"
@@ -52,6 +53,15 @@ _HEAD = re.compile(r'<svg [^>]*?(viewBox="[^"]*")[^>]*>')
 _SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 
 
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """One figure of the page: title, caption, and an `<svg>` element."""
+
+    title: str
+    caption: str
+    svg: str
+
+
 def styled() -> AbstractContextManager[None]:
     """Where a figure is built and turned into SVG."""
     return mpl.rc_context(_STYLE)
@@ -78,14 +88,14 @@ def to_svg(figure: Figure, name: str, title: str) -> str:
     )
 
 
-def thin(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+def thin(time_s: Floats, values: Floats, gap_s: float = _GAP_S) -> tuple[Floats, Floats]:
     """The trace as a line of about 2 BINS points at most that keeps every peak.
 
-    NaN interrupts the line, and so does a pause over 0.25 s.
+    NaN interrupts the line, and so does a pause over `gap_s`.
     """
     order = np.argsort(time_s, kind="stable")
     time_s, values = time_s[order], values[order]
-    pauses = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
+    pauses = np.flatnonzero(np.diff(time_s) > gap_s) + 1
     time_s = np.insert(time_s, pauses, (time_s[pauses - 1] + time_s[pauses]) / 2)
     values = np.insert(values, pauses, np.nan)
     if len(time_s) <= 2 * BINS:
@@ -120,9 +130,17 @@ def _ends(trace: Floats, trim: float) -> tuple[float, float] | None:
     return low, high
 
 
-def plot(axes: Axes, time_s: Floats, values: Floats, colour: str, label: str, width: float = 1.1) -> None:
+def plot(
+    axes: Axes,
+    time_s: Floats,
+    values: Floats,
+    colour: str,
+    label: str,
+    width: float = 1.1,
+    gap_s: float = _GAP_S,
+) -> None:
     """Draws a trace, thinned; it goes just out of the picture where it is beyond the limits."""
     low, high = axes.get_ylim()
     span = high - low
-    x, y = thin(time_s, values)
+    x, y = thin(time_s, values, gap_s)
     axes.plot(x, np.clip(y, low - span, high + span), color=colour, label=label, linewidth=width)

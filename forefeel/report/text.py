@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from common.error_size import ErrorSize
 from forefeel.report.model import LoopFigures, RunReport
-from forefeel.report.score import ErrorSize
 from forefeel.report.wording import micros, quantity, ratio, share
 
 DISCLAIMER = "Research software, not a medical device."

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from common.error_size import Floats
 from common.messages import ModelParameters
 from common.recording.mcap_reader import Run
 from common.topics import FORCE, HAPTICS, PARAMETERS, RECORDED, SLAVE_STATE, Topic
-from forefeel.report.score import Floats, first_answers, first_of_each
+from forefeel.report.score import first_answers, first_of_each
 from forefeel.report.states import Span, spans
 
 _RESTART_NS = 10_000_000_000

@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.error_size import error_size
 from common.messages import SafetyState
-from forefeel.report.score import compare, error_size, first_answers, first_of_each, spread
+from forefeel.report.score import compare, first_answers, first_of_each, spread
 from forefeel.report.states import Span, armed_share, spans
 from forefeel.report.wording import micros, number, quantity, ratio, share
 

@@ -1,0 +1,116 @@
+"""What must be said of a recording before its numbers: sampling, gaps, whether its motion tells anything."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from common.error_size import Floats
+from common.recording.recording import GAP_S, Recording
+
+_WINDOW_S = 0.5
+_MOST = 0.95
+_STEADY = 0.05
+_SHOWN_GAPS = 5
+
+
+def notes(recording: Recording) -> tuple[str, ...]:
+    """Plain sentences; the last one, where there is one, says that the motion tells nothing."""
+    found = (_sampling(recording), _gaps(recording), _motion(recording))
+    return tuple(note for note in found if note)
+
+
+def gap_count(recording: Recording) -> int:
+    """How many pauses over 0.1 s there are."""
+    return len(recording.segments()) - 1
+
+
+def _sampling(recording: Recording) -> str:
+    period_ms = 1e3 * np.concatenate([np.diff(recording.time_s[piece]) for piece in recording.segments()])
+    if not len(period_ms):
+        return (
+            f"no two samples within {GAP_S:g} s: no motion between samples is known, so expect hold "
+            f"({recording.rate_hz:.3g} Hz)"
+        )
+    low, middle, high = np.quantile(period_ms, (0.01, 0.5, 0.99)).tolist()
+    spread = (high - low) / middle
+    if spread < 0.01:
+        return f"sampled uniformly at {recording.rate_hz:.4g} Hz"
+    return (
+        f"not sampled uniformly: {recording.rate_hz:.4g} Hz in the median, period {low:.3g} to {high:.3g} ms "
+        f"(1 % to 99 %), at most {period_ms.max():.3g} ms; taken as it is"
+    )
+
+
+def _gaps(recording: Recording) -> str | None:
+    pieces, time_s = recording.segments(), recording.time_s
+    found = [(time_s[a.stop - 1], time_s[b.start]) for a, b in pairwise(pieces)]
+    if not found:
+        return None
+    shown = ", ".join(
+        f"{end - start:.2f} s at {start - time_s[0]:.2f} s" for start, end in found[:_SHOWN_GAPS]
+    )
+    more = f" and {len(found) - _SHOWN_GAPS} more" if len(found) > _SHOWN_GAPS else ""
+    plural = "gap" if len(found) == 1 else "gaps"
+    return f"{len(found)} {plural} over {GAP_S:g} s, not bridged: {shown}{more}"
+
+
+def _motion(recording: Recording) -> str | None:
+    """Compares lines through windows of half a second: steady when 95 % of them are straight and agree within
+    5 %, or within what the noise of the position does to them.
+    """
+    windows, noise_m = _windows(recording)
+    if not len(windows):
+        return None
+    speeds, crooked_m = windows.T
+    usual = abs(float(np.median(speeds)))
+    doubt = 4.0 * noise_m * _slope_spread(recording)
+    straight = crooked_m <= 3.0 * noise_m + _STEADY * usual * _WINDOW_S
+    still = float(np.mean(straight & (np.abs(speeds) <= doubt)))
+    steady = float(np.mean(straight & (np.abs(speeds - np.median(speeds)) <= _STEADY * usual + doubt)))
+    if still >= _MOST:
+        return f"position does not move{_share(still)}: motion tells nothing, expect hold"
+    if steady >= _MOST:
+        return (
+            f"position moves at constant speed, {usual * 1e3:.3g} mm/s{_share(steady)}: "
+            "motion tells nothing, expect hold"
+        )
+    return None
+
+
+def _share(share: float) -> str:
+    return "" if share == 1.0 else f", {100 * share:.3g} % of the time"
+
+
+def _windows(recording: Recording) -> tuple[Floats, float]:
+    """((speed in m/s, rms distance from the line in m) of each window, shape (n, 2); noise in m).
+
+    The noise is what second differences show; a motion that is well sampled hardly enters them.
+    """
+    lines: list[tuple[float, float]] = []
+    wiggles: list[Floats] = []
+    samples = _samples(recording)
+    for piece in recording.segments():
+        time_s, x = recording.time_s[piece], recording.position_m[piece]
+        wiggles.append(np.diff(x, 2))
+        for start in range(0, len(x) - samples + 1, samples):
+            window = slice(start, start + samples)
+            lines.append(_line(time_s[window], x[window]))
+    noise_m = float(np.sqrt(np.mean(np.concatenate(wiggles) ** 2) / 6.0)) if lines else 0.0
+    return np.array(lines), noise_m
+
+
+def _line(time_s: Floats, x: Floats) -> tuple[float, float]:
+    moved_m = x - x[0]  # exactly zero at rest
+    late_s, off_m = time_s - time_s.mean(), moved_m - moved_m.mean()
+    speed = float(late_s @ off_m / (late_s @ late_s))
+    return speed, float(np.sqrt(np.mean((off_m - speed * late_s) ** 2)))
+
+
+def _samples(recording: Recording) -> int:
+    return max(int(_WINDOW_S * recording.rate_hz), 4)
+
+
+def _slope_spread(recording: Recording) -> float:
+    """Standard deviation of a window's slope for noise of standard deviation 1 m, in 1/s."""
+    n = _samples(recording)
+    return float(np.sqrt(12.0 / n) * recording.rate_hz / n)

@@ -1,0 +1,148 @@
+"""One recording through every method, and what came of it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.effects.model import ContactModel
+from common.error_size import Floats
+from common.errors import ConfigurationError, RecordingError
+from common.recording.recording import GAP_S, Recording
+from diagnosis.evaluation.arrivals import Arrivals, Link, arrivals
+from diagnosis.evaluation.describe import gap_count, notes
+from diagnosis.evaluation.methods import METHODS, Hold
+from diagnosis.evaluation.replay import Mask, Trace, replay
+from diagnosis.evaluation.score import (
+    RUNAWAY,
+    SETTLING_S,
+    Score,
+    completed,
+    largest_seen,
+    score,
+    scored_stamps,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A recording that can be evaluated. `arrivals`: its late forces; `held`: what a hold says; `rows`: the
+    stamps that are scored.
+    """
+
+    recording: Recording
+    force_n: Floats
+    arrivals: Arrivals
+    held: Trace
+    rows: Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluated:
+    """Scores and predictions by method, the hold among them; `said_n` with the hold's where a method said
+    nothing.
+    """
+
+    prepared: Prepared
+    notes: tuple[str, ...]
+    scores: Mapping[str, Score]
+    said_n: Mapping[str, Floats]
+    traces: Mapping[str, Trace]
+
+    @property
+    def gaps(self) -> int:
+        """Pauses over 0.1 s."""
+        return gap_count(self.prepared.recording)
+
+
+def prepare(recording: Recording, link: Link) -> Prepared:
+    """The arrivals of a recording, and the stamps to score.
+
+    Raises:
+        RecordingError: no force, too short, or no force that arrives in time.
+    """
+    if recording.force_n is None:
+        raise RecordingError(f"{recording.source}: no force, expected a column with the measured force")
+    needed_s = SETTLING_S + link.delay_s
+    if recording.duration_s < needed_s:
+        raise RecordingError(
+            f"{recording.source}: {recording.duration_s:.3g} s long, expected at least {needed_s:g} s "
+            f"({SETTLING_S:g} s and the delay)"
+        )
+    late = arrivals(recording.time_s, link)
+    held = replay(recording, late, Hold())
+    rows = scored_stamps(recording.time_s, link.delay_s, held)
+    if not rows.any():
+        raise RecordingError(
+            f"{recording.source}: no force arrives before the end, expected less delay or loss"
+        )
+    return Prepared(recording, recording.force_n, late, held, rows)
+
+
+def evaluate(
+    prepared: Prepared, model: ContactModel | None, progress: Callable[[str], None] = lambda name: None
+) -> Evaluated:
+    """Every method of the table on one recording, each from a cold start.
+
+    Args:
+        prepared: see `prepare`.
+        model: of a model.yaml, for forefeel; None: its own.
+        progress: is told the name of each method before it starts.
+    """
+    recording, held = prepared.recording, prepared.held
+    seen_n = largest_seen(prepared.force_n, prepared.arrivals)
+    traces: dict[str, Trace] = {}
+    for name, make in METHODS.items():
+        progress(name)
+        traces[name] = held if name == "hold" else replay(recording, prepared.arrivals, make(model))
+    return Evaluated(
+        prepared,
+        _notes(prepared),
+        {
+            name: score(recording.time_s, prepared.force_n, trace, held, prepared.rows, seen_n)
+            for name, trace in traces.items()
+        },
+        {name: completed(trace, held) for name, trace in traces.items()},
+        traces,
+    )
+
+
+def _notes(prepared: Prepared) -> tuple[str, ...]:
+    rows = prepared.rows
+    start_s = float(prepared.recording.time_s[np.flatnonzero(rows)[0]] - prepared.recording.time_s[0])
+    return (*notes(prepared.recording), f"{np.count_nonzero(rows)} samples scored, from {start_s:.3f} s on")
+
+
+def rules(link: Link, model: ContactModel | None) -> tuple[str, ...]:
+    """What makes the numbers honest, in plain words."""
+    return (
+        "At a stamp t a method knows its own motion up to t and the forces that have arrived: "
+        + (
+            f"those stamped <= t - {link.delay_s:g} s."
+            if not link.jitter_s
+            else f"{link.delay_s:g} s late, earlier or later by up to {link.jitter_s:g} s each, in any order."
+        )
+        + (f" {100 * link.loss:.3g} % of them are lost." if link.loss else "")
+        + (f" Seed {link.seed}." if link.jitter_s or link.loss else ""),
+        "hold is the newest force by stamp among those that have arrived.",
+        f"Scored at the recording's own stamps, against the force as recorded, from {SETTLING_S:g} s + delay "
+        "after the first stamp on.",
+        "Every recording is a cold start with the same settings; nothing is keyed to a file, a method is not "
+        "told the delay.",
+        f"Derivatives and filters are causal; a gap over {GAP_S:g} s is never interpolated across.",
+        "Where a method has no prediction yet the hold's counts. One that is not finite, or beyond "
+        f"{RUNAWAY:g} times the largest force seen, has diverged: no rms.",
+        "paper: lambda 0.96 per sample, P symmetrised, each force paired with the motion of its own stamp. "
+        f"forefeel: {'its own model' if model is None else f'model {model.name!r}'}.",
+    )
+
+
+def checked_model(model: ContactModel, source: str) -> ContactModel:
+    """The model, if it holds something to identify.
+
+    Raises:
+        ConfigurationError: no linear parameter.
+    """
+    if not model.runtime().linear_names:
+        raise ConfigurationError(f"{source}: no linear parameter; expected one to identify")
+    return model

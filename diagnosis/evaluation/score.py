@@ -1,0 +1,80 @@
+"""How far what a method said was from the force that was measured; pure functions of arrays."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.error_size import ErrorSize, Floats, error_size
+from diagnosis.evaluation.arrivals import Arrivals
+from diagnosis.evaluation.replay import Mask, Trace
+
+SETTLING_S = 3.0
+RUNAWAY = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """How the 95 % band did.
+
+    Attributes:
+        coverage: share of the scored forces inside. width_n: its mean full width.
+        leading: the expert that led most often at the scored stamps.
+    """
+
+    coverage: float | None = None
+    width_n: float | None = None
+    leading: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """The size of the error; None where the method diverged, `diverged_at_s` after the first stamp."""
+
+    size: ErrorSize
+    diverged_at_s: float | None = None
+    band: Band = Band()
+
+
+def scored_stamps(time_s: Floats, delay_s: float, held: Trace) -> Mask:
+    """From 3 s + delay after the first stamp on, as soon as there is a force to hold."""
+    return np.asarray((time_s - time_s[0] >= SETTLING_S + delay_s) & held.answered)
+
+
+def largest_seen(force_n: Floats, arrivals: Arrivals) -> Floats:
+    """At each stamp the largest |force| that has arrived, 0 before the first."""
+    largest = np.maximum.accumulate(np.concatenate(([0.0], np.abs(force_n[arrivals.order]))))
+    return np.asarray(largest[arrivals.edges[1:]], dtype=np.float64)
+
+
+def completed(trace: Trace, held: Trace) -> Floats:
+    """What counts as the method's prediction: the hold's where it said nothing."""
+    return np.where(trace.answered, trace.force_n, held.force_n)
+
+
+def score(time_s: Floats, force_n: Floats, trace: Trace, held: Trace, rows: Mask, seen_n: Floats) -> Score:
+    """The score of one method over the scored stamps `rows`; all arrays have shape (n,).
+
+    It diverged when it said, at one of them, something that is not finite or beyond 1e6 times the largest
+    force seen.
+    """
+    said_n = completed(trace, held)
+    with np.errstate(over="ignore"):
+        beyond = (seen_n > 0.0) & (np.abs(said_n) > RUNAWAY * seen_n)
+    runaway = held.answered & (beyond | ~np.isfinite(said_n))
+    if np.any(runaway & rows):
+        first = int(np.flatnonzero(runaway)[0])
+        return Score(ErrorSize(), diverged_at_s=float(time_s[first] - time_s[0]))
+    size = error_size(said_n[rows], force_n[rows])
+    return Score(size, band=_band(force_n, trace, rows))
+
+
+def _band(force_n: Floats, trace: Trace, rows: Mask) -> Band:
+    known = rows & np.isfinite(trace.low_n) & np.isfinite(trace.high_n)
+    leading = Counter(trace.leading[k] for k in np.flatnonzero(rows) if trace.leading[k] is not None)
+    most = leading.most_common(1)[0][0] if leading else None
+    if not known.any():
+        return Band(leading=most)
+    low_n, high_n, true_n = trace.low_n[known], trace.high_n[known], force_n[known]
+    inside = (low_n <= true_n) & (true_n <= high_n)
+    return Band(float(np.mean(inside)), float(np.mean(high_n - low_n)), most)

@@ -1,0 +1,1 @@
+"""`forefeel evaluate`: the command, its table and its page."""

@@ -1,0 +1,37 @@
+"""`forefeel evaluate`: what stands on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EPILOG = (
+    "Example: forefeel evaluate seal_o_ring_1bar.csv presliding_friction.csv --delay 0.3 --out out/real   "
+    "Example: forefeel evaluate run.csv --time ms:t --position mm:laser --force N:load --out out/run"
+)
+
+
+def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings: CSV, Parquet, MCAP.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="For evaluation.json and evaluation.html.")],
+    delay: Annotated[
+        float, typer.Option(metavar="S", help="From a motion to the arrival of its force.")
+    ] = 0.3,
+    jitter: Annotated[
+        float, typer.Option(metavar="S", help="Each force is up to this earlier or later.")
+    ] = 0.0,
+    loss: Annotated[float, typer.Option(metavar="P", help="Probability that a force never arrives.")] = 0.0,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of jitter and loss.")] = 0,
+    model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="model.yaml for the forefeel method.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace an earlier evaluation in DIR.")] = False,
+    time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
+    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
+    force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+) -> None:
+    """Replay recordings honestly: hold, the paper, m-b-k-bias and forefeel across a delay."""
+    from forefeel.evaluate.run import Wish, run_evaluation  # noqa: PLC0415 - other commands start without it
+
+    columns = time_column, position_column, force_column
+    run_evaluation(Wish(tuple(files), delay, jitter, loss, seed, model, columns), out, overwrite)

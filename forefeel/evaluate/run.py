@@ -1,0 +1,110 @@
+"""One evaluation from the wish to the table."""
+
+import sys
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from common.effects.model import ContactModel
+from common.errors import ConfigurationError, InputError, RecordingError
+from common.model_file import load_model
+from common.recording.tabular import Mapping, load_recording
+from diagnosis.evaluation.arrivals import Link
+from diagnosis.evaluation.evaluate import Evaluated, Prepared, checked_model, evaluate, prepare, rules
+from diagnosis.evaluation.methods import METHODS
+from diagnosis.evaluation.results import to_json
+from forefeel.evaluate.page import render_page
+from forefeel.evaluate.table import print_table
+from forefeel.files import fresh_folder, write_whole
+
+_JSON, _PAGE = "evaluation.json", "evaluation.html"
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the user asked for on the command line. `columns`: time, position, force as `unit:column`."""
+
+    files: tuple[Path, ...]
+    delay_s: float
+    jitter_s: float = 0.0
+    loss: float = 0.0
+    seed: int = 0
+    model: Path | None = None
+    columns: tuple[str | None, str | None, str | None] = (None, None, None)
+
+
+def run_evaluation(wish: Wish, out: Path, overwrite: bool) -> dict[str, Evaluated]:
+    """Reads, replays, writes evaluation.json and evaluation.html, prints the table.
+
+    Raises:
+        InputError: the wish can not be fulfilled, or no file can be evaluated; nothing was written.
+        RunError: the results can not be written.
+    """
+    link = Link(wish.delay_s, wish.jitter_s, wish.loss, wish.seed)
+    model = None if wish.model is None else checked_model(load_model(wish.model), str(wish.model))
+    prepared, skipped = _read(wish, link)
+    folder = fresh_folder(out, (_JSON, _PAGE), "an earlier evaluation", overwrite)
+    for reason in skipped.values():
+        print(f"skipped: {reason}", file=sys.stderr)
+    evaluated = _evaluate(prepared, model)
+    said = rules(link, model)
+    write_whole(folder / _JSON, to_json(link, said, evaluated, skipped))
+    write_whole(folder / _PAGE, render_page(link, said, evaluated, skipped))
+    print_table(link, said, evaluated)
+    print(f"{_PAGE}, {_JSON} in {folder}")
+    return evaluated
+
+
+def _read(wish: Wish, link: Link) -> tuple[dict[str, Prepared], dict[str, str]]:
+    """(recordings, reasons for those that were skipped), both by the file's stem.
+
+    Raises:
+        InputError: two files of one stem, a column that is malformed, or nothing left.
+    """
+    stems = Counter(path.stem for path in wish.files)
+    for stem, count in stems.items():
+        if count > 1:
+            raise ConfigurationError(f"{count} files are named {stem!r}; expected one of each name")
+    mapping = _mapping(*wish.columns)
+    prepared: dict[str, Prepared] = {}
+    skipped: dict[str, str] = {}
+    for path in wish.files:
+        try:
+            prepared[path.stem] = prepare(load_recording(path, mapping), link)
+        except RecordingError as error:
+            skipped[path.stem] = " ".join(str(error).splitlines())
+    if not prepared:
+        _refuse(list(skipped.values()))
+    return prepared, skipped
+
+
+def _refuse(reasons: list[str]) -> None:
+    """One line for each file that can not be evaluated; the last one is the error."""
+    for reason in reasons[:-1]:
+        print(f"forefeel: {reason}", file=sys.stderr)
+    raise InputError(reasons[-1])
+
+
+def _mapping(time: str | None, position: str | None, force: str | None) -> Mapping | None:
+    """A mapping when the user named any column; the others have their canonical names."""
+    if time is None and position is None and force is None:
+        return None
+    return Mapping(time or "s:time_s", position or "m:position_m", force or "N:force_n")
+
+
+def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict[str, Evaluated]:
+    columns = TextColumn("{task.description}"), BarColumn(bar_width=40)
+    console = Console(stderr=True, highlight=False)
+    evaluated: dict[str, Evaluated] = {}
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=len(prepared) * len(METHODS))
+        for stem, recording in prepared.items():
+
+            def show(name: str, stem: str = stem) -> None:
+                bar.update(task, advance=1, description=f"{stem}: {name}")
+
+            evaluated[stem] = evaluate(recording, model, show)
+    return evaluated

@@ -1,0 +1,54 @@
+"""Where a command writes: a folder for its results, and files that are there whole or not at all."""
+
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from common.errors import ConfigurationError, RunError
+
+
+def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> Path:
+    """The folder, made where it is missing; earlier results are replaced only when that was asked for.
+
+    Args:
+        folder: what `--out` says.
+        ours: names of the files that the command writes; no other is touched.
+        what: the earlier results in words, such as `an earlier run`.
+        overwrite: whether they may go.
+
+    Raises:
+        ConfigurationError: a file, not writable, short of space, or with earlier results.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ConfigurationError(f"--out {folder}: is a file; expected a folder")
+    old = [folder / name for name in ours if (folder / name).exists()]
+    if old and not overwrite:
+        raise ConfigurationError(f"--out {folder}: holds {what}; expected another folder, or --overwrite")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if shutil.disk_usage(folder).free < 200e6:
+            raise ConfigurationError(f"--out {folder}: less than 200 MB free; expected room for the results")
+        for path in old:
+            path.unlink()
+    except OSError as error:
+        raise ConfigurationError(
+            f"--out {folder}: {error.strerror}; expected a folder that can be written"
+        ) from error
+    return folder
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Beside the file, then in its place: a reader sees the old file or the new one.
+
+    Raises:
+        RunError: it can not be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise RunError(f"{path}: {error.strerror or error}, the report is not written") from error
