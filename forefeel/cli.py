@@ -14,6 +14,7 @@ from common.settings import DaemonSettings
 from common.topics import checked_segment
 from common.transport.settings import PRESETS, TransportSettings
 from forefeel.interrupt import interruptible
+from forefeel.reproduction.cli import EPILOG, reproduce
 
 app = typer.Typer(
     name="forefeel",
@@ -24,6 +25,7 @@ app = typer.Typer(
 )
 config_app = typer.Typer(help="Settings.", no_args_is_help=True)
 app.add_typer(config_app, name="config")
+app.command(epilog=EPILOG)(reproduce)
 
 ConfigFile = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
 Duration = Annotated[

@@ -40,6 +40,8 @@ _NOTES = (
     "raw, its offset included.",
     "On the simulated bench the product has the delay that its messages really had (see round_trip_s), hold "
     "and the paper's algorithm exactly 300 ms.",
+    "A recorded force that, as recorded, would give energy is turned: here positive resists the motion. On "
+    "recordings the product holds the late force until its identification is valid.",
 )
 
 

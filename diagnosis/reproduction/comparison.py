@@ -1,7 +1,6 @@
 """ "Paper says / we get": the lines of the table, in words."""
 
 from diagnosis.reproduction.bench import FIGURES
-from diagnosis.reproduction.contact import THETA
 from diagnosis.reproduction.results import (
     BenchFigure,
     BoundedError,
@@ -45,9 +44,7 @@ def _coincides(figure: SimulatedFigure) -> Comparison:
 
 
 def _parameters(found: Unidentifiable) -> Comparison:
-    true, ours = (
-        ", ".join(f"{name} {v:.3g}" for name, v in zip("mbk", t, strict=True)) for t in _sets(found)
-    )
+    true, ours = _named(found.true), _named(found.paper)
     close = max(abs(a - b) for a, b in zip(found.paper, found.true, strict=True)) < _COINCIDES
     return Comparison(
         subject="Figure 4: parameters",
@@ -57,8 +54,8 @@ def _parameters(found: Unidentifiable) -> Comparison:
     )
 
 
-def _sets(found: Unidentifiable) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    return tuple(THETA.tolist()), found.paper
+def _named(theta: tuple[float, ...]) -> str:
+    return ", ".join(f"{name} {value:.3g}" for name, value in zip("mbk", theta, strict=True))
 
 
 def _leads(figure: SimulatedFigure) -> Comparison:
@@ -88,8 +85,8 @@ def _bounded(figure: BenchFigure) -> Comparison:
         subject=f"Figures {first}, {second}: {figure.instrument}, simulated bench",
         paper=f"error stable within 0-{1e3 * figure.stated_bound_n:.0f} mN",
         ours=f"without delay {_bound(prompt)}; {1e3 * figure.delay_s:.0f} ms late {_bound(late)}; "
-        f"holding the late force {_bound(figure.hold)}; the force itself is {_newton(figure.force_rms_n)} rms, "
-        f"{_newton(figure.force_peak_n)} at most",
+        f"holding the late force {_bound(figure.hold)}; the force itself is "
+        f"{_newton(figure.force_rms_n)} rms, {_newton(figure.force_peak_n)} at most",
         verdict=verdict,
     )
 

@@ -1,4 +1,4 @@
-"""The paper's simulated contact: equation (1) with its numbers, on sums of sines whose derivatives are exact."""
+"""The paper's simulated contact: equation (1) with its numbers, on sums of sines with exact derivatives."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import log
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.reproduction.contact import MASS_KG, THETA, Array, noise_n, rms, sines
 from diagnosis.reproduction.online import PAPER_LAMBDA, SAFE_MEMORY_S, learn_paper, learn_safe
@@ -73,6 +74,6 @@ def _at(rate_hz: float, delay_s: float) -> tuple[MemoryRow, MemoryTraces]:
     return row, MemoryTraces(rate_hz, time_s, force_n, paper[0], product[0])
 
 
-def _size(predicted_n: Array, force_n: Array, rows: Array) -> float:
-    value = rms((predicted_n - force_n)[rows.astype(bool)])
+def _size(predicted_n: Array, force_n: Array, rows: NDArray[np.bool_]) -> float:
+    value = rms((predicted_n - force_n)[rows])
     return np.inf if value is None else value

@@ -1,7 +1,7 @@
-"""Learning across a delay: what a predictor can know at each instant, with the paper's algorithm and with ours.
+"""Learning across a delay: what a predictor can know at each instant, by the paper's algorithm and by ours.
 
-At time t the forces stamped <= t - delay have arrived; without a delay, those before t. The prediction for t is
-phi(t)' theta with what those have taught. So every prediction is a priori.
+At time t the forces stamped <= t - delay have arrived; without a delay, those before t. The prediction for t
+is phi(t)' theta with what those have taught. So every prediction is a priori.
 """
 
 import math
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.estimation.paper import PaperRls
 from common.estimation.rls import RecursiveLeastSquares
@@ -44,11 +45,12 @@ class Learned:
     overflow_s: float | None
 
 
-def newest_index(time_s: Array, delay_s: float) -> Array:
-    """For each stamp the index of the newest force that has arrived, -1 for none; int64, shape (n,)."""
+def newest_index(time_s: Array, delay_s: float) -> NDArray[np.int64]:
+    """For each stamp the index of the newest force that has arrived, -1 for none; shape (n,)."""
     if delay_s <= 0.0:
-        return np.arange(len(time_s)) - 1
-    return np.searchsorted(time_s, time_s - delay_s + _ROUNDING_S, side="right") - 1
+        return np.arange(len(time_s), dtype=np.int64) - 1
+    arrived = np.searchsorted(time_s, time_s - delay_s + _ROUNDING_S, side="right")
+    return np.asarray(arrived - 1, dtype=np.int64)
 
 
 def held(time_s: Array, force_n: Array, delay_s: float) -> Array:
@@ -82,7 +84,9 @@ def learn_paper(
 
 
 def safe_rls(rows: Array, memory_s: float = SAFE_MEMORY_S) -> RecursiveLeastSquares:
-    """The product's recursive least squares, its scales the rms of each regressor; theta >= 0 where physical."""
+    """The product's recursive least squares for [m, b, k, ...]: scales the rms of each regressor, none of m,
+    b, k below 0.
+    """
     scales = np.sqrt(np.mean(rows**2, axis=0)).tolist()
     bounds = [(0.0, math.inf)] * 3 + [(-math.inf, math.inf)] * (len(scales) - 3)
     return RecursiveLeastSquares(scales, memory_s, bounds=bounds[: len(scales)])

@@ -1,4 +1,4 @@
-"""The paper's algorithm and the hold on a recording, as a master that is `delay_s` away could have run them."""
+"""The paper's algorithm and the hold on a recording, as a master `delay_s` away could have run them."""
 
 from dataclasses import dataclass
 
@@ -70,7 +70,7 @@ class Replay:
 def replay(run: Run, delay_s: float) -> Replay:
     """Hold and the paper's algorithm in both pairings; cold start.
 
-    Scored from 3 s and the delay on; where there is a product, only the samples for which it has a prediction.
+    Scored from 3 s and the delay on, and only the samples for which the product has a prediction.
     """
     recording = run.recording
     rows = motion_rows(recording)

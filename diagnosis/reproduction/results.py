@@ -15,7 +15,7 @@ class Part(BaseModel):
 
 
 class ErrorSize(Part):
-    """Root mean square, 95 % quantile and maximum of an error's size; None: nothing scored, or it diverged."""
+    """Root mean square, 95 % quantile and maximum of an error; None: nothing scored, or it diverged."""
 
     rms_n: float | None = None
     p95_n: float | None = None
@@ -71,7 +71,7 @@ class BenchFigure(Part):
 
 
 class AmplitudeRow(Part):
-    """Force amplitude for a motion of 1 m at this frequency: the truth, and from what was learned at 1 rad/s."""
+    """Force amplitude for a motion of 1 m at this frequency: true, and by what was learned at 1 rad/s."""
 
     omega_rad_s: float
     true_n: float
@@ -217,6 +217,7 @@ class Pairing(Part):
     delay_s: float
     stamps_rms_n: float | None
     newest_rms_n: float | None
+    product_rms_n: float | None
     hold_rms_n: float | None
     expected_n: float
 
@@ -225,7 +226,7 @@ class ThresholdRow(Part):
     """One method on one run of the simulated bench: the error that the hand would be shown.
 
     Shares of the scored time in which it is not felt: `strict` below the larger of 29 mN and 7 % of the
-    force, `lenient` below the larger of 44 mN and 10 %; `absolute` below 29 mN and `relative` below 7 % alone.
+    force, `lenient` below the larger of 44 mN and 10 %; `absolute` below 29 mN, `relative` below 7 % alone.
     """
 
     instrument: str

@@ -15,7 +15,7 @@ RATE_HZ = 10.0
 
 DURATION_S = 16.0 * pi
 SCORED_FROM_S = 4.0 * pi
-"""Whole periods: over these the closed forms hold. Much longer, and the bias drives the wind-up of (b), too."""
+"""Whole periods: over these the closed forms hold. In a longer run a bias drives the wind-up of (b), too."""
 
 SIZES_N = 0.010, 0.030, 0.100
 SHOWN_N = 0.100
