@@ -28,8 +28,8 @@ NORMAL = "normal"
 """The operator style of figures 7 to 10."""
 
 _NOTES = (
-    "The paper gives neither its sample rates nor the length of its runs. Its simulation is run here at "
-    "100 Hz unless said otherwise, its bench at the 1 kHz of the control loop; other rates stand beside.",
+    "The paper gives neither its sample rates nor the length of its runs. Its simulation is run here at 100 "
+    "Hz unless said otherwise, its bench at the 1 kHz of the control loop; other rates stand beside.",
     "The bench is a simulated bench: this product's own simulated vessel, stage and load cell, driven by a "
     "simulated operator in virtual time over a network of 150 ± 10 ms one way. Its numbers can not be those "
     "of the paper's phantom.",

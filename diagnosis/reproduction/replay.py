@@ -48,11 +48,12 @@ class Replay:
     hold_n: Array
     paper_n: Array
     newest_n: Array
+    tared_n: Array
     scored: NDArray[np.bool_]
 
     def method(self, name: str) -> Array:
-        """The predictions of `hold`, `paper`, `newest` or `product`."""
-        known = {"hold": self.hold_n, "paper": self.paper_n, "newest": self.newest_n}
+        """The predictions of `hold`, `paper`, `newest`, `tared` or `product`."""
+        known = {"hold": self.hold_n, "paper": self.paper_n, "newest": self.newest_n, "tared": self.tared_n}
         nothing = np.full(len(self.hold_n), np.nan)
         product = self.run.product_n if self.run.product_n is not None else nothing
         return known.get(name, product)
@@ -68,7 +69,7 @@ class Replay:
 
 
 def replay(run: Run, delay_s: float) -> Replay:
-    """Hold and the paper's algorithm in both pairings; cold start.
+    """Hold and the paper's algorithm in both pairings, and tared; cold start.
 
     Scored from 3 s and the delay on, and only the samples for which the product has a prediction.
     """
@@ -83,6 +84,7 @@ def replay(run: Run, delay_s: float) -> Replay:
         held(time_s, force_n, delay_s),
         learn_paper(time_s, rows, force_n, delay_s).predicted_n,
         learn_paper(time_s, rows, force_n, delay_s, pairing="newest").predicted_n,
+        learn_paper(time_s, rows, force_n - force_n[0], delay_s).predicted_n + force_n[0],
         scored,
     )
 
@@ -119,7 +121,8 @@ def thinned(recording: Recording, rate_hz: float) -> Recording:
 
 def baseline_row(made: Replay) -> BaselineRow:
     """One run's errors side by side."""
-    hold, paper, newest, product = (made.error(name) for name in ("hold", "paper", "newest", "product"))
+    names = "hold", "paper", "newest", "tared", "product"
+    hold, paper, newest, tared, product = (made.error(name) for name in names)
     return BaselineRow(
         name=made.run.name,
         source="simulated bench" if made.run.bench else "recording",
@@ -129,8 +132,10 @@ def baseline_row(made: Replay) -> BaselineRow:
         hold=hold,
         paper=paper,
         newest=newest,
+        tared=tared,
         product=product,
         paper_over_hold=ratio(paper, hold),
         newest_over_hold=ratio(newest, hold),
+        tared_over_hold=ratio(tared, hold),
         product_over_hold=ratio(product, hold),
     )

@@ -182,7 +182,8 @@ class Unmodelled(Part):
 class BaselineRow(Part):
     """(e) and (f) One run: errors at the stamps of the slave, in N (or the force's unit in the recording).
 
-    `newest`: the paper's algorithm with late forces paired with the newest motion.
+    `newest`: the paper's algorithm with late forces paired with the newest motion. `tared`: paired by stamps,
+    of the force less its first value, as if the load cell had been set to zero at the start.
     """
 
     name: str
@@ -193,9 +194,11 @@ class BaselineRow(Part):
     hold: ErrorSize
     paper: ErrorSize
     newest: ErrorSize
+    tared: ErrorSize
     product: ErrorSize
     paper_over_hold: float | None
     newest_over_hold: float | None
+    tared_over_hold: float | None
     product_over_hold: float | None
 
 

@@ -18,9 +18,9 @@ def simulated_pictures(prompt: SimulatedTraces, delayed: SimulatedTraces) -> lis
         picture(
             "figure_04",
             "Figure 4: simulation without delay",
-            "x = sin t, m 0.01 kg, b 0.1 N s/m, k 1 N/m, lambda 0.96, 100 Hz; prediction one sample "
-            "ahead. Both "
-            "curves coincide, as the paper says; the parameters behind the prediction are wrong, see (a).",
+            "x = sin t, m 0.01 kg, b 0.1 N s/m, k 1 N/m, lambda 0.96, 100 Hz; prediction one sample ahead. "
+            "Both curves coincide, as the paper says; the parameters behind the prediction are wrong, see "
+            "(a).",
             2.9,
             lambda figure: _prompt(figure, prompt),
         ),
@@ -28,10 +28,8 @@ def simulated_pictures(prompt: SimulatedTraces, delayed: SimulatedTraces) -> lis
             "figure_05",
             "Figure 5: the same with 300 ms delay",
             "Paired by the slave's stamps the prediction leads the measured force as it arrives by the "
-            "delay, "
-            "and coincides with the force at the contact now. Paired with the newest motion, which is "
-            "how the "
-            "paper describes it, the prediction only repeats the delayed force, see (f).",
+            "delay, and coincides with the force at the contact now. Paired with the newest motion, which "
+            "is how the paper describes it, the prediction only repeats the delayed force, see (f).",
             2.9,
             lambda figure: _delayed(figure, delayed),
         ),
@@ -78,10 +76,9 @@ def bench_pictures(traces: BenchTraces, numbers: BenchFigure) -> list[Picture]:
         picture(
             f"figure_{first:02}",
             f"Figure {first}: contact force of the {what}, simulated bench",
-            f"{_BENCH}. Predicted for the instant of measurement: by the paper's algorithm without a "
-            f"delay (one "
-            "sample, 1 ms, ahead), by the same with forces 300 ms late, and by this product over the same "
-            f"network (round trip {1e3 * numbers.round_trip_s:.0f} ms).",
+            f"{_BENCH}. Predicted for the instant of measurement: by the paper's algorithm without a delay "
+            "(one sample, 1 ms, ahead), by the same with forces 300 ms late, and by this product over a "
+            f"network with a round trip of {1e3 * numbers.round_trip_s:.0f} ms.",
             3.4,
             lambda figure: _bench_force(figure, traces),
         ),
@@ -90,8 +87,7 @@ def bench_pictures(traces: BenchTraces, numbers: BenchFigure) -> list[Picture]:
             f"Figure {second}: error of the prediction, {what}, simulated bench",
             f"{_BENCH}. Grey: the bound that the paper states, {1e3 * traces.bound_n:.0f} mN. Within it: "
             f"{_share(numbers.without_delay.share_within)} of the time without a delay, "
-            f"{_share(numbers.delayed.share_within)} with 300 ms, {_share(numbers.hold.share_within)} "
-            f"by simply "
+            f"{_share(numbers.delayed.share_within)} with 300 ms, {_share(numbers.hold.share_within)} by "
             f"holding the late force. The force itself reaches {1e3 * numbers.force_peak_n:.0f} mN.",
             3.2,
             lambda figure: _bench_error(figure, traces),

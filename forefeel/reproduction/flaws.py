@@ -132,7 +132,8 @@ def baseline_picture(rows: tuple[BaselineRow, ...]) -> Picture:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        _ratios(axes, rows, {"paper's algorithm": VERMILION, "product": BLUE}, ("paper", "product"))
+        labels = {"paper's algorithm": VERMILION, "paper's algorithm, tared": GREEN, "product": BLUE}
+        _ratios(axes, rows, labels, ("paper", "tared", "product"))
 
     return _made("flaw_e", 1.2 + 0.27 * len(rows), draw)
 
@@ -143,7 +144,7 @@ def _ratios(
     """One line per run, rms over that of the hold on a logarithmic axis."""
     places = np.arange(len(rows))[::-1]
     axes.axvline(1.0, color=ORANGE, linewidth=2.5, label="hold")
-    markers = ("o", "D", "s")
+    markers = ("o", "s", "D")
     for (label, colour), method, marker in zip(labels.items(), methods, markers, strict=False):
         known = [
             (getattr(row, f"{method}_over_hold"), place) for row, place in zip(rows, places, strict=True)

@@ -26,21 +26,21 @@ def short_table(numbers: Reproduction, folder: Path) -> list[str]:
         f"product {quantity(bias.product_rms_n, 'N')}",
         f"(f) pairing         {quantity(flaws.pairing.newest_rms_n, 'N')} rms, "
         f"hold {quantity(flaws.pairing.hold_rms_n, 'N')}",
-        f"{'(e) rms over that of the hold':<42} {'paper':>8} {'product':>8}",
+        f"{'(e) rms over that of the hold':<48} {'paper':>8} {'tared':>8} {'product':>8}",
     ]
     lines += [
-        f"    {row.name + (', simulated bench' if row.source == 'simulated bench' else ''):<38} "
-        f"{ratio(row.paper_over_hold):>8} {ratio(row.product_over_hold):>8}"
+        f"    {row.name + (', simulated bench' if row.source == 'simulated bench' else ''):<44} "
+        f"{ratio(row.paper_over_hold):>8} {ratio(row.tared_over_hold):>8} {ratio(row.product_over_hold):>8}"
         for row in flaws.baseline.rows
     ]
     if not flaws.baseline.recordings_given:
         lines.append("    no measured recordings given (--recordings DIR)")
     lines.append(
-        f"{'Error not felt (29 mN or 7 %), share of time':<42} {'hold':>8} {'paper':>8} {'product':>8}"
+        f"{'Error not felt (29 mN or 7 %), share of time':<48} {'hold':>8} {'paper':>8} {'product':>8}"
     )
     shares = {(row.instrument, row.style, row.method): row.strict_share for row in numbers.thresholds.rows}
     for instrument, style in dict.fromkeys((key[0], key[1]) for key in shares):
         values = [shares[instrument, style, method] for method in ("hold", "paper", "product")]
-        lines.append(f"    {f'{instrument}, {style}':<38} {' '.join(f'{share(v):>8}' for v in values)}")
+        lines.append(f"    {f'{instrument}, {style}':<44} {' '.join(f'{share(v):>8}' for v in values)}")
     lines += [f"Files      reproduction.html, reproduction.json, figures in {folder}", DISCLAIMER]
     return lines
