@@ -35,9 +35,11 @@ def picture(name: str, title: str, caption: str, height_in: float, draw: Callabl
     with styled(), np.errstate(over="ignore", invalid="ignore"):  # of what diverged
         figure = new_figure(height_in)
         draw(figure)
+        svg = to_svg(figure, name, title)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11)  # the page has it above the figure
         png = BytesIO()
         figure.savefig(png, format="png", dpi=_DPI, facecolor="white", metadata={"Software": None})
-        return Picture(name, title, caption, to_svg(figure, name, title), png.getvalue())
+        return Picture(name, title, caption, svg, png.getvalue())
 
 
 def finish(axes: Axes, y: str, x: str, columns: int = 4) -> None:
