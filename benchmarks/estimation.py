@@ -30,7 +30,9 @@ _DT_S, _DELAY = 1e-3, 300
 
 def main() -> None:
     """Prints three tables."""
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {sys.version.split()[0]}, numpy {np.__version__}")
+    print(
+        f"{platform.machine()}, {os.cpu_count()} cores, Python {sys.version.split()[0]}, numpy {np.__version__}"
+    )
     for n in (3, 12):
         _updates(n)
     _ticks()
@@ -40,7 +42,10 @@ def _updates(n: int) -> None:
     rng = np.random.default_rng(n)
     rows = rng.standard_normal((_SAMPLES, n))
     forces = rows @ rng.standard_normal(n) + 0.01 * rng.standard_normal(_SAMPLES)
-    candidates: dict[str, Update] = {"numpy, equations (9) to (12)": _numpy, "forefeel, safe, pure Python": _ours}
+    candidates: dict[str, Update] = {
+        "numpy, equations (9) to (12)": _numpy,
+        "forefeel, safe, pure Python": _ours,
+    }
     for name, peer in (("padasip", _padasip), ("filterpy", _filterpy), ("statsmodels", _statsmodels)):
         try:
             candidates[f"{name} {metadata.version(name)}"] = peer()
@@ -130,7 +135,12 @@ def _ticks() -> None:
     count = 20_000
     t = np.arange(count) * _DT_S
     x = 4e-3 * (1 - np.cos(2 * pi * 0.4 * t)) + 1e-3 * np.sin(2 * pi * 1.7 * t)
-    f = 60.0 * x + 1.5 * np.gradient(x, _DT_S) + 0.1 * np.sign(np.gradient(x)) + 0.01 * rng.standard_normal(count)
+    f = (
+        60.0 * x
+        + 1.5 * np.gradient(x, _DT_S)
+        + 0.1 * np.sign(np.gradient(x))
+        + 0.01 * rng.standard_normal(count)
+    )
     forecaster = Forecaster()
     learning_us, tick_us = [], []
     for n in range(count):
@@ -143,7 +153,10 @@ def _ticks() -> None:
         forecaster.predict()
         tick_us.append((time.perf_counter() - start_s) * 1e6)
     print("\nforefeel's predictor, 1 kHz, 300 ms (after a second of warm-up)")
-    for what, us in (("learning from a force", learning_us[1000:]), ("tick of the haptic loop", tick_us[1000:])):
+    for what, us in (
+        ("learning from a force", learning_us[1000:]),
+        ("tick of the haptic loop", tick_us[1000:]),
+    ):
         p50, p99 = np.percentile(us, [50, 99])
         print(f"  {p50:8.2f} us p50  {p99:8.2f} us p99  {what}")
 

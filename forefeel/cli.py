@@ -16,6 +16,7 @@ from common.transport.settings import PRESETS, TransportSettings
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
 from forefeel.interrupt import interruptible
+from forefeel.reproduction.cli import EPILOG, reproduce
 
 app = typer.Typer(
     name="forefeel",
@@ -26,6 +27,7 @@ app = typer.Typer(
 )
 config_app = typer.Typer(help="Settings.", no_args_is_help=True)
 app.add_typer(config_app, name="config")
+app.command(epilog=EPILOG)(reproduce)
 
 ConfigFile = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
 Duration = Annotated[

@@ -1,0 +1,3 @@
+"""The paper reproduced, and the six things that its simulation gets wrong: pure functions of arrays and
+recordings.
+"""

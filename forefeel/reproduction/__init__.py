@@ -1,0 +1,1 @@
+"""The command `forefeel reproduce`: makes the bench recordings, draws, writes the page."""

@@ -1,0 +1,101 @@
+"""`forefeel reproduce`, from the options to the files."""
+
+import os
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from common.errors import ConfigurationError, RunError
+from diagnosis.reproduction.assemble import assemble
+from diagnosis.reproduction.replay import Run
+from diagnosis.reproduction.results import Reproduction
+from forefeel.reproduction.bench import INSTRUMENTS, STYLES, bench_run
+from forefeel.reproduction.draw import draw_all
+from forefeel.reproduction.page import render_page
+from forefeel.reproduction.recordings import folders_to_read, recorded_runs
+from forefeel.reproduction.text import short_table
+
+_JSON, _PAGE = "reproduction.json", "reproduction.html"
+_OURS = "figure_*.png", "flaw_?.png", "thresholds.png", _JSON, _PAGE
+_ROOM_BYTES = 50e6
+
+
+def run_reproduction(
+    out: Path, overwrite: bool, recordings: Sequence[Path], seed: int, duration_s: float
+) -> Reproduction:
+    """Runs the bench, works everything out, writes the files, prints the short table.
+
+    Args:
+        out: the folder; overwrite: whether an earlier result in it may be replaced.
+        recordings: folders of measured recordings; none: what FOREFEEL_DATA names.
+        seed: of operator, world and network. duration_s: of each run of the bench.
+
+    Raises:
+        InputError: a folder can not be used; nothing was changed.
+        RunError: the bench failed, or the files can not be written.
+    """
+    folders = folders_to_read(recordings)
+    _prepare(out, overwrite)
+    runs = _bench(duration_s, seed)
+    skipped: Mapping[str, str] | None = None
+    if folders:
+        measured, skipped = recorded_runs(folders, _say)
+        runs += measured
+    numbers, traces = assemble(runs, skipped, STYLES, seed, _say)
+    _say("figures and page")
+    pictures = draw_all(numbers, traces)
+    files = {picture.file: picture.png for picture in pictures}
+    files[_PAGE] = render_page(numbers, pictures).encode()
+    files[_JSON] = numbers.to_json().encode()
+    _write(out, files)
+    for line in short_table(numbers, out):
+        print(line)
+    return numbers
+
+
+def _bench(duration_s: float, seed: int) -> list[Run]:
+    runs = []
+    for instrument in INSTRUMENTS:
+        for style in STYLES:
+            _say(f"simulated bench: {instrument}, {style}, {duration_s:g} s")
+            runs.append(bench_run(instrument, style, duration_s, seed))
+    return runs
+
+
+def _say(what: str) -> None:
+    print(f"reproduce: {what}", file=sys.stderr, flush=True)
+
+
+def _prepare(folder: Path, overwrite: bool) -> None:
+    """Makes the folder where it is missing; refuses one that can not be used, or holds an earlier result."""
+    if folder.exists() and not folder.is_dir():
+        raise ConfigurationError(f"--out {folder}: is a file; expected a folder")
+    if not overwrite and any(next(folder.glob(pattern), None) for pattern in _OURS):
+        raise ConfigurationError(
+            f"--out {folder}: holds an earlier result; expected another folder, or --overwrite"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise ConfigurationError(f"--out {folder}: not writable; expected a folder that can be written")
+        if shutil.disk_usage(folder).free < _ROOM_BYTES:
+            raise ConfigurationError(f"--out {folder}: less than 50 MB free; expected room for the figures")
+    except OSError as error:
+        raise ConfigurationError(
+            f"--out {folder}: {error.strerror}; expected a folder that can be written"
+        ) from error
+
+
+def _write(folder: Path, files: Mapping[str, bytes]) -> None:
+    """All beside their places first, then into them: a reader sees the old file or the new one, whole."""
+    parts = {name: folder / f".{name}.{os.getpid()}.part" for name in files}
+    try:
+        for name, part in parts.items():
+            part.write_bytes(files[name])
+        for name, part in parts.items():
+            part.replace(folder / name)
+    except OSError as error:
+        for part in parts.values():
+            part.unlink(missing_ok=True)
+        raise RunError(f"{folder}: {error.strerror or error}, the result is not written") from error
