@@ -30,9 +30,8 @@ _DT_S, _DELAY = 1e-3, 300
 
 def main() -> None:
     """Prints three tables."""
-    print(
-        f"{platform.machine()}, {os.cpu_count()} cores, Python {sys.version.split()[0]}, numpy {np.__version__}"
-    )
+    python = sys.version.split()[0]
+    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {python}, numpy {np.__version__}")
     for n in (3, 12):
         _updates(n)
     _ticks()
@@ -130,7 +129,7 @@ def _statsmodels() -> Update:
 
 
 def _ticks() -> None:
-    """The whole predictor at 1 kHz and 300 ms: learning from a late force, and the tick of the haptic loop."""
+    """The whole predictor at 1 kHz and 300 ms: learning from a late force, a tick of the haptic loop."""
     rng = np.random.default_rng(1)
     count = 20_000
     t = np.arange(count) * _DT_S

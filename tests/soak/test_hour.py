@@ -1,4 +1,5 @@
-"""An hour at 1 kHz of what an operating room does to an estimator: standstill, a pure sine, another tissue, NaN.
+"""An hour at 1 kHz of what an operating room does to an estimator: standstill, a pure sine, another tissue,
+NaN.
 
 The contact here imports nothing of ours: a spring, damper and mass with smooth friction and a bias, in numpy.
 """

@@ -1,0 +1,11 @@
+"""The force now, from the own motion up to now and forces that arrive late.
+
+What happens, in the order of the modules: `bank` turns the motion into regressors; `regression` fits late
+forces to them; `experts` predict, each in its way, and are weighed by errors that were seen; `hold` draws the
+blend to the newest force where that has been the better one; `band` says how far off it may be. All of it is
+causal, has no unit of its own and starts knowing nothing. `forecaster` puts it together.
+"""
+
+from common.estimation.forecast.forecaster import Estimate, Forecaster
+
+__all__ = ["Estimate", "Forecaster"]

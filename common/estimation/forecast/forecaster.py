@@ -1,0 +1,85 @@
+"""The predictor as the master and the evaluation use it."""
+
+from math import isfinite, nan
+from typing import NamedTuple
+
+import numpy as np
+
+from common.estimation.forecast import steps
+from common.estimation.forecast.experts import NAMES
+from common.estimation.forecast.state import new_state
+
+HOLD = "hold"
+
+
+class Estimate(NamedTuple):
+    """The force now in N, its 95 % band, and the expert that led: one of `NAMES`, or `hold`."""
+
+    force_n: float
+    low_n: float
+    high_n: float
+    leading: str
+
+
+class Forecaster:
+    """Contact force at the own motion of now, learned from forces that arrive late.
+
+    It is not told the delay: it sees what arrives. Stamps are seconds on one clock, that of the own motion.
+    Every method is one call of a compiled kernel, which the interpreter lock makes indivisible: `move` and
+    `predict` may run in a loop while `observe` runs beside it. Costs some 10 us a tick and as much a force.
+
+    Args:
+        outside: whether a model from outside takes part; its force is given to `move`.
+    """
+
+    def __init__(self, outside: bool = False) -> None:
+        self._state = new_state(outside)
+        self._out = np.zeros(3)
+        self._early: list[tuple[float, float]] = []
+        self._moved_s = -np.inf
+
+    def move(self, t_s: float, position_m: float, outside_n: float = nan) -> None:
+        """The own motion at stamp `t_s`. What is not finite, or no later than the last, is left out.
+
+        A pause over 0.1 s begins a new piece: nothing is carried across but what was learned.
+        """
+        if steps.move(self._state, t_s, position_m, outside_n):
+            self._moved_s = t_s
+            if self._early:
+                self._pair_early()
+
+    def observe(self, stamp_s: float, force_n: float) -> None:
+        """A force that was measured at `stamp_s`, the stamp of a `move`; in any order, each at most once."""
+        if stamp_s > self._moved_s and isfinite(force_n):
+            self._early.append((stamp_s, force_n))
+        else:
+            steps.observe(self._state, stamp_s, force_n)
+
+    def predict(self) -> Estimate | None:
+        """The force at the newest `move`; None before any force or any motion."""
+        out = self._out
+        if not steps.predict(self._state, out):
+            return None
+        force_n, half_n, leading = out.tolist()
+        name = HOLD if leading < 0 else NAMES[int(leading)]
+        return Estimate(force_n, force_n - half_n, force_n + half_n, name)
+
+    def restart(self) -> None:
+        """The next `move` begins a new piece of motion, as after a gap or a new grip."""
+        steps.restart(self._state)
+
+    def _pair_early(self) -> None:
+        """Forces that arrived before the motion of their stamp was known: with no delay at all."""
+        early, self._early = self._early, []
+        for stamp_s, force_n in early:
+            self.observe(stamp_s, force_n)
+
+
+def compile_kernels() -> None:
+    """Compiles every kernel, or loads what an earlier process compiled; some 20 s the first time."""
+    forecaster = Forecaster()
+    for n in range(40):
+        forecaster.observe((n - 3) * 1e-3, float(n % 5))
+        forecaster.move(n * 1e-3, float(n % 7))
+        forecaster.predict()
+    forecaster.restart()

@@ -1,0 +1,83 @@
+"""Everything that the predictor knows, in one record."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.estimation.forecast import band as bands
+from common.estimation.forecast import bank as banks
+from common.estimation.forecast import experts as crowd
+from common.estimation.forecast import hold as holds
+from common.estimation.forecast import regression as fits
+from common.estimation.forecast.bank import RING, Array
+from common.estimation.record import floats, record, zeros
+
+_MEMORY = record(
+    "known newest newest_s held_n low_n high_n before_s before_n fastest_n_s said_n said_s",
+    *(floats(name, RING) for name in ("forces_n", "blends_n", "holds_n", "sayings_n", "halves_n")),
+)
+DTYPE = np.dtype(
+    [
+        ("bank", banks.DTYPE),
+        ("regression", fits.DTYPE),
+        ("experts", crowd.DTYPE),
+        ("gain", holds.DTYPE),
+        ("band", bands.DTYPE),
+        ("memory", _MEMORY),
+    ],
+    align=True,
+)
+
+
+class Memory(Protocol):
+    """A record: what has been seen, and by sample the force (NaN until it has come) and what was said of it.
+
+    known: forces seen. newest_s, held_n: stamp and value of the newest; newest: its sample, -1 where its
+    motion is not known. low_n, high_n: range of the forces. before_*: the force seen last. fastest_n_s: the
+    fastest change of force, fading. said_*: the last prediction.
+    """
+
+    known: float
+    newest: float
+    newest_s: float
+    held_n: float
+    low_n: float
+    high_n: float
+    before_s: float
+    before_n: float
+    fastest_n_s: float
+    said_n: float
+    said_s: float
+    forces_n: Array
+    blends_n: Array
+    holds_n: Array
+    sayings_n: Array
+    halves_n: Array
+
+
+class State(Protocol):
+    """A record of `DTYPE`: everything that the predictor knows."""
+
+    bank: banks.Bank
+    regression: fits.Regression
+    experts: crowd.Experts
+    gain: holds.Gain
+    band: bands.Band
+    memory: Memory
+
+
+def new_state(outside: bool) -> NDArray[np.void]:
+    """One state that knows nothing, in an array. `outside`: whether a model from outside takes part."""
+    state = zeros(DTYPE)
+    banks.begin(state["bank"])
+    fits.begin(state["regression"])
+    crowd.begin(state["experts"], outside)
+    memory = state["memory"]
+    memory["newest"], memory["newest_s"], memory["before_s"], memory["said_s"] = (
+        -1.0,
+        -np.inf,
+        -np.inf,
+        -np.inf,
+    )
+    return state

@@ -1,0 +1,173 @@
+"""The four things that can happen to the predictor: a motion, a force, a question, a restart."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.estimation.forecast import band as bands
+from common.estimation.forecast import bank as banks
+from common.estimation.forecast import experts as crowd
+from common.estimation.forecast import hold as holds
+from common.estimation.forecast import regression as fits
+from common.estimation.forecast.bank import RING, Array
+from common.estimation.forecast.state import Memory, State
+from common.estimation.jit import kernel
+
+_RATE_MEMORY_S = 60.0
+_RATE_MARGIN = 1.2
+
+States = NDArray[np.void]
+"""One state, in an array of length 1."""
+
+
+@kernel
+def move(states: States, t: float, x: float, outside_n: float) -> bool:
+    """One sample of the own motion, and what the model from outside says of it (NaN without one).
+
+    False when it is not finite, or not later than the last.
+    """
+    return _move(states[0], t, x, outside_n)
+
+
+@kernel
+def observe(states: States, stamp: float, force_n: float) -> bool:
+    """A force that has arrived; False when it is not finite, or was known."""
+    return _observe(states[0], stamp, force_n)
+
+
+@kernel
+def predict(states: States, out: Array) -> bool:
+    """Writes (force, half width of the band, leading expert or -1 for the hold) for the newest sample.
+
+    False before any force and any motion.
+    """
+    return _predict(states[0], out)
+
+
+@kernel
+def restart(states: States) -> None:
+    """The next sample begins a new piece of motion."""
+    states[0].bank.restart = 1.0
+
+
+@kernel
+def _move(state: State, t: float, x: float, outside_n: float) -> bool:
+    bank, memory = state.bank, state.memory
+    if not banks.advance(bank, t, x):
+        return False
+    n = int(bank.count) - 1
+    i = n % RING
+    for kept in (memory.forces_n, memory.blends_n, memory.holds_n, memory.sayings_n, memory.halves_n):
+        kept[i] = np.nan
+    state.experts.outside_n[i] = outside_n
+    if memory.newest >= 0.0 and n - memory.newest >= RING:
+        memory.newest = -1.0
+    fits.forget_renewed(state.regression, bank)
+    return True
+
+
+@kernel
+def _observe(state: State, stamp: float, force_n: float) -> bool:
+    memory = state.memory
+    if not (math.isfinite(force_n) and math.isfinite(stamp)):
+        return False
+    n = banks.find(state.bank, stamp)
+    i = n % RING
+    if n >= 0 and not math.isnan(memory.forces_n[i]):
+        return False
+    if memory.known == 0.0:
+        state.regression.force0_n = force_n
+    _see(memory, stamp, force_n)
+    if stamp > memory.newest_s:
+        memory.newest_s, memory.held_n, memory.newest = stamp, force_n, float(n)
+    if n >= 0:
+        memory.forces_n[i] = force_n
+        range_n = memory.high_n - memory.low_n
+        believed_n = min(memory.high_n + range_n, max(memory.low_n - range_n, force_n))
+        fits.learn(state.regression, state.bank, n, believed_n)
+        if not math.isnan(memory.sayings_n[i]):
+            _judge(state, n, believed_n)
+    return True
+
+
+@kernel
+def _see(memory: Memory, stamp: float, force_n: float) -> None:
+    """Range and speed of the forces. A single one far out widens nothing before the next confirms it."""
+    if memory.known == 0.0:
+        memory.low_n, memory.high_n, memory.before_n = force_n, force_n, force_n
+    memory.low_n = min(memory.low_n, max(force_n, memory.before_n))
+    memory.high_n = max(memory.high_n, min(force_n, memory.before_n))
+    dt = stamp - memory.before_s
+    if 0.0 < dt <= banks.GAP_S:
+        rate_n_s = abs(force_n - memory.before_n) / dt
+        memory.fastest_n_s = max(memory.fastest_n_s * math.exp(-dt / _RATE_MEMORY_S), rate_n_s)
+    memory.before_s, memory.before_n = stamp, force_n
+    memory.known += 1.0
+
+
+@kernel
+def _judge(state: State, n: int, force_n: float) -> None:
+    """What was said of sample n against its force."""
+    memory, i = state.memory, n % RING
+    range_n = memory.high_n - memory.low_n
+    w = min(max(state.bank.period_s, 1e-4), 0.05)
+    needed_n = force_n - memory.holds_n[i]
+    crowd.judge(state.experts, n, force_n, needed_n, range_n, w)
+    holds.learn(state.gain, memory.blends_n[i] - memory.holds_n[i], needed_n, w)
+    widest_n = state.gain.largest_error_n
+    bands.learn(state.band, force_n - memory.sayings_n[i], memory.halves_n[i], widest_n, w)
+
+
+@kernel
+def _predict(state: State, out: Array) -> bool:
+    memory, n = state.memory, int(state.bank.count) - 1
+    if memory.known == 0.0 or n < 0:
+        return False
+    t, held_n = state.bank.t_s[n % RING], memory.held_n
+    range_n, widest_n = memory.high_n - memory.low_n, state.gain.largest_error_n
+    blend_n, leading, deviation_n, spread_n2 = held_n, -1, 0.0, 0.0
+    paired = memory.newest >= 0.0
+    if paired:
+        blend_n, leading = _blend(state, n)
+        deviation_n = holds.applied(state.gain, blend_n - held_n, t - memory.newest_s, range_n)
+    force_n = _without_a_jump(memory, t, held_n + deviation_n)
+    if paired:
+        spread_n2 = crowd.spread(state.experts, n, force_n)
+    half_n = bands.half_width_n(state.band, spread_n2, deviation_n, widest_n, range_n)
+    if paired:
+        _keep(memory, n, blend_n, force_n, half_n)
+    led = abs(deviation_n) > 0.5 * abs(blend_n - held_n)
+    out[0], out[1], out[2] = force_n, half_n, leading if led else -1
+    return True
+
+
+@kernel
+def _blend(state: State, n: int) -> tuple[float, int]:
+    """(what the experts say together, who leads) of sample n; the held force before anybody was judged."""
+    memory = state.memory
+    range_n = memory.high_n - memory.low_n
+    crowd.predict(state.experts, state.regression, state.bank, n, int(memory.newest), memory.held_n)
+    crowd.clip(state.experts, n, memory.low_n - range_n, memory.high_n + range_n)
+    if state.experts.seen_fast > 0.0:
+        return crowd.blend(state.experts, n)
+    return memory.held_n, -1
+
+
+@kernel
+def _keep(memory: Memory, n: int, blend_n: float, force_n: float, half_n: float) -> None:
+    """What is said of sample n, until its force arrives."""
+    i = n % RING
+    memory.blends_n[i], memory.holds_n[i] = blend_n, memory.held_n
+    memory.sayings_n[i], memory.halves_n[i] = force_n, half_n
+
+
+@kernel
+def _without_a_jump(memory: Memory, t: float, force_n: float) -> float:
+    """`force_n`, or as near to it as forces have been seen to change since the last prediction."""
+    dt = t - memory.said_s
+    if 0.0 < dt <= banks.GAP_S and memory.fastest_n_s > 0.0:
+        step_n = _RATE_MARGIN * memory.fastest_n_s * dt
+        force_n = min(memory.said_n + step_n, max(memory.said_n - step_n, force_n))
+    memory.said_n, memory.said_s = force_n, t
+    return force_n
