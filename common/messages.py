@@ -98,13 +98,17 @@ class HapticSample(Message):
     same tick.
 
     `delay_s`: from the command `answered_sequence` to the arrival of the force that answers it, both on the
-    master's clock. `energy_j`: what the hand has put into the handle since the start; negative where the
+    master's clock. `low_n`, `high_n`: the 95 % band of the prediction; `leading`: the expert that led it, or
+    `hold`. `energy_j`: what the hand has put into the handle since the start; negative where the
     rendered force gave it more than it took.
     """
 
     handle_position_m: float
     command_position_m: float
     predicted_n: float | None
+    low_n: float | None = None
+    high_n: float | None = None
+    leading: ShortText = ""
     held_n: float | None
     rendered_n: float
     force_age_s: float | None

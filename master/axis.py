@@ -4,10 +4,12 @@
 
 from collections import Counter
 from collections.abc import Callable
+from typing import TypedDict
 
 from common import topics
 from common.bus import Bus, Outlet
 from common.errors import DeviceError
+from common.estimation.forecast import Estimate
 from common.heartbeats import Heartbeats
 from common.messages import (
     EmergencyStop,
@@ -156,7 +158,7 @@ class MasterAxis:
                 **header,
                 handle_position_m=handle_m,
                 command_position_m=outputs.position_m,
-                predicted_n=outputs.predicted_n,
+                **_forecast(outputs.predicted),
                 held_n=outputs.held_n,
                 rendered_n=outputs.rendered_n,
                 force_age_s=age_s,
@@ -267,3 +269,22 @@ class MasterAxis:
             **self.counters,
             **self._bus.malformed_counts(),
         }
+
+
+class _Forecast(TypedDict):
+    """The fields of a HapticSample that say what was predicted."""
+
+    predicted_n: float | None
+    low_n: float | None
+    high_n: float | None
+    leading: str
+
+
+_NOTHING: _Forecast = {"predicted_n": None, "low_n": None, "high_n": None, "leading": ""}
+
+
+def _forecast(predicted: Estimate | None) -> _Forecast:
+    if predicted is None:
+        return _NOTHING
+    force_n, low_n, high_n, leading = predicted
+    return {"predicted_n": force_n, "low_n": low_n, "high_n": high_n, "leading": leading}

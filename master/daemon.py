@@ -7,8 +7,8 @@ from common.daemon import SECOND_NS, Reports, impaired
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError
 from common.estimation.default_model import default_model
+from common.estimation.forecast import compile_kernels
 from common.estimation.identification import ContactIdentifier, IdentificationSettings
-from common.estimation.prediction import ContactPredictor
 from common.model_file import load_model
 from common.recording.tabular import load_recording
 from common.runtime.port import Runtime
@@ -20,6 +20,7 @@ from master.handles.playback import MultiSine, Playback, RecordedMotion
 from master.handles.port import Handle
 from master.haptics import HapticLoop
 from master.identification import IdentificationTask
+from master.prediction import ForcePrediction
 from master.settings import (
     HandleSettings,
     MasterAxisSettings,
@@ -31,7 +32,7 @@ from master.settings import (
     SineSettings,
 )
 
-_MIN_UPDATES = 1000  # a second of informative samples: the first tenth of a stroke teaches nothing
+_MIN_UPDATES = 250  # a second of informative samples: the first tenth of a stroke teaches nothing
 
 
 class MasterDaemon:
@@ -50,6 +51,7 @@ class MasterDaemon:
             InputError: a file that the settings name can not be used.
             DeviceError: the handle does not answer.
         """
+        compile_kernels()  # before a loop runs: the first call must not be a late one
         self.transport = impaired(inner, settings.impairment, "master", runtime)
         buses = [Bus(self.transport, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
         self.axes = [
@@ -109,37 +111,26 @@ class MasterDaemon:
 
 
 def _axis(cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[], int]) -> MasterAxis:
-    model = contact_model(settings.prediction)
-    prediction = settings.prediction
-    loop = HapticLoop(ContactPredictor(model, prediction.velocity_cutoff_hz), settings.rendering)
-    return MasterAxis(
-        cell, settings, make_handle(settings.handle), loop, _identification(model, prediction), bus, new_id
-    )
+    wanted = settings.prediction
+    model = None if wanted.model is None else load_model(wanted.model)
+    prediction = ForcePrediction(settings.limits, model, wanted.velocity_cutoff_hz)
+    identification = IdentificationTask(_identifier(model or default_model(), wanted), prediction.learn)
+    loop = HapticLoop(prediction, settings.rendering)
+    return MasterAxis(cell, settings, make_handle(settings.handle), loop, identification, bus, new_id)
 
 
-def _identification(model: ContactModel, prediction: PredictionSettings) -> IdentificationTask:
+def _identifier(model: ContactModel, wanted: PredictionSettings) -> ContactIdentifier:
     settings = IdentificationSettings(
-        memory_s=prediction.memory_s,
+        memory_s=wanted.memory_s,
         min_updates=_MIN_UPDATES,
-        cutoff_hz=prediction.cutoff_hz,
-        noise_floor_n=prediction.noise_floor_n,
-        nominal_amplitude_m=prediction.typical_stroke_m / 2,
+        cutoff_hz=wanted.cutoff_hz,
+        noise_floor_n=wanted.noise_floor_n,
+        nominal_amplitude_m=wanted.typical_stroke_m / 2,
     )
     try:
-        return IdentificationTask(ContactIdentifier(model, settings))
+        return ContactIdentifier(model, settings)
     except ValueError as error:
-        raise ConfigurationError(f"{prediction.model or 'prediction'}: {error}") from error
-
-
-def contact_model(settings: PredictionSettings) -> ContactModel:
-    """The model of the settings' model.yaml, or equation (1) with bias and friction.
-
-    Raises:
-        ConfigurationError: the file holds no valid model.
-    """
-    if settings.model is None:
-        return default_model()
-    return load_model(settings.model)
+        raise ConfigurationError(f"{wanted.model or 'prediction'}: {error}") from error
 
 
 def make_handle(settings: HandleSettings) -> Handle:

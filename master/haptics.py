@@ -3,11 +3,12 @@
 from math import isfinite
 from typing import NamedTuple
 
+from common.estimation.forecast import Estimate
 from common.estimation.identification import ContactEstimate
-from common.estimation.prediction import Predictor
 from common.messages import ForceSample, Grip, SafetyState
 from master.clutch import Clutch
 from master.handles.port import HandleReading
+from master.prediction import Prediction
 from master.rendering import ForceRenderer
 from master.settings import RenderingSettings
 
@@ -41,7 +42,7 @@ class HapticOutputs(NamedTuple):
     deadman: bool
     gripper: Grip
     recording_time_s: float | None
-    predicted_n: float | None
+    predicted: Estimate | None
     held_n: float | None
     rendered_n: float
     limited: bool
@@ -51,9 +52,9 @@ class HapticOutputs(NamedTuple):
 class HapticLoop:
     """Handle in, command out, force out."""
 
-    def __init__(self, predictor: Predictor, settings: RenderingSettings) -> None:
+    def __init__(self, prediction: Prediction, settings: RenderingSettings) -> None:
         self.clutch = Clutch()
-        self._predictor = predictor
+        self._prediction = prediction
         self._renderer = ForceRenderer(settings)
         self._feels_hold = settings.source == "held"
         self._stale_ns = int(settings.stale_s * 1e9)
@@ -62,11 +63,11 @@ class HapticLoop:
         """One tick: command from the handle, prediction from the command, force from the prediction."""
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
-        predicted_n = self._predict(now_ns, position_m, reading, inputs.estimate)
+        predicted = self._predict(now_ns, position_m, reading, inputs.estimate)
         fresh = force is not None and now_ns - force.arrived_ns <= self._stale_ns
         live = fresh and reading.deadman and inputs.state in _LIVE
         held_n = force.sample.force_n if force else None
-        felt_n = held_n if self._feels_hold else predicted_n
+        felt_n = held_n if self._feels_hold else predicted.force_n if predicted else None
         rendered = self._renderer.render(now_ns, felt_n, live, reading.position_m)
         return HapticOutputs(
             position_m=position_m,
@@ -74,7 +75,7 @@ class HapticLoop:
             deadman=reading.deadman,
             gripper=reading.gripper,
             recording_time_s=reading.recording_time_s,
-            predicted_n=predicted_n,
+            predicted=predicted,
             held_n=held_n,
             rendered_n=rendered.force_n,
             limited=rendered.limited,
@@ -83,10 +84,12 @@ class HapticLoop:
 
     def _predict(
         self, now_ns: int, position_m: float, reading: HandleReading, estimate: ContactEstimate | None
-    ) -> float | None:
+    ) -> Estimate | None:
         """None while the fixture is open: the instrument is not held, and closing it is a new contact."""
         if reading.gripper is Grip.OPEN:
-            self._predictor.reset()
+            self._prediction.reset()
             return None
-        predicted_n = self._predictor.predict(now_ns, position_m, reading.velocity_m_s, estimate)
-        return predicted_n if predicted_n is not None and isfinite(predicted_n) else None
+        predicted = self._prediction.predict(
+            now_ns, position_m, reading.velocity_m_s, reading.deadman, estimate
+        )
+        return predicted if predicted is not None and isfinite(sum(predicted[:3])) else None

@@ -2,6 +2,7 @@
 stamps.
 """
 
+from collections.abc import Callable
 from itertools import groupby
 
 from common.estimation.identification import ContactEstimate, ContactIdentifier
@@ -9,6 +10,7 @@ from common.messages import ForceSample, Grip
 from common.slots import BoundedQueue
 
 _QUEUE = 8192  # eight seconds at 1 kHz
+_EVERY_NS = 4_000_000
 _PAUSE_NS = 1_000_000_000  # long enough for the identifier to start its filters anew
 
 
@@ -19,18 +21,26 @@ class IdentificationTask:
     were measured: the
     network can delay, lose or reorder pairs, never mix them.
 
+    The contact model's parameters are identified from 250 samples a second: its filters pass less than that.
+
+    Args:
+        identifier: of the contact model's parameters.
+        learn: takes each sample, for what else learns from it.
+
     Attributes:
         estimate: newest estimate; queue: filled by the transport's thread.
     """
 
-    def __init__(self, identifier: ContactIdentifier) -> None:
+    def __init__(self, identifier: ContactIdentifier, learn: Callable[[ForceSample], None]) -> None:
         self.queue: BoundedQueue[ForceSample] = BoundedQueue(_QUEUE)
         self.estimate: ContactEstimate | None = None
         self._identifier = identifier
+        self._learn = learn
         self.unused = 0
         self._session_id = 0
         self._shift_ns = 0
         self._last_ns: int | None = None
+        self._identified_ns: int | None = None
 
     def run(self) -> None:
         """Learns from what has arrived since the last call."""
@@ -38,9 +48,15 @@ class IdentificationTask:
             for sample in sorted(batch, key=lambda sample: sample.stamp_ns):
                 held = sample.gripper is Grip.CLOSED
                 if held and sample.valid and sample.answers_sequence is not None:
-                    self._identifier.observe(self._stamp_ns(sample), sample.position_m, sample.force_n)
+                    self._learn(sample)
+                    self._identify(self._stamp_ns(sample), sample)
                 else:
                     self.unused += 1
+
+    def _identify(self, stamp_ns: int, sample: ForceSample) -> None:
+        if self._identified_ns is None or stamp_ns - self._identified_ns >= _EVERY_NS:
+            self._identified_ns = stamp_ns
+            self._identifier.observe(stamp_ns, sample.position_m, sample.force_n)
 
     def _stamp_ns(self, sample: ForceSample) -> int:
         """The sample's stamp; where a new session begins behind the old one (the slave's host was started

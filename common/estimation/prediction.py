@@ -2,27 +2,12 @@
 
 from math import inf, isfinite
 from operator import mul
-from typing import Protocol
 
 from common.effects.model import ContactModel
 from common.estimation.identification import ContactEstimate
 from common.estimation.state_filter import StateFilter
 
 _GAP_S = 0.1
-
-
-class Predictor(Protocol):
-    """Contact force at the operator's present motion; called at every tick of the haptic loop."""
-
-    def predict(
-        self, stamp_ns: int, position_m: float, velocity_m_s: float, estimate: ContactEstimate | None
-    ) -> float | None:
-        """The force in N at `stamp_ns` of the master's clock, or None while there is no valid estimate."""
-        ...
-
-    def reset(self) -> None:
-        """Forgets the motion so far, as after a new grip or a new model."""
-        ...
 
 
 class ContactPredictor:

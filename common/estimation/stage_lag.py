@@ -19,20 +19,22 @@ from common.estimation.rls import RecursiveLeastSquares
 from common.estimation.state_filter import StateFilter
 
 _RING = 8192
+_TICK_NS = 1_000_000
 _CUTOFF_HZ = 20.0
 _MEMORY_S = 20.0
 _GAP_S = 0.1
 _SETTLING_S = 0.2
-_MIN_UPDATES = 500
+_EVERY_S = 0.004
+_MIN_UPDATES = 250
+_PUBLISH_EVERY = 20
 _TYPICAL_M_S, _TYPICAL_M_S2 = 0.02, 0.3
 _BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))
 
 
 class _Sent(NamedTuple):
-    """A command as it was sent: number, stamp in s, position in m, filtered derivatives."""
+    """A command as it was sent: its stamp, position in m, filtered derivatives."""
 
-    sequence: int
-    t_s: float
+    stamp_ns: int
     position_m: float
     velocity_m_s: float
     acceleration_m_s2: float
@@ -41,8 +43,8 @@ class _Sent(NamedTuple):
 class StageLag:
     """T1 and T2 of (S1), and the expected position for a command.
 
-    `command` runs in the haptic loop, `observe` and `update` beside it; what they share is one list, whose
-    entries are replaced as a whole, and one tuple.
+    `command` runs in the haptic loop, `observe` beside it; what they share is one list, whose entries are
+    replaced as a whole, and one tuple.
 
     Attributes:
         lag_s, lag2_s2: T1 and T2 in use; zero until enough has been seen of a moving stage.
@@ -56,8 +58,8 @@ class StageLag:
             (_TYPICAL_M_S, _TYPICAL_M_S2), _MEMORY_S, bounds=_BOUNDS, noise_floor=1e-6
         )
         self._lags = (0.0, 0.0)
-        self._commanded_s: float | None = None
-        self._observed_s: float | None = None
+        self._commanded_ns: int | None = None
+        self._observed_ns: int | None = None
         self._since_restart_s = 0.0
 
     @property
@@ -70,28 +72,31 @@ class StageLag:
         """T2 in s^2."""
         return self._lags[1]
 
-    def command(self, sequence: int, t_s: float, position_m: float) -> float:
-        """The position in m at which the stage will answer the command sent at `t_s`, master's clock."""
-        dt = _GAP_S if self._commanded_s is None else t_s - self._commanded_s
+    def command(self, stamp_ns: int, position_m: float) -> float:
+        """The position in m at which the stage will answer the command of that stamp."""
+        dt = _GAP_S if self._commanded_ns is None else (stamp_ns - self._commanded_ns) * 1e-9
         if not (isfinite(position_m) and dt > 0.0):
             return position_m
-        self._commanded_s = t_s
+        self._commanded_ns = stamp_ns
         if dt >= _GAP_S:
             self._motion.reset()
         _, v, a = self._motion.step(position_m, dt)
-        self._ring[sequence % _RING] = _Sent(sequence, t_s, position_m, v, a)
+        self._ring[stamp_ns // _TICK_NS % _RING] = _Sent(stamp_ns, position_m, v, a)
         lag_s, lag2_s2 = self._lags
         return position_m - lag_s * v + lag2_s2 * a
 
-    def observe(self, sequence: int, readback_m: float) -> None:
-        """The readback in m that answers a command; in the order of the commands, a late one is left out."""
-        sent = self._ring[sequence % _RING]
-        if sent is None or sent.sequence != sequence or not isfinite(readback_m):
+    def observe(self, stamp_ns: int, readback_m: float) -> None:
+        """The readback in m that answers the command of that stamp.
+
+        Out of order, or less than 4 ms after the last, it is left out: the filters pass no more.
+        """
+        sent = self._ring[stamp_ns // _TICK_NS % _RING]
+        if sent is None or sent.stamp_ns != stamp_ns or not isfinite(readback_m):
             return
-        dt = _GAP_S if self._observed_s is None else sent.t_s - self._observed_s
-        if dt <= 0.0:
+        dt = _GAP_S if self._observed_ns is None else (stamp_ns - self._observed_ns) * 1e-9
+        if dt < _EVERY_S:
             return
-        self._observed_s = sent.t_s
+        self._observed_ns = stamp_ns
         if dt >= _GAP_S:
             self._deviation.reset()
             self._since_restart_s = 0.0
@@ -99,9 +104,6 @@ class StageLag:
         self._since_restart_s += dt
         if self._since_restart_s > _SETTLING_S:
             self._rls.update((-sent.velocity_m_s, sent.acceleration_m_s2), y, dt)
-
-    def update(self) -> None:
-        """Makes what was learned known to `command`; for tens of calls per second."""
-        if self._rls.updates >= _MIN_UPDATES:
-            first, second = self._rls.parameters
-            self._lags = (first, second)
+            if self._rls.updates >= _MIN_UPDATES and self._rls.updates % _PUBLISH_EVERY == 0:
+                first, second = self._rls.parameters
+                self._lags = (first, second)

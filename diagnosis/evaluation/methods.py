@@ -3,12 +3,13 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from math import inf
+from math import inf, nan
 from operator import mul
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from common.effects.model import ContactModel
-from common.estimation.default_model import default_model, linear_model
+from common.estimation.default_model import linear_model
+from common.estimation.forecast import Forecaster
 from common.estimation.identification import ContactEstimate, ContactIdentifier, IdentificationSettings
 from common.estimation.paper import PaperRls
 from common.estimation.prediction import ContactPredictor
@@ -245,14 +246,46 @@ def _ns(t_s: float) -> int:
     return round(t_s * 1e9)
 
 
-def _forefeel(model: ContactModel | None) -> Method:
-    return ContactMethod("forefeel", model or default_model())
+class Forefeel:
+    """The predictor that runs in the master; the model of a model.yaml takes part as an expert of its own."""
+
+    name = "forefeel"
+
+    def __init__(self, model: ContactModel | None) -> None:
+        self._forecaster = Forecaster(outside=model is not None)
+        self._model = None if model is None else ContactMethod("model", model)
+
+    def move(self, t_s: float, position_m: float) -> None:
+        """Steps the model, then the forecaster with what the model says."""
+        model_n = nan
+        if self._model is not None:
+            self._model.move(t_s, position_m)
+            said = self._model.predict()
+            model_n = said.force_n if said is not None else nan
+        self._forecaster.move(t_s, position_m, model_n)
+
+    def observe(self, stamp_s: float, force_n: float) -> None:
+        """Learns."""
+        if self._model is not None:
+            self._model.observe(stamp_s, force_n)
+        self._forecaster.observe(stamp_s, force_n)
+
+    def predict(self) -> Estimate | None:
+        """The force with its band."""
+        said = self._forecaster.predict()
+        return None if said is None else Estimate(*said)
+
+    def restart(self) -> None:
+        """Both begin a new piece of motion."""
+        if self._model is not None:
+            self._model.restart()
+        self._forecaster.restart()
 
 
 METHODS: Mapping[str, Callable[[ContactModel | None], Method]] = {
     "hold": lambda model: Hold(),
     "paper": lambda model: PaperMethod(),
     "mbk_bias": lambda model: ContactMethod("mbk_bias", linear_model()),
-    "forefeel": _forefeel,
+    "forefeel": Forefeel,
 }
 """By name: makes one that knows nothing yet. The model of a model.yaml is for forefeel alone."""

@@ -11,8 +11,6 @@ from diagnosis.reproduction.assemble import DELAY_S
 from diagnosis.reproduction.product import product_prediction
 from diagnosis.reproduction.replay import SCORED_FROM_S, Run
 from forefeel.loopback.plan import resisting_sign
-from master.daemon import contact_model
-from master.settings import PredictionSettings
 
 VARIABLE = "FOREFEEL_DATA"
 _SUFFIXES = ".csv", ".parquet", ".mcap"
@@ -61,4 +59,4 @@ def _run(name: str, path: Path) -> Run:
     if recording.duration_s < least_s:
         raise RecordingError(f"{recording.duration_s:.3g} s, expected at least {least_s:g} s")
     turned = replace(recording, force_n=resisting_sign(recording) * recording.force_n)
-    return Run(name, turned, product_prediction(turned, contact_model(PredictionSettings()), DELAY_S))
+    return Run(name, turned, product_prediction(turned, DELAY_S))

@@ -14,7 +14,7 @@ from common.estimation.identification import (
     linear_bounds,
     nominal_scales,
 )
-from common.estimation.prediction import ContactPredictor, Predictor
+from common.estimation.prediction import ContactPredictor
 
 MS = 1_000_000
 START_NS = 7_000_000_000_000_000
@@ -215,7 +215,7 @@ def predicted_and_held(loss: float) -> tuple[float, float, ContactEstimate]:
     """rms errors after 3 s of the prediction and of the held force, 300 ms late, and the last estimate."""
     rng = Random(11)
     identifier = ContactIdentifier(contact(), IdentificationSettings())
-    predictor: Predictor = ContactPredictor(contact(), cutoff_hz=40.0)
+    predictor = ContactPredictor(contact(), cutoff_hz=40.0)
     estimate: ContactEstimate | None = None
     held_n, errors, held_errors = 0.0, [], []
     samples = list(recorded(rng, 9.0))

@@ -10,6 +10,7 @@ from common.bus import Bus, Outlet
 from common.clock import VirtualClock
 from common.effects.model import ContactModel
 from common.errors import DeviceError
+from common.estimation.forecast import Estimate
 from common.estimation.identification import ContactEstimate, ContactIdentifier, IdentificationSettings
 from common.messages import (
     EmergencyStop,
@@ -82,10 +83,17 @@ class FakePredictor:
         self.answer: float | None = 1.0
 
     def predict(
-        self, stamp_ns: int, position_m: float, velocity_m_s: float, estimate: ContactEstimate | None
-    ) -> float | None:
-        del stamp_ns, position_m, velocity_m_s, estimate
-        return self.answer
+        self,
+        stamp_ns: int,
+        position_m: float,
+        velocity_m_s: float,
+        deadman: bool,
+        estimate: ContactEstimate | None,
+    ) -> Estimate | None:
+        del stamp_ns, position_m, velocity_m_s, deadman, estimate
+        if self.answer is None:
+            return None
+        return Estimate(self.answer, self.answer - 0.5, self.answer + 0.25, "friction")
 
     def reset(self) -> None:
         pass
@@ -98,13 +106,14 @@ class Rig:
         self.clock = VirtualClock(1000 * MS)
         network = MemoryBus()
         self.handle, self.predictor = FakeHandle(), FakePredictor()
+        self.learned = list[ForceSample]()
         ids = count(101)
         self.axis = MasterAxis(
             "cell",
             MasterAxisSettings(),
             self.handle,
             HapticLoop(self.predictor, RenderingSettings()),
-            IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings())),
+            IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings()), self.learned.append),
             Bus(network.session(self.clock), "cell", "insertion", self.clock),
             ids.__next__,
         )

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.estimation.forecast import Estimate
 from common.estimation.identification import ContactEstimate
 from common.messages import ForceSample, Grip, SafetyState
 from master.handles.port import HandleReading
@@ -24,11 +25,18 @@ class Spring:
         self.asked = list[tuple[int, float, float]]()
 
     def predict(
-        self, stamp_ns: int, position_m: float, velocity_m_s: float, estimate: ContactEstimate | None
-    ) -> float | None:
-        del estimate
+        self,
+        stamp_ns: int,
+        position_m: float,
+        velocity_m_s: float,
+        deadman: bool,
+        estimate: ContactEstimate | None,
+    ) -> Estimate | None:
+        del estimate, deadman
         self.asked.append((stamp_ns, position_m, velocity_m_s))
-        return self.answer
+        if self.answer is None:
+            return None
+        return Estimate(self.answer, self.answer - 0.1, self.answer + 0.1, "friction")
 
     def reset(self) -> None:
         self.asked.clear()
@@ -73,14 +81,18 @@ class Bench:
         return out
 
 
+def _said(out: HapticOutputs) -> float | None:
+    return out.predicted.force_n if out.predicted else None
+
+
 def test_the_hand_feels_the_prediction_and_not_the_late_force() -> None:
     out = Bench().tick(300)
-    assert (out.rendered_n, out.predicted_n, out.held_n, out.limited) == (1.0, 1.0, 0.7, False)
+    assert (out.rendered_n, _said(out), out.held_n, out.limited) == (1.0, 1.0, 0.7, False)
 
 
 def test_for_comparison_the_hand_feels_the_late_force() -> None:
     out = Bench(RenderingSettings(source="held")).tick(300)
-    assert (out.rendered_n, out.predicted_n, out.held_n) == (0.7, 1.0, 0.7)
+    assert (out.rendered_n, _said(out), out.held_n) == (0.7, 1.0, 0.7)
 
 
 def test_the_model_sees_the_position_of_the_command_and_the_velocity_of_the_handle() -> None:
@@ -141,7 +153,7 @@ def test_a_prediction_that_is_no_number_is_none_and_fades(answer: float | None) 
     bench.tick(300)
     bench.predictor.answer = answer
     out = bench.tick(201)
-    assert (out.predicted_n, out.rendered_n) == (None, 0.0)
+    assert (_said(out), out.rendered_n) == (None, 0.0)
 
 
 ANSWER = st.none() | st.floats(-100.0, 100.0) | st.sampled_from([nan, inf, -inf])

@@ -9,7 +9,7 @@ from common.estimation.identification import ContactEstimate, ContactIdentifier,
 from common.messages import ForceSample
 from master.identification import IdentificationTask
 
-MS = 1_000_000
+TICK = 4_000_000  # the contact model's parameters are identified from 250 samples a second
 MODEL = ContactModel.from_mapping(
     {
         "schema": "forefeel.model/1",
@@ -56,7 +56,7 @@ def sample(stamp_ns: int, session_id: int = 1, valid: bool = True, answers: int 
 
 def task() -> tuple[IdentificationTask, Notes]:
     notes = Notes()
-    return IdentificationTask(notes), notes
+    return IdentificationTask(notes, lambda sample: None), notes
 
 
 def known(identification: IdentificationTask) -> ContactEstimate:
@@ -76,9 +76,9 @@ def test_each_batch_is_learned_in_the_order_of_the_stamps() -> None:
     identification, notes = task()
     for stamps in ([3, 1, 2], [6, 4, 5]):
         for stamp in stamps:
-            identification.queue.put(sample(stamp * MS))
+            identification.queue.put(sample(stamp * TICK))
         identification.run()
-    assert notes.seen == [i * MS for i in range(1, 7)]
+    assert notes.seen == [i * TICK for i in range(1, 7)]
     assert (notes.samples, notes.ignored) == (6, 0)
 
 
@@ -86,9 +86,9 @@ def test_what_comes_after_its_batch_is_left_out() -> None:
     identification, notes = task()
     for stamps in ([1, 2, 5], [4, 3, 6]):
         for stamp in stamps:
-            identification.queue.put(sample(stamp * MS))
+            identification.queue.put(sample(stamp * TICK))
         identification.run()
-    assert (notes.samples, notes.ignored) == (4, 2)
+    assert notes.seen == [stamp * TICK for stamp in (1, 2, 5, 6)]
 
 
 def test_invalid_forces_and_those_that_answer_no_command_are_not_learned_from_but_counted() -> None:
@@ -100,17 +100,17 @@ def test_invalid_forces_and_those_that_answer_no_command_are_not_learned_from_bu
         (4, False, None),
         (5, True, 2),
     ):
-        identification.queue.put(sample(stamp * MS, valid=valid, answers=answers))
+        identification.queue.put(sample(stamp * TICK, valid=valid, answers=answers))
     identification.run()
-    assert notes.seen == [1 * MS, 5 * MS]
+    assert notes.seen == [1 * TICK, 5 * TICK]
     assert identification.unused == 3
 
 
 def test_the_contact_is_found_through_loss_jitter_and_invalid_samples() -> None:
     identification, _ = task()
     rng = Random(5)
-    stamps = [i * MS for i in range(6000) if rng.random() > 0.1]
-    arrivals = sorted(stamps, key=lambda stamp: stamp + rng.randrange(4) * MS)
+    stamps = [i * TICK for i in range(6000) if rng.random() > 0.1]
+    arrivals = sorted(stamps, key=lambda stamp: stamp + rng.randrange(4) * TICK)
     for start in range(0, len(arrivals), 20):
         for stamp in arrivals[start : start + 20]:
             identification.queue.put(sample(stamp, valid=rng.random() > 0.05))
@@ -126,39 +126,39 @@ def test_the_contact_is_found_through_loss_jitter_and_invalid_samples() -> None:
 def test_a_queue_that_overflows_drops_the_oldest_and_counts_them() -> None:
     identification, notes = task()
     for stamp in range(1, 8192 + 101):
-        identification.queue.put(sample(stamp * MS, answers=None if stamp <= 100 else 1))
+        identification.queue.put(sample(stamp * TICK, answers=None if stamp <= 100 else 1))
     identification.run()
-    assert (identification.queue.dropped, identification.unused, notes.seen[0]) == (100, 0, 101 * MS)
+    assert (identification.queue.dropped, identification.unused, notes.seen[0]) == (100, 0, 101 * TICK)
 
 
 def test_the_same_host_in_a_new_session_keeps_its_stamps() -> None:
     identification, notes = task()
     for stamp, session_id in ((1, 1), (2, 1), (500, 2), (501, 2)):
-        identification.queue.put(sample(stamp * MS, session_id))
+        identification.queue.put(sample(stamp * TICK, session_id))
     identification.run()
-    assert notes.seen == [stamp * MS for stamp in (1, 2, 500, 501)]
+    assert notes.seen == [stamp * TICK for stamp in (1, 2, 500, 501)]
 
 
 def test_a_slave_whose_host_was_started_again_is_learned_from_after_a_pause() -> None:
     identification, notes = task()
     for stamp, session_id in ((70_001, 1), (70_000, 1), (5, 2), (4, 2)):
-        identification.queue.put(sample(stamp * MS, session_id))
+        identification.queue.put(sample(stamp * TICK, session_id))
     identification.run()
-    identification.queue.put(sample(7 * MS, 2))
-    identification.queue.put(sample(6 * MS, 2))
+    identification.queue.put(sample(7 * TICK, 2))
+    identification.queue.put(sample(6 * TICK, 2))
     identification.run()
-    identification.queue.put(sample(2 * MS, 3))
+    identification.queue.put(sample(2 * TICK, 3))
     identification.run()
     assert notes.ignored == 0
-    assert notes.seen[:2] == [70_000 * MS, 70_001 * MS]
-    steps = [(after - before) // MS for before, after in pairwise(notes.seen)]
-    assert steps == [1, 1000, 1, 1, 1, 1000]
+    assert notes.seen[:2] == [70_000 * TICK, 70_001 * TICK]
+    steps = [(after - before) // TICK for before, after in pairwise(notes.seen)]
+    assert steps == [1, 250, 1, 1, 1, 250]
 
 
 def test_what_the_motion_leaves_open_is_said() -> None:
     identification, _ = task()
     for stamp in range(1, 1000):
-        still = sample(MS).model_copy(update={"stamp_ns": stamp * MS})
+        still = sample(TICK).model_copy(update={"stamp_ns": stamp * TICK})
         identification.queue.put(still)
     identification.run()
     assert identification.identifiable()

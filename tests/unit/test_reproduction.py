@@ -22,11 +22,8 @@ from diagnosis.reproduction.thresholds import share_unfelt
 from diagnosis.reproduction.unmodelled import expected_rms_n as expected_unmodelled_n
 from diagnosis.reproduction.unmodelled import unmodelled
 from diagnosis.reproduction.windup import expected_overflow_s, windup
-from master.daemon import contact_model
-from master.settings import PredictionSettings
 
 Array = NDArray[np.float64]
-MODEL = contact_model(PredictionSettings())
 DELAY_S = 0.3
 
 
@@ -129,7 +126,7 @@ PREDICTORS: dict[str, Callable[[Recording], Array]] = {
     "newest": lambda r: replay(Run("r", r), DELAY_S).newest_n,
     "tared": lambda r: replay(Run("r", r), DELAY_S).tared_n,
     # the scales come from the recording as a whole; so what is altered keeps its extremes
-    "product": lambda r: product_prediction(r, MODEL, DELAY_S),
+    "product": lambda r: product_prediction(r, DELAY_S),
 }
 
 
@@ -262,7 +259,7 @@ def test_the_safe_recursion_finds_the_parameters_that_the_motion_tells() -> None
 def test_e_a_run_is_scored_late_enough_and_against_the_hold() -> None:
     recording = sampled(duration_s=16.0)
     assert recording.force_n is not None
-    made = replay(Run("hand", recording, product_prediction(recording, MODEL, DELAY_S)), DELAY_S)
+    made = replay(Run("hand", recording, product_prediction(recording, DELAY_S)), DELAY_S)
     after = recording.time_s - recording.time_s[0]
     np.testing.assert_array_equal(made.scored, after >= 3.0 + DELAY_S)
     row = baseline_row(made)

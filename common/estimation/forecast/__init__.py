@@ -6,6 +6,6 @@ blend to the newest force where that has been the better one; `band` says how fa
 causal, has no unit of its own and starts knowing nothing. `forecaster` puts it together.
 """
 
-from common.estimation.forecast.forecaster import Estimate, Forecaster
+from common.estimation.forecast.forecaster import Estimate, Forecaster, compile_kernels
 
-__all__ = ["Estimate", "Forecaster"]
+__all__ = ["Estimate", "Forecaster", "compile_kernels"]

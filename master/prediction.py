@@ -1,0 +1,91 @@
+"""The force now: the forecaster on the motion that the stage is about to make. Pure.
+
+One stamp joins everything: that of the command. The forecaster moves with the stage as it is expected at that
+command, and learns from the force that the slave measured while it executed the command. So the delay, its
+jitter and the two clocks stay out of it, and what the prediction is asked for is what it has learned on.
+"""
+
+from math import nan
+from typing import Protocol
+
+from common.effects.model import ContactModel
+from common.estimation.forecast import Estimate, Forecaster
+from common.estimation.identification import ContactEstimate
+from common.estimation.prediction import ContactPredictor
+from common.messages import ForceSample
+from common.settings import AxisLimits
+from master.stage import ExpectedStage
+
+
+class Prediction(Protocol):
+    """The contact force at the operator's present motion; asked at every tick of the haptic loop."""
+
+    def predict(
+        self,
+        stamp_ns: int,
+        position_m: float,
+        velocity_m_s: float,
+        deadman: bool,
+        estimate: ContactEstimate | None,
+    ) -> Estimate | None:
+        """The force for the command of that stamp and position; None before any force has arrived.
+
+        `estimate`: the parameters of the contact model as they are known now.
+        """
+        ...
+
+    def reset(self) -> None:
+        """The motion so far is over, as after a new grip; what was learned stays."""
+        ...
+
+
+class ForcePrediction:
+    """One axis. `predict` and `reset` run in the haptic loop, `learn` beside it.
+
+    Args:
+        limits: of the axis, as both ends share them.
+        model: of a model.yaml, which then takes part as an expert of its own; None without one.
+        velocity_cutoff_hz: of the filter of the model's velocity.
+
+    Attributes:
+        stage: the expected stage.
+    """
+
+    def __init__(self, limits: AxisLimits, model: ContactModel | None, velocity_cutoff_hz: float) -> None:
+        self.stage = ExpectedStage(limits)
+        self._forecaster = Forecaster(outside=model is not None)
+        self._model = None if model is None else ContactPredictor(model, velocity_cutoff_hz)
+        self._origin_ns: int | None = None
+
+    def predict(
+        self,
+        stamp_ns: int,
+        position_m: float,
+        velocity_m_s: float,
+        deadman: bool,
+        estimate: ContactEstimate | None,
+    ) -> Estimate | None:
+        """See `Prediction`."""
+        if self._origin_ns is None:
+            self._origin_ns = stamp_ns
+        expected_m = self.stage.at(stamp_ns, position_m, velocity_m_s, deadman)
+        model_n = None
+        if self._model is not None:
+            model_n = self._model.predict(stamp_ns, expected_m, velocity_m_s, estimate)
+        t_s = (stamp_ns - self._origin_ns) * 1e-9
+        self._forecaster.move(t_s, expected_m, nan if model_n is None else model_n)
+        return self._forecaster.predict()
+
+    def learn(self, sample: ForceSample) -> None:
+        """A force that has arrived, with the readback of the same instant."""
+        stamp_ns = sample.answers_stamp_ns
+        if stamp_ns is None or self._origin_ns is None:
+            return
+        self.stage.lag.observe(stamp_ns, sample.position_m)
+        self._forecaster.observe((stamp_ns - self._origin_ns) * 1e-9, sample.force_n)
+
+    def reset(self) -> None:
+        """See `Prediction`."""
+        self._forecaster.restart()
+        if self._model is not None:
+            self._model.reset()
