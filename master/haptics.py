@@ -63,7 +63,7 @@ class HapticLoop:
         """One tick: command from the handle, prediction from the command, force from the prediction."""
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
-        predicted = self._predict(now_ns, position_m, reading, inputs.estimate)
+        predicted = self._predict(now_ns, position_m, inputs)
         fresh = force is not None and now_ns - force.arrived_ns <= self._stale_ns
         live = fresh and reading.deadman and inputs.state in _LIVE
         held_n = force.sample.force_n if force else None
@@ -82,14 +82,14 @@ class HapticLoop:
             energy_j=rendered.energy_j,
         )
 
-    def _predict(
-        self, now_ns: int, position_m: float, reading: HandleReading, estimate: ContactEstimate | None
-    ) -> Estimate | None:
+    def _predict(self, now_ns: int, position_m: float, inputs: HapticInputs) -> Estimate | None:
         """None while the fixture is open: the instrument is not held, and closing it is a new contact."""
+        reading = inputs.reading
         if reading.gripper is Grip.OPEN:
             self._prediction.reset()
             return None
+        newest = inputs.force.sample if inputs.force else None
         predicted = self._prediction.predict(
-            now_ns, position_m, reading.velocity_m_s, reading.deadman, estimate
+            now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.estimate, newest
         )
         return predicted if predicted is not None and isfinite(sum(predicted[:3])) else None

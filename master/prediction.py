@@ -12,7 +12,7 @@ from common.effects.model import ContactModel
 from common.estimation.forecast import Estimate, Forecaster
 from common.estimation.identification import ContactEstimate
 from common.estimation.prediction import ContactPredictor
-from common.messages import ForceSample
+from common.messages import ForceSample, Grip
 from common.settings import AxisLimits
 from master.stage import ExpectedStage
 
@@ -27,10 +27,11 @@ class Prediction(Protocol):
         velocity_m_s: float,
         deadman: bool,
         estimate: ContactEstimate | None,
+        newest: ForceSample | None,
     ) -> Estimate | None:
         """The force for the command of that stamp and position; None before any force has arrived.
 
-        `estimate`: the parameters of the contact model as they are known now.
+        `estimate`: the parameters of the contact model as they are known now. `newest`: the newest force.
         """
         ...
 
@@ -56,6 +57,7 @@ class ForcePrediction:
         self._forecaster = Forecaster(outside=model is not None)
         self._model = None if model is None else ContactPredictor(model, velocity_cutoff_hz)
         self._origin_ns: int | None = None
+        self._newest: ForceSample | None = None
 
     def predict(
         self,
@@ -64,25 +66,32 @@ class ForcePrediction:
         velocity_m_s: float,
         deadman: bool,
         estimate: ContactEstimate | None,
+        newest: ForceSample | None,
     ) -> Estimate | None:
-        """See `Prediction`."""
+        """See `Prediction`. The newest force counts at once, before `learn` comes to it."""
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         expected_m = self.stage.at(stamp_ns, position_m, velocity_m_s, deadman)
         model_n = None
         if self._model is not None:
             model_n = self._model.predict(stamp_ns, expected_m, velocity_m_s, estimate)
+        if newest is not None and newest is not self._newest:
+            self._newest = newest
+            self._observe(newest)
         t_s = (stamp_ns - self._origin_ns) * 1e-9
         self._forecaster.move(t_s, expected_m, nan if model_n is None else model_n)
         return self._forecaster.predict()
 
     def learn(self, sample: ForceSample) -> None:
         """A force that has arrived, with the readback of the same instant."""
+        if sample.answers_stamp_ns is not None:
+            self.stage.lag.observe(sample.answers_stamp_ns, sample.position_m)
+        self._observe(sample)
+
+    def _observe(self, sample: ForceSample) -> None:
         stamp_ns = sample.answers_stamp_ns
-        if stamp_ns is None or self._origin_ns is None:
-            return
-        self.stage.lag.observe(stamp_ns, sample.position_m)
-        self._forecaster.observe((stamp_ns - self._origin_ns) * 1e-9, sample.force_n)
+        if stamp_ns is not None and self._origin_ns is not None and sample.gripper is Grip.CLOSED:
+            self._forecaster.observe((stamp_ns - self._origin_ns) * 1e-9, sample.force_n)
 
     def reset(self) -> None:
         """See `Prediction`."""

@@ -89,8 +89,9 @@ class FakePredictor:
         velocity_m_s: float,
         deadman: bool,
         estimate: ContactEstimate | None,
+        newest: ForceSample | None,
     ) -> Estimate | None:
-        del stamp_ns, position_m, velocity_m_s, deadman, estimate
+        del stamp_ns, position_m, velocity_m_s, deadman, estimate, newest
         if self.answer is None:
             return None
         return Estimate(self.answer, self.answer - 0.5, self.answer + 0.25, "friction")

@@ -31,8 +31,9 @@ class Spring:
         velocity_m_s: float,
         deadman: bool,
         estimate: ContactEstimate | None,
+        newest: ForceSample | None,
     ) -> Estimate | None:
-        del estimate, deadman
+        del estimate, deadman, newest
         self.asked.append((stamp_ns, position_m, velocity_m_s))
         if self.answer is None:
             return None
