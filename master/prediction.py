@@ -1,8 +1,10 @@
-"""The force now: the forecaster on the motion that the stage is about to make. Pure.
+"""The force now: the forecaster on the setpoints that the stage is about to follow. Pure.
 
-One stamp joins everything: that of the command. The forecaster moves with the stage as it is expected at that
-command, and learns from the force that the slave measured while it executed the command. So the delay, its
-jitter and the two clocks stay out of it, and what the prediction is asked for is what it has learned on.
+One stamp joins everything: that of the command. The forecaster moves with the setpoint that the limits leave
+of the command, and learns from the force that the slave measured while it executed that command. So the
+delay, its jitter and the two clocks stay out of it, and it is asked for just what it has learned on: the
+drive's lag is part of what it learns. A model of a model.yaml was learned on positions of the stage: it gets
+those that are expected, see docs/decisions/0009.
 """
 
 from math import nan
@@ -47,13 +49,10 @@ class ForcePrediction:
         limits: of the axis, as both ends share them.
         model: of a model.yaml, which then takes part as an expert of its own; None without one.
         velocity_cutoff_hz: of the filter of the model's velocity.
-
-    Attributes:
-        stage: the expected stage.
     """
 
     def __init__(self, limits: AxisLimits, model: ContactModel | None, velocity_cutoff_hz: float) -> None:
-        self.stage = ExpectedStage(limits)
+        self._stage = ExpectedStage(limits)
         self._forecaster = Forecaster(outside=model is not None)
         self._model = None if model is None else ContactPredictor(model, velocity_cutoff_hz)
         self._origin_ns: int | None = None
@@ -71,21 +70,22 @@ class ForcePrediction:
         """See `Prediction`. The newest force counts at once, before `learn` comes to it."""
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
-        expected_m = self.stage.at(stamp_ns, position_m, velocity_m_s, deadman)
+        setpoint_m = self._stage.setpoint_m(stamp_ns, position_m, velocity_m_s, deadman)
         model_n = None
         if self._model is not None:
+            expected_m = self._stage.position_m(stamp_ns, setpoint_m)
             model_n = self._model.predict(stamp_ns, expected_m, velocity_m_s, estimate)
         if newest is not None and newest is not self._newest:
             self._newest = newest
             self._observe(newest)
         t_s = (stamp_ns - self._origin_ns) * 1e-9
-        self._forecaster.move(t_s, expected_m, nan if model_n is None else model_n)
+        self._forecaster.move(t_s, setpoint_m, nan if model_n is None else model_n)
         return self._forecaster.predict()
 
     def learn(self, sample: ForceSample) -> None:
         """A force that has arrived, with the readback of the same instant."""
-        if sample.answers_stamp_ns is not None:
-            self.stage.lag.observe(sample.answers_stamp_ns, sample.position_m)
+        if sample.answers_stamp_ns is not None and self._model is not None:
+            self._stage.observe(sample.answers_stamp_ns, sample.position_m)
         self._observe(sample)
 
     def _observe(self, sample: ForceSample) -> None:

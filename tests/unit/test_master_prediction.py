@@ -1,0 +1,141 @@
+"""The live prediction on a drive that lags and a contact that imports nothing of the predictor."""
+
+from math import nan, pi
+
+import numpy as np
+import pytest
+
+from common.effects.model import SCHEMA, ContactModel
+from common.estimation.identification import ContactIdentifier, IdentificationSettings
+from common.estimation.prediction import ContactPredictor
+from common.messages import ForceSample, Grip
+from common.settings import AxisLimits
+from master.prediction import ForcePrediction
+from master.stage import ExpectedStage
+from tests.unit.test_stage_lag import Drive, _reach
+
+MS = 1_000_000
+DELAY = 300
+LIMITS = AxisLimits(workspace_m=(-0.1, 0.2), max_velocity_m_s=1.0, max_acceleration_m_s2=50.0)
+SPRING = ContactModel.from_mapping(
+    {"schema": SCHEMA, "name": "m, b, k", "effects": [{"effect": "mass_damper_spring"}]}
+)
+STIFFNESS, DAMPING = 60.0, 1.0
+
+
+class Bench:
+    """Commands of a stroke, a drive of 5 Hz without feed-forward, a spring and a damper, noise of 2 mN."""
+
+    def __init__(self) -> None:
+        self._drive = Drive(2 * pi * 5.0, feed_forward=False)
+        self._noise = np.random.default_rng(3)
+        self.samples = list[ForceSample]()
+        self.commands = list[tuple[int, float, float]]()
+
+    def step(self, grip: Grip = Grip.CLOSED) -> tuple[int, float, float]:
+        """The next command; the slave executes it and measures."""
+        n = len(self.samples)
+        command_m, before_m = _reach(n * 1e-3), self._drive.x
+        position_m = self._drive.step(command_m)
+        velocity_m_s = (position_m - before_m) * 1e3
+        force_n = STIFFNESS * position_m + DAMPING * velocity_m_s + 0.002 * self._noise.standard_normal()
+        self.samples.append(
+            ForceSample(
+                session_id=1,
+                sequence=n + 1,
+                stamp_ns=(n + 77_000) * MS,
+                position_m=position_m,
+                velocity_m_s=velocity_m_s,
+                force_n=force_n,
+                raw_counts=0,
+                valid=True,
+                answers_sequence=n + 1,
+                answers_stamp_ns=(n + 5) * MS,
+                gripper=grip,
+            )
+        )
+        self.commands.append(((n + 5) * MS, command_m, (command_m - _reach((n - 1) * 1e-3)) * 1e3))
+        return self.commands[-1]
+
+    @property
+    def arrived(self) -> ForceSample | None:
+        """The force that arrives in this tick."""
+        return self.samples[-1 - DELAY] if len(self.samples) > DELAY else None
+
+
+def _rms(errors: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def test_a_model_of_the_readback_needs_the_stage_between() -> None:
+    """The same identified model, asked at the command and where the stage is expected: a tenth of the error.
+    """
+    bench, stage = Bench(), ExpectedStage(LIMITS)
+    identifier = ContactIdentifier(SPRING, IdentificationSettings(nominal_amplitude_m=0.02))
+    raw, expected = ContactPredictor(SPRING, 40.0), ContactPredictor(SPRING, 40.0)
+    without, through = list[float](), list[float]()
+    estimate = None
+    for n in range(14_000):
+        stamp_ns, command_m, velocity_m_s = bench.step()
+        if (late := bench.arrived) is not None and late.answers_stamp_ns is not None:
+            stage.observe(late.answers_stamp_ns, late.position_m)
+            identifier.observe(late.stamp_ns, late.position_m, late.force_n)
+        if n % 50 == 0:
+            estimate = identifier.estimate()
+        setpoint_m = stage.setpoint_m(stamp_ns, command_m, velocity_m_s, deadman=True)
+        position_m = stage.position_m(stamp_ns, setpoint_m)
+        says = raw.predict(stamp_ns, command_m, velocity_m_s, estimate)
+        knows = expected.predict(stamp_ns, position_m, velocity_m_s, estimate)
+        if n > 7000 and says is not None and knows is not None:
+            without.append(says - bench.samples[-1].force_n)
+            through.append(knows - bench.samples[-1].force_n)
+    assert len(through) > 6000
+    assert _rms(without) > 0.05
+    assert _rms(through) < 0.2 * _rms(without)
+
+
+@pytest.mark.parametrize("model", [None, SPRING])
+def test_the_forecaster_learns_the_lag_with_the_contact(model: ContactModel | None) -> None:
+    bench, prediction = Bench(), ForcePrediction(LIMITS, model, 40.0)
+    predicted, held = list[float](), list[float]()
+    for n in range(10_000):
+        stamp_ns, command_m, velocity_m_s = bench.step()
+        late = bench.arrived
+        said = prediction.predict(stamp_ns, command_m, velocity_m_s, True, None, late)
+        if late is not None:
+            prediction.learn(late)
+        if n > 5000 and said is not None and late is not None:
+            predicted.append(said.force_n - bench.samples[-1].force_n)
+            held.append(late.force_n - bench.samples[-1].force_n)
+    assert len(predicted) > 4000
+    assert _rms(predicted) < 0.05 * _rms(held)
+
+
+def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
+    """A jump of 50 mm under 0.1 m/s and 5 m/s2, and back to the stage without the deadman."""
+    stage = ExpectedStage(AxisLimits(max_velocity_m_s=0.1, max_acceleration_m_s2=5.0))
+    stage.setpoint_m(0, 0.0, 0.0, deadman=False)
+    positions_m = [stage.setpoint_m(n * MS, 0.05, 0.0, deadman=True) for n in range(1, 700)]
+    speeds_m_s = np.diff(positions_m) / 1e-3
+    assert speeds_m_s.max() == pytest.approx(0.1, rel=1e-6)
+    assert np.abs(np.diff(speeds_m_s)).max() <= 5.0e-3 * (1 + 1e-6)
+    assert positions_m[-1] == pytest.approx(0.05, abs=1e-9)
+    assert stage.setpoint_m(701 * MS, 0.01, 0.0, deadman=False) == 0.01
+
+
+def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:
+    bench, prediction = Bench(), ForcePrediction(LIMITS, None, 40.0)
+    for _ in range(600):
+        stamp_ns, command_m, velocity_m_s = bench.step(Grip.OPEN)
+        assert prediction.predict(stamp_ns, command_m, velocity_m_s, True, None, bench.arrived) is None
+
+
+def test_motion_that_is_no_number_leaves_the_prediction_finite() -> None:
+    bench, prediction = Bench(), ForcePrediction(LIMITS, None, 40.0)
+    for n in range(3000):
+        stamp_ns, command_m, velocity_m_s = bench.step()
+        asked_m = nan if 1000 <= n < 1050 else command_m
+        said = prediction.predict(stamp_ns, asked_m, velocity_m_s, True, None, bench.arrived)
+        assert said is None or np.isfinite(said.force_n)
+    assert said is not None
+    assert said.force_n == pytest.approx(bench.samples[-1].force_n, abs=0.1)
