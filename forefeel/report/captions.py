@@ -12,7 +12,8 @@ _THINNED = f"Long traces are drawn as the smallest and largest value in each of 
 FORCE = (
     "Above: predicted and held when a command was sent, and the force that was measured when the "
     "slave executed that command, drawn at the time of the command. Below: what the hand felt, which "
-    "is the prediction scaled to the hand, limited, and faded out while the slave does not follow. "
+    "is the prediction scaled to the hand, limited, kept passive, and faded out while the slave does not "
+    "follow. The band should hold 95 % of the measured forces. "
     f"{_THINNED}"
 )
 DETAIL = (

@@ -112,6 +112,11 @@ def _force_detail(traces: AxisTraces) -> Figure | None:
 
 def _contact_force(axes: Axes, commands: CommandTraces) -> None:
     limit_y(axes, commands.held_n, commands.force_n, beside=commands.predicted_n, trim=TRIM)
+    if np.isfinite(commands.low_n).any():
+        low, high = axes.get_ylim()
+        time_s, below = thin(commands.time_s, np.clip(commands.low_n, low, high))
+        _, above = thin(commands.time_s, np.clip(commands.high_n, low, high))
+        axes.fill_between(time_s, below, above, color=SKY, alpha=0.35, linewidth=0, label="95 % band")
     plot(axes, commands.time_s, commands.held_n, ORANGE, "held (newest that had arrived)")
     plot(axes, commands.time_s, commands.force_n, BLACK, "measured, by command", width=1.7)
     plot(axes, commands.time_s, commands.predicted_n, BLUE, "predicted")

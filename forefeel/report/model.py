@@ -66,6 +66,24 @@ class ModelFigures(_Part):
     innovation_rms_n: float | None = None
 
 
+class PredictorFigures(_Part):
+    """What the predictor said of itself: its 95 % band, and which expert led for which share of the time.
+
+    `coverage_95`: share of the scored commands whose force lay in the band; `band_width_n`: its mean width.
+    """
+
+    coverage_95: float | None = None
+    band_width_n: float | None = None
+    leading: dict[str, float] = {}
+
+
+class HandFigures(_Part):
+    """Energy in J that the hand had put into the handle: at the end, and at its lowest (negative: given)."""
+
+    energy_j: float | None = None
+    lowest_energy_j: float | None = None
+
+
 class SafetyNote(_Part):
     """One transition of the slave's safety state."""
 
@@ -85,6 +103,8 @@ class AxisReport(_Part):
     hold: ErrorSize = ErrorSize()
     ratio: ErrorRatio = ErrorRatio()
     settled: Comparison = Comparison()
+    predictor: PredictorFigures = PredictorFigures()
+    hand: HandFigures = HandFigures()
     delay_s: Spread = Spread()
     force_age_s: Spread = Spread()
     armed_share: float | None = None

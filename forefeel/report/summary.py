@@ -1,6 +1,7 @@
 """The report of a run, worked out from its messages."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 from common.messages import LoopTiming
 from common.recording.mcap_reader import Run
 from common.topics import (
+    HAPTICS,
     MASTER_STATE,
     MASTER_TIMING,
     PARAMETERS,
@@ -23,10 +25,12 @@ from forefeel.report.counters import axis_counters, impairment_counters, last
 from forefeel.report.model import (
     AxisReport,
     ClockFigures,
+    HandFigures,
     LoopFigures,
     Loops,
     ModelFigures,
     ParameterFigures,
+    PredictorFigures,
     RunReport,
     SafetyNote,
     ScoredCommands,
@@ -98,6 +102,8 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         hold=overall.hold,
         ratio=overall.ratio,
         settled=settled,
+        predictor=_predictor(run, axis, traces.commands),
+        hand=_hand(traces.commands),
         delay_s=spread(traces.delay_s),
         force_age_s=spread(traces.force_age_s),
         armed_share=armed_share(traces.states, master.clutched_s if master else 0.0),
@@ -120,6 +126,26 @@ def _compare(commands: CommandTraces) -> tuple[Comparison, Comparison]:
         return Comparison(), Comparison()
     late = commands.time_s - commands.time_s[rows[0]] > SETTLING_S - 1e-6  # stamps are rounded to ns
     return compare(*forces), compare(*(force[late] for force in forces))
+
+
+def _predictor(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures:
+    leading = Counter(message.leading for message in run.messages(axis, HAPTICS) if message.leading)
+    rows = np.isfinite(commands.low_n) & np.isfinite(commands.high_n) & np.isfinite(commands.force_n)
+    if not rows.any():
+        return PredictorFigures()
+    low_n, high_n, force_n = commands.low_n[rows], commands.high_n[rows], commands.force_n[rows]
+    return PredictorFigures(
+        coverage_95=float(np.mean((low_n <= force_n) & (force_n <= high_n))),
+        band_width_n=float(np.mean(high_n - low_n)),
+        leading={name: n / leading.total() for name, n in leading.most_common()},
+    )
+
+
+def _hand(commands: CommandTraces) -> HandFigures:
+    energy_j = commands.energy_j[np.isfinite(commands.energy_j)]
+    if not len(energy_j):
+        return HandFigures()
+    return HandFigures(energy_j=float(energy_j[-1]), lowest_energy_j=float(energy_j.min()))
 
 
 def _scored_commands(commands: CommandTraces) -> ScoredCommands:

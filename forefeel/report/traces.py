@@ -18,6 +18,7 @@ from common.topics import FORCE, HAPTICS, PARAMETERS, RECORDED, SLAVE_STATE, Top
 from forefeel.report.score import first_answers, first_of_each
 from forefeel.report.states import Span, spans
 
+_SAID = "predicted_n", "low_n", "high_n", "held_n", "rendered_n", "energy_j"
 _RESTART_NS = 10_000_000_000
 
 
@@ -28,8 +29,11 @@ class CommandTraces:
     time_s: Floats
     position_m: Floats
     predicted_n: Floats
+    low_n: Floats
+    high_n: Floats
     held_n: Floats
     rendered_n: Floats
+    energy_j: Floats
     force_n: Floats
 
 
@@ -115,10 +119,8 @@ def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
     return CommandTraces(
         time_s=_time_s(run, axis, HAPTICS, start_ns),
         position_m=_floats(run, axis, HAPTICS, "command_position_m"),
-        predicted_n=_floats(run, axis, HAPTICS, "predicted_n"),
-        held_n=_floats(run, axis, HAPTICS, "held_n"),
-        rendered_n=_floats(run, axis, HAPTICS, "rendered_n"),
         force_n=force_n,
+        **{name: _floats(run, axis, HAPTICS, name) for name in _SAID},
     )
 
 
