@@ -12,6 +12,7 @@ help: ## what there is
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python -c 'from common.estimation.forecast import compile_kernels; compile_kernels()'
 	@touch $@
 
 demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out/demo
@@ -27,8 +28,10 @@ check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(READY) ## start-up, memory, speed of virtual time
+bench: $(READY) ## start-up, memory, speed of virtual time; the estimation beside its peers
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m benchmarks.service
+	$(BIN)/python -m benchmarks.estimation
 
 soak: $(READY) ## long runs: an hour of samples, ...
 	$(BIN)/python -m pytest -m soak -s

@@ -41,6 +41,7 @@ class IdentificationSettings:
         noise_floor_n: errors below it never count as another tissue.
         nominal_amplitude_m: typical stroke, sets the scales of the regressors.
         prior_variance: of the model's own values, for scaled regressors, in units of the noise variance.
+        bounded: parameters keep to their physical bounds. Not for a recording, which may show the reaction.
     """
 
     memory_s: float = 2.0
@@ -50,6 +51,7 @@ class IdentificationSettings:
     noise_floor_n: float = 0.001
     nominal_amplitude_m: float = 0.005
     prior_variance: float = 100.0
+    bounded: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,7 @@ class ContactIdentifier:
             settings.memory_s,
             prior=self._runtime.linear_values,
             prior_variance=settings.prior_variance,
-            bounds=linear_bounds(model, self.names),
+            bounds=linear_bounds(model, self.names) if settings.bounded else None,
             noise_floor=settings.noise_floor_n,
         )
         self._position = StateFilter(settings.cutoff_hz)

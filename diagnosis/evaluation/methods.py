@@ -22,7 +22,7 @@ _VELOCITY_CUTOFF_HZ = 40.0
 _ESTIMATE_EVERY_S = 0.05
 _STROKE_S = 1.0
 _AMPLITUDE_M = 1e-6, 1e3  # beyond it the default is kept
-_IDENTIFICATION = IdentificationSettings(memory_s=2.0, cutoff_hz=15.0)
+_IDENTIFICATION = IdentificationSettings(memory_s=2.0, cutoff_hz=15.0, bounded=False)
 
 
 class Estimate(NamedTuple):
