@@ -1,0 +1,1 @@
+"""From a recording to a verdict: what the simulation leaves out, by name."""
