@@ -69,7 +69,7 @@ Grid = Callable[[Extent], list[Shape]]
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One name of the vocabulary.
+    """One name of the vocabulary, or `name:form` where it has several forms.
 
     `dissipative`: signs that its coefficients must have when positive force resists: +1, or 0 for either.
     `smooth`: whether the fit depends smoothly on the shape, so that Gauss-Newton may be used.
@@ -95,6 +95,16 @@ def _stribeck(motion: Motion, shape: Shape) -> list[Floats]:
     return [s, s * np.exp(-((motion.v / shape[0]) ** 2))]
 
 
+def _stribeck_exponential(motion: Motion, shape: Shape) -> list[Floats]:
+    s = motion.direction()
+    return [s, s * np.exp(-np.abs(motion.v) / shape[0])]
+
+
+def _both_directions(motion: Motion, shape: Shape) -> list[Floats]:
+    s = motion.direction()
+    return [np.maximum(s, 0.0), np.minimum(s, 0.0)]
+
+
 def _presliding(motion: Motion, shape: Shape) -> list[Floats]:
     effect = PreslidingHysteresis(force_n=1.0, stiffness_n_m=1.0 / shape[0])
     u = np.empty_like(motion.x)
@@ -103,6 +113,13 @@ def _presliding(motion: Motion, shape: Shape) -> list[Floats]:
         step = np.diff(x, prepend=x[:1])
         u[piece] = effect.columns(motion.t[piece], x, step, step, np.ones_like(x))[:, 0]
     return [u]
+
+
+def _bristles(motion: Motion, shape: Shape) -> list[Floats]:
+    """LuGre: the bristles' deflection and its rate."""
+    (u,) = _presliding(motion, shape)
+    rate = np.concatenate([np.gradient(u[p], motion.t[p]) for p in motion.pieces])
+    return [u, rate]
 
 
 def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
@@ -117,6 +134,19 @@ def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
         gain = shape[0] / dt * (1.0 - decay)
         q[piece] = lfilter([gain], [1.0, -decay], np.diff(x, prepend=x[:1]))
     return [q]
+
+
+def _two_branches(motion: Motion, shape: Shape) -> list[Floats]:
+    return _relaxation(motion, shape[:1]) + _relaxation(motion, shape[1:])
+
+
+def _pairs(extent: Extent) -> list[Shape]:
+    single = [tau for (tau,) in log_grid(2.0 / extent.cutoff_hz, 0.4 * extent.duration_s, 6)]
+    return [(fast, slow) for i, fast in enumerate(single) for slow in single[i + 1 :]]
+
+
+def _creep(motion: Motion, shape: Shape) -> list[Floats]:
+    return [1.0 - np.exp(-motion.t / shape[0])]
 
 
 def _depth(motion: Motion) -> Floats:
@@ -142,8 +172,13 @@ def touch(motion: Motion, contact_m: float) -> Motion:
 
 
 def _modes(extent: Extent) -> list[Shape]:
-    low, high = max(0.7, 4.0 / extent.duration_s), 0.9 * extent.cutoff_hz
-    return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.02, 0.08, 0.25)]
+    low, high = max(0.7, 4.0 / extent.duration_s), 0.7 * extent.cutoff_hz
+    return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.02, 0.08, 0.3)]
+
+
+def base_name(name: str) -> str:
+    """The name in the vocabulary of one of its forms."""
+    return name.partition(":")[0]
 
 
 CANDIDATES: Mapping[str, Candidate] = {
@@ -155,6 +190,27 @@ CANDIDATES: Mapping[str, Candidate] = {
             "stribeck_friction", "force", (1, 1), _stribeck,
             lambda e: log_grid(0.02 * e.speed_m_s, 0.8 * e.speed_m_s, 7),
         ),
+        Candidate("coulomb_friction:asymmetric", "force", (1, 1), _both_directions),
+        Candidate(
+            "stribeck_friction:exponential", "force", (1, 1), _stribeck_exponential,
+            lambda e: log_grid(0.02 * e.speed_m_s, 0.8 * e.speed_m_s, 7),
+        ),
+        Candidate(
+            "presliding_hysteresis:bristles", "force", (1, 1), _bristles,
+            lambda e: log_grid(0.003 * e.stroke_m, 0.7 * e.stroke_m, 10),
+        ),
+        Candidate(
+            "stress_relaxation:two", "force", (1, 1), _two_branches, _pairs, at_wall=True,
+        ),
+        Candidate(
+            "contact_loss:carried", "contact", logarithmic=False,
+            grid=lambda e: [(float(p),) for p in np.linspace(e.low_m, e.high_m, 14)[1:-2]],
+        ),
+        Candidate(
+            "sensor_drift:creep", "sensor", (0,), _creep,
+            lambda e: log_grid(0.1 * e.duration_s, 0.7 * e.duration_s, 5),
+        ),
+        Candidate("unmodelled_resonance:fixture", "alignment", grid=_modes),
         Candidate(
             "presliding_hysteresis", "force", (1,), _presliding,
             lambda e: log_grid(0.003 * e.stroke_m, 0.7 * e.stroke_m, 10),

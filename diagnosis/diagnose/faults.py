@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, percentile_filter
 from scipy.optimize import minimize_scalar
 
 from common.error_size import Floats
@@ -122,7 +122,8 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
     off = force - smooth
     usual = 1.4826 * float(np.median(np.abs(off)))
     usual = max(usual, 0.3 * step if step else 0.0, float(np.quantile(np.abs(off), 0.9)) / 1.645)
-    out = np.abs(off) > _OUTLIER * max(usual, 1e-12 * float(np.ptp(force)))
+    local = percentile_filter(np.abs(off), 85, 2 * max(8, int(0.25 * recording.rate_hz)) + 1, mode="nearest")
+    out = np.abs(off) > _OUTLIER * np.maximum(np.maximum(local, usual), 1e-9 * float(np.ptp(force)))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(np.int8), [0]])))
     starts, stops = _isolated(force, off, edges[::2], edges[1::2], max(3, round(0.004 * recording.rate_hz)))
     if len(starts) < _LEAST_SPIKES or len(starts) > 0.02 * len(force):

@@ -64,7 +64,7 @@ class Regression:
         self._motion = Motion(
             s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band
         )
-        self._motions: OrderedDict[Shape, Motion] = OrderedDict()
+        self._motions: OrderedDict[object, Motion] = OrderedDict()
         self._spectra: OrderedDict[object, list[Spectrum]] = OrderedDict()
         self._whitened: OrderedDict[object, Floats] = OrderedDict()
         self._base = [s.linear_spectrum(d) for d in (2, 1, 0)]
@@ -126,13 +126,11 @@ class Regression:
 
     def motion(self, model: Model) -> Motion:
         """The motion that the wall sees in this model."""
-        key = (*model.get("backlash", (0.0,)), *model.get("contact_loss", (-np.inf,)))
+        key = _frame(model, ("motion", "contact"))
         if key not in self._motions:
             motion = self._motion
-            if "backlash" in model:
-                motion = play(motion, model["backlash"][0])
-            if "contact_loss" in model:
-                motion = touch(motion, model["contact_loss"][0])
+            for name, shape in key:
+                motion = play(motion, shape[0]) if name == "backlash" else touch(motion, shape[0])
             _keep(self._motions, key, motion, 8)
         return self._motions[key]
 
@@ -141,7 +139,7 @@ class Regression:
         return self._white_block(model, name, shape)
 
     def _white_block(self, model: Model, name: str, shape: Shape) -> Floats:
-        key = (_frame(model), name, shape)
+        key = (_frame(model, ("motion", "contact", "alignment")), name, shape)
         if key not in self._whitened:
             _keep(self._whitened, key, self._white(self.block(model, name, shape)), _KEPT)
         return self._whitened[key]
@@ -152,11 +150,10 @@ class Regression:
         return self.noise.whiten(columns, self._pieces)[self.rows] / self.noise.innovation_n
 
     def _columns(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
-        moved = "backlash" in model or "contact_loss" in model
+        moved = _frame(model, ("motion", "contact"))
         if candidate is None and not moved:
             return self._base
-        motion_key = (model.get("backlash"), model.get("contact_loss"))
-        key = (motion_key, name, shape)
+        key = (moved, name, shape)
         if key not in self._spectra:
             _keep(self._spectra, key, self._fresh(model, shape, candidate), _KEPT)
         return self._spectra[key]
@@ -164,7 +161,8 @@ class Regression:
     def _fresh(self, model: Model, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
         motion = self.motion(model)
         if candidate is None:
-            columns = [motion.a * motion.touching, motion.v * motion.touching, motion.x]
+            carried = "contact_loss:carried" in model
+            columns = [motion.a * (1.0 if carried else motion.touching), motion.v * motion.touching, motion.x]
         elif candidate.kind == "mode":
             driven = self.signals.spectrum(motion.a * motion.touching) if motion is not self._motion else self._base[0]
             return mode_spectra(self.signals.omega, driven, shape)
@@ -214,14 +212,18 @@ def harmonics(t: Floats, frequency_hz: float, count: int = 3) -> Floats:
 
 
 def alignment(omega: Floats, model: Model) -> Spectrum | None:
-    """What a late stamp and a slow load cell do to a spectrum; None when the model has neither."""
-    if "time_delay" not in model and "sensor_lag" not in model:
+    """What late stamps, a slow load cell and a weak fixture do to a spectrum; None when the model has none."""
+    if not _frame(model, ("alignment",)):
         return None
     factor = np.ones(len(omega), dtype=np.complex128)
     if "time_delay" in model:
         factor *= np.exp(-1j * omega * model["time_delay"][0])
     if "sensor_lag" in model:
         factor /= 1.0 + 1j * omega * model["sensor_lag"][0]
+    if "unmodelled_resonance:fixture" in model:
+        frequency_hz, zeta = model["unmodelled_resonance:fixture"]
+        w = 2.0 * np.pi * frequency_hz
+        factor *= w * w / (w * w - omega**2 + 2j * zeta * w * omega)
     return factor
 
 
@@ -232,8 +234,9 @@ def mode_spectra(omega: Floats, driven: Spectrum, shape: Shape) -> list[Spectrum
     return [w * w * y, 1j * w * omega * y]
 
 
-def _frame(model: Model) -> object:
-    return tuple(model.get(name) for name in ("backlash", "contact_loss", "time_delay", "sensor_lag"))
+def _frame(model: Model, kinds: tuple[str, ...]) -> tuple[tuple[str, Shape], ...]:
+    """What in a model changes the columns of all others; sorted, so that it can be a key."""
+    return tuple(sorted((n, shape) for n, shape in model.items() if CANDIDATES[n].kind in kinds))
 
 
 def _keep(cache: OrderedDict, key: object, value: object, most: int) -> None:  # type: ignore[type-arg]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.fft import rfft, rfftfreq
 from scipy.optimize import minimize_scalar
 
-from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Shape
+from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Shape, base_name
 from diagnosis.diagnose.regression import Fit, Model, Regression
 
 ADD = 12.0
@@ -133,7 +133,9 @@ class Search:
         grid = sorted({point[index] for point in candidate.grid(self.regression.extent)})
         if candidate.logarithmic:
             ratio = float(np.log(grid[-1] / grid[0])) / (len(grid) - 1) * (1.0 if wide else 0.15)
-            return float(np.log(value)) - ratio, float(np.log(value)) + ratio, True
+            low, high = float(np.log(grid[0])), float(np.log(grid[-1])) + 0.2
+            at = min(max(float(np.log(value)), low), high)
+            return max(at - ratio, low - 0.2), min(at + ratio, high), True
         step = (grid[-1] - grid[0]) / (len(grid) - 1) * (1.0 if wide else 0.15)
         return value - step, value + step, False
 
@@ -141,13 +143,17 @@ class Search:
         """The best of all models with one more cause, when it is worth it."""
         if len(fit.model) >= MOST_CAUSES:
             return None
-        scanned = [self._scan(fit, name) for name in self.names if name not in fit.model]
+        scanned = [self._scan(fit, name) for name in self.names if self._open(fit, name)]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
         refined = [self.refined(trial, only=next(iter(set(trial.model) - set(fit.model)))) for trial in ranked]
         if not refined:
             return None
         best = self.refined(min(refined, key=lambda trial: trial.score))
         return best if self.worth(best, fit) else None
+
+    def _open(self, fit: Fit, name: str) -> bool:
+        """Whether no form of that name is in the model yet."""
+        return base_name(name) not in {base_name(taken) for taken in fit.model}
 
     def worth(self, more: Fit, less: Fit) -> bool:
         """Whether the larger model is better by likelihood and in size."""
@@ -171,7 +177,7 @@ class Search:
         best: Fit | None = None
         for name in fit.model:
             rest = self.fit({n: shape for n, shape in fit.model.items() if n != name})
-            scanned = [self._scan(rest, other) for other in self.names if other not in fit.model]
+            scanned = [self._scan(rest, other) for other in self.names if other not in fit.model and self._open(rest, other)]
             ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:2]
             for trial in ranked:
                 if trial.score < fit.score + 0.3 * abs(rest.score - fit.score):

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.ndimage import median_filter
+from scipy.signal import welch
 
 from common.error_size import Floats
 from common.recording.recording import Recording
@@ -73,6 +75,7 @@ class Signals:
                 continue
             x, f, bad = _uniform(time_s, grid, recording.position_m[piece], force_n[piece], unusable[piece])
             x_spec, f_spec = rfft(_padded(x, grid.padded)), rfft(_padded(f, grid.padded))
+            x_spec *= _wiener(x, grid, len(x_spec))
             self.pieces.append(grid)
             self._raw.append((x_spec, f_spec))
             motion.append(self._motion(grid, x_spec))
@@ -196,6 +199,29 @@ def _padded(values: Floats, length: int) -> Floats:
     way = np.arange(1, length - len(values) + 1) / (length - len(values) + 1)
     ease = way * way * (3.0 - 2.0 * way)
     return np.concatenate([values, values[-1] + (values[0] - values[-1]) * ease])
+
+
+def _wiener(x: Floats, grid: Piece, bins: int) -> Floats:
+    """Gain 1 - N / S that keeps the encoder's noise out of the acceleration, S the spectrum of the position.
+
+    N is the level at the end of the spectrum when it is flat there; one everywhere when it still falls.
+    """
+    rate = 1.0 / grid.period_s
+    count = int(min(len(x), max(128, 2.0 * rate)))
+    frequency, power = welch(x, rate, nperseg=count)
+    upper, top = _band(power, 0.6, 0.8), _band(power, 0.8, 0.97)
+    if not 0.0 < upper < 2.5 * top:
+        return np.ones(bins)
+    level = median_filter(power, 5, mode="nearest")
+    gain = np.where(level > 2.0 * top, 1.0 - top / np.maximum(level, 1e-300), 0.0)
+    last = int(np.flatnonzero(gain > 0.5)[-1]) if (gain > 0.5).any() else len(gain)
+    gain[last + 1 :] = 0.0
+    gain[:3] = 1.0
+    return np.asarray(np.interp(np.arange(bins) / grid.span_s, frequency, gain))
+
+
+def _band(power: Floats, low: float, high: float) -> float:
+    return float(np.median(power[int(low * len(power)) : max(int(high * len(power)), int(low * len(power)) + 1)]))
 
 
 def _near(bad: Mask, t: Floats, period_s: float, reach_s: float) -> Mask:
