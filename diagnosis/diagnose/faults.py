@@ -126,7 +126,10 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
     out = np.abs(off) > _OUTLIER * np.maximum(np.maximum(local, usual), 1e-9 * float(np.ptp(force)))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(np.int8), [0]])))
     starts, stops = _isolated(force, off, edges[::2], edges[1::2], max(3, round(0.004 * recording.rate_hz)))
+    rest = _at_rest(recording)
     if len(starts) < _LEAST_SPIKES or len(starts) > 0.02 * len(force):
+        return
+    if np.mean(rest[starts]) > 0.3 + 2.0 * np.mean(rest):  # at reversals: play, not the sensor
         return
     sizes = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
     wide = np.zeros(len(force), dtype=np.bool_)
@@ -149,6 +152,15 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
     )
 
 
+def _at_rest(recording: Recording) -> Mask:
+    """Where the speed, over about 10 ms, is below an eighth of its usual size."""
+    reach = max(1, round(0.005 * recording.rate_hz))
+    x, t = recording.position_m, recording.time_s
+    low, high = np.maximum(np.arange(len(x)) - reach, 0), np.minimum(np.arange(len(x)) + reach, len(x) - 1)
+    speed = np.abs(x[high] - x[low]) / (t[high] - t[low])
+    return np.asarray(speed < 0.125 * np.quantile(speed, 0.9))
+
+
 def _isolated(
     force: Floats, off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64], widest: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -156,7 +168,17 @@ def _isolated(
     before, after = force[np.maximum(starts - 2, 0)], force[np.minimum(stops + 1, len(force) - 1)]
     size = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
     alone = (stops - starts <= widest) & (np.abs(after - before) < 0.25 * size)
-    return starts[alone], stops[alone]
+    sharp = np.array([_sharp(force, a, b) for a, b in zip(starts, stops, strict=True)], dtype=np.bool_)
+    return starts[alone & sharp], stops[alone & sharp]
+
+
+def _sharp(force: Floats, start: int, stop: int) -> bool:
+    """Whether the force jumps there and back, three times as far as it steps beside; a corner does not."""
+    steps = np.abs(np.diff(force))
+    beside = np.concatenate([steps[max(start - 7, 0) : max(start - 1, 0)], steps[stop : stop + 6]])
+    if not 0 < start <= stop < len(force):
+        return False
+    return bool(min(steps[start - 1], steps[stop - 1]) > 3.0 * np.max(beside, initial=0.0))
 
 
 def _mains(cleaned: Cleaned, recording: Recording) -> None:

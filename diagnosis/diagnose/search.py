@@ -137,7 +137,8 @@ class Search:
             at = min(max(float(np.log(value)), low), high)
             return max(at - ratio, low - 0.2), min(at + ratio, high), True
         step = (grid[-1] - grid[0]) / (len(grid) - 1) * (1.0 if wide else 0.15)
-        return value - step, value + step, False
+        at = min(max(value, grid[0]), grid[-1])
+        return max(at - step, grid[0]), min(at + step, grid[-1]), False
 
     def _forward(self, fit: Fit) -> Fit | None:
         """The best of all models with one more cause, when it is worth it."""

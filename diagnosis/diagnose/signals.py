@@ -22,7 +22,7 @@ from common.recording.recording import Recording
 Spectrum = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
 
-_FINE_PER_BAND = 8.0
+_FINE_PER_BAND = 16.0
 _TAPER = 0.75  # the pass-band is flat up to this share of the cutoff
 _EDGE = 4.0  # in periods of the cutoff: what the filter's response reaches
 _LEAST_SEGMENT = 3.0  # in edges
@@ -79,7 +79,7 @@ class Signals:
             self.pieces.append(grid)
             self._raw.append((x_spec, f_spec))
             motion.append(self._motion(grid, x_spec))
-            coarse.append(self._coarse(grid, f_spec, bad))
+            coarse.append(self._coarse(grid, f_spec, bad | _unsettled(x)))
         if not self.pieces:
             raise ValueError("no stretch without gaps is long enough")
         self.fine_t, self.fine_x, self.fine_v, self.fine_a = (np.concatenate(c) for c in zip(*motion, strict=True))
@@ -222,6 +222,14 @@ def _wiener(x: Floats, grid: Piece, bins: int) -> Floats:
 
 def _band(power: Floats, low: float, high: float) -> float:
     return float(np.median(power[int(low * len(power)) : max(int(high * len(power)), int(low * len(power)) + 1)]))
+
+
+def _unsettled(x: Floats) -> Mask:
+    """The start, up to a tenth, until half the stroke was seen: plays and frictions begin in an unknown state."""
+    stroke = float(np.quantile(x, 0.95) - np.quantile(x, 0.05))
+    seen = np.maximum.accumulate(x) - np.minimum.accumulate(x)
+    first = int(np.argmax(seen >= 0.5 * stroke))
+    return np.asarray(np.arange(len(x)) < min(first, len(x) // 10))
 
 
 def _near(bad: Mask, t: Floats, period_s: float, reach_s: float) -> Mask:
