@@ -8,12 +8,12 @@ from common.recording.recording import Recording
 
 _LEAST_HZ = 30.0
 _MOST = 0.45  # of the sampling rate
-_SHARE = 0.998
-_BEYOND = 2.0
+_SHARE = 0.99
+_BEYOND = 1.1
 
 
 def cutoff_hz(recording: Recording, force_n: Floats) -> float:
-    """Twice the frequency below which motion explains 99.8 % of the force's coherent power; at least 30 Hz."""
+    """1.1 times the frequency below which lies 99 % of the force's power that goes with the motion; at least 30 Hz."""
     rate = recording.rate_hz
     most, least = _MOST * rate, min(_LEAST_HZ, _MOST * rate)
     x, f = _longest(recording, recording.position_m), _longest(recording, force_n)

@@ -188,12 +188,12 @@ CANDIDATES: Mapping[str, Candidate] = {
         Candidate("coulomb_friction", "force", (1,), lambda m, s: [m.direction()]),
         Candidate(
             "stribeck_friction", "force", (1, 1), _stribeck,
-            lambda e: log_grid(0.02 * e.speed_m_s, 0.8 * e.speed_m_s, 7),
+            lambda e: log_grid(0.02 * e.speed_m_s, 0.4 * e.speed_m_s, 6),
         ),
         Candidate("coulomb_friction:asymmetric", "force", (1, 1), _both_directions),
         Candidate(
             "stribeck_friction:exponential", "force", (1, 1), _stribeck_exponential,
-            lambda e: log_grid(0.02 * e.speed_m_s, 0.8 * e.speed_m_s, 7),
+            lambda e: log_grid(0.02 * e.speed_m_s, 0.4 * e.speed_m_s, 6),
         ),
         Candidate(
             "presliding_hysteresis:bristles", "force", (1, 1), _bristles,

@@ -13,8 +13,8 @@ ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""
 
 MOST_CAUSES = 6
-PRACTICAL = 0.03
-"""Smallest relative fall of the residual's rms that a cause must bring."""
+PRACTICAL = 1.2
+"""By how much the residual's rms must grow when a cause is taken out: less is within what is left unexplained."""
 
 PULSATION_HZ = 0.12, 4.0
 
@@ -102,7 +102,22 @@ class Search:
                 break
             peaks.append((float(frequency[top]),))
             power[np.abs(frequency - frequency[top]) < 1.5 / regression.extent.duration_s] = 0.0
-        return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
+        found = peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
+        return [shape for shape in found if not self._own_period(shape[0])]
+
+    def _own_period(self, frequency_hz: float) -> bool:
+        """Whether the motion repeats with the period or a multiple of it: then it is no pulse of its own."""
+        signals = self.regression.signals
+        rate = len(signals.fine_t) / max(float(signals.fine_t[-1] - signals.fine_t[0]), 1e-9)
+        x = signals.fine_x - np.mean(signals.fine_x)
+        for multiple in range(1, 5):
+            lag = round(multiple * rate / frequency_hz)
+            if lag > len(x) // 2:
+                break
+            a, b = x[lag:], x[:-lag]
+            if float(a @ b) > 0.95 * float(np.sqrt((a @ a) * (b @ b))):
+                return True
+        return False
 
     def _refine_one(self, fit: Fit, name: str, wide: bool) -> Fit:
         for index in range(len(fit.model[name])):
@@ -158,7 +173,13 @@ class Search:
 
     def worth(self, more: Fit, less: Fit) -> bool:
         """Whether the larger model is better by likelihood and in size."""
-        return less.score - more.score > ADD and more.rss < less.rss * (1.0 - PRACTICAL) ** 2
+        if less.score - more.score < ADD:
+            return False
+        return less.rss > more.rss * PRACTICAL**2 or self.plain_rms(less) > self.plain_rms(more) * PRACTICAL
+
+    def plain_rms(self, fit: Fit) -> float:
+        """Of the residual in N, not whitened."""
+        return float(np.sqrt(np.mean(self.regression.residual(fit)[self.regression.rows] ** 2)))
 
     def _backward(self, fit: Fit) -> Fit | None:
         """The model without its least useful cause, when that is not worth its place."""
