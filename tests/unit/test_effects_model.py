@@ -161,7 +161,8 @@ def test_a_wrong_mapping_is_refused_in_one_line_that_names_the_place(wrong: obje
 
 def test_an_unknown_effect_is_refused_with_the_known_ones() -> None:
     with pytest.raises(
-        ValueError, match=r"^effects\[0\]\.effect: unknown effect 'magic', expected one of backlash,"
+        ValueError,
+        match=r"^effects\[0\]\.effect: unknown effect 'magic', expected one of asymmetric_damping, backlash,",
     ):
         model({"effect": "magic"})
 
