@@ -1,7 +1,8 @@
 """Effects by name: our own, and those that installed distributions add.
 
 A third party adds an effect by an entry point of the group `forefeel.effects` whose name is the effect's
-name; it is loaded when a model first asks for that name. Our own names can not be taken over.
+name; it is loaded, and checked, when a model first asks for that name. Our own names can not be taken over.
+docs/examples/effect-package is one.
 """
 
 from functools import cache
@@ -19,6 +20,7 @@ from common.effects.exponential_wall import ExponentialWall
 from common.effects.hunt_crossley_damping import HuntCrossleyDamping
 from common.effects.mains_hum import MainsHum
 from common.effects.mass_damper_spring import MassDamperSpring
+from common.effects.plugin import load_plugin
 from common.effects.position_dependent_friction import PositionDependentFriction
 from common.effects.presliding_hysteresis import PreslidingHysteresis
 from common.effects.pulsation import Pulsation
@@ -60,17 +62,13 @@ def effect_class(name: str) -> type[Effect]:
     """The effect of that name.
 
     Raises:
-        ValueError: no such effect, or an entry point that is no effect of its name; one line.
+        ValueError: no such effect, or an entry point that is not usable; one line.
     """
     if name in OWN:
         return OWN[name]
-    for point in entry_points(group=ENTRY_POINT_GROUP, name=name):
-        loaded = point.load()
-        if not (isinstance(loaded, type) and issubclass(loaded, Effect) and loaded.name == name):
-            raise ValueError(
-                f"entry point {ENTRY_POINT_GROUP}:{name} = {point.value}: expected an effect named {name}"
-            )
-        return loaded
+    points = tuple(entry_points(group=ENTRY_POINT_GROUP, name=name))
+    if points:
+        return load_plugin(points)
     raise ValueError(f"unknown effect {name!r}, expected one of {', '.join(effect_names())}")
 
 

@@ -195,6 +195,6 @@ def test_third_parties_add_effects_by_entry_point() -> None:
 def test_third_parties_can_not_take_our_names_or_misname_theirs() -> None:
     assert registry.effect_class("coulomb_friction") is CoulombFriction
     with pytest.raises(
-        ValueError, match=r"forefeel.effects:misnamed = .*: expected an effect named misnamed$"
+        ValueError, match=r"forefeel.effects:misnamed = .*: expected an effect named misnamed, its name"
     ):
         registry.effect_class("misnamed")
