@@ -64,10 +64,13 @@ class SensorSpikes(SensorEffect):
         if self._slots_hz == 0.0 or not len(t):
             return force_n
         instants, sizes_n = self._between(float(t[0]) - _LONGEST_S, float(t[-1]))
-        newest = np.searchsorted(instants, t, side="right") - 1
+        reached = np.searchsorted(t, instants)  # fewer to search for than stamps
+        newest = np.cumsum(np.bincount(reached, minlength=len(t) + 1)[: len(t)]) - 1
         since = t - np.clip(dt, self._duration_s, _LONGEST_S)
-        lasts = (newest >= 0) & (instants[newest] > since)
-        return force_n + np.where(lasts, sizes_n[newest], 0.0)
+        lasting = np.flatnonzero(instants[newest] > since)
+        readings = np.array(force_n, dtype=np.float64)
+        readings[lasting] += sizes_n[newest[lasting]]
+        return readings
 
     def _between(self, start: float, end: float) -> tuple[Array, Array]:
         """Instants and sizes of the spikes between two times, and some before; never empty."""
