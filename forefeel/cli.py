@@ -17,6 +17,8 @@ from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
 from forefeel.interrupt import interruptible
 from forefeel.reproduction.cli import EPILOG, reproduce
+from forefeel.simulate.command import EPILOG as SIMULATE_EPILOG
+from forefeel.simulate.command import simulate
 
 app = typer.Typer(
     name="forefeel",
@@ -159,6 +161,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
 
 
 app.command(epilog=EVALUATE_EPILOG)(evaluate)
+app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 
 def _columns(time_column: str | None, position: str | None, force: str | None) -> Mapping | None:

@@ -17,7 +17,10 @@ def intervals_s(t: Array) -> Array:
 
 
 def lazy_kernel(function: F) -> F:
-    """Compiles the loop at its first call: a daemon, which never calls it, does not load the compiler."""
+    """Compiles the loop at its first call: a daemon, which never calls it, does not load the compiler.
+
+    Arrays reach it contiguous and writable, copied where they are not: one compilation fits all recordings.
+    """
 
     @cache
     def compiled() -> Callable[..., Any]:
@@ -27,6 +30,10 @@ def lazy_kernel(function: F) -> F:
 
     @wraps(function)
     def call(*arguments: object) -> object:
-        return compiled()(*arguments)
+        return compiled()(*map(_plain, arguments))
 
     return cast(F, call)
+
+
+def _plain(argument: object) -> object:
+    return np.require(argument, np.float64, ["C", "W"]) if isinstance(argument, np.ndarray) else argument

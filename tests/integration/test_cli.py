@@ -19,7 +19,16 @@ from forefeel.__main__ import main
 from forefeel.cli import app, load_daemon
 from tests.unit.recording_samples import force, put
 
-COMMANDS = [["slave"], ["master"], ["config", "check"], ["record"], ["loopback"], ["evaluate"], ["reproduce"]]
+COMMANDS = [
+    ["slave"],
+    ["master"],
+    ["config", "check"],
+    ["record"],
+    ["loopback"],
+    ["evaluate"],
+    ["reproduce"],
+    ["simulate"],
+]
 ROOT = Path(__file__).parents[2]
 SLAVE = "role: slave\ntransport: {listen: ['tcp/127.0.0.1:0']}\n"
 RECORDING = "time_s,position_m,force_n\n0.0,0.0,0.1\n0.01,0.001,0.2\n0.02,0.002,0.3\n"
