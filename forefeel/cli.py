@@ -13,6 +13,8 @@ from common.recording.tabular import Mapping
 from common.settings import DaemonSettings
 from common.topics import checked_segment
 from common.transport.settings import PRESETS, TransportSettings
+from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
+from forefeel.diagnose.command import diagnose
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
 from forefeel.interrupt import interruptible
@@ -161,6 +163,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
 
 
 app.command(epilog=EVALUATE_EPILOG)(evaluate)
+app.command(epilog=DIAGNOSE_EPILOG)(diagnose)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 

@@ -1,11 +1,12 @@
 """The diagnosis of one recording: what is named, and with how much trust."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from common.effects.base import Effect
+from common.effects.model import ContactModel
 from common.effects.registry import OWN
 from common.errors import RecordingError
 from common.recording.recording import Recording
@@ -43,8 +44,15 @@ class Diagnosed:
     analysis: Analysis
 
 
-def diagnose(recording: Recording, progress: Progress = lambda stage: None) -> Diagnosed:
+def diagnose(
+    recording: Recording, progress: Progress = lambda stage: None, given: ContactModel | None = None
+) -> Diagnosed:
     """What the mass-damper-spring simulation of a recording gets wrong.
+
+    Args:
+        recording: position and force.
+        progress: is told the stage before it starts.
+        given: the simulation to compare with, in place of a fitted mass, damper and spring.
 
     Raises:
         RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row.
@@ -55,7 +63,22 @@ def diagnose(recording: Recording, progress: Progress = lambda stage: None) -> D
     except ValueError as error:
         raise RecordingError(f"{recording.source}: {error}") from error
     progress("trust")
-    return Diagnosed(_Judge(analysis).diagnosis(), analysis)
+    found = _Judge(analysis).diagnosis()
+    return Diagnosed(found if given is None else _beside(found, analysis, given), analysis)
+
+
+def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagnosis:
+    """With the given simulation as the baseline."""
+    regression = analysis.regression
+    motion = regression.motion({})
+    forces = [
+        given.runtime().forces_n(motion.t[p] + regression.signals.origin_s, motion.x[p], motion.v[p], motion.a[p])
+        for p in motion.pieces
+    ]
+    said = regression.signals.column(regression.signals.spectrum(np.concatenate(forces)))
+    error = (regression.signals.force - said)[regression.signals.rows]
+    parameters = {f"{e.effect}.{key}": value for e in given.effects for key, value in e.parameters}
+    return replace(found, baseline=Stage(float(np.sqrt(np.mean(error**2))), parameters))
 
 
 def check(recording: Recording) -> None:

@@ -51,7 +51,7 @@ def _moving(motion: Motion) -> list[Floats]:
     found += [p * q for p in wide_x for q in wide_v]
     found += [p * q for p in wide_v for q in wide_a]
     found += [b * x for b in wide_x] + [b * v for b in wide_x]
-    since = _since_reversal(motion)
+    since = since_reversal(motion)
     found += [b * s for b in _bumps(since, _knots(since, 6))]
     for lag_s in _LAGS_S:
         found += [_smoothed(motion, v, lag_s), _smoothed(motion, np.abs(v), lag_s), _smoothed(motion, v * np.abs(v), lag_s)]
@@ -70,7 +70,7 @@ def _bumps(values: Floats, knots: Floats) -> list[Floats]:
     return [np.interp(values, knots, row) for row in np.eye(len(knots))]
 
 
-def _since_reversal(motion: Motion) -> Floats:
+def since_reversal(motion: Motion) -> Floats:
     """Distance travelled since the direction last changed, in m."""
     away = np.empty_like(motion.x)
     for piece in motion.pieces:

@@ -71,8 +71,8 @@ def intervals(regression: Regression, fit: Fit) -> dict[str, dict[str, Interval]
     draws = rng.multivariate_normal(theta, covariance, size=_DRAWS, method="eigh")
     found: dict[str, dict[str, Interval]] = {"": {}}
     start = regression.signals.origin_s
-    values = _named(fit, theta, sizes, start)
-    drawn = [_named(fit, draw, sizes, start) for draw in draws]
+    values = _named(fit, theta, sizes, start, regression.sense)
+    drawn = [_named(fit, draw, sizes, start, regression.sense) for draw in draws]
     for name, parameters in values.items():
         found[name] = {
             key: _interval(value, np.array([d[name][key] for d in drawn])) for key, value in parameters.items()
@@ -91,9 +91,9 @@ def _point(fit: Fit) -> tuple[Floats, list[tuple[str, int]]]:
     return np.concatenate([fit.coefficients, flat]), shapes
 
 
-def _named(fit: Fit, theta: Floats, sizes: list[tuple[str, int]], start: float) -> dict[str, Values]:
+def _named(fit: Fit, theta: Floats, sizes: list[tuple[str, int]], start: float, sense: float) -> dict[str, Values]:
     count = len(fit.owners)
-    linear, at = theta[:count], count
+    linear, at = theta[:count] * sense, count
     base = linear[:3]
     named: dict[str, Values] = {"": dict(zip(BASE, base, strict=True))}
     for name, size in sizes:
