@@ -36,7 +36,8 @@ def speed_band_m_s(recording: Recording, cutoff: float) -> float:
     x = _longest(recording, recording.position_m)
     rate = recording.rate_hz
     third = np.diff(x, 3)
-    noise = float(1.4826 * np.median(np.abs(third - np.median(third)))) / np.sqrt(20.0)
+    size = np.abs(third)
+    noise = float(np.sqrt(np.mean(size[size <= np.quantile(size, 0.9)] ** 2))) / np.sqrt(20.0) / 0.79
     band = min(2.0 * cutoff, 0.5 * rate)
     speed = noise * np.sqrt(2.0 / rate) * 2.0 * np.pi * band**1.5 / np.sqrt(3.0)
     usual = float(np.quantile(np.abs(np.diff(x)) * rate, 0.95))

@@ -48,9 +48,10 @@ class Extent:
     speed_m_s: float
     low_m: float
     high_m: float
+    speed_band: float
 
     @classmethod
-    def of(cls, signals: Signals) -> "Extent":
+    def of(cls, signals: Signals, speed_band: float) -> "Extent":
         """From the motion as recorded, robust against its extremes."""
         low, q1, q2, high = np.quantile(signals.fine_x, (0.005, 0.05, 0.95, 0.995))
         return cls(
@@ -60,6 +61,7 @@ class Extent:
             float(np.quantile(np.abs(signals.fine_v), 0.95)),
             float(low),
             float(high),
+            speed_band,
         )
 
 
@@ -123,7 +125,7 @@ def _bristles(motion: Motion, shape: Shape) -> list[Floats]:
 
 
 def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
-    """`q' = v - q / tau`, with the motion as it is given by the increments of the position."""
+    """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left, exp(-t/tau)."""
     from scipy.signal import lfilter  # noqa: PLC0415
 
     q = np.empty_like(motion.x)
@@ -133,7 +135,9 @@ def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
         decay = np.exp(-dt / shape[0])
         gain = shape[0] / dt * (1.0 - decay)
         q[piece] = lfilter([gain], [1.0, -decay], np.diff(x, prepend=x[:1]))
-    return [q]
+    first = np.zeros_like(q)
+    first[motion.pieces[0]] = np.exp(-motion.t[motion.pieces[0]] / shape[0])
+    return [q, first]
 
 
 def _two_branches(motion: Motion, shape: Shape) -> list[Floats]:
@@ -188,19 +192,19 @@ CANDIDATES: Mapping[str, Candidate] = {
         Candidate("coulomb_friction", "force", (1,), lambda m, s: [m.direction()]),
         Candidate(
             "stribeck_friction", "force", (1, 1), _stribeck,
-            lambda e: log_grid(0.02 * e.speed_m_s, 0.4 * e.speed_m_s, 6),
+            lambda e: log_grid(max(0.02 * e.speed_m_s, 4.0 * e.speed_band), 0.4 * e.speed_m_s, 6),
         ),
         Candidate("coulomb_friction:asymmetric", "force", (1, 1), _both_directions),
         Candidate(
             "stribeck_friction:exponential", "force", (1, 1), _stribeck_exponential,
-            lambda e: log_grid(0.02 * e.speed_m_s, 0.4 * e.speed_m_s, 6),
+            lambda e: log_grid(max(0.02 * e.speed_m_s, 4.0 * e.speed_band), 0.4 * e.speed_m_s, 6),
         ),
         Candidate(
             "presliding_hysteresis:bristles", "force", (1, 1), _bristles,
             lambda e: log_grid(0.003 * e.stroke_m, 0.7 * e.stroke_m, 10),
         ),
         Candidate(
-            "stress_relaxation:two", "force", (1, 1), _two_branches, _pairs, at_wall=True,
+            "stress_relaxation:two", "force", (1, 0, 1, 0), _two_branches, _pairs, at_wall=True,
         ),
         Candidate(
             "contact_loss:carried", "contact", logarithmic=False,
@@ -221,7 +225,7 @@ CANDIDATES: Mapping[str, Candidate] = {
         Candidate("quadratic_drag", "force", (1,), lambda m, s: [m.v * np.abs(m.v)]),
         Candidate("asymmetric_damping", "force", (0,), lambda m, s: [np.abs(m.v)], at_wall=True),
         Candidate(
-            "stress_relaxation", "force", (1,), _relaxation,
+            "stress_relaxation", "force", (1, 0), _relaxation,
             lambda e: log_grid(2.0 / e.cutoff_hz, 0.4 * e.duration_s, 10), at_wall=True,
         ),
         Candidate(

@@ -23,7 +23,7 @@ from diagnosis.diagnose.identifiability import (
 )
 from diagnosis.diagnose.parameters import intervals
 from diagnosis.diagnose.regression import Fit
-from diagnosis.diagnose.structure import foretold_share
+from diagnosis.diagnose.structure import foretold_share, noise_cap_n
 from diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
 
 LEAST_S = 3.0
@@ -32,6 +32,8 @@ _RIVAL = 6.0
 _FORETOLD = 0.3
 _STRUCTURE = 0.12
 _FLEXIBLE = 0.1
+_BEYOND_CAP = 2.0
+_OF_FORCE = 0.02
 
 Progress = Callable[[str], None]
 
@@ -143,6 +145,10 @@ class _Judge:
         if any(fault.name == "sensor_quantisation" for fault in self.faults):
             return False
         structured = foretold > _FORETOLD or (flexible.low > _FLEXIBLE and flexible.gain > 2.0 * _FLEXIBLE)
+        cap = noise_cap_n(self.analysis.recording, self.analysis.cleaned.force_n)
+        force = self.regression.signals.force[self.regression.rows]
+        if cap is not None and self.residual_n > max(_BEYOND_CAP * cap, _OF_FORCE * float(np.std(force))):
+            structured = True
         plain = self.regression.residual(self.regression.fit({"bias": ()}))[self.regression.rows]
         missing = float(np.mean(plain**2))
         return structured and float(np.mean(self.after**2)) > _STRUCTURE * missing

@@ -38,7 +38,7 @@ def entry(effect: str, site: str | None = None, **parameters: float) -> Entry:
 
 def _branches(c: Floats, s: Shape, base: Floats, start: float) -> list[Entry]:
     return [
-        entry("stress_relaxation", stiffness_n_m=k, time_constant_s=tau) for k, tau in zip(c, s, strict=True)
+        entry("stress_relaxation", stiffness_n_m=k, time_constant_s=tau) for k, tau in zip(c[::2], s, strict=True)
     ]
 
 

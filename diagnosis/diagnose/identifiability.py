@@ -44,7 +44,8 @@ def motion_kind(signals: Signals) -> MotionKind:
         signals.fine_v[fine][_core(signals.fine_v[fine], signals, i)] for i, fine in enumerate(signals.piecewise())
     ]
     v = np.concatenate(inside)
-    if float(np.std(v)) < _STEADY * abs(float(np.mean(v))):
+    usual = abs(float(np.median(v)))
+    if float(np.mean(np.abs(v - np.median(v)) < _STEADY * usual)) > 0.9 or _straight(signals):
         return "constant_speed"
     longest = max(inside, key=len)
     return "single_frequency" if _line_share(longest) > _LINE_SHARE else "rich"
@@ -54,6 +55,15 @@ def rivals_of_a_line(candidates: set[str]) -> tuple[str, ...]:
     """Names that one frequency at one amplitude can not tell apart, those that were suspected among them."""
     together = _FRICTION | {"stiffening", "hunt_crossley_damping", "quadratic_drag", "asymmetric_damping"}
     return tuple(sorted(candidates | (together if candidates & together or not candidates else _LINEAR)))
+
+
+def _straight(signals: Signals) -> bool:
+    """Whether the position leaves a straight line by less than a hundredth of its range."""
+    piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
+    inside = _core(signals.fine_x[piece], signals, signals.piecewise().index(piece))
+    t, x = signals.fine_t[piece][inside], signals.fine_x[piece][inside]
+    off = x - np.polyval(np.polyfit(t, x, 1), t)
+    return bool(np.std(off) < 0.01 * np.ptp(x))
 
 
 def _core(v: Floats, signals: Signals, index: int) -> slice:

@@ -43,7 +43,7 @@ NAMINGS: dict[str, Naming] = {
     "asymmetric_damping": lambda c, s, b, t: {"forward_n_s_m": b[1] + c[0], "backward_n_s_m": b[1] - c[0]},
     "stress_relaxation": lambda c, s, b, t: {"stiffness_n_m": c[0], "time_constant_s": s[0]},
     "stress_relaxation:two": lambda c, s, b, t: {
-        "stiffness_n_m": c[0], "time_constant_s": s[0], "second_stiffness_n_m": c[1], "second_time_constant_s": s[1],
+        "stiffness_n_m": c[0], "time_constant_s": s[0], "second_stiffness_n_m": c[2], "second_time_constant_s": s[1],
     },
     "contact_loss": lambda c, s, b, t: {"contact_position_m": s[0]},
     "contact_loss:carried": lambda c, s, b, t: {"contact_position_m": s[0]},

@@ -59,7 +59,7 @@ class Regression:
 
     def __init__(self, signals: Signals, speed_band: float) -> None:
         self.signals = signals
-        self.extent = Extent.of(signals)
+        self.extent = Extent.of(signals, speed_band)
         s = signals
         self._motion = Motion(
             s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band

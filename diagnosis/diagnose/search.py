@@ -4,8 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 from scipy.fft import rfft, rfftfreq
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
+from common.error_size import Floats
 from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Shape, base_name
 from diagnosis.diagnose.regression import Fit, Model, Regression
 
@@ -120,9 +121,27 @@ class Search:
         return False
 
     def _refine_one(self, fit: Fit, name: str, wide: bool) -> Fit:
-        for index in range(len(fit.model[name])):
-            fit = self._refine_axis(fit, name, index, wide)
-        return fit
+        if len(fit.model[name]) > 1:
+            return self._refine_jointly(fit, name)
+        return self._refine_axis(fit, name, 0, wide)
+
+    def _refine_jointly(self, fit: Fit, name: str) -> Fit:
+        """Shapes of one cause that trade against each other: a simplex on their logarithms."""
+        best = fit
+        grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
+        low, high = grid.min(axis=0) - 0.2, grid.max(axis=0) + 0.2
+
+        def cost(z: Floats) -> float:
+            nonlocal best
+            if (z < low).any() or (z > high).any():
+                return fit.score + 1e3
+            trial = self.fit({**fit.model, name: tuple(float(value) for value in np.exp(z))})
+            if trial.feasible and trial.score < best.score:
+                best = trial
+            return trial.score + (0.0 if trial.feasible else 1e3)
+
+        minimize(cost, np.log(fit.model[name]), method="Nelder-Mead", options={"maxfev": 70, "xatol": 1e-3, "fatol": 0.1})
+        return best
 
     def _refine_axis(self, fit: Fit, name: str, index: int, wide: bool) -> Fit:
         candidate, shape = CANDIDATES[name], fit.model[name]

@@ -202,9 +202,10 @@ def _padded(values: Floats, length: int) -> Floats:
 
 
 def _wiener(x: Floats, grid: Piece, bins: int) -> Floats:
-    """Gain 1 - N / S that keeps the encoder's noise out of the acceleration, S the spectrum of the position.
+    """One up to where the position's spectrum sinks into the encoder's noise, zero beyond: no noise is derived.
 
-    N is the level at the end of the spectrum when it is flat there; one everywhere when it still falls.
+    The noise is the level at the end of the spectrum when it is flat there; one everywhere when it still falls.
+    A gradual (Wiener's) gain would shrink the motion, and with it bias the mass.
     """
     rate = 1.0 / grid.period_s
     count = int(min(len(x), max(128, 2.0 * rate)))
@@ -213,9 +214,9 @@ def _wiener(x: Floats, grid: Piece, bins: int) -> Floats:
     if not 0.0 < upper < 2.5 * top:
         return np.ones(bins)
     level = median_filter(power, 5, mode="nearest")
-    gain = np.where(level > 2.0 * top, 1.0 - top / np.maximum(level, 1e-300), 0.0)
+    gain = np.clip((level / max(top, 1e-300) - 2.0) / 2.0, 0.0, 1.0)
     last = int(np.flatnonzero(gain > 0.5)[-1]) if (gain > 0.5).any() else len(gain)
-    gain[last + 1 :] = 0.0
+    gain[: last + 1], gain[last + 1 :] = 1.0, 0.0
     gain[:3] = 1.0
     return np.asarray(np.interp(np.arange(bins) / grid.span_s, frequency, gain))
 

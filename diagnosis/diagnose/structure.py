@@ -1,12 +1,18 @@
 """Whether what is left is noise: noise of a measuring chain is forgotten within a few hundredths of a second."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from common.error_size import Floats
+from common.recording.recording import Recording
 from diagnosis.diagnose.regression import Fit, Regression
 
 HORIZON_S = 0.04
 _TAPS = 12
+_CORNER_HZ = 5.0
+_LEAST_RATE_HZ = 150.0
+_ORDER = 10
+_MOST_SAMPLES = 600_000
 _SPREAD_S = 0.5
 
 
@@ -23,6 +29,26 @@ def foretold_share(regression: Regression, fit: Fit) -> float:
     half = len(now) // 2
     shares = [_share(past[a], now[a], past[b], now[b]) for a, b in _halves(half, len(now))]
     return float(max(0.0, np.mean(shares)))
+
+
+def noise_cap_n(recording: Recording, force_n: Floats) -> float | None:
+    """The most that noise with a corner of 5 Hz or more can be, from what the force's own past does not tell.
+
+    First-order noise of rms s and corner c has innovations of `s sqrt(1 - exp(-4 pi c / rate))` from sample to sample;
+    motion is smooth at that rate and hardly adds. None where samples are too far apart to tell.
+    """
+    if recording.rate_hz < _LEAST_RATE_HZ:
+        return None
+    piece = max(recording.segments(), key=lambda s: s.stop - s.start)
+    force = force_n[piece][:_MOST_SAMPLES]
+    if len(force) < 50 * _ORDER:
+        return None
+    past = sliding_window_view(force, _ORDER + 1)[:: 1 + len(force) // 60_000]
+    past = past - past.mean(axis=1, keepdims=True)
+    weights, *_ = np.linalg.lstsq(past[:, :-1], past[:, -1], rcond=None)
+    innovation = past[:, -1] - past[:, :-1] @ weights
+    size = 1.4826 * float(np.median(np.abs(innovation)))
+    return size / float(np.sqrt(1.0 - np.exp(-4.0 * np.pi * _CORNER_HZ / recording.rate_hz)))
 
 
 def _pairs(residual: Floats, rows: Floats, regression: Regression) -> tuple[Floats, Floats]:
