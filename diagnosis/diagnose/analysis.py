@@ -12,6 +12,7 @@ from diagnosis.diagnose.noise import autoregression
 from diagnosis.diagnose.regression import Fit, Regression
 from diagnosis.diagnose.search import Search
 from diagnosis.diagnose.signals import Signals
+from diagnosis.diagnose.structure import noise_cap_n
 
 _ROUNDS = 3
 
@@ -68,7 +69,8 @@ def analyse(recording: Recording, progress: Callable[[str], None] = lambda stage
     regression = Regression(signals, speed_band_m_s(recording, cutoff))
     search = Search(regression)
     progress("search")
-    fit = search.run({})
+    cap = noise_cap_n(recording, cleaned.force_n)
+    fit = search.run_from_several(None if cap is None else 1.5 * cap)
     for _ in range(_ROUNDS):
         names = set(fit.model)
         residual = regression.residual(fit)

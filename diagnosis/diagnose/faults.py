@@ -125,12 +125,15 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
     local = percentile_filter(np.abs(off), 85, 2 * max(8, int(0.25 * recording.rate_hz)) + 1, mode="nearest")
     out = np.abs(off) > _OUTLIER * np.maximum(np.maximum(local, usual), 1e-9 * float(np.ptp(force)))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(np.int8), [0]])))
-    starts, stops = _isolated(force, off, edges[::2], edges[1::2], max(3, round(0.004 * recording.rate_hz)))
+    firsts, lasts = edges[::2], edges[1::2]
+    starts, stops = _isolated(force, off, firsts, lasts, max(3, round(0.004 * recording.rate_hz)))
     rest = _at_rest(recording)
     if len(starts) < _LEAST_SPIKES or len(starts) > 0.02 * len(force):
         return
     if np.mean(rest[starts]) > 0.3 + 2.0 * np.mean(rest):  # at reversals: play, not the sensor
         return
+    if len(starts) > 0.5 * len(firsts):  # that there are spikes is certain: those that stand less alone are some, too
+        starts, stops = firsts, lasts
     sizes = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
     wide = np.zeros(len(force), dtype=np.bool_)
     for start, stop in zip(starts, stops, strict=True):

@@ -14,6 +14,7 @@ ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""
 
 MOST_CAUSES = 6
+_STARTS = 3
 PRACTICAL = 1.2
 """By how much the residual's rms must grow when a cause is taken out: less is within what is left unexplained."""
 
@@ -41,6 +42,28 @@ class Search:
             if step is None:
                 break
             best = step
+        return best
+
+    def run_from_several(self, enough_n: float | None) -> Fit:
+        """As `run` from nothing; again from the runners-up of the first step while more than `enough_n` is left.
+
+        Steps one at a time can walk past a pair of causes whose mixture looks like a third.
+        """
+        best = self.run({})
+        if not best.model or (enough_n is not None and self.plain_rms(best) < enough_n):
+            return best
+        empty = self.fit({})
+        scanned = [self._scan(empty, name) for name in self.names]
+        ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)
+        tried = {base_name(name) for name in best.model}
+        for start in ranked:
+            (name,) = start.model
+            if base_name(name) in tried or len(tried) > _STARTS + len(best.model):
+                continue
+            tried.add(base_name(name))
+            other = self.run(start.model)
+            if other.score < best.score - ADD:
+                best = other
         return best
 
     def fit(self, model: Model) -> Fit:

@@ -208,12 +208,12 @@ def _wiener(x: Floats, grid: Piece, bins: int) -> Floats:
     A gradual (Wiener's) gain would shrink the motion, and with it bias the mass.
     """
     rate = 1.0 / grid.period_s
-    count = int(min(len(x), max(128, 2.0 * rate)))
-    frequency, power = welch(x, rate, nperseg=count)
+    count = int(min(len(x), max(128, 3.0 * rate)))
+    frequency, power = welch(x, rate, "blackmanharris", nperseg=count, detrend="linear")
     upper, top = _band(power, 0.6, 0.8), _band(power, 0.8, 0.97)
     if not 0.0 < upper < 2.5 * top:
         return np.ones(bins)
-    level = median_filter(power, 5, mode="nearest")
+    level = median_filter(power, 7, mode="nearest")
     gain = np.clip((level / max(top, 1e-300) - 2.0) / 2.0, 0.0, 1.0)
     last = int(np.flatnonzero(gain > 0.5)[-1]) if (gain > 0.5).any() else len(gain)
     gain[: last + 1], gain[last + 1 :] = 1.0, 0.0
