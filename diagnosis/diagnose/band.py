@@ -8,12 +8,12 @@ from common.recording.recording import Recording
 
 _LEAST_HZ = 30.0
 _MOST = 0.45  # of the sampling rate
-_SHARE = 0.99
-_BEYOND = 1.1
+_SHARE = 0.9
+_BEYOND = 1.2
 
 
 def cutoff_hz(recording: Recording, force_n: Floats) -> float:
-    """1.1 times the frequency below which lies 99 % of the force's power that goes with the motion; at least 30 Hz."""
+    """1.2 times the frequency below which lies 90 % of the force's power that goes with the motion; at least 30 Hz."""
     rate = recording.rate_hz
     most, least = _MOST * rate, min(_LEAST_HZ, _MOST * rate)
     x, f = _longest(recording, recording.position_m), _longest(recording, force_n)
@@ -35,9 +35,7 @@ def speed_band_m_s(recording: Recording, cutoff: float) -> float:
     """Twice the standard deviation of the filtered speed at rest, from the noise of the position."""
     x = _longest(recording, recording.position_m)
     rate = recording.rate_hz
-    third = np.diff(x, 3)
-    size = np.abs(third)
-    noise = float(np.sqrt(np.mean(size[size <= np.quantile(size, 0.9)] ** 2))) / np.sqrt(20.0) / 0.79
+    noise = position_noise_m(recording)
     band = min(2.0 * cutoff, 0.5 * rate)
     speed = noise * np.sqrt(2.0 / rate) * 2.0 * np.pi * band**1.5 / np.sqrt(3.0)
     usual = float(np.quantile(np.abs(np.diff(x)) * rate, 0.95))
@@ -47,3 +45,15 @@ def speed_band_m_s(recording: Recording, cutoff: float) -> float:
 def _longest(recording: Recording, values: Floats) -> Floats:
     piece = max(recording.segments(max(0.1, 3.5 / recording.rate_hz)), key=lambda s: s.stop - s.start)
     return np.asarray(values[piece])
+
+
+def position_noise_m(recording: Recording) -> float:
+    """Standard deviation of the position's noise, from third differences, the largest tenth left out."""
+    size = np.abs(np.diff(_longest(recording, recording.position_m), 3))
+    return float(np.sqrt(np.mean(size[size <= np.quantile(size, 0.9)] ** 2))) / float(np.sqrt(20.0)) / 0.79
+
+
+def acceleration_noise_m_s2(recording: Recording, cutoff: float) -> float:
+    """What that noise is in the filtered acceleration: `s (2 pi)^2 fc^2.5 sqrt(2 / (5 rate))`."""
+    reach = cutoff**2.5 * float(np.sqrt(0.4 / recording.rate_hz))
+    return position_noise_m(recording) * (2.0 * np.pi) ** 2 * reach

@@ -124,6 +124,16 @@ def _bristles(motion: Motion, shape: Shape) -> list[Floats]:
     return [u, rate]
 
 
+def _two_lengths(motion: Motion, shape: Shape) -> list[Floats]:
+    """Two elements of a generalised Maxwell slip (Al-Bender, Lampaert and Swevers, IEEE T-AC 50(11), 2005)."""
+    return _presliding(motion, shape[:1]) + _presliding(motion, shape[1:])
+
+
+def _two(grid: list[Shape]) -> list[Shape]:
+    single = [point[0] for point in grid]
+    return [(short, long) for i, short in enumerate(single) for long in single[i + 1 :]]
+
+
 def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
     """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left, exp(-t/tau)."""
     from scipy.signal import lfilter  # noqa: PLC0415
@@ -144,11 +154,6 @@ def _two_branches(motion: Motion, shape: Shape) -> list[Floats]:
     return _relaxation(motion, shape[:1]) + _relaxation(motion, shape[1:])
 
 
-def _pairs(extent: Extent) -> list[Shape]:
-    single = [tau for (tau,) in log_grid(2.0 / extent.cutoff_hz, 0.4 * extent.duration_s, 6)]
-    return [(fast, slow) for i, fast in enumerate(single) for slow in single[i + 1 :]]
-
-
 def _creep(motion: Motion, shape: Shape) -> list[Floats]:
     return [1.0 - np.exp(-motion.t / shape[0])]
 
@@ -161,9 +166,7 @@ def _depth(motion: Motion) -> Floats:
 def play(motion: Motion, width_m: float) -> Motion:
     """The instrument's motion behind a play of that width."""
     effect = Backlash(width_m=width_m)
-    parts = [
-        effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces
-    ]
+    parts = [effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces]
     x, v, a = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Motion(motion.t, x, v, a, motion.touching, motion.pieces, motion.speed_band)
 
@@ -177,12 +180,19 @@ def touch(motion: Motion, contact_m: float) -> Motion:
 
 def _modes(extent: Extent) -> list[Shape]:
     low, high = max(0.7, 4.0 / extent.duration_s), 0.7 * extent.cutoff_hz
-    return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.02, 0.08, 0.3)]
+    return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.02, 0.08, 0.25)]
 
 
 def base_name(name: str) -> str:
     """The name in the vocabulary of one of its forms."""
     return name.partition(":")[0]
+
+
+DRY = frozenset({"coulomb_friction", "stribeck_friction", "presliding_hysteresis"})
+"""Descriptions of one and the same contact: a model holds at most one of them."""
+
+MOST_DAMPED = 0.3
+"""A mode with more damping has no peak to know it by."""
 
 
 CANDIDATES: Mapping[str, Candidate] = {
@@ -204,7 +214,12 @@ CANDIDATES: Mapping[str, Candidate] = {
             lambda e: log_grid(0.003 * e.stroke_m, 0.7 * e.stroke_m, 10),
         ),
         Candidate(
-            "stress_relaxation:two", "force", (1, 0, 1, 0), _two_branches, _pairs, at_wall=True,
+            "presliding_hysteresis:two", "force", (1, 1), _two_lengths,
+            lambda e: _two(log_grid(0.003 * e.stroke_m, 0.7 * e.stroke_m, 5)),
+        ),
+        Candidate(
+            "stress_relaxation:two", "force", (1, 0, 1, 0), _two_branches,
+            lambda e: _two(log_grid(2.0 / e.cutoff_hz, 0.25 * e.duration_s, 6)), at_wall=True,
         ),
         Candidate(
             "contact_loss:carried", "contact", logarithmic=False,
@@ -226,7 +241,7 @@ CANDIDATES: Mapping[str, Candidate] = {
         Candidate("asymmetric_damping", "force", (0,), lambda m, s: [np.abs(m.v)], at_wall=True),
         Candidate(
             "stress_relaxation", "force", (1, 0), _relaxation,
-            lambda e: log_grid(2.0 / e.cutoff_hz, 0.4 * e.duration_s, 10), at_wall=True,
+            lambda e: log_grid(2.0 / e.cutoff_hz, 0.25 * e.duration_s, 10), at_wall=True,
         ),
         Candidate(
             "contact_loss", "contact", logarithmic=False,

@@ -11,6 +11,7 @@ from common.effects.registry import OWN
 from common.errors import RecordingError
 from common.recording.recording import Recording
 from diagnosis.diagnose.analysis import Analysis, analyse
+from diagnosis.diagnose.band import acceleration_noise_m_s2
 from diagnosis.diagnose.blocks import Gain, gain, held_out_errors
 from diagnosis.diagnose.candidates import base_name
 from diagnosis.diagnose.faults import Fault
@@ -74,7 +75,9 @@ def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagno
     regression = analysis.regression
     motion = regression.motion({})
     forces = [
-        given.runtime().forces_n(motion.t[p] + regression.signals.origin_s, motion.x[p], motion.v[p], motion.a[p])
+        given.runtime().forces_n(
+            motion.t[p] + regression.signals.origin_s, motion.x[p], motion.v[p], motion.a[p]
+        )
         for p in motion.pieces
     ]
     said = regression.signals.column(regression.signals.spectrum(np.concatenate(forces)))
@@ -147,7 +150,12 @@ class _Judge:
         structured = foretold > _FORETOLD or (flexible.low > _FLEXIBLE and flexible.gain > 2.0 * _FLEXIBLE)
         cap = noise_cap_n(self.analysis.recording, self.analysis.cleaned.force_n)
         force = self.regression.signals.force[self.regression.rows]
-        if cap is not None and self.residual_n > max(_BEYOND_CAP * cap, _OF_FORCE * float(np.std(force))):
+        encoder_n = abs(self.parameters[""]["mass_kg"].value) * acceleration_noise_m_s2(
+            self.analysis.recording, self.regression.signals.cutoff_hz
+        )
+        if cap is not None and self.residual_n > max(
+            _BEYOND_CAP * float(np.hypot(cap, encoder_n)), _OF_FORCE * float(np.std(force))
+        ):
             structured = True
         plain = self.regression.residual(self.regression.fit({"bias": ()}))[self.regression.rows]
         missing = float(np.mean(plain**2))
@@ -213,7 +221,11 @@ class _Judge:
         names: set[str],
     ) -> Diagnosis:
         held = HeldOut(
-            self.held_out.before_n, self.held_out.after_n, self.held_out.gain, self.held_out.low, self.held_out.high
+            self.held_out.before_n,
+            self.held_out.after_n,
+            self.held_out.gain,
+            self.held_out.low,
+            self.held_out.high,
         )
         linear = {key: interval.value for key, interval in self.parameters[""].items()}
         extended = {

@@ -38,7 +38,8 @@ def entry(effect: str, site: str | None = None, **parameters: float) -> Entry:
 
 def _branches(c: Floats, s: Shape, base: Floats, start: float) -> list[Entry]:
     return [
-        entry("stress_relaxation", stiffness_n_m=k, time_constant_s=tau) for k, tau in zip(c[::2], s, strict=True)
+        entry("stress_relaxation", stiffness_n_m=k, time_constant_s=tau)
+        for k, tau in zip(c[::2], s, strict=True)
     ]
 
 
@@ -76,7 +77,13 @@ def _periodic(kind: type[Pulsation] | type[MainsHum], c: Floats, frequency_hz: f
 def _mode(c: Floats, s: Shape, base: Floats, start: float) -> list[Entry]:
     w = 2.0 * np.pi * s[0]
     return [
-        entry("unmodelled_resonance", stiffness_n_m=c[0] * w * w, damping_n_s_m=c[1] * w, frequency_hz=s[0], damping_ratio=s[1])
+        entry(
+            "unmodelled_resonance",
+            stiffness_n_m=c[0] * w * w,
+            damping_n_s_m=c[1] * w,
+            frequency_hz=s[0],
+            damping_ratio=s[1],
+        )
     ]
 
 
@@ -105,6 +112,9 @@ MAKERS: Mapping[str, Make] = {
     "presliding_hysteresis:bristles": lambda c, s, b, t: [
         entry("presliding_hysteresis", force_n=c[0], stiffness_n_m=c[0] / s[0])
     ],
+    "presliding_hysteresis:two": lambda c, s, b, t: [
+        entry("presliding_hysteresis", force_n=f, stiffness_n_m=f / length) for f, length in zip(c, s, strict=True)
+    ],
     "backlash": lambda c, s, b, t: [entry("backlash", width_m=s[0])],
     "stiffening": lambda c, s, b, t: [entry("stiffening", quadratic_n_m2=c[0], cubic_n_m3=c[1])],
     "hunt_crossley_damping": lambda c, s, b, t: [entry("hunt_crossley_damping", damping_n_s_m2=c[0])],
@@ -130,12 +140,16 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
     """Mass, damper, spring and every cause that the search named, sensor's faults last."""
     regression, fit = analysis.regression, analysis.fit
     if FIXTURE in fit.model:  # with m, b and k the hanging mass spans a weak fixture, too
-        fit = regression.fit({("unmodelled_resonance" if n == FIXTURE else n): s for n, s in fit.model.items()})
+        fit = regression.fit(
+            {("unmodelled_resonance" if n == FIXTURE else n): s for n, s in fit.model.items()}
+        )
     entries = _base(fit, regression.sense)
     base = fit.coefficients[:3] * regression.sense
     for cause, shape in fit.model.items():
         if cause != "asymmetric_damping":
-            entries += MAKERS[cause](fit.of(cause) * regression.sense, shape, base, regression.signals.origin_s)
+            entries += MAKERS[cause](
+                fit.of(cause) * regression.sense, shape, base, regression.signals.origin_s
+            )
     entries += [_sensor(fault) for fault in analysis.faults]
     return ContactModel.from_mapping({"schema": SCHEMA, "name": name, "effects": entries})
 

@@ -95,7 +95,9 @@ def _saturation(cleaned: Cleaned, step: float | None) -> None:
         limit = float(max(np.abs(found)))
         share = float(np.mean(cleaned.clipped))
         spread = 1e-3 * limit if step is None else 0.5 * step
-        words = f"{100 * share:.2g} % of the samples stand exactly at {' and '.join(f'{x:.4g} N' for x in found)}"
+        words = (
+            f"{100 * share:.2g} % of the samples stand exactly at {' and '.join(f'{x:.4g} N' for x in found)}"
+        )
         parameters = {"limit_n": (limit, limit - spread, limit + spread)}
         cleaned.faults.append(Fault("sensor_saturation", parameters, words, share * (high - low)))
 
@@ -106,7 +108,9 @@ def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
     width = 1e-4 * span if step is None else 0.5 * step
     at = np.asarray(force > top - width)
     below = max(20.0 * width, 0.02 * span)
-    beside = np.count_nonzero((force > top - width - below) & ~at) * width / below * (1.0 if step is None else 2.0)
+    beside = (
+        np.count_nonzero((force > top - width - below) & ~at) * width / below * (1.0 if step is None else 2.0)
+    )
     count = np.count_nonzero(at)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
     longest = int(np.max(edges[1::2] - edges[::2], initial=0))
@@ -132,7 +136,9 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
         return
     if np.mean(rest[starts]) > 0.3 + 2.0 * np.mean(rest):  # at reversals: play, not the sensor
         return
-    if len(starts) > 0.5 * len(firsts):  # that there are spikes is certain: those that stand less alone are some, too
+    if len(starts) > 0.5 * len(
+        firsts
+    ):  # that there are spikes is certain: those that stand less alone are some, too
         starts, stops = firsts, lasts
     sizes = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
     wide = np.zeros(len(force), dtype=np.bool_)
@@ -140,7 +146,10 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
         wide[max(start - 1, 0) : stop + 1] = True
     cleaned.force_n = np.where(wide, smooth, force)
     rate, amplitude = len(starts) / recording.duration_s, float(np.mean(sizes))
-    doubt_rate, doubt = 1.96 * np.sqrt(len(starts)) / recording.duration_s, 1.96 * float(np.std(sizes)) / np.sqrt(len(sizes))
+    doubt_rate, doubt = (
+        1.96 * np.sqrt(len(starts)) / recording.duration_s,
+        1.96 * float(np.std(sizes)) / np.sqrt(len(sizes)),
+    )
     cleaned.faults.append(
         Fault(
             "sensor_spikes",

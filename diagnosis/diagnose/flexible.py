@@ -21,12 +21,16 @@ def flexible_gain(regression: Regression, fit: Fit) -> Gain:
     white, plain = columns(regression, fit)
     alone = held_out(regression, white, plain)
     extra_plain = _features(regression, fit)
-    extra_white = regression.noise.whiten(extra_plain, regression.signals.piecewise(fine=False))[regression.rows]
+    extra_white = regression.noise.whiten(extra_plain, regression.signals.piecewise(fine=False))[
+        regression.rows
+    ]
     extra_white = extra_white / regression.noise.innovation_n
     extra_plain = extra_plain[regression.rows]
     both = np.hstack([white, extra_white]), np.hstack([plain, extra_plain])
     weights = np.concatenate([np.full(white.shape[1], 1e-10), np.ones(extra_white.shape[1])])
-    trials = [gain(regression, alone, held_out(regression, *both, ridge=ridge * weights)) for ridge in _RIDGES]
+    trials = [
+        gain(regression, alone, held_out(regression, *both, ridge=ridge * weights)) for ridge in _RIDGES
+    ]
     return max(trials, key=lambda trial: trial.gain)
 
 
@@ -54,7 +58,11 @@ def _moving(motion: Motion) -> list[Floats]:
     since = since_reversal(motion)
     found += [b * s for b in _bumps(since, _knots(since, 6))]
     for lag_s in _LAGS_S:
-        found += [_smoothed(motion, v, lag_s), _smoothed(motion, np.abs(v), lag_s), _smoothed(motion, v * np.abs(v), lag_s)]
+        found += [
+            _smoothed(motion, v, lag_s),
+            _smoothed(motion, np.abs(v), lag_s),
+            _smoothed(motion, v * np.abs(v), lag_s),
+        ]
     return found
 
 

@@ -12,7 +12,13 @@ MotionKind = Literal["rich", "single_frequency", "constant_speed"]
 _LINE_SHARE = 0.985
 _STEADY = 0.06
 
-_FRICTION = {"coulomb_friction", "backlash", "presliding_hysteresis", "stribeck_friction", "position_dependent_friction"}
+_FRICTION = {
+    "coulomb_friction",
+    "backlash",
+    "presliding_hysteresis",
+    "stribeck_friction",
+    "position_dependent_friction",
+}
 _LINEAR = {"time_delay", "sensor_lag", "unmodelled_resonance", "stress_relaxation"}
 
 SEPARATING: tuple[tuple[frozenset[str], str], ...] = (
@@ -25,7 +31,9 @@ SEPARATING: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"pulsation", "stiffening", "stiffness_change"}), "a hold of 20 s at one position"),
     (frozenset({"stiffness_change", "stiffening", "contact_loss"}), "visit the same positions again later"),
 )  # fmt: skip
-GENERAL_MOTION = "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
+GENERAL_MOTION = (
+    "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
+)
 
 
 def separating_motion(names: set[str]) -> str:
@@ -41,7 +49,8 @@ def separating_motion(names: set[str]) -> str:
 def motion_kind(signals: Signals) -> MotionKind:
     """Whether the speed is one line of the spectrum, or does not change at all."""
     inside = [
-        signals.fine_v[fine][_core(signals.fine_v[fine], signals, i)] for i, fine in enumerate(signals.piecewise())
+        signals.fine_v[fine][_core(signals.fine_v[fine], signals, i)]
+        for i, fine in enumerate(signals.piecewise())
     ]
     v = np.concatenate(inside)
     usual = abs(float(np.median(v)))

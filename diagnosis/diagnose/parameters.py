@@ -36,6 +36,9 @@ NAMINGS: dict[str, Naming] = {
     "stribeck_friction:exponential": _two_levels,
     "presliding_hysteresis": lambda c, s, b, t: {"force_n": c[0], "stiffness_n_m": c[0] / s[0]},
     "presliding_hysteresis:bristles": lambda c, s, b, t: {"force_n": c[0], "stiffness_n_m": c[0] / s[0]},
+    "presliding_hysteresis:two": lambda c, s, b, t: {
+        "force_n": c[0] + c[1], "stiffness_n_m": c[0] / s[0] + c[1] / s[1],
+    },
     "backlash": lambda c, s, b, t: {"width_m": s[0]},
     "stiffening": lambda c, s, b, t: {"quadratic_n_m2": c[0], "cubic_n_m3": c[1]},
     "hunt_crossley_damping": lambda c, s, b, t: {"damping_n_s_m2": c[0]},
@@ -75,13 +78,16 @@ def intervals(regression: Regression, fit: Fit) -> dict[str, dict[str, Interval]
     drawn = [_named(fit, draw, sizes, start, regression.sense) for draw in draws]
     for name, parameters in values.items():
         found[name] = {
-            key: _interval(value, np.array([d[name][key] for d in drawn])) for key, value in parameters.items()
+            key: _interval(value, np.array([d[name][key] for d in drawn]))
+            for key, value in parameters.items()
         }
     return found
 
 
 def _interval(value: float, drawn: Floats) -> Interval:
-    low, high = np.quantile(drawn[np.isfinite(drawn)], (0.025, 0.975)) if np.isfinite(drawn).any() else (value, value)
+    low, high = (
+        np.quantile(drawn[np.isfinite(drawn)], (0.025, 0.975)) if np.isfinite(drawn).any() else (value, value)
+    )
     return Interval(float(value), float(min(low, value)), float(max(high, value)))
 
 
@@ -91,7 +97,9 @@ def _point(fit: Fit) -> tuple[Floats, list[tuple[str, int]]]:
     return np.concatenate([fit.coefficients, flat]), shapes
 
 
-def _named(fit: Fit, theta: Floats, sizes: list[tuple[str, int]], start: float, sense: float) -> dict[str, Values]:
+def _named(
+    fit: Fit, theta: Floats, sizes: list[tuple[str, int]], start: float, sense: float
+) -> dict[str, Values]:
     count = len(fit.owners)
     linear, at = theta[:count] * sense, count
     base = linear[:3]
@@ -106,7 +114,9 @@ def _named(fit: Fit, theta: Floats, sizes: list[tuple[str, int]], start: float, 
 
 def _covariance(regression: Regression, fit: Fit) -> Floats:
     design, _ = regression.design(fit.model)
-    slopes = [_slope(regression, fit, name, i) for name, shape in fit.model.items() for i in range(len(shape))]
+    slopes = [
+        _slope(regression, fit, name, i) for name, shape in fit.model.items() for i in range(len(shape))
+    ]
     jacobian = np.column_stack([design, *slopes])
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
     scale[scale == 0.0] = 1.0

@@ -41,7 +41,11 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
         assert recording.force_n is not None
         cut = slice(0, _LONGEST)
         recording = Recording(
-            recording.name, recording.time_s[cut], recording.position_m[cut], recording.force_n[cut], recording.source
+            recording.name,
+            recording.time_s[cut],
+            recording.position_m[cut],
+            recording.force_n[cut],
+            recording.source,
         )
     prepared = prepare(recording, Link(DELAY_S, 0.0, 0.0, 0))
     errors = []

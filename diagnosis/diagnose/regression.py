@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Extent, Motion, Shape, play, touch
+from diagnosis.diagnose.candidates import CANDIDATES, MOST_DAMPED, Candidate, Extent, Motion, Shape, play, touch
 from diagnosis.diagnose.noise import Noise, white
 from diagnosis.diagnose.signals import Mask, Signals, Spectrum
 
@@ -87,7 +87,9 @@ class Regression:
         coefficients, rss = solve(design, self.target)
         n = len(self.target)
         penalty = penalty_of(owners, model, n)
-        return Fit(model, coefficients, owners, max(rss, 1e-300), n, penalty, self._feasible(owners, coefficients))
+        return Fit(
+            model, coefficients, owners, max(rss, 1e-300), n, penalty, self._feasible(model, owners, coefficients)
+        )
 
     def design(self, model: Model) -> tuple[Floats, tuple[str, ...]]:
         """Whitened columns that count and the owner of each."""
@@ -164,7 +166,11 @@ class Regression:
             carried = "contact_loss:carried" in model
             columns = [motion.a * (1.0 if carried else motion.touching), motion.v * motion.touching, motion.x]
         elif candidate.kind == "mode":
-            driven = self.signals.spectrum(motion.a * motion.touching) if motion is not self._motion else self._base[0]
+            driven = (
+                self.signals.spectrum(motion.a * motion.touching)
+                if motion is not self._motion
+                else self._base[0]
+            )
             return mode_spectra(self.signals.omega, driven, shape)
         else:
             assert candidate.columns is not None
@@ -173,12 +179,17 @@ class Regression:
                 columns = [column * motion.touching for column in columns]
         return [self.signals.spectrum(column) for column in columns]
 
-    def _feasible(self, owners: tuple[str, ...], coefficients: Floats) -> bool:
+    def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
+        if any(n.startswith("unmodelled_resonance") and s[1] > MOST_DAMPED for n, s in model.items()):
+            return False
         for name in dict.fromkeys(owners):
             if name:
                 values = coefficients[[i for i, owner in enumerate(owners) if owner == name]]
                 signs = CANDIDATES[name].signs
-                if any(sign and sign * self.sense * value < 0.0 for sign, value in zip(signs, values, strict=True)):
+                if any(
+                    sign and sign * self.sense * value < 0.0
+                    for sign, value in zip(signs, values, strict=True)
+                ):
                     return False
         return True
 

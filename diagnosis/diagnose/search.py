@@ -1,21 +1,24 @@
 """Which causes: forward, backward and exchange steps over groups by penalised likelihood, shapes refined jointly."""
 
 from collections.abc import Iterable
+from functools import cached_property
 
 import numpy as np
 from scipy.fft import rfft, rfftfreq
 from scipy.optimize import minimize, minimize_scalar
 
 from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Shape, base_name
+from diagnosis.diagnose.candidates import CANDIDATES, DRY, Candidate, Shape, base_name
 from diagnosis.diagnose.regression import Fit, Model, Regression
 
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""
 
+ASYMMETRIC = "coulomb_friction:asymmetric"
+PRACTICAL_BIAS = 1.05
 MOST_CAUSES = 6
 _STARTS = 3
-PRACTICAL = 1.2
+PRACTICAL = 1.12
 """By how much the residual's rms must grow when a cause is taken out: less is within what is left unexplained."""
 
 PULSATION_HZ = 0.12, 4.0
@@ -42,7 +45,17 @@ class Search:
             if step is None:
                 break
             best = step
-        return best
+        return self._symmetric(best)
+
+    def _symmetric(self, fit: Fit) -> Fit:
+        """Levels that differ by direction are an offset of the cell where the recording can not tell them apart."""
+        if ASYMMETRIC not in fit.model or "bias" in fit.model:
+            return fit
+        rest = {name: shape for name, shape in fit.model.items() if name != ASYMMETRIC}
+        offset = self.fit({**rest, "coulomb_friction": (), "bias": ()})
+        if not offset.feasible or offset.score > fit.score + ADD:
+            return fit
+        return self._backward(offset) or offset
 
     def run_from_several(self, enough_n: float | None) -> Fit:
         """As `run` from nothing; again from the runners-up of the first step while more than `enough_n` is left.
@@ -102,6 +115,8 @@ class Search:
     def _shapes(self, fit: Fit, name: str) -> list[Shape]:
         if name == "pulsation":
             return self.lines(fit)
+        if base_name(name) == "unmodelled_resonance":
+            return [s for s in CANDIDATES[name].grid(self.regression.extent) if self._resolved(s)]
         if fit.model.get(name):
             return [fit.model[name], *CANDIDATES[name].grid(self.regression.extent)]
         return CANDIDATES[name].grid(self.regression.extent)
@@ -129,6 +144,25 @@ class Search:
         found = peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
         return [shape for shape in found if not self._own_period(shape[0])]
 
+    def _resolved(self, shape: Shape) -> bool:
+        """Whether the motion has frequencies within the mode's width; one that repeats has harmonics only."""
+        period_s = self._motion_period_s
+        return period_s is None or 2.0 * shape[0] * shape[1] * period_s > 1.0
+
+    @cached_property
+    def _motion_period_s(self) -> float | None:
+        """With which the motion repeats; None when it does not."""
+        signals = self.regression.signals
+        x = signals.fine_x - np.mean(signals.fine_x)
+        rate = len(x) / max(float(signals.fine_t[-1] - signals.fine_t[0]), 1e-9)
+        power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
+        likeness = np.fft.irfft(power)[: len(x) // 2] / (1.0 - np.arange(len(x) // 2) / len(x))
+        falling = np.flatnonzero(likeness < 0.5 * likeness[0])
+        if not len(falling):
+            return None
+        top = int(falling[0]) + int(np.argmax(likeness[falling[0] :]))
+        return top / rate if likeness[top] > 0.95 * likeness[0] else None
+
     def _own_period(self, frequency_hz: float) -> bool:
         """Whether the motion repeats with the period or a multiple of it: then it is no pulse of its own."""
         signals = self.regression.signals
@@ -139,7 +173,7 @@ class Search:
             if lag > len(x) // 2:
                 break
             a, b = x[lag:], x[:-lag]
-            if float(a @ b) > 0.95 * float(np.sqrt((a @ a) * (b @ b))):
+            if float(a @ b) > 0.85 * float(np.sqrt((a @ a) * (b @ b))):
                 return True
         return False
 
@@ -163,7 +197,12 @@ class Search:
                 best = trial
             return trial.score + (0.0 if trial.feasible else 1e3)
 
-        minimize(cost, np.log(fit.model[name]), method="Nelder-Mead", options={"maxfev": 70, "xatol": 1e-3, "fatol": 0.1})
+        minimize(
+            cost,
+            np.log(fit.model[name]),
+            method="Nelder-Mead",
+            options={"maxfev": 70, "xatol": 1e-3, "fatol": 0.1},
+        )
         return best
 
     def _refine_axis(self, fit: Fit, name: str, index: int, wide: bool) -> Fit:
@@ -179,10 +218,14 @@ class Search:
                 best = trial
             return trial.score
 
-        minimize_scalar(cost, bounds=(low, high), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * (high - low)})
+        minimize_scalar(
+            cost, bounds=(low, high), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * (high - low)}
+        )
         return best
 
-    def _bracket(self, candidate: Candidate, shape: Shape, index: int, wide: bool) -> tuple[float, float, bool]:
+    def _bracket(
+        self, candidate: Candidate, shape: Shape, index: int, wide: bool
+    ) -> tuple[float, float, bool]:
         value = shape[index]
         if candidate.name == "pulsation":
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
@@ -203,21 +246,26 @@ class Search:
             return None
         scanned = [self._scan(fit, name) for name in self.names if self._open(fit, name)]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
-        refined = [self.refined(trial, only=next(iter(set(trial.model) - set(fit.model)))) for trial in ranked]
+        refined = [
+            self.refined(trial, only=next(iter(set(trial.model) - set(fit.model)))) for trial in ranked
+        ]
         if not refined:
             return None
         best = self.refined(min(refined, key=lambda trial: trial.score))
         return best if self.worth(best, fit) else None
 
     def _open(self, fit: Fit, name: str) -> bool:
-        """Whether no form of that name is in the model yet."""
-        return base_name(name) not in {base_name(taken) for taken in fit.model}
+        """Whether neither a form of that name nor another description of the same contact is in the model yet."""
+        taken = {base_name(other) for other in fit.model}
+        return base_name(name) not in taken and not (base_name(name) in DRY and taken & DRY)
 
     def worth(self, more: Fit, less: Fit) -> bool:
         """Whether the larger model is better by likelihood and in size."""
         if less.score - more.score < ADD:
             return False
-        return less.rss > more.rss * PRACTICAL**2 or self.plain_rms(less) > self.plain_rms(more) * PRACTICAL
+        # every load cell has a bias: it is named when it is there, however small beside the rest
+        ratio = PRACTICAL_BIAS if set(more.model) - set(less.model) == {"bias"} else PRACTICAL
+        return less.rss > more.rss * ratio**2 or self.plain_rms(less) > self.plain_rms(more) * ratio
 
     def plain_rms(self, fit: Fit) -> float:
         """Of the residual in N, not whitened."""
@@ -241,7 +289,11 @@ class Search:
         best: Fit | None = None
         for name in fit.model:
             rest = self.fit({n: shape for n, shape in fit.model.items() if n != name})
-            scanned = [self._scan(rest, other) for other in self.names if other not in fit.model and self._open(rest, other)]
+            scanned = [
+                self._scan(rest, other)
+                for other in self.names
+                if other not in fit.model and self._open(rest, other)
+            ]
             ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:2]
             for trial in ranked:
                 if trial.score < fit.score + 0.3 * abs(rest.score - fit.score):
@@ -249,5 +301,3 @@ class Search:
                     if better.score < (best or fit).score - 2.0:
                         best = better
         return best
-
-

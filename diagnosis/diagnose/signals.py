@@ -82,12 +82,16 @@ class Signals:
             coarse.append(self._coarse(grid, f_spec, bad | _unsettled(x)))
         if not self.pieces:
             raise ValueError("no stretch without gaps is long enough")
-        self.fine_t, self.fine_x, self.fine_v, self.fine_a = (np.concatenate(c) for c in zip(*motion, strict=True))
+        self.fine_t, self.fine_x, self.fine_v, self.fine_a = (
+            np.concatenate(c) for c in zip(*motion, strict=True)
+        )
         self.t, self.force, self.rows = (np.concatenate(c) for c in zip(*coarse, strict=True))
         self.starts = np.cumsum([0, *(p.coarse for p in self.pieces)])
         self.fine_starts = np.cumsum([0, *(p.fine for p in self.pieces)])
         self._spec_starts = np.cumsum([0, *(p.coarse // 2 + 1 for p in self.pieces)])
-        self.omega = np.concatenate([2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.span_s for p in self.pieces])
+        self.omega = np.concatenate(
+            [2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.span_s for p in self.pieces]
+        )
 
     def linear_spectrum(self, derivative: int) -> Spectrum:
         """Filtered spectrum of the position's derivative, straight from the raw samples."""
@@ -222,7 +226,9 @@ def _wiener(x: Floats, grid: Piece, bins: int) -> Floats:
 
 
 def _band(power: Floats, low: float, high: float) -> float:
-    return float(np.median(power[int(low * len(power)) : max(int(high * len(power)), int(low * len(power)) + 1)]))
+    return float(
+        np.median(power[int(low * len(power)) : max(int(high * len(power)), int(low * len(power)) + 1)])
+    )
 
 
 def _unsettled(x: Floats) -> Mask:

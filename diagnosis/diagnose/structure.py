@@ -22,7 +22,10 @@ def foretold_share(regression: Regression, fit: Fit) -> float:
     First-order noise with a corner of 5 Hz or more leaves at most exp(-4 pi 5 0.04) = 8 %.
     """
     residual = regression.residual(fit)
-    parts = [_pairs(residual[piece], regression.signals.rows[piece], regression) for piece in regression.signals.piecewise(fine=False)]
+    parts = [
+        _pairs(residual[piece], regression.signals.rows[piece], regression)
+        for piece in regression.signals.piecewise(fine=False)
+    ]
     past, now = (np.concatenate(c) for c in zip(*parts, strict=True))
     if len(now) < 10 * _TAPS:
         return 0.0
@@ -54,7 +57,9 @@ def noise_cap_n(recording: Recording, force_n: Floats) -> float | None:
 def _pairs(residual: Floats, rows: Floats, regression: Regression) -> tuple[Floats, Floats]:
     rate = regression.signals.coarse_rate_hz
     first = max(1, int(np.ceil(HORIZON_S * rate)))
-    lags = np.unique(first + np.round(np.geomspace(1, max(2.0, _SPREAD_S * rate), _TAPS)).astype(np.int64) - 1)
+    lags = np.unique(
+        first + np.round(np.geomspace(1, max(2.0, _SPREAD_S * rate), _TAPS)).astype(np.int64) - 1
+    )
     index = np.arange(int(lags[-1]), len(residual))
     if not len(index):
         return np.empty((0, len(lags))), np.empty(0)

@@ -12,9 +12,10 @@ EPILOG = (
 )
 
 
-def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
+def diagnose(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE|DIR", help="A recording (CSV, Parquet, MCAP), or a folder of them.")
+        Path,
+        typer.Argument(metavar="FILE|DIR", help="A recording (CSV, Parquet, MCAP), or a folder of them."),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="For diagnosis.json, report.html, model.yaml.")],
     model: Annotated[

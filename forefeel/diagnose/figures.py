@@ -91,7 +91,9 @@ def _spectrum(stem: str, analysis: Analysis, residuals: tuple[Floats, Floats]) -
         axes.loglog(frequency[inside], np.sqrt(power[inside]), color=colour, label=name)
     _finish(axes, "frequency in Hz", "residual in N/√Hz")
     title = "Spectrum of what is left"
-    return Drawing(title, "Lines are periodic; noise is flat or falls.", to_svg(figure, f"{stem} {title}", title))
+    return Drawing(
+        title, "Lines are periodic; noise is flat or falls.", to_svg(figure, f"{stem} {title}", title)
+    )
 
 
 def _means(values: Floats, residual: Floats) -> tuple[Floats, Floats]:

@@ -72,7 +72,10 @@ def _one(wish: Wish, given: ContactModel | None, progress) -> tuple[Diagnosed, l
     write_whole(folder / MODEL, dump_mapping(model.to_mapping()))
     write_whole(folder / PAGE, render_page(recording, diagnosed, across))
     write_whole(folder / JSON, json.dumps(document, indent=2, allow_nan=False) + "\n")
-    return diagnosed, [*answer(recording, diagnosed.diagnosis, across), f"{PAGE}, {JSON}, {MODEL} in {folder}"]
+    return diagnosed, [
+        *answer(recording, diagnosed.diagnosis, across),
+        f"{PAGE}, {JSON}, {MODEL} in {folder}",
+    ]
 
 
 def _prediction(recording: Recording, model: ContactModel) -> Across | None:
@@ -98,7 +101,10 @@ def _folder(wish: Wish, given: ContactModel | None) -> None:
         task = bar.add_task(wish.source.name, total=len(files))
         for number, (file, line, error) in enumerate(parallel(tasks), 1):
             bar.update(task, completed=number, description=f"{number} of {len(files)}: {file.name}")
-            print(line if error is None else f"skipped: {error}", file=sys.stdout if error is None else sys.stderr)
+            print(
+                line if error is None else f"skipped: {error}",
+                file=sys.stdout if error is None else sys.stderr,
+            )
             bad += [] if error is None else [error]
     print(f"{len(files) - len(bad)} of {len(files)} diagnosed, {len(bad)} skipped; results in {wish.out}")
     if len(bad) == len(files):
