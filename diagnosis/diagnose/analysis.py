@@ -29,7 +29,8 @@ class Analysis:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Of the sensor, but for glitches that a play makes at reversals and steps that are finer than the noise."""
+        """Of the sensor, but for glitches that a play makes at reversals and steps that are finer than the
+        noise."""
         kept = []
         for fault in self.cleaned.faults:
             if fault.name == "sensor_spikes" and "backlash" in self.fit.model and _few(fault, self):
@@ -40,7 +41,8 @@ class Analysis:
         return tuple(kept)
 
     def noise_floor_n(self) -> float:
-        """rms in the band of the noise that the autoregression of the residual allows: not more than is left."""
+        """rms in the band of the noise that the autoregression of the residual allows: not more than is
+        left."""
         return residual_rms_n(self)
 
     def flags(self) -> tuple[str, ...]:
@@ -66,7 +68,8 @@ def analyse(recording: Recording, progress: Callable[[str], None] = lambda stage
     cleaned = clean(recording)
     cutoff = cutoff_hz(recording, cleaned.force_n)
     signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
-    regression = Regression(signals, speed_band_m_s(recording, cutoff))
+    reach_hz = min(2.0 * cutoff, signals.motion_reach_hz)
+    regression = Regression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
     search = Search(regression)
     progress("search")
     cap = noise_cap_n(recording, cleaned.force_n)

@@ -13,7 +13,8 @@ _BEYOND = 1.2
 
 
 def cutoff_hz(recording: Recording, force_n: Floats) -> float:
-    """1.2 times the frequency below which lies 90 % of the force's power that goes with the motion; at least 30 Hz."""
+    """1.2 times the frequency below which lies 90 % of the force's power that goes with the motion; at
+    least 30 Hz."""
     rate = recording.rate_hz
     most, least = _MOST * rate, min(_LEAST_HZ, _MOST * rate)
     x, f = _longest(recording, recording.position_m), _longest(recording, force_n)
@@ -31,14 +32,13 @@ def cutoff_hz(recording: Recording, force_n: Floats) -> float:
     return float(np.clip(_BEYOND * reach, least, most))
 
 
-def speed_band_m_s(recording: Recording, cutoff: float) -> float:
-    """Twice the standard deviation of the filtered speed at rest, from the noise of the position."""
-    x = _longest(recording, recording.position_m)
-    rate = recording.rate_hz
-    noise = position_noise_m(recording)
-    band = min(2.0 * cutoff, 0.5 * rate)
-    speed = noise * np.sqrt(2.0 / rate) * 2.0 * np.pi * band**1.5 / np.sqrt(3.0)
-    usual = float(np.quantile(np.abs(np.diff(x)) * rate, 0.95))
+def speed_band_m_s(position_m: Floats, rate_hz: float, reach_hz: float) -> float:
+    """Twice the standard deviation of the speed at rest, in the band up to `reach_hz`, of evenly sampled
+    positions."""
+    band = min(reach_hz, 0.5 * rate_hz)
+    noise = position_noise_m(position_m, rate_hz)
+    speed = noise * float(np.sqrt(2.0 / rate_hz)) * 2.0 * np.pi * band**1.5 / float(np.sqrt(3.0))
+    usual = float(np.quantile(np.abs(np.diff(position_m)) * rate_hz, 0.95))
     return float(max(2.0 * speed, 1e-3 * usual, 1e-12))
 
 
@@ -47,13 +47,21 @@ def _longest(recording: Recording, values: Floats) -> Floats:
     return np.asarray(values[piece])
 
 
-def position_noise_m(recording: Recording) -> float:
-    """Standard deviation of the position's noise, from third differences, the largest tenth left out."""
-    size = np.abs(np.diff(_longest(recording, recording.position_m), 3))
-    return float(np.sqrt(np.mean(size[size <= np.quantile(size, 0.9)] ** 2))) / float(np.sqrt(20.0)) / 0.79
+def position_noise_m(position_m: Floats, rate_hz: float) -> float:
+    """Standard deviation of the position's noise, the smaller of two estimates, for motion enters both.
+
+    From third differences, the largest tenth left out; from the level at the end of the spectrum.
+    """
+    size = np.abs(np.diff(position_m, 3))
+    kept = size[size <= np.quantile(size, 0.9)]
+    by_difference = float(np.sqrt(np.mean(kept**2))) / float(np.sqrt(20.0)) / 0.79
+    count = int(min(len(position_m), max(128, 3.0 * rate_hz)))
+    power = welch(position_m, rate_hz, "blackmanharris", nperseg=count, detrend="linear")[1]
+    by_level = float(np.sqrt(np.median(power[int(0.8 * len(power)) :]) * rate_hz / 2.0))
+    return min(by_difference, by_level)
 
 
-def acceleration_noise_m_s2(recording: Recording, cutoff: float) -> float:
+def acceleration_noise_m_s2(position_m: Floats, rate_hz: float, cutoff: float) -> float:
     """What that noise is in the filtered acceleration: `s (2 pi)^2 fc^2.5 sqrt(2 / (5 rate))`."""
-    reach = cutoff**2.5 * float(np.sqrt(0.4 / recording.rate_hz))
-    return position_noise_m(recording) * (2.0 * np.pi) ** 2 * reach
+    reach = cutoff**2.5 * float(np.sqrt(0.4 / rate_hz))
+    return float(position_noise_m(position_m, rate_hz) * (2.0 * np.pi) ** 2 * reach)

@@ -1,6 +1,8 @@
-"""Held-out blocks: what a model says about stretches that it was not fitted to, with block-bootstrap intervals.
+"""Held-out blocks: what a model says about stretches that it was not fitted to, with block-bootstrap
+intervals.
 
-Neighbouring errors are not independent; whole blocks are held out and drawn (Kuensch, Annals of Statistics 17, 1989).
+Neighbouring errors are not independent; whole blocks are held out and drawn (Kuensch, Annals of Statistics
+17, 1989).
 """
 
 from dataclasses import dataclass
@@ -14,6 +16,7 @@ from diagnosis.diagnose.regression import Fit, Regression
 _BLOCKS = 16
 _LEAST_S = 1.0
 _DRAWS = 1000
+_SEEN = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +34,13 @@ def block_numbers(regression: Regression) -> NDArray[np.int64]:
     """The block of each row that counts."""
     t = regression.signals.t[regression.rows]
     count = int(np.clip((t[-1] - t[0]) / _LEAST_S, 4, _BLOCKS))
-    return np.minimum(((t - t[0]) / (t[-1] - t[0]) * count).astype(np.int64), count - 1)
+    numbers = ((t - t[0]) / (t[-1] - t[0]) * count).astype(np.int64)
+    return np.asarray(np.minimum(numbers, count - 1))
 
 
 def held_out_errors(regression: Regression, fit: Fit) -> Floats:
-    """Error in N at the rows that count, each block predicted by the fit to all others, at the fit's shapes."""
+    """Error in N at the rows that count, each block predicted by the fit to all others, at the fit's
+    shapes."""
     return held_out(regression, *columns(regression, fit))
 
 
@@ -53,12 +58,17 @@ def held_out(regression: Regression, white: Floats, plain: Floats, ridge: Floats
     force, numbers = regression.signals.force[regression.rows], block_numbers(regression)
     gram, moment = white.T @ white, white.T @ regression.target
     errors = np.empty(len(force))
+    full = np.linalg.solve(gram + np.diag(np.full(len(gram), 1.0) * ridge) * len(white), moment)
     for number in range(int(numbers[-1]) + 1):
         rows = numbers == number
         part = white[rows]
         inner = gram - part.T @ part
+        # what shows in this block only, such as a decay from the start, can not be learned elsewhere
+        known = np.diag(inner) > _SEEN * np.diag(gram)
         inner[np.diag_indices_from(inner)] += ridge * len(white)
-        theta = np.linalg.solve(inner, moment - part.T @ regression.target[rows])
+        right = moment - part.T @ regression.target[rows] - inner[:, ~known] @ full[~known]
+        theta = full.copy()
+        theta[known] = np.linalg.solve(inner[np.ix_(known, known)], right[known])
         errors[rows] = force[rows] - plain[rows] @ theta
     return errors
 

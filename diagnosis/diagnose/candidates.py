@@ -1,6 +1,7 @@
 """The causes that can be named, each as columns of a regression at given shape parameters.
 
-A shape parameter is one that the force is not linear in (a width, a time constant, a frequency). It is searched
+A shape parameter is one that the force is not linear in (a width, a time constant, a frequency). It is
+searched
 between bounds that the recording itself sets: nothing shorter than its bandwidth or longer than itself.
 """
 
@@ -16,7 +17,8 @@ from common.error_size import Floats
 from diagnosis.diagnose.signals import Signals
 
 Kind = Literal["force", "sensor", "motion", "contact", "alignment", "mode"]
-"""force: columns of the motion; sensor: columns of time; mode: of the spectrum; the others change all columns."""
+"""force: columns of the motion; sensor: columns of time; mode: of the spectrum; the others change all
+columns."""
 
 Shape = tuple[float, ...]
 
@@ -125,7 +127,8 @@ def _bristles(motion: Motion, shape: Shape) -> list[Floats]:
 
 
 def _two_lengths(motion: Motion, shape: Shape) -> list[Floats]:
-    """Two elements of a generalised Maxwell slip (Al-Bender, Lampaert and Swevers, IEEE T-AC 50(11), 2005)."""
+    """Two elements of a generalised Maxwell slip (Al-Bender, Lampaert and Swevers, IEEE T-AC 50(11),
+    2005)."""
     return _presliding(motion, shape[:1]) + _presliding(motion, shape[1:])
 
 
@@ -135,7 +138,8 @@ def _two(grid: list[Shape]) -> list[Shape]:
 
 
 def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
-    """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left, exp(-t/tau)."""
+    """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left,
+    exp(-t/tau)."""
     from scipy.signal import lfilter  # noqa: PLC0415
 
     q = np.empty_like(motion.x)
@@ -248,7 +252,8 @@ CANDIDATES: Mapping[str, Candidate] = {
             grid=lambda e: [(float(p),) for p in np.linspace(e.low_m, e.high_m, 14)[1:-2]],
         ),
         Candidate(
-            "position_dependent_friction", "force", (1,), lambda m, s: [_depth(m) * m.direction()], at_wall=True
+            "position_dependent_friction", "force", (1,), lambda m, s: [_depth(m) * m.direction()],
+            at_wall=True
         ),
         Candidate(
             "stiffness_change", "force", (0,), lambda m, s: [m.x * (m.t > s[0])], logarithmic=False,

@@ -18,6 +18,7 @@ from diagnosis.diagnose.faults import Fault
 from diagnosis.diagnose.flexible import flexible_gain
 from diagnosis.diagnose.identifiability import (
     GENERAL_MOTION,
+    RIVALS_AT_CONSTANT_SPEED,
     motion_kind,
     rivals_of_a_line,
     separating_motion,
@@ -123,8 +124,7 @@ class _Judge:
         kind = motion_kind(self.regression.signals)
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
         if kind == "constant_speed":
-            rivals = ("bias", "coulomb_friction", "sensor_drift", "stress_relaxation")
-            return self._without_cause("not_separable", (rivals,), GENERAL_MOTION, names)
+            return self._without_cause("not_separable", (RIVALS_AT_CONSTANT_SPEED,), GENERAL_MOTION, names)
         physical = {base_name(name) for name in self.fit.model}
         if kind == "single_frequency" and physical:
             rivals = rivals_of_a_line(physical)
@@ -141,7 +141,8 @@ class _Judge:
         return self._without_cause("nothing_missing", (), None, set())
 
     def _structure_left(self) -> bool:
-        """Whether what is left is no noise, and large beside what a spring, a damper, a mass and a bias leave."""
+        """Whether what is left is no noise, and large beside what a spring, a damper, a mass and a bias
+        leave."""
         foretold = foretold_share(self.regression, self.fit)
         flexible = flexible_gain(self.regression, self.fit)
         self.foretold, self.flexible = foretold, flexible
@@ -151,7 +152,7 @@ class _Judge:
         cap = noise_cap_n(self.analysis.recording, self.analysis.cleaned.force_n)
         force = self.regression.signals.force[self.regression.rows]
         encoder_n = abs(self.parameters[""]["mass_kg"].value) * acceleration_noise_m_s2(
-            self.analysis.recording, self.regression.signals.cutoff_hz
+            self.regression.signals.even_m, self.regression.signals.even_hz, self.regression.signals.cutoff_hz
         )
         if cap is not None and self.residual_n > max(
             _BEYOND_CAP * float(np.hypot(cap, encoder_n)), _OF_FORCE * float(np.std(force))
@@ -255,7 +256,7 @@ def _evidence(name: str, likelihood: float, own: Gain) -> Evidence:
     kind: type[Effect] | None = OWN.get(name)
     fingerprint = kind.fingerprint if kind is not None else ""
     words = (
-        f"without it the penalised -2 log likelihood is {likelihood:.0f} worse and the error on held-out blocks "
-        f"{100 * own.gain:.0f} % larger ({100 * own.low:.0f} to {100 * own.high:.0f} %)"
+        f"without it the penalised -2 log likelihood is {likelihood:.0f} worse and the error on held-out "
+        f"blocks {100 * own.gain:.0f} % larger ({100 * own.low:.0f} to {100 * own.high:.0f} %)"
     )
     return Evidence(fingerprint, likelihood, own.gain, own.low, own.high, words)

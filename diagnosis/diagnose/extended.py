@@ -1,6 +1,7 @@
 """The extended model: the causes found as effects of a model.yaml, which the slave and the predictor load.
 
-Times are the recording's own stamps. Where the recording shows the reaction the force is turned: positive resists.
+Times are the recording's own stamps. Where the recording shows the reaction the force is turned: positive
+resists.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,14 +27,14 @@ FIXTURE = "unmodelled_resonance:fixture"
 _ORDER = "bias", "sensor_drift", "mains_hum"
 
 
-def entry(effect: str, site: str | None = None, **parameters: float) -> Entry:
+def entry(effect: str, **parameters: float) -> Entry:
     """One effect, its parameters within the effect's bounds."""
     bounds = {p.name: (p.lower, p.upper) for p in OWN[effect].parameters}
     values = {
         name: float(np.clip(value, *bounds[name])) if name in bounds else float(value)
         for name, value in parameters.items()
     }
-    return {"effect": effect, **({} if site is None else {"site": site}), "parameters": values}
+    return {"effect": effect, "parameters": values}
 
 
 def _branches(c: Floats, s: Shape, base: Floats, start: float) -> list[Entry]:
@@ -113,7 +114,8 @@ MAKERS: Mapping[str, Make] = {
         entry("presliding_hysteresis", force_n=c[0], stiffness_n_m=c[0] / s[0])
     ],
     "presliding_hysteresis:two": lambda c, s, b, t: [
-        entry("presliding_hysteresis", force_n=f, stiffness_n_m=f / length) for f, length in zip(c, s, strict=True)
+        entry("presliding_hysteresis", force_n=f, stiffness_n_m=f / length)
+        for f, length in zip(c, s, strict=True)
     ],
     "backlash": lambda c, s, b, t: [entry("backlash", width_m=s[0])],
     "stiffening": lambda c, s, b, t: [entry("stiffening", quadratic_n_m2=c[0], cubic_n_m3=c[1])],
@@ -162,7 +164,8 @@ def _base(fit: Fit, sense: float) -> list[Entry]:
         extra = [entry("asymmetric_damping", forward_n_s_m=b + more, backward_n_s_m=b - more)]
         b = 0.0
     if "contact_loss:carried" in fit.model:  # the mass is carried before the contact, too
-        carried = entry("mass_damper_spring", "shaft", mass_kg=m, damping_n_s_m=0.0, stiffness_n_m=0.0)
+        mass = entry("mass_damper_spring", mass_kg=m, damping_n_s_m=0.0, stiffness_n_m=0.0)
+        carried = {**mass, "site": "shaft"}
         return [carried, entry("mass_damper_spring", mass_kg=0.0, damping_n_s_m=b, stiffness_n_m=k), *extra]
     return [entry("mass_damper_spring", mass_kg=m, damping_n_s_m=b, stiffness_n_m=k), *extra]
 

@@ -1,6 +1,7 @@
 """Faults of the sensor, found on the force as recorded, before any filter.
 
-A flat top piles samples up at one value; a comb has values only at multiples of a step; a spike stands alone; a
+A flat top piles samples up at one value; a comb has values only at multiples of a step; a spike stands
+alone; a
 mains line is narrower than anything that a hand does.
 """
 
@@ -56,7 +57,8 @@ def clean(recording: Recording) -> Cleaned:
         cleaned.faults.append(
             Fault(
                 "sensor_quantisation", {"step_n": (step, step - half, step + half)},
-                f"the force takes only {len(np.unique(force))} values, multiples of one step", step / np.sqrt(12.0),
+                f"the force takes only {len(np.unique(force))} values, multiples of one step",
+                step / np.sqrt(12.0),
             )
         )  # fmt: skip
     _spikes(cleaned, recording, step)
@@ -129,7 +131,7 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
     local = percentile_filter(np.abs(off), 85, 2 * max(8, int(0.25 * recording.rate_hz)) + 1, mode="nearest")
     out = np.abs(off) > _OUTLIER * np.maximum(np.maximum(local, usual), 1e-9 * float(np.ptp(force)))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(np.int8), [0]])))
-    firsts, lasts = edges[::2], edges[1::2]
+    firsts, lasts = _cores(off, edges[::2], edges[1::2])
     starts, stops = _isolated(force, off, firsts, lasts, max(3, round(0.004 * recording.rate_hz)))
     rest = _at_rest(recording)
     if len(starts) < _LEAST_SPIKES or len(starts) > 0.02 * len(force):
@@ -157,8 +159,8 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
                 "rate_hz": (rate, rate - doubt_rate, rate + doubt_rate),
                 "amplitude_n": (amplitude, amplitude - doubt, amplitude + doubt),
             },
-            f"{len(starts)} isolated outliers of {amplitude:.3g} N, {amplitude / max(usual, 1e-300):.0f} times the "
-            "usual distance from their neighbours",
+            f"{len(starts)} isolated outliers of {amplitude:.3g} N, "
+            f"{amplitude / max(usual, 1e-300):.0f} times the usual distance from their neighbours",
             float(np.sqrt(np.mean((force - cleaned.force_n) ** 2))),
         )
     )
@@ -176,12 +178,25 @@ def _at_rest(recording: Recording) -> Mask:
 def _isolated(
     force: Floats, off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64], widest: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Those that are short, and after which the force is where it was before: no step, no pulse that decays."""
+    """Those that are short, and after which the force is where it was before: no step, no pulse that
+    decays."""
     before, after = force[np.maximum(starts - 2, 0)], force[np.minimum(stops + 1, len(force) - 1)]
     size = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
     alone = (stops - starts <= widest) & (np.abs(after - before) < 0.25 * size)
     sharp = np.array([_sharp(force, a, b) for a, b in zip(starts, stops, strict=True)], dtype=np.bool_)
     return starts[alone & sharp], stops[alone & sharp]
+
+
+def _cores(
+    off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Each run without its flanks: a spike bends the median beside it."""
+    first, last = starts.copy(), stops.copy()
+    for i, (start, stop) in enumerate(zip(starts, stops, strict=True)):
+        size = np.abs(off[start:stop])
+        high = np.flatnonzero(size > 0.3 * size.max())
+        first[i], last[i] = start + high[0], start + high[-1] + 1
+    return first, last
 
 
 def _sharp(force: Floats, start: int, stop: int) -> bool:

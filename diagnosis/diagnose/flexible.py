@@ -1,7 +1,10 @@
-"""A model of the residual without physics: what any function of the motion, its past and time could still explain.
+"""A model of the residual without physics: what any function of the motion, its past and time could still
+explain.
 
-Bumps over position, speed and acceleration, over pairs of them, over the distance since the last reversal, over
-time, and lagged motion; ridge regression, scored on held-out blocks. Where it gains clearly, something is there
+Bumps over position, speed and acceleration, over pairs of them, over the distance since the last reversal,
+over
+time, and lagged motion; ridge regression, scored on held-out blocks. Where it gains clearly, something is
+there
 that no named cause explains.
 """
 

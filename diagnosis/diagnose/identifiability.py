@@ -22,15 +22,34 @@ _FRICTION = {
 _LINEAR = {"time_delay", "sensor_lag", "unmodelled_resonance", "stress_relaxation"}
 
 SEPARATING: tuple[tuple[frozenset[str], str], ...] = (
-    (frozenset({"coulomb_friction", "stribeck_friction"}), "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s"),
-    (frozenset({"coulomb_friction", "backlash", "presliding_hysteresis"}), "strokes of several amplitudes at one speed, some shorter than the width in question"),
-    (frozenset({"time_delay", "sensor_lag", "unmodelled_resonance"}), "sines at three or more frequencies, 0.5 to 15 Hz, same amplitude"),
-    (frozenset({"stress_relaxation", "sensor_drift", "bias"}), "a step, a hold of 30 s, then back to no load for 30 s"),
+    (
+        frozenset({"coulomb_friction", "stribeck_friction"}),
+        "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s",
+    ),
+    (
+        frozenset({"coulomb_friction", "backlash", "presliding_hysteresis"}),
+        "strokes of several amplitudes at one speed, some shorter than the width in question",
+    ),
+    (
+        frozenset({"time_delay", "sensor_lag", "unmodelled_resonance"}),
+        "sines of one amplitude at three or more frequencies, 0.5 to 15 Hz",
+    ),
+    (
+        frozenset({"stress_relaxation", "sensor_drift", "bias"}),
+        "a step, a hold of 30 s, then back to no load for 30 s",
+    ),
     (frozenset({"stress_relaxation", "presliding_hysteresis"}), "the same stroke at three speeds"),
-    (frozenset({"stiffening", "hunt_crossley_damping", "asymmetric_damping", "quadratic_drag"}), "the same strokes, slow and fast, to several depths"),
+    (
+        frozenset({"stiffening", "hunt_crossley_damping", "asymmetric_damping", "quadratic_drag"}),
+        "the same strokes, slow and fast, to several depths",
+    ),
     (frozenset({"pulsation", "stiffening", "stiffness_change"}), "a hold of 20 s at one position"),
-    (frozenset({"stiffness_change", "stiffening", "contact_loss"}), "visit the same positions again later"),
-)  # fmt: skip
+    (
+        frozenset({"stiffness_change", "stiffening", "contact_loss"}),
+        "the same positions again, later",
+    ),
+)
+RIVALS_AT_CONSTANT_SPEED = "bias", "coulomb_friction", "sensor_drift", "stress_relaxation"
 GENERAL_MOTION = (
     "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
 )

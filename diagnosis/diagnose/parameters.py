@@ -46,12 +46,15 @@ NAMINGS: dict[str, Naming] = {
     "asymmetric_damping": lambda c, s, b, t: {"forward_n_s_m": b[1] + c[0], "backward_n_s_m": b[1] - c[0]},
     "stress_relaxation": lambda c, s, b, t: {"stiffness_n_m": c[0], "time_constant_s": s[0]},
     "stress_relaxation:two": lambda c, s, b, t: {
-        "stiffness_n_m": c[0], "time_constant_s": s[0], "second_stiffness_n_m": c[2], "second_time_constant_s": s[1],
+        "stiffness_n_m": c[0], "time_constant_s": s[0],
+        "second_stiffness_n_m": c[2], "second_time_constant_s": s[1],
     },
     "contact_loss": lambda c, s, b, t: {"contact_position_m": s[0]},
     "contact_loss:carried": lambda c, s, b, t: {"contact_position_m": s[0]},
     "position_dependent_friction": lambda c, s, b, t: {"force_per_length_n_m": c[0]},
-    "stiffness_change": lambda c, s, b, t: {"time_s": t + s[0], "ratio": 1.0 + c[0] / b[2] if b[2] else np.inf},
+    "stiffness_change": lambda c, s, b, t: {
+        "time_s": t + s[0], "ratio": 1.0 + c[0] / b[2] if b[2] else np.inf,
+    },
     "time_delay": lambda c, s, b, t: {"delay_s": s[0]},
     "sensor_lag": lambda c, s, b, t: {"time_constant_s": s[0]},
     "sensor_drift": lambda c, s, b, t: {"rate_n_s": c[0]},
@@ -65,7 +68,8 @@ NAMINGS: dict[str, Naming] = {
 def intervals(regression: Regression, fit: Fit) -> dict[str, dict[str, Interval]]:
     """95 % intervals of each cause's parameters, and of mass, damping, stiffness under "".
 
-    Coefficients and shapes are drawn from the Gauss-Newton covariance `s^2 (J' J)^-1` on whitened data, J with the
+    Coefficients and shapes are drawn from the Gauss-Newton covariance `s^2 (J' J)^-1` on whitened data, J
+    with the
     derivatives by the shapes; percentiles of the named parameters follow (propagation by draws).
     """
     theta, sizes = _point(fit)

@@ -1,6 +1,7 @@
 """Variable projection: for given shape parameters the force is linear in the rest, which is solved for.
 
-Golub and Pereyra, SIAM J. Numer. Anal. 10(2), 1973. A model is a mapping from the names of its causes to their
+Golub and Pereyra, SIAM J. Numer. Anal. 10(2), 1973. A model is a mapping from the names of its causes to
+their
 shape parameters; mass, damping and stiffness always take part.
 """
 
@@ -11,7 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, MOST_DAMPED, Candidate, Extent, Motion, Shape, play, touch
+from diagnosis.diagnose.candidates import (
+    CANDIDATES,
+    MOST_DAMPED,
+    Candidate,
+    Extent,
+    Motion,
+    Shape,
+    play,
+    touch,
+)
 from diagnosis.diagnose.noise import Noise, white
 from diagnosis.diagnose.signals import Mask, Signals, Spectrum
 
@@ -26,7 +36,8 @@ _DEPENDENT = 1e-7
 class Fit:
     """A model's linear parameters and what it leaves.
 
-    `rss` is that of the whitened residual over `n` rows, in units of the noise's innovation; `owners` names the
+    `rss` is that of the whitened residual over `n` rows, in units of the noise's innovation; `owners` names
+    the
     cause of each coefficient ("" for mass, damping, stiffness).
     """
 
@@ -88,7 +99,13 @@ class Regression:
         n = len(self.target)
         penalty = penalty_of(owners, model, n)
         return Fit(
-            model, coefficients, owners, max(rss, 1e-300), n, penalty, self._feasible(model, owners, coefficients)
+            model,
+            coefficients,
+            owners,
+            max(rss, 1e-300),
+            n,
+            penalty,
+            self._feasible(model, owners, coefficients),
         )
 
     def design(self, model: Model) -> tuple[Floats, tuple[str, ...]]:
@@ -223,7 +240,8 @@ def harmonics(t: Floats, frequency_hz: float, count: int = 3) -> Floats:
 
 
 def alignment(omega: Floats, model: Model) -> Spectrum | None:
-    """What late stamps, a slow load cell and a weak fixture do to a spectrum; None when the model has none."""
+    """What late stamps, a slow load cell and a weak fixture do to a spectrum; None when the model has
+    none."""
     if not _frame(model, ("alignment",)):
         return None
     factor = np.ones(len(omega), dtype=np.complex128)

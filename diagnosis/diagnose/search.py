@@ -1,4 +1,5 @@
-"""Which causes: forward, backward and exchange steps over groups by penalised likelihood, shapes refined jointly."""
+"""Which causes: forward, backward and exchange steps over groups by penalised likelihood, shapes refined
+jointly."""
 
 from collections.abc import Iterable
 from functools import cached_property
@@ -15,11 +16,12 @@ ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""
 
 ASYMMETRIC = "coulomb_friction:asymmetric"
-PRACTICAL_BIAS = 1.05
+PRACTICAL_OF = {"bias": 1.05, "unmodelled_resonance": 1.25}
 MOST_CAUSES = 6
 _STARTS = 3
 PRACTICAL = 1.12
-"""By how much the residual's rms must grow when a cause is taken out: less is within what is left unexplained."""
+"""By how much the residual's rms must grow when a cause is taken out: less is within what is left
+unexplained."""
 
 PULSATION_HZ = 0.12, 4.0
 
@@ -48,7 +50,8 @@ class Search:
         return self._symmetric(best)
 
     def _symmetric(self, fit: Fit) -> Fit:
-        """Levels that differ by direction are an offset of the cell where the recording can not tell them apart."""
+        """Levels that differ by direction are an offset of the cell where the recording can not tell them
+        apart."""
         if ASYMMETRIC not in fit.model or "bias" in fit.model:
             return fit
         rest = {name: shape for name, shape in fit.model.items() if name != ASYMMETRIC}
@@ -58,7 +61,8 @@ class Search:
         return self._backward(offset) or offset
 
     def run_from_several(self, enough_n: float | None) -> Fit:
-        """As `run` from nothing; again from the runners-up of the first step while more than `enough_n` is left.
+        """As `run` from nothing; again from the runners-up of the first step while more than `enough_n` is
+        left.
 
         Steps one at a time can walk past a pair of causes whose mixture looks like a third.
         """
@@ -147,6 +151,8 @@ class Search:
     def _resolved(self, shape: Shape) -> bool:
         """Whether the motion has frequencies within the mode's width; one that repeats has harmonics only."""
         period_s = self._motion_period_s
+        if shape[0] > 0.9 * self.regression.signals.motion_reach_hz:
+            return False
         return period_s is None or 2.0 * shape[0] * shape[1] * period_s > 1.0
 
     @cached_property
@@ -255,7 +261,8 @@ class Search:
         return best if self.worth(best, fit) else None
 
     def _open(self, fit: Fit, name: str) -> bool:
-        """Whether neither a form of that name nor another description of the same contact is in the model yet."""
+        """Whether neither a form of that name nor another description of the same contact is in the model
+        yet."""
         taken = {base_name(other) for other in fit.model}
         return base_name(name) not in taken and not (base_name(name) in DRY and taken & DRY)
 
@@ -264,7 +271,8 @@ class Search:
         if less.score - more.score < ADD:
             return False
         # every load cell has a bias: it is named when it is there, however small beside the rest
-        ratio = PRACTICAL_BIAS if set(more.model) - set(less.model) == {"bias"} else PRACTICAL
+        names = {base_name(name) for name in set(more.model) - set(less.model)}
+        ratio = PRACTICAL_OF.get(next(iter(names)) if len(names) == 1 else "", PRACTICAL)
         return less.rss > more.rss * ratio**2 or self.plain_rms(less) > self.plain_rms(more) * ratio
 
     def plain_rms(self, fit: Fit) -> float:

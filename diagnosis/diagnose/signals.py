@@ -1,14 +1,18 @@
 """Motion and force through one and the same low-pass, on a grid that is just fine enough for it.
 
 Every column of the model and the force pass the same zero-phase filter H, so that the regression
-`H f = sum theta_i H phi_i` is that of the unfiltered signals and theta is not biased by it (matched filtering,
-Gautier and Poignet, Control Engineering Practice 9, 2001). Derivatives are taken in the spectrum: `(j w)^d H X`.
+`H f = sum theta_i H phi_i` is that of the unfiltered signals and theta is not biased by it (matched
+filtering,
+Gautier and Poignet, Control Engineering Practice 9, 2001). Derivatives are taken in the spectrum: `(j w)^d
+H X`.
 Two grids: the fine one carries the motion that nonlinear columns are computed from, the coarse one, with its
 Nyquist frequency at the end of the pass-band, the regression.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +29,7 @@ Mask = NDArray[np.bool_]
 _FINE_PER_BAND = 16.0
 _TAPER = 0.75  # the pass-band is flat up to this share of the cutoff
 _EDGE = 4.0  # in periods of the cutoff: what the filter's response reaches
+_ENDS = (0.6, 0.8, 0.97), (0.3, 0.42, 0.6)  # of the Nyquist frequency; uneven stamps damp the upper end
 _LEAST_SEGMENT = 3.0  # in edges
 
 
@@ -55,16 +60,21 @@ class Signals:
         unusable: samples whose force means nothing (clipped).
 
     Attributes:
-        fine_t, fine_x, fine_v, fine_a: time in s since the start and motion on the fine grid, padding included.
+        fine_t, fine_x, fine_v, fine_a: time in s since the start and motion on the fine grid, padding
+        included.
         t, force: on the coarse grid, filtered.
         rows: the coarse samples that count, shape as `t`.
         starts: first coarse index of each piece.
+        even_m, even_hz: the longest piece of the position, evenly sampled, and its rate.
+        motion_reach_hz: up to where the position is more than its noise.
     """
 
     def __init__(self, recording: Recording, force_n: Floats, cutoff_hz: float, unusable: Mask) -> None:
         self.cutoff_hz = cutoff_hz
         self.origin_s = float(recording.time_s[0])
         self.pieces: list[Piece] = []
+        self.motion_reach_hz, self.even_hz = 0.0, 1.0
+        self.even_m: Floats = np.empty(0)
         self._raw: list[tuple[Spectrum, Spectrum]] = []
         motion: list[tuple[Floats, ...]] = []
         coarse: list[tuple[Floats, Floats, Mask]] = []
@@ -75,7 +85,11 @@ class Signals:
                 continue
             x, f, bad = _uniform(time_s, grid, recording.position_m[piece], force_n[piece], unusable[piece])
             x_spec, f_spec = rfft(_padded(x, grid.padded)), rfft(_padded(f, grid.padded))
-            x_spec *= _wiener(x, grid, len(x_spec))
+            if len(x) > len(self.even_m):
+                self.even_m, self.even_hz = x, 1.0 / grid.period_s
+            gain = _above_noise(x, grid, len(x_spec))
+            x_spec *= gain
+            self.motion_reach_hz = max(self.motion_reach_hz, float(np.sum(gain)) / grid.span_s)
             self.pieces.append(grid)
             self._raw.append((x_spec, f_spec))
             motion.append(self._motion(grid, x_spec))
@@ -120,7 +134,7 @@ class Signals:
     def piecewise(self, fine: bool = True) -> Sequence[slice]:
         """Where each piece lies on the fine or on the coarse grid."""
         starts = self.fine_starts if fine else self.starts
-        return [slice(int(a), int(b)) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+        return [slice(int(a), int(b)) for a, b in pairwise(starts)]
 
     @property
     def coarse_rate_hz(self) -> float:
@@ -135,7 +149,7 @@ class Signals:
 
     def _motion(self, grid: Piece, x_spec: Spectrum) -> tuple[Floats, ...]:
         bins = min(grid.fine // 2 + 1, len(x_spec))
-        frequency = np.arange(bins) / grid.span_s
+        frequency = np.asarray(np.arange(bins) / grid.span_s, dtype=np.float64)
         wide = response(frequency, 2.0 * self.cutoff_hz)
         narrow = response(frequency, 1.2 * self.cutoff_hz)
         scale = grid.fine / grid.padded
@@ -144,12 +158,12 @@ class Signals:
         full[0, :bins] = x_spec[:bins] * wide * scale
         full[1, :bins] = x_spec[:bins] * wide * jw * scale
         full[2, :bins] = x_spec[:bins] * narrow * jw**2 * scale
-        t = grid.start_s + np.arange(grid.fine) * (grid.span_s / grid.fine)
+        t = np.asarray(grid.start_s + np.arange(grid.fine) * (grid.span_s / grid.fine), dtype=np.float64)
         x, v, a = (irfft(row, grid.fine) for row in full)
         return t, x, v, a
 
     def _coarse(self, grid: Piece, f_spec: Spectrum, bad: Mask) -> tuple[Floats, Floats, Mask]:
-        t = np.arange(grid.coarse) * (grid.span_s / grid.coarse)
+        t = np.asarray(np.arange(grid.coarse) * (grid.span_s / grid.coarse), dtype=np.float64)
         edge_s = _EDGE / self.cutoff_hz
         length_s = (grid.samples - 1) * grid.period_s
         rows = (t >= min(max(edge_s, 0.3), 0.1 * length_s)) & (t <= length_s - min(edge_s, 0.1 * length_s))
@@ -157,7 +171,7 @@ class Signals:
         return grid.start_s + t, irfft(self._cut(grid, f_spec, grid.padded, 0), grid.coarse), rows
 
 
-def response(frequency_hz: Floats, cutoff_hz: float) -> Floats:
+def response(frequency_hz: NDArray[np.floating[Any]], cutoff_hz: float) -> Floats:
     """Magnitude of the low-pass: one up to 0.75 cutoff, a raised cosine, zero from the cutoff on."""
     depth = np.clip((frequency_hz / cutoff_hz - _TAPER) / (1.0 - _TAPER), 0.0, 1.0)
     return np.asarray(0.5 * (1.0 + np.cos(np.pi * depth)))
@@ -185,7 +199,7 @@ def _grid(time_s: Floats, cutoff_hz: float) -> Piece | None:
 
 def _uniform(time_s: Floats, grid: Piece, x: Floats, f: Floats, bad: Mask) -> tuple[Floats, Floats, Mask]:
     """Onto an even grid; even stamps, up to their rounding, are taken as they are."""
-    even = grid.start_s + np.arange(grid.samples) * grid.period_s
+    even = np.asarray(grid.start_s + np.arange(grid.samples) * grid.period_s, dtype=np.float64)
     if len(even) == len(time_s) and np.max(np.abs(even - time_s)) < 0.05 * grid.period_s:
         return x, f, bad
     nearest = np.clip(np.searchsorted(time_s, even), 0, len(time_s) - 1)
@@ -205,17 +219,22 @@ def _padded(values: Floats, length: int) -> Floats:
     return np.concatenate([values, values[-1] + (values[0] - values[-1]) * ease])
 
 
-def _wiener(x: Floats, grid: Piece, bins: int) -> Floats:
-    """One up to where the position's spectrum sinks into the encoder's noise, zero beyond: no noise is derived.
+def _above_noise(x: Floats, grid: Piece, bins: int) -> Floats:
+    """One up to where the position's spectrum sinks into the encoder's noise, zero beyond: no noise is
+    derived.
 
-    The noise is the level at the end of the spectrum when it is flat there; one everywhere when it still falls.
+    The noise is the level at the end of the spectrum when it is flat there; one everywhere when it still
+    falls.
     A gradual (Wiener's) gain would shrink the motion, and with it bias the mass.
     """
     rate = 1.0 / grid.period_s
     count = int(min(len(x), max(128, 3.0 * rate)))
     frequency, power = welch(x, rate, "blackmanharris", nperseg=count, detrend="linear")
-    upper, top = _band(power, 0.6, 0.8), _band(power, 0.8, 0.97)
-    if not 0.0 < upper < 2.5 * top:
+    for low, middle, high in _ENDS:
+        upper, top = _band(power, low, middle), _band(power, middle, high)
+        if 0.0 < upper < 2.5 * top:
+            break
+    else:
         return np.ones(bins)
     level = median_filter(power, 7, mode="nearest")
     gain = np.clip((level / max(top, 1e-300) - 2.0) / 2.0, 0.0, 1.0)
@@ -232,7 +251,8 @@ def _band(power: Floats, low: float, high: float) -> float:
 
 
 def _unsettled(x: Floats) -> Mask:
-    """The start, up to a tenth, until half the stroke was seen: plays and frictions begin in an unknown state."""
+    """The start, up to a tenth, until half the stroke was seen: plays and frictions begin in an unknown
+    state."""
     stroke = float(np.quantile(x, 0.95) - np.quantile(x, 0.05))
     seen = np.maximum.accumulate(x) - np.minimum.accumulate(x)
     first = int(np.argmax(seen >= 0.5 * stroke))

@@ -1,4 +1,5 @@
-"""Whether what is left is noise: noise of a measuring chain is forgotten within a few hundredths of a second."""
+"""Whether what is left is noise: noise of a measuring chain is forgotten within a few hundredths of a
+second."""
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -31,13 +32,14 @@ def foretold_share(regression: Regression, fit: Fit) -> float:
         return 0.0
     half = len(now) // 2
     shares = [_share(past[a], now[a], past[b], now[b]) for a, b in _halves(half, len(now))]
-    return float(max(0.0, np.mean(shares)))
+    return max(0.0, float(np.mean(shares)))
 
 
 def noise_cap_n(recording: Recording, force_n: Floats) -> float | None:
     """The most that noise with a corner of 5 Hz or more can be, from what the force's own past does not tell.
 
-    First-order noise of rms s and corner c has innovations of `s sqrt(1 - exp(-4 pi c / rate))` from sample to sample;
+    First-order noise of rms s and corner c has innovations of `s sqrt(1 - exp(-4 pi c / rate))` from sample
+    to sample;
     motion is smooth at that rate and hardly adds. None where samples are too far apart to tell.
     """
     if recording.rate_hz < _LEAST_RATE_HZ:

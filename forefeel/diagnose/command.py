@@ -27,7 +27,8 @@ def diagnose(
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
 ) -> None:
-    """Show what the simulation gets wrong on a recording, name the cause, extend the model, measure the gain."""
+    """Show what the simulation gets wrong on a recording, name the cause, extend the model, measure the
+    gain."""
     from forefeel.diagnose.run import Wish, run_diagnosis  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column

@@ -1,4 +1,5 @@
-"""The figures of a diagnosis: what the simulation leaves, against all that could explain it, before and after."""
+"""The figures of a diagnosis: what the simulation leaves, against all that could explain it, before and
+after."""
 
 import numpy as np
 from matplotlib.axes import Axes

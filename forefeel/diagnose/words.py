@@ -7,7 +7,7 @@ from forefeel.report.text import DISCLAIMER
 from forefeel.report.wording import quantity
 
 _SAID = {
-    "nothing_missing": "Nothing is missing: mass, damper and spring explain this recording down to its noise.",
+    "nothing_missing": "Nothing is missing: mass, damper and spring explain it down to its noise.",
     "unexplained": "Something is missing that no known cause explains. Nothing is named.",
     "not_separable": "Something is missing, and this motion can not tell which of several causes it is.",
 }
@@ -41,9 +41,11 @@ def answer(recording: Recording, diagnosis: Diagnosis, across: Across | None) ->
     """A few lines; the last one before the files is the gain."""
     held = diagnosis.held_out
     lines = [
-        f"{recording.name}: {len(recording)} samples, {recording.duration_s:.1f} s, {recording.rate_hz:.4g} Hz"
+        f"{recording.name}: {len(recording)} samples, {recording.duration_s:.1f} s, "
+        f"{recording.rate_hz:.4g} Hz"
         + (f"; {', '.join(flag.replace('_', ' ') for flag in diagnosis.flags)}" if diagnosis.flags else ""),
-        f"Simulation  off by {quantity(held.rmse_before_n, 'N')} rms; {quantity(diagnosis.noise_floor_n, 'N')} of it is noise",
+        f"Simulation  off by {quantity(held.rmse_before_n, 'N')} rms; "
+        f"{quantity(diagnosis.noise_floor_n, 'N')} of it is noise",
         f"Verdict     {diagnosis.verdict}",
     ]
     lines += [f"Cause       {_cause(cause)}" for cause in diagnosis.causes]
@@ -54,12 +56,15 @@ def answer(recording: Recording, diagnosis: Diagnosis, across: Across | None) ->
         lines.append(f"Record next {diagnosis.suggested_motion}")
     if diagnosis.verdict == "cause_found":
         lines.append(
-            f"Gain        {quantity(held.rmse_before_n, 'N')} -> {quantity(held.rmse_after_n, 'N')} on held-out "
-            f"blocks ({100 * held.gain:.0f} %, {100 * held.gain_low:.0f} to {100 * held.gain_high:.0f} %)"
+            f"Gain        {quantity(held.rmse_before_n, 'N')} -> "
+            f"{quantity(held.rmse_after_n, 'N')} "
+            f"on held-out blocks ({100 * held.gain:.0f} %, {100 * held.gain_low:.0f} to "
+            f"{100 * held.gain_high:.0f} %)"
         )
     if across is not None and diagnosis.verdict == "cause_found":
         lines.append(
-            f"Predicted   300 ms ahead: {quantity(across.before_n, 'N')} -> {quantity(across.after_n, 'N')} rms"
+            f"Predicted   300 ms ahead: {quantity(across.before_n, 'N')} -> "
+            f"{quantity(across.after_n, 'N')} rms"
         )
     return [*lines, DISCLAIMER]
 

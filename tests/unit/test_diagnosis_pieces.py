@@ -1,0 +1,247 @@
+"""The pieces of the diagnosis against oracles: filters, noise, blocks, faults, variable projection, verdicts."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from common.error_size import Floats
+from common.errors import RecordingError
+from common.recording.recording import Recording
+from diagnosis.diagnose import diagnose
+from diagnosis.diagnose.analysis import analyse
+from diagnosis.diagnose.blocks import block_numbers, gain
+from diagnosis.diagnose.extended import extended_model
+from diagnosis.diagnose.faults import clean, comb_step
+from diagnosis.diagnose.noise import autoregression
+from diagnosis.diagnose.regression import Regression, solve
+from diagnosis.diagnose.search import Search
+from diagnosis.diagnose.signals import Signals
+
+MASS, DAMPING, STIFFNESS = 0.06, 1.1, 31.0
+RATE = 500.0
+
+
+def motion(seed: int, seconds: float = 24.0, rate: float = RATE) -> tuple[Floats, Floats, Floats, Floats]:
+    """t, x and its exact derivatives: a dozen sines from 0.1 to 8 Hz, 1 to 20 mm deep."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(seconds * rate)) / rate
+    w = 2.0 * np.pi * np.geomspace(0.11, 8.0, 12) * rng.uniform(0.95, 1.05, 12)
+    phase = np.outer(t, w) + rng.uniform(0.0, 6.28, 12)
+    size = 4e-3 / (1.0 + (w / 4.0) ** 1.5)
+    return t, 0.012 + np.sin(phase) @ size, np.cos(phase) @ (size * w), -np.sin(phase) @ (size * w * w)
+
+
+def noise(seed: int, count: int, rms: float = 2e-3, corner_hz: float = 20.0) -> Floats:
+    decay = np.exp(-2.0 * np.pi * corner_hz / RATE)
+    e = lfilter([1.0], [1.0, -decay], np.random.default_rng(seed).standard_normal(count))
+    return np.asarray(e * rms / np.std(e))
+
+
+def linear(x: Floats, v: Floats, a: Floats) -> Floats:
+    return np.asarray(MASS * a + DAMPING * v + STIFFNESS * x)
+
+
+def recording(t: Floats, x: Floats, f: Floats) -> Recording:
+    return Recording("test", t, x, f, "test")
+
+
+def signals(t: Floats, x: Floats, f: Floats, cutoff_hz: float = 30.0) -> Signals:
+    return Signals(recording(t, x, f), f, cutoff_hz, np.zeros(len(t), dtype=np.bool_))
+
+
+def test_derivatives_pass_the_filter_of_the_force() -> None:
+    t, x, v, a = motion(1)
+    s = signals(t, x, linear(x, v, a))
+    columns = np.column_stack([s.column(s.linear_spectrum(d)) for d in (2, 1, 0)])[s.rows]
+    theta, rss = solve(columns, s.force[s.rows])
+    assert theta == pytest.approx([MASS, DAMPING, STIFFNESS], rel=1e-4)
+    assert np.sqrt(rss / len(columns)) < 1e-4 * np.std(s.force)
+
+
+def test_uneven_stamps_and_gaps_are_taken_as_they_are() -> None:
+    t, x, v, a = motion(2)
+    rng = np.random.default_rng(0)
+    keep = np.sort(rng.choice(len(t), int(0.8 * len(t)), replace=False))
+    keep = keep[(t[keep] < 9.0) | (t[keep] > 10.5)]
+    s = signals(t[keep], x[keep], linear(x, v, a)[keep])
+    assert len(s.pieces) == 2
+    columns = np.column_stack([s.column(s.linear_spectrum(d)) for d in (2, 1, 0)])[s.rows]
+    theta, _ = solve(columns, s.force[s.rows])
+    assert theta == pytest.approx([MASS, DAMPING, STIFFNESS], rel=0.03)
+
+
+def test_whitened_noise_is_white_and_its_size_is_known() -> None:
+    rng = np.random.default_rng(3)
+    e = 0.5 * rng.standard_normal(20_000)
+    coloured = lfilter([1.0], [1.0, -0.8], e)
+    rows, pieces = np.ones(len(e), dtype=np.bool_), [slice(0, 9_000), slice(9_000, 20_000)]
+    rows[4_000:4_300] = False
+    found = autoregression(np.where(rows, coloured, 1e3), rows, pieces)
+    assert found.innovation_n == pytest.approx(0.5, rel=0.03)
+    assert found.taps[1] == pytest.approx(-0.8, abs=0.03)
+    white = found.whiten(np.where(rows, coloured, 1e3)[:, None], pieces)[found.rows(rows, pieces)][:, 0]
+    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
+    assert np.std(white) == pytest.approx(0.5, rel=0.03)
+
+
+def test_dependent_columns_do_not_break_the_fit() -> None:
+    rng = np.random.default_rng(4)
+    a = rng.standard_normal((200, 2))
+    theta, rss = solve(np.column_stack([a, a[:, 0] * 3.0]), a @ [1.0, 2.0])
+    assert rss < 1e-18
+    assert (theta[0] + 3.0 * theta[2], theta[1]) == pytest.approx((1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "truth"), [("stress_relaxation", 0.437), ("backlash", 0.00173), ("time_delay", 0.0371)]
+)
+def test_variable_projection_finds_shapes_off_its_grid(name: str, truth: float) -> None:
+    t, x, v, a = motion(5)
+    f = linear(x, v, a)
+    if name == "stress_relaxation":
+        f = f + 20.0 * lfilter([1.0 / RATE], [1.0, -np.exp(-1.0 / RATE / truth)], v)
+    elif name == "time_delay":
+        late = np.interp(t - truth, t, np.arange(len(t)))
+        f = np.interp(late, np.arange(len(t)), f)
+    else:
+        f = _behind_play(x, v, a, truth)
+    regression = Regression(signals(t, x, f + noise(6, len(t))), 1e-5)
+    search = Search(regression)
+    found = search.best_with(search.fit({}), name)
+    assert found is not None
+    assert found.model[name][0] == pytest.approx(truth, rel=0.05)
+
+
+def _behind_play(x: Floats, v: Floats, a: Floats, width: float) -> Floats:
+    y, out = x[0], np.empty_like(x)
+    for i in range(len(x)):
+        moved = min(max(y, x[i] - width / 2), x[i] + width / 2)
+        carried = float(moved != y)
+        y = moved
+        out[i] = MASS * a[i] * carried + DAMPING * v[i] * carried + STIFFNESS * y
+    return out
+
+
+def test_the_bootstrap_over_blocks_covers_a_known_gain() -> None:
+    """Two predictors of one strongly coloured series, errors 1 and 0.8: 95 % intervals hold the true gain."""
+    t, x, v, a = motion(7, seconds=40.0)
+    regression = Regression(signals(t, x, linear(x, v, a)), 1e-5)
+    count, covered = int(np.count_nonzero(regression.rows)), 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        slow = lfilter([1.0], [1.0, -0.95], rng.standard_normal((2, count + 200)), axis=1)[:, 200:]
+        found = gain(regression, slow[0], 0.8 * slow[1])
+        covered += found.low <= 0.2 <= found.high
+    assert covered >= 85
+    assert len(np.unique(block_numbers(regression))) == 16
+
+
+def test_a_comb_is_found_and_decimals_are_none() -> None:
+    t, x, v, a = motion(8)
+    f = linear(x, v, a) + noise(8, len(t))
+    assert comb_step(np.round(f / 0.037) * 0.037) == pytest.approx(0.037, rel=1e-6)
+    assert comb_step(f) is None
+    fine = [fault.name for fault in diagnose(recording(t, x, np.round(f, 4))).diagnosis.causes]
+    assert fine == []
+
+
+def test_flat_tops_are_found_at_their_limit() -> None:
+    t, x, v, a = motion(9)
+    f = linear(x, v, a) + noise(9, len(t))
+    limit = float(np.quantile(f, 0.93))
+    (fault,) = clean(recording(t, x, np.minimum(f, limit))).faults
+    assert fault.name == "sensor_saturation"
+    assert fault.parameters["limit_n"][0] == pytest.approx(limit)
+    assert clean(recording(t, x, f)).faults == []
+
+
+def test_spikes_are_counted_and_taken_out() -> None:
+    t, x, v, a = motion(10)
+    f = linear(x, v, a) + noise(10, len(t))
+    rng = np.random.default_rng(10)
+    at = rng.choice(len(t) - 20, 40, replace=False) + 10
+    spiky = f.copy()
+    spiky[at] += rng.choice([-1.0, 1.0], 40) * 0.6
+    cleaned = clean(recording(t, x, spiky))
+    (fault,) = cleaned.faults
+    assert fault.name == "sensor_spikes"
+    assert fault.parameters["rate_hz"][0] == pytest.approx(40 / 24.0, rel=0.1)
+    assert fault.parameters["amplitude_n"][0] == pytest.approx(0.6, rel=0.05)
+    assert np.std(cleaned.force_n - f) < 0.01
+
+
+def test_hum_is_found_off_its_nominal_frequency_and_a_tremor_is_not() -> None:
+    t, x, v, a = motion(11)
+    f = linear(x, v, a) + noise(11, len(t))
+    cleaned = clean(recording(t, x, f + 0.02 * np.sin(2.0 * np.pi * 49.93 * t + 0.4)))
+    (fault,) = cleaned.faults
+    assert fault.name == "mains_hum"
+    assert fault.parameters["frequency_hz"][0] == pytest.approx(49.93, abs=0.005)
+    assert fault.parameters["amplitude_n"][0] == pytest.approx(0.02, rel=0.03)
+    assert np.std(cleaned.force_n - f) < 2e-3
+
+
+def test_nothing_missing_and_one_cause_with_an_interval_that_holds_the_truth() -> None:
+    t, x, v, a = motion(12)
+    f = linear(x, v, a) + noise(12, len(t))
+    assert diagnose(recording(t, x, f)).diagnosis.verdict == "nothing_missing"
+    found = diagnose(recording(t, x, f + 0.05 * np.tanh(v / 1e-5))).diagnosis
+    assert found.verdict == "cause_found"
+    (cause,) = found.causes
+    assert cause.name == "coulomb_friction"
+    assert cause.parameters["force_n"].low < 0.05 < cause.parameters["force_n"].high
+    assert found.held_out.gain_low > 0.5
+    assert found.to_mapping()["schema"] == "forefeel.diagnosis/1"
+
+
+def test_one_frequency_names_nothing_alone() -> None:
+    t = np.arange(int(20.0 * RATE)) / RATE
+    w = 2.0 * np.pi * 1.3
+    x, v, a = 0.01 * np.sin(w * t), 0.01 * w * np.cos(w * t), -0.01 * w * w * np.sin(w * t)
+    f = linear(x, v, a) + 0.06 * np.tanh(v / 1e-4) + noise(13, len(t))
+    found = diagnose(recording(t, x, f)).diagnosis
+    assert found.verdict == "not_separable"
+    assert found.causes == ()
+    assert found.suggested_motion
+
+
+def test_constant_speed_tells_nothing() -> None:
+    t = np.arange(int(20.0 * RATE)) / RATE
+    found = diagnose(recording(t, 0.002 * t, 0.3 + 0.01 * t + noise(14, len(t)))).diagnosis
+    assert found.verdict == "not_separable"
+    assert {"bias", "coulomb_friction"} <= set(found.rivals[0])
+
+
+def test_a_force_of_its_own_is_unexplained() -> None:
+    t, x, v, a = motion(15)
+    wander = lfilter(
+        [1.0], [1.0, -np.exp(-1.0 / RATE / 2.0)], np.random.default_rng(15).standard_normal(len(t))
+    )
+    f = linear(x, v, a) + 0.08 * wander / np.std(wander) + noise(15, len(t))
+    found = diagnose(recording(t, x, f)).diagnosis
+    assert found.verdict == "unexplained"
+    assert found.causes == ()
+
+
+def test_the_extended_model_gives_the_force() -> None:
+    t, x, v, a = motion(16)
+    clean_n = linear(x, v, a) + 9e4 * (x - 0.0) ** 3 + 0.04
+    model = extended_model(analyse(recording(t, x, clean_n + noise(16, len(t)))), "test")
+    assert {entry.effect for entry in model.effects} == {"mass_damper_spring", "stiffening", "bias"}
+    said = model.runtime().forces_n(t, x, v, a)
+    assert np.sqrt(np.mean((said - clean_n) ** 2)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("seconds", "still", "flat", "says"),
+    [
+        (2.0, False, False, "at least 3 s"),
+        (9.0, True, False, "motion"),
+        (9.0, False, True, "force never changes"),
+    ],
+)
+def test_bad_input_says_what_was_expected(seconds: float, still: bool, flat: bool, says: str) -> None:
+    t, x, v, a = motion(17, seconds=seconds)
+    f = linear(x, v, a)
+    with pytest.raises(RecordingError, match=says):
+        diagnose(recording(t, 0.0 * x if still else x, 0.0 * f + 1.0 if flat else f))
