@@ -297,6 +297,20 @@ def test_a_hand_force_that_could_not_fade_in_time_is_refused(tmp_path: Path) -> 
     )
 
 
+def test_a_force_limit_that_the_simulated_load_cell_can_not_measure_is_refused(tmp_path: Path) -> None:
+    text = "axes:\n  - simulation: {preset: guidewire}\n    limits: {max_force_n: %s}\n"
+    load_settings(SlaveSettings, written(tmp_path, text % 0.475))
+    with pytest.raises(ConfigurationError) as caught:
+        load_settings(SlaveSettings, written(tmp_path, text % 0.476))
+    assert str(caught.value).endswith(
+        "limits.max_force_n = 0.476: expected at most 0.475, what the load cell can measure "
+        "(95% of simulation.load_cell.full_scale_n)"
+    )
+    (tmp_path / "run.csv").write_text("")
+    recorded = text % 9.0 + "    load_cell: {driver: recorded, recording: run.csv}\n"
+    load_settings(SlaveSettings, written(tmp_path, recorded))
+
+
 TREE = st.recursive(
     st.integers(0, 3),
     lambda inner: st.dictionaries(st.sampled_from("abc"), inner, min_size=1, max_size=3),
