@@ -32,6 +32,7 @@ from slave.stages.port import Stage, StageReading
 
 _HALTED = frozenset({SafetyState.FAULT, SafetyState.ESTOPPED})
 _NO_FORCE = LoadCellReading(0.0, 0, False)
+_ONLY_LATE = "commands come late all the time: a new session takes the measure of the way again"
 _EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not change it
 
 
@@ -183,6 +184,7 @@ class SlaveAxis:
             force_n=force.force_n,
             force_valid=force.valid,
             session_live=self._link.live(now_ns),
+            lost_reason=self._link.lost_reason,
             clock=self._link.offset,
             estop=self._estop.take(),
             fault=self._fault.take(),
@@ -228,6 +230,8 @@ class SlaveAxis:
     def serve(self, now_ns: int, last: bool = False) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
         self._link.serve(now_ns, self.at_rest, self._intake.open)
+        if self._intake.only_late and self.at_rest:
+            self._link.let_go(now_ns, _ONLY_LATE)
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
             header = self._safety_event.header(self._link.holder, stamp_ns)
             self._safety_event.send(

@@ -38,6 +38,7 @@ class ControlInputs(NamedTuple):
     shutdown: bool = False
     clear: bool = False
     released: bool = False
+    lost_reason: str = "the lease expired"
 
 
 @dataclass(slots=True)
@@ -145,7 +146,7 @@ class AxisControl:
         if inputs.shutdown:
             found.append((E.SHUTDOWN, "the slave is shutting down"))
         if not inputs.session_live:
-            found.append((E.SESSION_LOST, "the lease expired"))
+            found.append((E.SESSION_LOST, inputs.lost_reason))
         elif inputs.clock is None:
             found.append((E.SESSION_LOST, "another session, its clock is not compared"))
         elif not inputs.shutdown:
@@ -156,21 +157,29 @@ class AxisControl:
     def _command_events(
         self, now_ns: int, inputs: ControlInputs, clock: OffsetEstimate, hits: list[LimitHit]
     ) -> list[tuple[E, str]]:
-        command, state = self._command, self.machine.state
+        command = self._command
         if command is None:
             return []
-        silent_ns = now_ns - self._received_ns
         if self.machine.following:
-            if inputs.released or not command.deadman:
-                return [(E.RELEASE, "deadman released")]
-            if 0 < self._gate.watchdog_s * 1e9 < silent_ns:
-                return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
-            return self._engaging_events(now_ns, command) if state is SafetyState.ENGAGING else []
+            return self._following_events(now_ns, inputs.released, command, clock)
         pressed = inputs.command is not None and command.deadman and self._released
-        ready = state is SafetyState.READY and self.at_rest
+        ready = self.machine.state is SafetyState.READY and self.at_rest
         if ready and pressed and self._may_engage(command, inputs.position_m, clock, hits):
             return [(E.ENGAGE, "deadman pressed, aligned")]
         return []
+
+    def _following_events(
+        self, now_ns: int, released: bool, command: MotionCommand, clock: OffsetEstimate
+    ) -> list[tuple[E, str]]:
+        if released or not command.deadman:
+            return [(E.RELEASE, "deadman released")]
+        silent_ns = now_ns - self._received_ns
+        if 0 < self._gate.watchdog_s * 1e9 < silent_ns:
+            return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
+        if clock.round_trip_ns > self._gate.max_round_trip_s * 1e9:
+            return [(E.ROUND_TRIP, f"round trip {clock.round_trip_ns * 1e-6:.0f} ms")]
+        engaging = self.machine.state is SafetyState.ENGAGING
+        return self._engaging_events(now_ns, command) if engaging else []
 
     def _engaging_events(self, now_ns: int, command: MotionCommand) -> list[tuple[E, str]]:
         distance_m = abs(command.position_m - self.limiter.position_m)

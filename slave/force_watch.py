@@ -16,8 +16,9 @@ class ForceWatch:
     """
 
     def __init__(self, timeout_s: float | None) -> None:
-        """`timeout_s`: how long the cell may stay blind while the stage follows. None: for ever, as a recorded
-        force is between its pieces; then a reading counts as it is.
+        """`timeout_s`: how long the cell may stay blind while the stage follows.
+
+        None: for ever, as a recorded force is between its pieces; then a reading counts as it is.
         """
         self.force_n = 0.0
         self.limit_share = 1.0

@@ -13,6 +13,7 @@ from slave.settings import SlaveAxisSettings
 
 _RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsense, not merely too far
 _RANGE_SPEEDS = 10.0
+_LATE_FOR_NS = 3_000_000_000  # commands that are late for so long are not late, the way has become longer
 
 
 class Taken(NamedTuple):
@@ -62,23 +63,35 @@ class CommandIntake:
     def __init__(self, settings: SlaveAxisSettings, link: SlaveLink, limits: LimitLog) -> None:
         self.counters: Counter[str] = Counter()
         self.slot = CommandSlot()
+        self._late_ns: tuple[int, int] | None = None
         self._gate = CommandGate(_gate_limits(settings))
         self._link = link
         self._limits = limits
 
     def open(self, session_id: int) -> None:
         """A new session."""
+        self._late_ns = None
         self._gate.open(session_id)
+
+    @property
+    def only_late(self) -> bool:
+        """Whether nothing but late commands has come for some seconds."""
+        late_ns = self._late_ns
+        return late_ns is not None and late_ns[1] - late_ns[0] > _LATE_FOR_NS
 
     def heard(self, command: MotionCommand, receive_ns: int) -> None:
         """A command arrived."""
         refusal = self._gate.admit(command, receive_ns, self._link.offset)
         if refusal is None:
+            self._late_ns = None
             self.slot.put(command, receive_ns)
         else:
-            self._count(refusal)
+            self._refuse(refusal, receive_ns)
 
-    def _count(self, refusal: Refusal) -> None:
+    def _refuse(self, refusal: Refusal, receive_ns: int) -> None:
+        if refusal.rule == "late":
+            first_ns, _ = self._late_ns or (receive_ns, receive_ns)
+            self._late_ns = first_ns, receive_ns
         self.counters[f"refused_{refusal.rule}"] += 1
         self._limits.add(LimitHit(refusal.rule, refusal.requested, refusal.limit, refusal.unit))
 

@@ -16,6 +16,7 @@ from common.topics import (
     LIMIT_EVENT,
     MASTER_STATE,
     PARAMETERS,
+    SAFETY_EVENT,
     SLAVE_STATE,
 )
 from tests.simulation.pair import DELAY_S, OVERSHOOT, Pair, S
@@ -135,6 +136,34 @@ def test_a_session_that_a_stall_outlived_is_replaced(
     sessions = {sample.session_id for sample in pair.heard.messages(COMMAND)}
     assert len(sessions) == 2
     assert pair.heard.messages(SLAVE_STATE)[-1].counters["handshakes_accepted"] >= 2
+
+
+def test_a_way_that_became_longer_for_good_stops_and_is_measured_anew_by_a_new_session() -> None:
+    pair = Pair()
+    start_s = pair.run(2.5)
+    pair.to_slave.delay_s = DELAY_S + 0.150
+    pair.run(7.5)
+    lost = [m for m in pair.heard.messages(SAFETY_EVENT) if m.event == "session_lost"]
+    assert start_s < pair.heard.times("watchdog")[0] < start_s + 0.150 + 0.1
+    assert [m.before.value for m in lost] == ["ready"]
+    assert lost[0].reason.startswith("commands come late all the time")
+    assert start_s + 3.0 < lost[0].stamp_ns / S < start_s + 3.5
+    assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert len({sample.session_id for sample in pair.heard.messages(COMMAND)}) == 2
+    delay_s = pair.heard.column(HAPTICS, "delay_s")[-1]
+    assert delay_s == pytest.approx(2 * DELAY_S + 0.150, abs=3 * TICK_S)
+
+
+def test_a_delay_that_creeps_up_stops_the_stage_and_is_not_followed_for_ever() -> None:
+    pair = Pair()
+    pair.run(2.5)
+    for _ in range(300):  # 30 ms a second, in 3 s less than 100 ms
+        pair.to_slave.delay_s += 0.003
+        pair.run(0.1)
+        if pair.heard.times("watchdog"):
+            break
+    assert pair.to_slave.delay_s == pytest.approx(DELAY_S + MAX_AGE_S, abs=0.010)
+    assert pair.heard.messages(SLAVE_STATE)[-1].counters["refused_late"] > 0
 
 
 def test_forces_that_stand_still_fade_from_the_hand_and_the_slave_is_let_go() -> None:

@@ -192,6 +192,17 @@ def test_jitter_of_the_network_is_no_jitter_of_the_stage() -> None:
 # --- stops ---
 
 
+def test_a_round_trip_that_grows_beyond_the_limit_stops() -> None:
+    rig = Rig().moving()
+    rig.clock = OffsetEstimate(0, 350 * MS)
+    rig.held(1, rig.stage_m)
+    assert rig.state() is S.ARMED
+    rig.clock = OffsetEstimate(0, 350 * MS + 1)
+    rig.held(1, rig.stage_m)
+    assert (rig.state(), rig.reason, rig.events) == (S.STOPPING, "round trip 700 ms", ["round_trip"])
+    assert rig.control.stops == 1
+
+
 def test_a_release_stops_at_the_configured_deceleration_and_is_no_stop_of_the_machine() -> None:
     rig = Rig().moving(0.1)
     start_m, speed_m_s = rig.stage_m, rig.out.velocity_m_s
