@@ -159,6 +159,18 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
 app.command(epilog=EVALUATE_EPILOG)(evaluate)
 
 
+@app.command(epilog="Example: forefeel report run.mcap --out out/report")
+def report(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recorded run (MCAP).")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="For report.html and report.json.")],
+    overwrite: Annotated[bool, typer.Option(help="Replace an earlier report in DIR.")] = False,
+) -> None:
+    """Make the report of a run that was recorded before."""
+    from forefeel.report.command import run_report  # noqa: PLC0415 - other commands start without it
+
+    run_report(file, out, overwrite)
+
+
 def _columns(time_column: str | None, position: str | None, force: str | None) -> Mapping | None:
     """A column mapping when the user named any column."""
     if time_column is None and position is None and force is None:

@@ -8,7 +8,9 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 
 from common.errors import RunError
 from forefeel.files import fresh_folder
+from forefeel.interrupt import ends_in_order, postponed
 from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import write_report
@@ -25,20 +27,24 @@ def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -
 
     Raises:
         InputError: the wish can not be fulfilled; nothing was written.
-        RunError: the run failed, or was armed for too little of its time.
+        RunError: the run failed, was interrupted, or was armed for too little of its time.
     """
+    folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
+    with ends_in_order("loopback", folder) as written:
+        return _run_in(folder, wish, overwrite, virtual, written)
+
+
+def _run_in(folder: Path, wish: Wish, overwrite: bool, virtual: bool, written: list[str]) -> RunReport:
     plan = make_plan(wish)
     plan.slave_settings()
     plan.master_settings()
-    folder = fresh_folder(
-        out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}", _OURS, "an earlier run", overwrite
-    )
+    fresh_folder(folder, _OURS, "an earlier run", overwrite)
     console = Console(stderr=True, highlight=False)
     for note in plan.notes:
         console.print(note, markup=False, soft_wrap=True)
     with _progress(console) as bar:
         task = bar.add_task("starting", total=plan.expected_s)
-        _run(plan, wish.seed, folder, virtual, bar, task)
+        _run(plan, wish.seed, folder, virtual, written, _shown(bar, task, plan))
     with console.status("writing the report"):
         report = write_report(folder / _RECORDING, folder)
     for line in ten_lines(report, folder):
@@ -47,16 +53,27 @@ def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -
     return report
 
 
-def _run(plan: Plan, seed: int, folder: Path, virtual: bool, bar: Progress, task: TaskID) -> None:
+def _shown(bar: Progress, task: TaskID, plan: Plan) -> Show:
     def show(done_s: float, what: str) -> None:
         bar.update(task, completed=min(done_s, plan.expected_s), description=what)
 
-    if virtual:
-        loop = VirtualLoopback(plan, seed)
-        loop.run(lambda done_s: show(done_s, "virtual time"))
-        loop.write(folder / _RECORDING)
-    else:
+    return show
+
+
+def _run(plan: Plan, seed: int, folder: Path, virtual: bool, written: list[str], show: Show) -> None:
+    """Leaves the recording, also of a run that was interrupted."""
+    if not virtual:
         run_real(plan, folder, show)
+        written.append(_RECORDING)
+    else:
+        loop = VirtualLoopback(plan, seed)
+        try:
+            loop.run(lambda done_s: show(done_s, "virtual time"))
+        finally:
+            if loop.payloads:
+                with postponed():
+                    loop.write(folder / _RECORDING)
+                    written.append(_RECORDING)
     show(plan.expected_s, "done")
 
 

@@ -2,7 +2,6 @@
 
 import shlex
 import socket
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,29 +14,13 @@ from typer.testing import CliRunner
 
 from common.config import dump_yaml
 from common.recording.mcap_writer import RunWriter
-from forefeel.__main__ import main
 from forefeel.cli import app, load_daemon
 from tests.unit.recording_samples import force, put
 
-COMMANDS = [["slave"], ["master"], ["config", "check"], ["record"], ["loopback"], ["evaluate"]]
+COMMANDS = [["slave"], ["master"], ["config", "check"], ["record"], ["loopback"], ["evaluate"], ["report"]]
 ROOT = Path(__file__).parents[2]
 SLAVE = "role: slave\ntransport: {listen: ['tcp/127.0.0.1:0']}\n"
 RECORDING = "time_s,position_m,force_n\n0.0,0.0,0.1\n0.01,0.001,0.2\n0.02,0.002,0.3\n"
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[str]], int]:
-    """Runs the command line in this process as the installed script does; its exit code."""
-    # what a daemon asks of the operating system would stay with this process
-    monkeypatch.setattr("common.runtime.real.prepare_process", lambda: "left alone")
-
-    def run(arguments: Sequence[str]) -> int:
-        monkeypatch.setattr(sys, "argv", ["forefeel", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code if isinstance(ended.value.code, int) else 0
-
-    return run
 
 
 def contents(folder: Path) -> dict[Path, bytes | None]:
@@ -283,6 +266,9 @@ BAD = {
     "record for a negative duration": Bad(
         "record --out @/r.mcap --connect tcp/127.0.0.1:9 --duration -1", ("--duration",)
     ),
+    # --- report ---
+    "report of nothing": Bad("report @/none.mcap --out @/out", ("none.mcap", "No such file")),
+    "report of a table": Bad("report @/run.csv --out @/out", ("run.csv", "MCAP"), {"run.csv": RECORDING}),
     # --- loopback ---
     "loopback impairment": Bad(f"{LOOPBACK} --impairment mars", ("--impairment", "mars", "satellite")),
     "loopback preset": Bad(f"{LOOPBACK} --preset mars", ("--preset", "mars", "guidewire")),
