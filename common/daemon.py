@@ -47,6 +47,7 @@ class Reports:
     def __init__(
         self, bus: Bus, role: Role, lateness: Lateness, transport: ImpairedTransport, runtime: Runtime
     ) -> None:
+        self._bus = bus
         self._loop = {"master": "haptic", "slave": "control"}[role]
         self._lateness = lateness
         self._transport = transport
@@ -76,6 +77,8 @@ class Reports:
 
     def impairment(self, now_ns: int) -> None:
         """What became of each message since the last call."""
+        if self._transport.trace_lost:
+            self._bus.counters["trace_lost"] = self._transport.trace_lost
         for chunk in self._transport.drain_trace():
             header = self._trace.header(0, now_ns)
             self._trace.send(

@@ -20,6 +20,7 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
+from common.notices import Notices, in_words
 from common.slots import BoundedQueue, LatestValue
 from slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
 from slave.grippers.port import Gripper
@@ -57,6 +58,7 @@ class SlaveAxis:
         self.name = settings.name
         self.settings = settings
         self.counters: Counter[str] = Counter()
+        self.notices = Notices()
         self.shutdown = False
         self._devices = devices
         self._link = SlaveLink(cell, settings, bus, instance_id)
@@ -229,14 +231,14 @@ class SlaveAxis:
 
     def serve(self, now_ns: int, last: bool = False) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
-        self._link.serve(now_ns, self.at_rest, self._intake.open)
+        self._link.serve(now_ns, self.at_rest, self._opened)
         if self._intake.only_late and self.at_rest:
             self._link.let_go(now_ns, _ONLY_LATE)
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
             header = self._safety_event.header(self._link.holder, stamp_ns)
-            self._safety_event.send(
-                SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
-            )
+            said = SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
+            self._safety_event.send(said)
+            self.notices.add(in_words(said))
         for hit, count in self._limits.due(now_ns, last):
             header = self._limit_event.header(self._link.holder, now_ns)
             self._limit_event.send(
@@ -249,6 +251,10 @@ class SlaveAxis:
                     count=count,
                 )
             )
+
+    def _opened(self, session_id: int) -> None:
+        self._intake.open(session_id)
+        self.notices.add("session open")
 
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz; none without a session."""
@@ -282,5 +288,5 @@ class SlaveAxis:
             **self.counters,
             **self._intake.counters,
             **self._link.counters,
-            **self._bus.malformed_counts(),
+            **self._bus.counts(),
         }
