@@ -10,6 +10,10 @@ from common.settings import AxisLimits
 _EXACT = 1e-9  # a change below a nanometre or nm/s is rounding, no intervention
 
 
+MOTION_RULES = ("workspace", "velocity", "acceleration", "force", "travel")
+"""Rules that change a motion. Every other rule refuses a command, or an engagement."""
+
+
 class LimitHit(NamedTuple):
     """One intervention: by which rule, what was asked, what was applied."""
 

@@ -1,21 +1,17 @@
 """The command line."""
 
-import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from common.config import dump_yaml, load_settings, load_yaml
 from common.errors import ConfigurationError
 from common.recording.tabular import Mapping
 from common.settings import DaemonSettings
-from common.topics import checked_segment
-from common.transport.settings import PRESETS, TransportSettings
+from common.transport.settings import PRESETS
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
-from forefeel.interrupt import interruptible
 
 app = typer.Typer(
     name="forefeel",
@@ -90,24 +86,9 @@ def record(
     duration: Duration = None,
 ) -> None:
     """Record a cell to MCAP until Ctrl-C, in a process of its own."""
-    from forefeel.recorder import Recorder  # noqa: PLC0415
+    from forefeel.record import run_record  # noqa: PLC0415 - the other commands start without Zenoh
 
-    checked_segment(cell, "--cell")
-    recorder = Recorder(out, cell, TransportSettings(connect=tuple(connect)), {"cell": cell})
-    console = Console(stderr=True)
-    console.print(f"recording cell {cell} to {out}; Ctrl-C ends", highlight=False)
-    start_s = time.monotonic()
-    with interruptible() as ignore_signals:
-        try:
-            while duration is None or time.monotonic() - start_s < duration:
-                recorder.check()
-                time.sleep(0.1)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            ignore_signals()
-            recorder.close()
-    console.print(f"{out}: closed", highlight=False)
+    run_record(out, cell, tuple(connect), duration)
 
 
 @app.command(

@@ -14,8 +14,10 @@ from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import write_report
+from forefeel.report.states import START_S
 from forefeel.report.summary import RunReport
 from forefeel.report.text import ten_lines
+from forefeel.report.wording import micros
 
 MIN_ARMED_SHARE = 0.9
 _RECORDING = "recording.mcap"
@@ -49,7 +51,7 @@ def _run_in(folder: Path, wish: Wish, overwrite: bool, virtual: bool, written: l
         report = write_report(folder / _RECORDING, folder)
     for line in ten_lines(report, folder):
         print(line)
-    _require_armed(report)
+    require_armed(report)
     return report
 
 
@@ -77,11 +79,29 @@ def _run(plan: Plan, seed: int, folder: Path, virtual: bool, written: list[str],
     show(plan.expected_s, "done")
 
 
-def _require_armed(report: RunReport) -> None:
+def require_armed(report: RunReport) -> None:
+    """Raises RunError when a run was armed for too little of its time, with what the host did to it."""
     share = report.armed_share
     if share is None or share < MIN_ARMED_SHARE:
         found = "never armed" if share is None else f"armed {share:.1%} of the time"
-        raise RunError(f"{found}, {report.stops or 0} stops; expected at least {MIN_ARMED_SHARE:.0%}")
+        raise RunError(
+            f"{found}, {report.stops or 0} stops; expected at least {MIN_ARMED_SHARE:.0%} "
+            f"since the first arming, at most {START_S:g} s into the session; this host: {_host(report)}"
+        )
+
+
+def _host(report: RunReport) -> str:
+    """What the host did to the run: two loops at 1 kHz that it woke late, and commands that never came."""
+    ends = (("master", report.loop.master), ("slave", report.loop.slave))
+    return ", ".join(
+        [
+            f"{report.counters.get('safety_watchdog', 0)} watchdog stops",
+            *(
+                f"{role} {loop.missed or 0} ticks missed, {micros(loop.max_us)} late at worst"
+                for role, loop in ends
+            ),
+        ]
+    )
 
 
 def _progress(console: Console) -> Progress:
