@@ -106,7 +106,9 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = 0,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results; default out/run-DATE.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace the results of an earlier run in DIR.")] = False,
-    preset: Annotated[str, typer.Option(help="Simulated instrument: catheter or guidewire.")] = "catheter",
+    preset: Annotated[
+        str | None, typer.Option(help="Simulated instrument: catheter (default) or guidewire.")
+    ] = None,
     virtual_time: Annotated[
         bool, typer.Option("--virtual-time", help="One process, as fast as it can, repeatable.")
     ] = False,
@@ -130,7 +132,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         preset=preset,
         duration_s=duration,
         recording=recording,
-        columns=_columns(time_column, position_column, force_column),
+        columns=_columns(recording, time_column, position_column, force_column),
         slave_model=slave_model,
         master_model=master_model,
     )
@@ -152,8 +154,14 @@ def report(
     run_report(file, out, overwrite)
 
 
-def _columns(time_column: str | None, position: str | None, force: str | None) -> Mapping | None:
+def _columns(
+    recording: Path | None, time_column: str | None, position: str | None, force: str | None
+) -> Mapping | None:
     """A column mapping when the user named any column."""
-    if time_column is None and position is None and force is None:
+    named = {"--time": time_column, "--position": position, "--force": force}
+    first = next((f"{option} {column}" for option, column in named.items() if column is not None), None)
+    if first is None:
         return None
+    if recording is None:
+        raise ConfigurationError(f"{first}: expected only with --recording, whose column it names")
     return Mapping(time_column or "s:time_s", position or "m:position_m", force)

@@ -139,6 +139,7 @@ def _metadata(wish: Wish) -> dict[str, str]:
 
 def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
     if wish.slave_model is not None:
+        load_model(wish.slave_model)  # for an error that names the file and nothing around it
         slave_axis["simulation"]["model"] = str(wish.slave_model.resolve())
     if wish.master_model is not None:
         if not load_model(wish.master_model).runtime().linear_names:
@@ -181,6 +182,7 @@ def _play(
     }
     if recording.force_n is None:
         return (*_notes(recording, limits), "no force column: the motion drives the simulated vessel")
+    _refuse_world_options(wish)
     sign = resisting_sign(recording)
     slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}
     slave_axis["gate"]["force_timeout_s"] = None
@@ -191,6 +193,16 @@ def _play(
     notes = (*_notes(recording, limits), f"force scale to the hand {scale:.3g}")
     turned = "force sign turned: as recorded the contact would give energy; here positive resists insertion"
     return notes if sign > 0 else (*notes, turned)
+
+
+def _refuse_world_options(wish: Wish) -> None:
+    """Recorded forces take the place of the simulated instrument."""
+    for option, value in (("--preset", wish.preset), ("--slave-model", wish.slave_model)):
+        if value is not None:
+            raise ConfigurationError(
+                f"{option} {value}: the recording has forces, nothing is simulated; "
+                "expected one of them (--time and --position alone leave out the forces)"
+            )
 
 
 def resisting_sign(recording: Recording) -> Literal[1, -1]:

@@ -238,6 +238,11 @@ BAD = {
             "run.csv": "time_s,position_m\n0,0\n0.01,0\n",
         },
     ),
+    "slave of a replay without impairment": Bad(
+        "slave --config @/file.yaml",
+        ("run.mcap", "no impairment of the slave's links"),
+        {"file.yaml": "role: slave\nimpairment: {replay: run.mcap}\n", "run.mcap": "@an empty run"},
+    ),
     "slave of a replay that is no run": Bad(
         "slave --config @/file.yaml",
         ("no.mcap",),
@@ -293,6 +298,22 @@ BAD = {
         ("m.yaml", "no linear parameter"),
         {"m.yaml": MODEL + "  - effect: contact_loss\n"},
     ),
+    "loopback of a file that is no model": Bad(
+        f"{LOOPBACK} --slave-model @/m.yaml",
+        ("forefeel: /", "m.yaml: model: schema"),
+        {"m.yaml": "name: x\n"},
+    ),
+    "a column of no recording": Bad(f"{LOOPBACK} --force N:load", ("--force N:load", "--recording")),
+    "a preset beside recorded forces": Bad(
+        f"{LOOPBACK} --recording @/run.csv --preset guidewire",
+        ("--preset guidewire", "has forces"),
+        {"run.csv": RECORDING},
+    ),
+    "a world beside recorded forces": Bad(
+        f"{LOOPBACK} --recording @/run.csv --slave-model @/m.yaml",
+        ("--slave-model", "m.yaml", "has forces"),
+        {"run.csv": RECORDING, "m.yaml": MODEL + "  - effect: contact_loss\n"},
+    ),
     "recording missing": Bad(f"{LOOPBACK} --recording @/none.csv", ("none.csv", "No such file")),
     "recording of another kind": Bad(f"{LOOPBACK} --recording @/a.txt", ("a.txt", ".csv"), {"a.txt": "x"}),
     "recording that is no MCAP": Bad(f"{LOOPBACK} --recording @/a.mcap", ("a.mcap",), {"a.mcap": RECORDING}),
@@ -326,7 +347,11 @@ def test_bad_input_is_one_line_and_leaves_nothing_behind(
 ) -> None:
     for name, text in bad.files.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text)
+        if text == "@an empty run":
+            with RunWriter(tmp_path / name) as writer:
+                put(writer, force(1))
+        else:
+            (tmp_path / name).write_text(text)
     before = contents(tmp_path)
     assert run(bad.arguments.replace("@", str(tmp_path)).split()) == 2
     shown = capsys.readouterr()
