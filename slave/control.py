@@ -66,6 +66,8 @@ class AxisControl:
         self.grip = Grip.CLOSED
         self.stops = 0
         self._gate = gate
+        self._watchdog_ns = gate.watchdog_s * 1e9
+        self._max_round_trip_ns = gate.max_round_trip_s * 1e9
         self._command: MotionCommand | None = None
         self._received_ns = 0
         self._usual_transit_ns: float | None = None
@@ -174,9 +176,9 @@ class AxisControl:
         if released or not command.deadman:
             return [(E.RELEASE, "deadman released")]
         silent_ns = now_ns - self._received_ns
-        if 0 < self._gate.watchdog_s * 1e9 < silent_ns:
+        if 0 < self._watchdog_ns < silent_ns:
             return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
-        if clock.round_trip_ns > self._gate.max_round_trip_s * 1e9:
+        if clock.round_trip_ns > self._max_round_trip_ns:
             return [(E.ROUND_TRIP, f"round trip {clock.round_trip_ns * 1e-6:.0f} ms")]
         engaging = self.machine.state is SafetyState.ENGAGING
         return self._engaging_events(now_ns, command) if engaging else []
@@ -193,7 +195,7 @@ class AxisControl:
     ) -> bool:
         """Round-trip limit and alignment guard; a refusal is an intervention too."""
         gate = self._gate
-        if clock.round_trip_ns > gate.max_round_trip_s * 1e9:
+        if clock.round_trip_ns > self._max_round_trip_ns:
             hits.append(LimitHit("round_trip", clock.round_trip_ns * 1e-9, gate.max_round_trip_s, "s"))
             return False
         if abs(command.position_m - position_m) > gate.alignment_m:

@@ -37,22 +37,23 @@ class _Window:
     def __init__(self, session_id: int) -> None:
         self.session_id = session_id
         self.sequence = 0
-        self._smallest: tuple[int, int] | None = None
+        self._smallest_ns: int | None = None
+        self._seen_ns = 0
 
     def base(self, receive_ns: int) -> int | None:
         """Smallest (receive - stamp) of the admitted commands, and what the clocks may have parted by since:
         a delay that creeps up faster ages every command, however slowly it does.
         """
-        if self._smallest is None:
+        if self._smallest_ns is None:
             return None
-        base_ns, seen_ns = self._smallest
-        return base_ns + max(0, receive_ns - seen_ns) // _DRIFT_DIVISOR
+        elapsed_ns = receive_ns - self._seen_ns
+        return self._smallest_ns + (elapsed_ns // _DRIFT_DIVISOR if elapsed_ns > 0 else 0)
 
     def move(self, sequence: int, transit_ns: int, receive_ns: int, base_ns: int) -> None:
         """Takes an admitted command into account."""
         self.sequence = sequence
-        if self._smallest is None or transit_ns <= base_ns:
-            self._smallest = transit_ns, receive_ns
+        if self._smallest_ns is None or transit_ns <= base_ns:
+            self._smallest_ns, self._seen_ns = transit_ns, receive_ns
 
 
 class CommandGate:
