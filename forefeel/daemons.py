@@ -7,11 +7,12 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from secrets import randbits
 
 from common.errors import ConfigurationError, EndpointError, RunError
+from common.notices import Notices, RateLimit
 from common.runtime.real import RealRuntime
 from common.runtime.realtime import prepare_thread
 from common.settings import DaemonSettings
@@ -25,6 +26,7 @@ from slave.daemon import SlaveDaemon
 from slave.settings import SlaveSettings
 
 _POLL_S = 0.05
+_SPEAK_NS = 100_000_000
 _BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
 _REST_S = 2.0
 _FAREWELL_S = 0.3  # the master says "deadman released" for this long, and the force fades, before it goes
@@ -35,6 +37,22 @@ _PR_SET_PDEATHSIG = 1
 def say(text: str) -> None:
     """One line to the person at the terminal or to the journal."""
     print(text, file=sys.stderr, flush=True)
+
+
+class _Speaker:
+    """Says what the axes of a daemon have to tell; a terminal that is gone stops nothing."""
+
+    def __init__(self, role: str, notices: Mapping[str, Notices]) -> None:
+        self._role = role
+        self._notices = notices
+        self._limit = RateLimit()
+
+    def speak(self, now_ns: int) -> None:
+        """What came since the last call; about ten times a second."""
+        for name, notices in self._notices.items():
+            for text in self._limit.passed(notices.drain(), now_ns):
+                with suppress(OSError):
+                    say(f"{self._role}: axis {name}: {text}")
 
 
 def run_slave(settings: SlaveSettings, duration_s: float | None = None) -> None:
@@ -62,12 +80,15 @@ async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
     runtime = _runtime(settings)
     with _opened(settings, runtime) as transport:
         daemon = SlaveDaemon(settings, transport, runtime, _new_id)
+    speaker = _Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
+    runtime.task("notices", _SPEAK_NS, speaker.speak)
     say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
     async with runtime:
         await _until(runtime, duration_s)
         daemon.shut_down()
         await _rest(daemon)
     daemon.close(runtime.clock.now_ns())
+    speaker.speak(runtime.clock.now_ns())
     say(f"slave: {'stage at rest' if daemon.at_rest else 'stage told to hold'}, closed")
     runtime.raise_fault()
 
@@ -76,6 +97,8 @@ async def _master(settings: MasterSettings, duration_s: float | None) -> None:
     runtime = _runtime(settings)
     with _opened(settings, runtime) as transport:
         daemon = MasterDaemon(settings, transport, runtime, _new_id)
+    speaker = _Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
+    runtime.task("notices", _SPEAK_NS, speaker.speak)
     say(f"master: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for the slave")
     try:
         async with runtime:
@@ -87,6 +110,7 @@ async def _master(settings: MasterSettings, duration_s: float | None) -> None:
             await asyncio.sleep(_FAREWELL_S)
     finally:
         daemon.close(runtime.clock.now_ns())
+    speaker.speak(runtime.clock.now_ns())
     say("master: handle released, closed")
     runtime.raise_fault()
 

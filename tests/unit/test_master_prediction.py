@@ -68,8 +68,7 @@ def _rms(errors: list[float]) -> float:
 
 
 def test_a_model_of_the_readback_needs_the_stage_between() -> None:
-    """The same identified model, asked at the command and where the stage is expected: a fifth of the error.
-    """
+    """One identified model, asked at the command and where the stage is expected: a fifth of the error."""
     bench, stage = Bench(), ExpectedStage(LIMITS)
     identifier = ContactIdentifier(SPRING, IdentificationSettings(nominal_amplitude_m=0.02))
     raw, expected = ContactPredictor(SPRING, 40.0), ContactPredictor(SPRING, 40.0)
