@@ -219,7 +219,7 @@ def test_both_ends_start_quickly_and_stay_small(cell: Cell) -> None:
     master = cell.master()
     cell.wait_for("armed")
     assert slave.resident_mb() < 150
-    assert master.resident_mb() < 150
+    assert master.resident_mb() < 250  # it carries the compiled predictor
 
 
 def test_the_slave_stops_when_the_master_is_killed_and_a_new_one_takes_over(cell: Cell) -> None:
