@@ -58,8 +58,7 @@ def _move(state: State, t: float, x: float, outside_n: float) -> bool:
         return False
     n = int(bank.count) - 1
     i = n % RING
-    for kept in (memory.forces_n, memory.blends_n, memory.holds_n, memory.sayings_n, memory.halves_n):
-        kept[i] = np.nan
+    memory.forces_n[i] = memory.sayings_n[i] = np.nan
     state.experts.outside_n[i] = outside_n
     if memory.newest >= 0.0 and n - memory.newest >= RING:
         memory.newest = -1.0
@@ -115,8 +114,7 @@ def _judge(state: State, n: int, force_n: float) -> None:
     needed_n = force_n - memory.holds_n[i]
     crowd.judge(state.experts, n, force_n, needed_n, range_n, w)
     holds.learn(state.gain, memory.blends_n[i] - memory.holds_n[i], needed_n, w)
-    widest_n = state.gain.largest_error_n
-    bands.learn(state.band, force_n - memory.sayings_n[i], memory.halves_n[i], widest_n, w)
+    bands.learn(state.band, force_n - memory.sayings_n[i], memory.halves_n[i], memory.scales_n[i], w)
 
 
 @kernel
@@ -134,9 +132,10 @@ def _predict(state: State, out: Array) -> bool:
     force_n = _without_a_jump(memory, t, held_n + deviation_n)
     if paired:
         spread_n2 = crowd.spread(state.experts, n, force_n)
-    half_n = bands.half_width_n(state.band, spread_n2, deviation_n, widest_n, range_n)
+    scale_n = bands.scale_n(state.band, spread_n2, deviation_n, range_n)
+    half_n = bands.half_width_n(state.band, scale_n, widest_n)
     if paired:
-        _keep(memory, n, blend_n, force_n, half_n)
+        _keep(memory, n, blend_n, force_n, half_n, scale_n)
     led = abs(deviation_n) > 0.5 * abs(blend_n - held_n)
     out[0], out[1], out[2] = force_n, half_n, leading if led else -1
     return True
@@ -155,11 +154,11 @@ def _blend(state: State, n: int) -> tuple[float, int]:
 
 
 @kernel
-def _keep(memory: Memory, n: int, blend_n: float, force_n: float, half_n: float) -> None:
+def _keep(memory: Memory, n: int, blend_n: float, force_n: float, half_n: float, scale_n: float) -> None:
     """What is said of sample n, until its force arrives."""
     i = n % RING
     memory.blends_n[i], memory.holds_n[i] = blend_n, memory.held_n
-    memory.sayings_n[i], memory.halves_n[i] = force_n, half_n
+    memory.sayings_n[i], memory.halves_n[i], memory.scales_n[i] = force_n, half_n, scale_n
 
 
 @kernel
