@@ -45,6 +45,7 @@ MEMORIES_S = (120.0, 8.0)
 _RHO_S = (0.05, 1.0)
 _SOLVE_EVERY_S = 0.004
 _REST_S = 2.0
+_KICK_S = 0.2
 _LEAST_STOP = 0.3
 """A stop's mean square is taken as at least this: one that has just been made has hardly any history."""
 _JITTER = 1e-10
@@ -202,3 +203,13 @@ def _solve_set(regression: Regression, memory: int, k: int) -> None:
             y[j] -= factor[i, j] * y[i]
     for i in range(n):
         theta[i] = y[i] + (prior[i] if memory == SHORT else 0.0)
+
+
+@kernel
+def discount(regression: Regression) -> None:
+    """Leaves what was learned the weight of 0.2 s: enough to begin with, too little to stand in the way."""
+    for memory in range(len(MEMORIES_S)):
+        share = _KICK_S / max(_KICK_S, min(regression.weight_long, MEMORIES_S[memory]))
+        regression.information[memory] *= share
+        regression.moments[memory] *= share
+    regression.weight_long = min(regression.weight_long, _KICK_S)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from common.estimation.forecast import band as bands
 from common.estimation.forecast import bank as banks
+from common.estimation.forecast import change as changes
 from common.estimation.forecast import experts as crowd
 from common.estimation.forecast import hold as holds
 from common.estimation.forecast import regression as fits
@@ -25,6 +26,7 @@ DTYPE = np.dtype(
         ("experts", crowd.DTYPE),
         ("gain", holds.DTYPE),
         ("band", bands.DTYPE),
+        ("change", changes.DTYPE),
         ("memory", _MEMORY),
     ],
     align=True,
@@ -67,6 +69,7 @@ class State(Protocol):
     experts: crowd.Experts
     gain: holds.Gain
     band: bands.Band
+    change: changes.Change
     memory: Memory
 
 

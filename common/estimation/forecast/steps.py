@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from common.estimation.forecast import band as bands
 from common.estimation.forecast import bank as banks
+from common.estimation.forecast import change as changes
 from common.estimation.forecast import experts as crowd
 from common.estimation.forecast import hold as holds
 from common.estimation.forecast import regression as fits
@@ -112,9 +113,15 @@ def _judge(state: State, n: int, force_n: float) -> None:
     range_n = memory.high_n - memory.low_n
     w = min(max(state.bank.period_s, 1e-4), 0.05)
     needed_n = force_n - memory.holds_n[i]
+    misfit_n = crowd.plain_error_n(state.experts, n, force_n)
     crowd.judge(state.experts, n, force_n, needed_n, range_n, w)
+    kick = changes.noticed(state.change, misfit_n, range_n, w)
     holds.learn(state.gain, memory.blends_n[i] - memory.holds_n[i], needed_n, w)
     bands.learn(state.band, force_n - memory.sayings_n[i], memory.halves_n[i], memory.scales_n[i], w)
+    if kick:
+        fits.discount(state.regression)
+        crowd.discount(state.experts)
+        holds.discount(state.gain)
 
 
 @kernel
