@@ -7,7 +7,8 @@ eighths of an octave, which forgets with a time constant of a quarter of the tim
 most 20 s: what the predictor did wrong before it had learned is not held against it for long. The factor is
 the histogram's 95 % quantile times 2^s, and the shift s <- s + 0.1 w (miss - 0.05) after each force, so that
 in the long run one in twenty misses, whatever the errors' distribution (Gibbs and Candes, Adaptive conformal
-inference, NeurIPS 2021). The band is no wider than the largest error that the hold has made.
+inference, NeurIPS 2021). The band is no wider than the largest error that the hold has made; before any error
+was seen it reaches as far as the forces have.
 """
 
 import math
@@ -82,8 +83,10 @@ def scale_n(band: Band, spread_n2: float, deviation_n: float, range_n: float) ->
 
 
 @kernel
-def half_width_n(band: Band, scale_n: float, widest_n: float) -> float:
+def half_width_n(band: Band, scale_n: float, widest_n: float, range_n: float) -> float:
     """Half the width of the band in N; `widest_n` 0: no limit yet."""
+    if band.seen_s == 0.0:
+        return range_n
     half_n = scale_n * math.pow(2.0, _quantile(band.scores) + band.shift)
     return min(half_n, widest_n) if widest_n > 0.0 else half_n
 

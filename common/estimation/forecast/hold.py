@@ -39,7 +39,7 @@ class Gain(Protocol):
 
 @kernel
 def _bin(deviation_n: float) -> float:
-    return min(_BINS - 3.0, max(2.0, math.log2(abs(deviation_n) + 1e-12) + _ZERO_BIN))
+    return min(_BINS - 3.0, max(2.0, math.log2(abs(deviation_n) + 1e-100) + _ZERO_BIN))
 
 
 @kernel

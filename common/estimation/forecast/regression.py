@@ -27,6 +27,7 @@ from common.estimation.forecast.bank import (
     FIRST_NONLINEAR,
     FIRST_RELAXATION,
     FIRST_STOP,
+    NO_OCTAVE,
     RING,
     STOPS,
     Array,
@@ -97,7 +98,7 @@ def begin(regression: NDArray[np.void]) -> None:
 def learn(regression: Regression, bank: Bank, n: int, force_n: float) -> None:
     """Adds the force of sample n; solves anew when that was last done more than 4 ms of stamps ago."""
     t = bank.t_s[n % RING]
-    if t - bank.moved_s > _REST_S and bank.octave > -9999.0:
+    if t - bank.moved_s > _REST_S and bank.octave != NO_OCTAVE:
         return
     w = min(max(bank.period_s, 1e-4), 0.05)
     phi, y = bank.phi[n % RING], force_n - regression.force0_n
