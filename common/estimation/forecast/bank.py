@@ -40,7 +40,7 @@ _BELIEVED = 10.0
 
 DTYPE = record(
     "count start origin_m low_m high_m octave v a speed2 speed_s period_s fastest_m_s"
-    " median_m suspect_m rest_m moved_s restart",
+    " median_m began_m suspect_m rest_m moved_s restart",
     floats("stops_m", STOPS),
     floats("radii_m", STOPS),
     floats("renewed", STOPS),
@@ -57,10 +57,10 @@ class Bank(Protocol):
 
     count: samples so far. start: number of the first one since a gap. origin_m: x0, NaN before a median of
     three is known. octave: the range of motion is at most 2^octave m. v, a: smoothed derivatives.
-    fastest_m_s: fading. suspect_m: the last position where it was not believed, else NaN. rest_m, moved_s:
-    where and when the motion last got away from `rest_m` by more than the smallest stop's radius. restart: 1
-    when the next sample follows a gap. renewed: 1 for each stop that the last sample gave a new radius.
-    slow_*: the means of the relaxations.
+    fastest_m_s: fading. began_m: where the piece began. suspect_m: the last position where it was not
+    believed, else NaN. rest_m, moved_s: where and when the motion last got away from `rest_m` by more than
+    the smallest stop's radius. restart: 1 when the next sample follows a gap. renewed: 1 for each stop that
+    the last sample gave a new radius. slow_*: the means of the relaxations.
     """
 
     count: float
@@ -76,6 +76,7 @@ class Bank(Protocol):
     period_s: float
     fastest_m_s: float
     median_m: float
+    began_m: float
     suspect_m: float
     rest_m: float
     moved_s: float
@@ -117,7 +118,7 @@ def advance(bank: Bank, t: float, x: float) -> bool:
         _follow(bank, n, x, x - bank.x_m[last], dt)
     if math.isnan(bank.origin_m) and n - bank.start == 2:
         _begin_range(bank, n, t, x)
-    _widen(bank, n, x)
+    _widen(bank)
     if abs(x - bank.rest_m) > smallest_radius_m(bank):
         bank.rest_m, bank.moved_s = x, t
     i = n % RING
@@ -152,8 +153,9 @@ def smallest_radius_m(bank: Bank) -> float:
 
 @kernel
 def _begin_piece(bank: Bank, n: int, t: float, x: float) -> None:
-    bank.start, bank.v, bank.a = n, 0.0, 0.0
-    bank.median_m = bank.rest_m = x
+    """Speed and acceleration stay what they were until the second sample tells."""
+    bank.start = n
+    bank.began_m = bank.median_m = bank.rest_m = x
     bank.moved_s = t
     bank.stops_m[:] = 0.0
     bank.slow_m[:] = x
@@ -199,7 +201,7 @@ def _follow(bank: Bank, n: int, x: float, dx: float, dt: float) -> None:
 
 
 @kernel
-def _widen(bank: Bank, n: int, x: float) -> None:
+def _widen(bank: Bank) -> None:
     """Gives the smallest stops the next octaves when the range has outgrown the largest."""
     width = bank.high_m - bank.low_m
     if width <= 0.0 or (bank.octave != NO_OCTAVE and width <= 2.0**bank.octave):
@@ -208,14 +210,11 @@ def _widen(bank: Bank, n: int, x: float) -> None:
     first = octave - STOPS + 1
     if bank.octave != NO_OCTAVE:
         first = max(first, int(bank.octave) + 1)
-    start_m = x
-    if 0 < n - bank.start < RING:
-        start_m = bank.x_m[int(bank.start) % RING]
     for j in range(first, octave + 1):
         slot = j % STOPS
         r = 2.0 ** (j - 1)
         bank.radii_m[slot] = r
-        bank.stops_m[slot] = min(r, max(-r, x - start_m))
+        bank.stops_m[slot] = min(r, max(-r, bank.median_m - bank.began_m))
         bank.phi[:, FIRST_STOP + slot] = 0.0
         bank.renewed[slot] = 1.0
     bank.octave = octave

@@ -43,7 +43,8 @@ class Forecaster:
     def move(self, t_s: float, position_m: float, outside_n: float = nan) -> None:
         """The own motion at stamp `t_s`. What is not finite, or no later than the last, is left out.
 
-        A pause over 0.1 s begins a new piece: nothing is carried across but what was learned.
+        A pause over 0.1 s begins a new piece: what was learned stays, what the motion has left behind
+        (hysteresis, relaxation) does not, and derivatives are taken on either side of it.
         """
         if steps.move(self._state, t_s, position_m, outside_n):
             self._moved_s = t_s

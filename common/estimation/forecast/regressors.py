@@ -73,13 +73,18 @@ def _fill_relaxations(bank: Bank, phi: Array, x: float, friction: float, dt: flo
 
 @kernel
 def _fill_differences(bank: Bank, phi: Array, n: int) -> None:
-    """First, second and third derivative by divided differences over the actual stamps; 0 near a gap."""
+    """First, second and third derivative by divided differences over the actual stamps.
+
+    Until three spans fit into the piece the next shorter span stands in, and for its first three samples what
+    the last piece ended with: zeros would look like a jerk.
+    """
     t, x = bank.t_s, bank.x_m
     p0 = n % RING
     for j in range(len(SPANS)):
         span, o = SPANS[j], FIRST_DIFFERENCE + 3 * j
         if n - 3 * span < bank.start:
-            phi[o], phi[o + 1], phi[o + 2] = 0.0, 0.0, 0.0
+            shorter = j > 0 and n - 3 >= bank.start
+            phi[o : o + 3] = phi[o - 3 : o] if shorter else bank.phi[(n - 1) % RING, o : o + 3]
             continue
         p1, p2, p3 = (n - span) % RING, (n - 2 * span) % RING, (n - 3 * span) % RING
         first0 = (x[p0] - x[p1]) / (t[p0] - t[p1])

@@ -117,7 +117,7 @@ def _see(memory: Memory, stamp: float, force_n: float) -> bool:
     memory.high_n = max(memory.high_n, min(force_n, memory.before_n))
     range_n = memory.high_n - memory.low_n
     believed = memory.low_n - range_n <= force_n <= memory.high_n + range_n
-    dt = stamp - memory.before_s
+    dt = abs(stamp - memory.before_s)
     if believed and 0.0 < dt <= banks.GAP_S:
         rate_n_s = abs(force_n - memory.before_n) / dt
         memory.fastest_n_s = max(memory.fastest_n_s * math.exp(-dt / _RATE_MEMORY_S), rate_n_s)
