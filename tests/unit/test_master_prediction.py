@@ -107,7 +107,7 @@ def test_the_forecaster_learns_the_lag_with_the_contact(model: ContactModel | No
             predicted.append(said.force_n - bench.samples[-1].force_n)
             held.append(late.force_n - bench.samples[-1].force_n)
     assert len(predicted) > 4000
-    assert _rms(predicted) < 0.05 * _rms(held)
+    assert _rms(predicted) < 0.08 * _rms(held)
 
 
 def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
@@ -131,7 +131,7 @@ def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:
 
 def test_motion_that_is_no_number_leaves_the_prediction_finite() -> None:
     bench, prediction = Bench(), ForcePrediction(LIMITS, None, 40.0)
-    for n in range(3000):
+    for n in range(6000):
         stamp_ns, command_m, velocity_m_s = bench.step()
         asked_m = nan if 1000 <= n < 1050 else command_m
         present = Present(stamp_ns, asked_m, velocity_m_s, True, None, bench.arrived)
