@@ -80,9 +80,9 @@ def _observe(state: State, stamp: float, force_n: float) -> bool:
     i = n % RING
     if n >= 0 and not math.isnan(memory.forces_n[i]):
         return False
+    believed = _see(memory, force_n)
     if n >= 0:
-        memory.forces_n[i] = force_n
-    believed = _see(memory, stamp, force_n)
+        memory.forces_n[i] = force_n if believed else np.inf
     if memory.known == _FIRST:
         state.regression.force0_n = memory.low_n
     if not believed:
@@ -90,6 +90,8 @@ def _observe(state: State, stamp: float, force_n: float) -> bool:
     paired_s = memory.newest_s if memory.newest >= 0.0 else -np.inf
     if stamp > memory.newest_s and (n >= 0 or stamp > paired_s + banks.GAP_S):
         memory.newest_s, memory.held_n, memory.newest = stamp, force_n, float(n)
+    if n >= 0:
+        _see_rate(state, n, force_n)
     if n >= 0 and memory.known >= _FIRST:
         fits.learn(state.regression, state.bank, n, force_n)
         if not math.isnan(memory.sayings_n[i]):
@@ -98,8 +100,8 @@ def _observe(state: State, stamp: float, force_n: float) -> bool:
 
 
 @kernel
-def _see(memory: Memory, stamp: float, force_n: float) -> bool:
-    """Range and speed of the forces; whether this one is to be believed.
+def _see(memory: Memory, force_n: float) -> bool:
+    """Range of the forces; whether this one is to be believed.
 
     The range begins with the median of the first three; later a single force far out widens nothing before
     the next one confirms it, and is not believed when it is beyond the range by more than the range.
@@ -109,20 +111,28 @@ def _see(memory: Memory, stamp: float, force_n: float) -> bool:
         first = memory.known == 1.0
         memory.low_n = force_n if first else min(force_n, memory.low_n)
         memory.high_n = force_n if first else max(force_n, memory.high_n)
-        memory.before_s, memory.before_n = stamp, force_n
+        memory.before_n = force_n
         return True
     if memory.known == _FIRST:
         memory.low_n = memory.high_n = max(memory.low_n, min(memory.high_n, force_n))
     memory.low_n = min(memory.low_n, max(force_n, memory.before_n))
     memory.high_n = max(memory.high_n, min(force_n, memory.before_n))
     range_n = memory.high_n - memory.low_n
-    believed = memory.low_n - range_n <= force_n <= memory.high_n + range_n
-    dt = abs(stamp - memory.before_s)
-    if believed and 0.0 < dt <= banks.GAP_S:
-        rate_n_s = abs(force_n - memory.before_n) / dt
-        memory.fastest_n_s = max(memory.fastest_n_s * math.exp(-dt / _RATE_MEMORY_S), rate_n_s)
-    memory.before_s, memory.before_n = stamp if believed else -np.inf, force_n
-    return believed
+    memory.before_n = force_n
+    return memory.low_n - range_n <= force_n <= memory.high_n + range_n
+
+
+@kernel
+def _see_rate(state: State, n: int, force_n: float) -> None:
+    """How fast the force changes between sample n and its neighbours, in whatever order they arrived."""
+    bank, memory = state.bank, state.memory
+    memory.fastest_n_s *= math.exp(-bank.period_s / _RATE_MEMORY_S)
+    for k in (n - 1, n + 1):
+        if k < 0 or k >= bank.count or bank.count - k > RING:
+            continue
+        dt, other_n = abs(bank.t_s[n % RING] - bank.t_s[k % RING]), memory.forces_n[k % RING]
+        if dt <= banks.GAP_S and math.isfinite(other_n):
+            memory.fastest_n_s = max(memory.fastest_n_s, abs(force_n - other_n) / dt)
 
 
 @kernel
