@@ -9,11 +9,11 @@ from common.recording.tabular import load_recording
 from tests.unit.forecast_samples import Sample, replayed, scored
 
 BOUNDS = {
-    "seal_o_ring_1bar": 0.206,
-    "seal_o_ring_3bar": 0.194,
+    "seal_o_ring_1bar": 0.202,
+    "seal_o_ring_3bar": 0.193,
     "presliding_friction": 0.120,
-    "emps_train": 0.128,
-    "emps_test": 0.145,
+    "emps_train": 0.157,
+    "emps_test": 0.180,
     "silverbox_train": 0.435,
     "silverbox_test_arrow": 0.428,
 }

@@ -16,7 +16,7 @@ from common.estimation.record import floats, record, zeros
 
 _RINGS = ("forces_n", "blends_n", "holds_n", "sayings_n", "halves_n", "scales_n")
 _MEMORY = record(
-    "known newest newest_s held_n low_n high_n before_n fastest_n_s said_n said_s",
+    "known newest newest_s held_n low_n high_n before_n suspect_s suspect_n fastest_n_s said_n said_s",
     *(floats(name, RING) for name in _RINGS),
 )
 DTYPE = np.dtype(
@@ -34,13 +34,13 @@ DTYPE = np.dtype(
 
 
 class Memory(Protocol):
-    """A record: what has been seen, and by sample the force (NaN until it has come, inf when it is not
-    believed) and what was said of it.
+    """A record: what has been seen, and by sample the force (NaN until it has come) and what was said of it.
 
     known: forces seen. newest_s, held_n: stamp and value of the newest; newest: its sample, -1 where its
-    motion is not known. low_n, high_n: range of the forces. before_n: the force seen last. fastest_n_s: the
-    fastest change of force, fading. said_*: the last prediction. Where nothing was said of a sample,
-    `sayings_n` is NaN, and blends, holds, halves (of the band's width) and scales are left from another.
+    motion is not known. low_n, high_n: range of the forces. before_n: the force seen last; suspect_*: the
+    same where it is out of reach, else NaN. fastest_n_s: the fastest change of force, fading. said_*: the
+    last prediction. Where nothing was said of a sample, `sayings_n` is NaN, and blends, holds, halves (of the
+    band's width) and scales are left from another.
     """
 
     known: float
@@ -50,6 +50,8 @@ class Memory(Protocol):
     low_n: float
     high_n: float
     before_n: float
+    suspect_s: float
+    suspect_n: float
     fastest_n_s: float
     said_n: float
     said_s: float
@@ -81,5 +83,6 @@ def new_state(outside: bool) -> NDArray[np.void]:
     crowd.begin(state["experts"], outside)
     bands.begin(state["band"])
     memory = state["memory"]
+    memory["suspect_n"] = np.nan
     memory["newest"], memory["newest_s"], memory["said_s"] = -1.0, -np.inf, -np.inf
     return state

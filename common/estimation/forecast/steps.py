@@ -19,7 +19,10 @@ from common.estimation.jit import kernel
 _RATE_MEMORY_S = 60.0
 _RATE_MARGIN = 1.2
 _FIRST = 3
-"""So many forces tell a median; nothing is learned before."""
+"""So many forces tell a median; nothing is learned before.
+
+Later a force out of reach waits until the next one has confirmed it, and is dropped when that one does not.
+"""
 
 States = NDArray[np.void]
 """One state, in an array of length 1."""
@@ -77,16 +80,35 @@ def _observe(state: State, stamp: float, force_n: float) -> bool:
     if not (math.isfinite(force_n) and math.isfinite(stamp)):
         return False
     n = banks.find(state.bank, stamp)
-    i = n % RING
-    if n >= 0 and not math.isnan(memory.forces_n[i]):
+    if n >= 0 and not math.isnan(memory.forces_n[n % RING]):
         return False
-    believed = _see(memory, force_n)
     if n >= 0:
-        memory.forces_n[i] = force_n if believed else np.inf
+        memory.forces_n[n % RING] = force_n
+    _see(memory, force_n)
     if memory.known == _FIRST:
-        state.regression.force0_n = memory.low_n
-    if not believed:
-        return True
+        state.regression.force0_n = memory.held_n = memory.low_n
+        memory.said_s = -np.inf
+    if _within_reach(memory, memory.suspect_n):
+        _take_in(state, memory.suspect_s, memory.suspect_n)
+    memory.suspect_n = np.nan
+    if memory.known < _FIRST or _within_reach(memory, force_n):
+        _take_in(state, stamp, force_n)
+    else:
+        memory.suspect_s, memory.suspect_n = stamp, force_n
+    return True
+
+
+@kernel
+def _within_reach(memory: Memory, force_n: float) -> bool:
+    """Whether a force is beyond the range of those seen by no more than the range; False for NaN."""
+    range_n = memory.high_n - memory.low_n
+    return memory.low_n - range_n <= force_n <= memory.high_n + range_n
+
+
+@kernel
+def _take_in(state: State, stamp: float, force_n: float) -> None:
+    """Holds a force that is believed, learns from it, and judges what was said of its sample."""
+    memory, n = state.memory, banks.find(state.bank, stamp)
     paired_s = memory.newest_s if memory.newest >= 0.0 else -np.inf
     if stamp > memory.newest_s and (n >= 0 or stamp > paired_s + banks.GAP_S):
         memory.newest_s, memory.held_n, memory.newest = stamp, force_n, float(n)
@@ -94,17 +116,16 @@ def _observe(state: State, stamp: float, force_n: float) -> bool:
         _see_rate(state, n, force_n)
     if n >= 0 and memory.known >= _FIRST:
         fits.learn(state.regression, state.bank, n, force_n)
-        if not math.isnan(memory.sayings_n[i]):
+        if not math.isnan(memory.sayings_n[n % RING]):
             _judge(state, n, force_n)
-    return True
 
 
 @kernel
-def _see(memory: Memory, force_n: float) -> bool:
-    """Range of the forces; whether this one is to be believed.
+def _see(memory: Memory, force_n: float) -> None:
+    """Range of the forces, in the order in which they arrive.
 
-    The range begins with the median of the first three; later a single force far out widens nothing before
-    the next one confirms it, and is not believed when it is beyond the range by more than the range.
+    The range begins with the median of the first three; a single force far out widens it when the next one
+    confirms it, and not before.
     """
     memory.known += 1.0
     if memory.known < _FIRST:
@@ -112,14 +133,12 @@ def _see(memory: Memory, force_n: float) -> bool:
         memory.low_n = force_n if first else min(force_n, memory.low_n)
         memory.high_n = force_n if first else max(force_n, memory.high_n)
         memory.before_n = force_n
-        return True
+        return
     if memory.known == _FIRST:
         memory.low_n = memory.high_n = max(memory.low_n, min(memory.high_n, force_n))
     memory.low_n = min(memory.low_n, max(force_n, memory.before_n))
     memory.high_n = max(memory.high_n, min(force_n, memory.before_n))
-    range_n = memory.high_n - memory.low_n
     memory.before_n = force_n
-    return memory.low_n - range_n <= force_n <= memory.high_n + range_n
 
 
 @kernel
@@ -131,7 +150,7 @@ def _see_rate(state: State, n: int, force_n: float) -> None:
         if k < 0 or k >= bank.count or bank.count - k > RING:
             continue
         dt, other_n = abs(bank.t_s[n % RING] - bank.t_s[k % RING]), memory.forces_n[k % RING]
-        if dt <= banks.GAP_S and math.isfinite(other_n):
+        if dt <= banks.GAP_S and _within_reach(memory, other_n):
             memory.fastest_n_s = max(memory.fastest_n_s, abs(force_n - other_n) / dt)
 
 
