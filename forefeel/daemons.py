@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from secrets import randbits
+from typing import TYPE_CHECKING
 
 from common.errors import ConfigurationError, EndpointError, RunError
 from common.notices import Notices, RateLimit
@@ -17,13 +18,15 @@ from common.runtime.real import RealRuntime
 from common.runtime.realtime import prepare_thread
 from common.settings import DaemonSettings
 from common.transport.zenoh_bus import ZenohTransport
-from master.axis import MasterAxis
-from master.daemon import MasterDaemon
 from master.session import Link
 from master.settings import MasterSettings
-from slave.axis import SlaveAxis
-from slave.daemon import SlaveDaemon
 from slave.settings import SlaveSettings
+
+if TYPE_CHECKING:
+    from master.axis import MasterAxis
+    from master.daemon import MasterDaemon
+    from slave.axis import SlaveAxis
+    from slave.daemon import SlaveDaemon
 
 _POLL_S = 0.05
 _SPEAK_NS = 100_000_000
@@ -77,6 +80,8 @@ def run_master(settings: MasterSettings, duration_s: float | None = None) -> Non
 
 
 async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
+    from slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
+
     runtime = _runtime(settings)
     with _opened(settings, runtime) as transport:
         daemon = SlaveDaemon(settings, transport, runtime, _new_id)
@@ -94,6 +99,8 @@ async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
 
 
 async def _master(settings: MasterSettings, duration_s: float | None) -> None:
+    from master.daemon import MasterDaemon  # noqa: PLC0415 - the slave does without its compiled predictor
+
     runtime = _runtime(settings)
     with _opened(settings, runtime) as transport:
         daemon = MasterDaemon(settings, transport, runtime, _new_id)
@@ -141,7 +148,7 @@ def _runtime(settings: DaemonSettings) -> RealRuntime:
 
 
 async def _session(
-    daemon: MasterDaemon, runtime: RealRuntime, timeout_s: float | None, connect: tuple[str, ...]
+    daemon: "MasterDaemon", runtime: RealRuntime, timeout_s: float | None, connect: tuple[str, ...]
 ) -> None:
     """Waits visibly until every axis has its session."""
     start_ns, reminded_s = runtime.clock.now_ns(), 0.0
@@ -164,7 +171,9 @@ async def _session(
         await asyncio.sleep(_POLL_S)
 
 
-async def _until(runtime: RealRuntime, duration_s: float | None, daemon: MasterDaemon | None = None) -> None:
+async def _until(
+    runtime: RealRuntime, duration_s: float | None, daemon: "MasterDaemon | None" = None
+) -> None:
     """Returns when the daemon is to end: told to, the duration is over, or the motion that is played has
     ended.
     """
@@ -179,7 +188,7 @@ async def _until(runtime: RealRuntime, duration_s: float | None, daemon: MasterD
         await asyncio.sleep(_POLL_S)
 
 
-def _show_link(daemon: MasterDaemon, linked: bool) -> bool:
+def _show_link(daemon: "MasterDaemon", linked: bool) -> bool:
     """Says when a session was lost and when all are open again; whether they are."""
     waiting = [axis for axis in daemon.axes if axis.session.link is not Link.OPEN]
     _refuse_mismatch(waiting)
@@ -190,14 +199,14 @@ def _show_link(daemon: MasterDaemon, linked: bool) -> bool:
     return not waiting
 
 
-def _refuse_mismatch(waiting: list[MasterAxis]) -> None:
+def _refuse_mismatch(waiting: "list[MasterAxis]") -> None:
     """Settings that differ do not come right by waiting."""
     for axis in waiting:
         if axis.session.link is Link.MISMATCH:
             raise ConfigurationError(f"axis {axis.name}: the slave refuses: {axis.session.reason}")
 
 
-async def _rest(daemon: SlaveDaemon) -> None:
+async def _rest(daemon: "SlaveDaemon") -> None:
     for _ in range(int(_REST_S / _POLL_S)):
         if daemon.at_rest:
             break
@@ -209,7 +218,7 @@ def _new_id() -> int:
     return randbits(62) | 1
 
 
-def _names(axes: list[SlaveAxis] | list[MasterAxis]) -> str:
+def _names(axes: "list[SlaveAxis] | list[MasterAxis]") -> str:
     return ", ".join(axis.name for axis in axes)
 
 
