@@ -13,6 +13,7 @@ $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	$(BIN)/python -c 'from common.estimation.forecast import compile_kernels; compile_kernels()'
+	$(BIN)/python -c 'from common.effects.registry import compile_kernels; compile_kernels()'
 	@touch $@
 
 demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out/demo

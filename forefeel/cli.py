@@ -13,6 +13,8 @@ from common.transport.settings import PRESETS
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
 from forefeel.reproduction.cli import EPILOG, reproduce
+from forefeel.simulate.command import EPILOG as SIMULATE_EPILOG
+from forefeel.simulate.command import simulate
 
 app = typer.Typer(
     name="forefeel",
@@ -142,6 +144,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
 
 
 app.command(epilog=EVALUATE_EPILOG)(evaluate)
+app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 
 @app.command(epilog="Example: forefeel report run.mcap --out out/report")

@@ -1,6 +1,9 @@
 """Play between stage and instrument."""
 
+import numpy as np
+
 from common.effects.base import MotionEffect, Parameter
+from common.effects.offline import Array, lazy_kernel
 
 
 class Backlash(MotionEffect):
@@ -12,6 +15,7 @@ class Backlash(MotionEffect):
     name = "backlash"
     parameters = (Parameter("width_m", "m", 0.0, 0.0, 1e2, linear=False),)
     reference = "Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989, the play operator"
+    fingerprint = "after each reversal the force stands still over a constant width of the position"
 
     def _configure(self) -> None:
         self._half = 0.5 * self.values["width_m"]
@@ -31,3 +35,24 @@ class Backlash(MotionEffect):
             v = a = 0.0
         self._y = y
         return y, v, a
+
+    def _path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
+        if self._half == 0.0:
+            return x, v, a
+        y, carried = _play(x, self._half)
+        return y, v * carried, a * carried
+
+
+@lazy_kernel
+def _play(x: Array, half: float) -> tuple[Array, Array]:
+    y, carried = np.empty_like(x), np.zeros_like(x)
+    value = x[0] if len(x) else 0.0
+    for i in range(len(x)):
+        if x[i] - half > value:
+            value = x[i] - half
+            carried[i] = 1.0
+        elif x[i] + half < value:
+            value = x[i] + half
+            carried[i] = 1.0
+        y[i] = value
+    return y, carried

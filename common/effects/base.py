@@ -5,12 +5,21 @@ Four kinds. A `ForceEffect` adds a force that is linear in some of its parameter
 motion. A `ContactEffect` decides whether the wall is touched. A `SensorEffect` stands between force and
 reading.
 All are pure: time is an argument, the only state is their own, `reset` forgets it.
+
+Each has two forms of the same physics. One steps through time with Python floats, for the plant and the
+predictor. The other takes a whole recording as arrays, for the diagnosis: it begins at rest at the first
+stamp, steps over the intervals between the stamps, and neither sees nor changes the state of the first. By
+default it is the first in a loop.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
+
+import numpy as np
+
+from common.effects.offline import Array, intervals_s
 
 Site = Literal["wall", "shaft", "sensor"]
 """Where a force arises: at the wall (in contact), along the shaft (when gripped), in the sensor (always)."""
@@ -53,6 +62,8 @@ class Effect(ABC):
     name: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     reference: ClassVar[str]
+    fingerprint: ClassVar[str] = ""
+    """One sentence: what it looks like in the residual of a model that lacks it."""
     shorthands: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """A name that sets several parameters at once, such as `force_n` of a symmetric friction."""
 
@@ -100,6 +111,37 @@ class ForceEffect(Effect):
         Units: t, dt s; x m; v m/s; a m/s^2. `x, v, a` are the motion at the end of the step.
         """
 
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:
+        """phi_i of a whole recording, shape (n, linear parameters).
+
+        Args:
+            t, x, v, a: stamps in s and the motion at them, shape (n,).
+            dt: the interval before each stamp; by default the difference of the stamps, and 0 at the first.
+        """
+        return self._columns(t, x, v, a, intervals_s(t) if dt is None else dt)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        fresh = type(self)(**self.values)
+        rows = [fresh.regressors(*at) for at in zip(*(c.tolist() for c in (t, x, v, a, dt)), strict=True)]
+        return np.array(rows, dtype=np.float64).reshape(len(t), len(self.linear_names))
+
+    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:
+        """Columns whose combinations are all that the effect can be at its `shape_names`, shape (n, m).
+
+        By default `columns`. An effect overrides it where nonlinear parameters become linear in other
+        coordinates, as amplitude and phase do in sine and cosine; `from_span` leads back.
+        """
+        return self.columns(t, x, v, a, dt)
+
+    def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
+        """Every parameter by name, from the coefficients of `span`; not checked against the bounds."""
+        return {**self.values, **dict(zip(self.linear_names, map(float, coefficients), strict=True))}
+
+    @classmethod
+    def shape_names(cls) -> tuple[str, ...]:
+        """The parameters that `span` depends on: what is left to search after a linear fit."""
+        return tuple(p.name for p in cls.parameters if not p.linear)
+
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
         """The force in N after advancing the state by dt. Call this or `regressors`, once per step."""
         phi = self.regressors(t, x, v, a, dt)
@@ -123,6 +165,18 @@ class MotionEffect(Effect):
     def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
         """(x, v, a) of the instrument after advancing the state by dt to time t."""
 
+    def path(
+        self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """(x, v, a) of the instrument over a whole recording, each shape (n,); see `columns`."""
+        return self._path(t, x, v, a, intervals_s(t) if dt is None else dt)
+
+    def _path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
+        fresh = type(self)(**self.values)
+        rows = [fresh.transform(*at) for at in zip(*(c.tolist() for c in (t, x, v, a, dt)), strict=True)]
+        moved = np.array(rows, dtype=np.float64).reshape(len(t), 3)
+        return moved[:, 0], moved[:, 1], moved[:, 2]
+
 
 class ContactEffect(Effect):
     """Decides whether the wall is touched at all."""
@@ -131,10 +185,26 @@ class ContactEffect(Effect):
     def penetration_m(self, x: float) -> float | None:
         """Depth beyond the contact position in m, or None without contact."""
 
+    def penetrations_m(self, x: Array) -> Array:
+        """Depth over a whole recording, shape (n,); nan without contact."""
+        return np.array([np.nan if d is None else d for d in map(self.penetration_m, x.tolist())])
+
 
 class SensorEffect(Effect):
     """Something between the force and its reading."""
 
+    linear: ClassVar[bool] = False
+    """Whether the reading of a sum is the sum of the readings, so that it may be taken of each regressor."""
+
     @abstractmethod
     def sense(self, t: float, force_n: float, dt: float) -> float:
         """The reading in N after advancing the state by dt to time t."""
+
+    def readings(self, t: Array, force_n: Array, dt: Array | None = None) -> Array:
+        """The readings of a whole recording, shape (n,); see `ForceEffect.columns`."""
+        return self._readings(t, force_n, intervals_s(t) if dt is None else dt)
+
+    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+        fresh = type(self)(**self.values)
+        steps = zip(*(c.tolist() for c in (t, force_n, dt)), strict=True)
+        return np.array([fresh.sense(*at) for at in steps], dtype=np.float64)

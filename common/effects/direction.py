@@ -1,5 +1,9 @@
 """The sign of a velocity as the friction effects use it."""
 
+import numpy as np
+
+from common.effects.offline import Array
+
 BAND_M_S = 1e-5
 
 
@@ -14,3 +18,8 @@ def direction(v: float) -> float:
     if v <= -BAND_M_S:
         return -1.0
     return v / BAND_M_S
+
+
+def directions(v: Array) -> Array:
+    """`direction` of each velocity, shape (n,)."""
+    return np.clip(v / BAND_M_S, -1.0, 1.0)

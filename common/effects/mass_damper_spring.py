@@ -1,6 +1,9 @@
 """Linear viscoelastic contact: the model of the paper."""
 
+import numpy as np
+
 from common.effects.base import ForceEffect, Parameter
+from common.effects.offline import Array
 
 
 class MassDamperSpring(ForceEffect):
@@ -17,7 +20,11 @@ class MassDamperSpring(ForceEffect):
         "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot "
         "Based on Parameter Identification, equation (1)"
     )
+    fingerprint = "proportional to acceleration, velocity or position: ellipses without jumps or memory"
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(a, v, x)."""
         return (a, v, x)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return np.stack((a, v, x)).T

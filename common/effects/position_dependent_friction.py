@@ -1,7 +1,10 @@
 """Friction that grows with the inserted length."""
 
+import numpy as np
+
 from common.effects.base import ForceEffect, Parameter
-from common.effects.direction import direction
+from common.effects.direction import direction, directions
+from common.effects.offline import Array
 
 
 class PositionDependentFriction(ForceEffect):
@@ -14,7 +17,11 @@ class PositionDependentFriction(ForceEffect):
     site = "wall"
     parameters = (Parameter("force_per_length_n_m", "N/m", 0.0, 0.0, 1e6),)
     reference = "capstan (Euler-Eytelwein) equation, linearised in the length of contact"
+    fingerprint = "a jump at each reversal that is larger the deeper the instrument is"
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(inserted length times direction,)."""
         return (x * direction(v) if x > 0.0 else 0.0,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return (np.maximum(x, 0.0) * directions(v))[:, None]

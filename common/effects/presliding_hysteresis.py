@@ -1,8 +1,12 @@
 """Friction that builds up over a distance after each reversal."""
 
+from collections.abc import Sequence
 from math import exp
 
+import numpy as np
+
 from common.effects.base import ForceEffect, Parameter
+from common.effects.offline import Array, lazy_kernel
 
 
 class PreslidingHysteresis(ForceEffect):
@@ -20,6 +24,7 @@ class PreslidingHysteresis(ForceEffect):
         Parameter("stiffness_n_m", "N/m", 50.0, 1e-3, 1e9, linear=False),
     )
     reference = "Dahl, A Solid Friction Model, Aerospace Corporation TOR-0158(3107-18)-1, 1968"
+    fingerprint = "a curve over the distance since the last reversal that saturates, the same at any speed"
 
     def _configure(self) -> None:
         self._per_metre = self.values["stiffness_n_m"] / self.values["force_n"]
@@ -35,3 +40,23 @@ class PreslidingHysteresis(ForceEffect):
         elif v < 0.0:
             self._u = (1.0 + self._u) * exp(self._per_metre * v * dt) - 1.0
         return (self._u,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        decay = np.exp(-self._per_metre * np.abs(v) * dt)
+        return _saturating(np.sign(v), decay)[:, None]
+
+    def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
+        """The stiffness goes with the force: a linear fit keeps the presliding length."""
+        (force_n,) = map(float, coefficients)
+        return {"force_n": force_n, "stiffness_n_m": force_n * self._per_metre}
+
+
+@lazy_kernel
+def _saturating(s: Array, decay: Array) -> Array:
+    u = np.empty_like(s)
+    value = 0.0
+    for i in range(len(s)):
+        if s[i] != 0.0:
+            value = s[i] - (s[i] - value) * decay[i]
+        u[i] = value
+    return u

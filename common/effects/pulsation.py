@@ -1,33 +1,17 @@
 """Heart beat or breath: a periodic force that comes without motion of the instrument."""
 
-from math import pi, sin
-
-from common.effects.base import ForceEffect, Parameter
+from common.effects.harmonics import PeriodicForce, harmonic_parameters
 
 
-class Pulsation(ForceEffect):
-    """`f = A (sin p + r sin 2p)`, p = 2 pi frequency_hz t + phase_rad.
+class Pulsation(PeriodicForce):
+    """`f = A (sin p + r2 sin(2p + q2) + r3 sin(3p + q3))`, p = 2 pi frequency_hz t + phase_rad.
 
-    A = amplitude_n, r = second_harmonic_ratio.
+    A = amplitude_n, r2 = second_harmonic_ratio, q2 = second_harmonic_phase_rad, r3 and q3 likewise.
     t counts from the caller's own zero, so a phase found on one recording holds for that recording only.
     """
 
     name = "pulsation"
     site = "wall"
-    parameters = (
-        Parameter("amplitude_n", "N", 0.0, 0.0, 1e3),
-        Parameter("frequency_hz", "Hz", 1.2, 0.05, 50.0, linear=False),
-        Parameter("phase_rad", "rad", 0.0, -2.0 * pi, 2.0 * pi, linear=False),
-        Parameter("second_harmonic_ratio", "", 0.0, -1.0, 1.0, linear=False),
-    )
-    reference = "two-term Fourier series of the arterial pulse, McDonald's Blood Flow in Arteries, 6th ed."
-
-    def _configure(self) -> None:
-        self._omega = 2.0 * pi * self.values["frequency_hz"]
-        self._phase = self.values["phase_rad"]
-        self._ratio = self.values["second_harmonic_ratio"]
-
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(sin p + r sin 2p,)."""
-        p = self._omega * t + self._phase
-        return (sin(p) + self._ratio * sin(2.0 * p),)
+    parameters = harmonic_parameters(1.2, 0.05, 50.0)
+    reference = "Fourier series of the arterial pulse, McDonald's Blood Flow in Arteries, 6th ed."
+    fingerprint = "a line in the spectrum and its harmonics that stay while the operator holds still"

@@ -4,7 +4,10 @@ from collections import Counter
 from collections.abc import Sequence
 from operator import mul
 
+import numpy as np
+
 from common.effects.base import ContactEffect, Effect, ForceEffect, MotionEffect, SensorEffect, Site
+from common.effects.offline import Array, intervals_s
 
 
 class ContactRuntime:
@@ -17,6 +20,7 @@ class ContactRuntime:
     4. sensor effects turn the force into the reading, in the order given.
 
     `regressors` stops before 4: bias and drift are force effects in the sensor and take part, a lag does not.
+    `columns` and `forces_n` are the same for a whole recording, see `common.effects.base`.
 
     Args:
         effects: each effect, and where it acts when not at its own site.
@@ -35,11 +39,13 @@ class ContactRuntime:
         self._effects = [effect for effect, _ in effects]
         self._sensors = [effect for effect in self._effects if isinstance(effect, SensorEffect)]
         self._senses = [effect.sense for effect in self._sensors]
-        self._transforms = [effect.transform for effect in self._effects if isinstance(effect, MotionEffect)]
-        contacts = [effect.penetration_m for effect in self._effects if isinstance(effect, ContactEffect)]
+        self._motions = [effect for effect in self._effects if isinstance(effect, MotionEffect)]
+        self._transforms = [effect.transform for effect in self._motions]
+        contacts = [effect for effect in self._effects if isinstance(effect, ContactEffect)]
         if len(contacts) > 1:
             raise ValueError(f"effects: {len(contacts)} contact effects, expected at most one")
-        self._penetration_m = contacts[0] if contacts else None
+        self._contact = contacts[0] if contacts else None
+        self._penetration_m = self._contact.penetration_m if self._contact else None
         self._touching = False
         self.instrument_m = 0.0
         self._compose_forces(effects)
@@ -58,7 +64,7 @@ class ContactRuntime:
         forces = [effect for site in by_site.values() for effect in site]
         self.linear_names = tuple(f"{labels[e]}.{name}" for e in forces for name in e.linear_names)
         self.linear_values = tuple(value for effect in forces for value in effect.linear_values)
-        self._wall = by_site["wall"]
+        self._sensor, self._shaft, self._wall = by_site.values()
         self._at_sensor, self._at_shaft, self._at_wall = (
             [effect.regressors for effect in site] for site in by_site.values()
         )
@@ -104,6 +110,47 @@ class ContactRuntime:
     def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
         """As `step` while the fixture does not hold the instrument."""
         return self._sensed(t, self.regressors_unheld(t, x, v, a, dt), dt)
+
+    def columns(self, t: Array, x: Array, v: Array, a: Array, *, sensed: bool = False) -> Array:
+        """`regressors` at every stamp of a recording, from rest at the first; shape (n, linear names).
+
+        `sensed`: as the linear ones of the sensor effects, such as a lag, pass each of them on.
+        """
+        dt = intervals_s(t)
+        blocks = [np.empty((len(t), 0)), *(e.columns(t, x, v, a, dt) for e in self._sensor)]
+        for motion in self._motions:
+            x, v, a = motion.path(t, x, v, a, dt)
+        blocks += [effect.columns(t, x, v, a, dt) for effect in self._shaft]
+        blocks += self._wall_columns(t, x, v, a, dt)
+        phi = np.concatenate(blocks, axis=1)
+        for sensor in self._sensors if sensed else ():
+            if sensor.linear:
+                phi = np.stack([sensor.readings(t, column, dt) for column in phi.T], axis=1)
+        return phi
+
+    def forces_n(self, t: Array, x: Array, v: Array, a: Array) -> Array:
+        """`step` at every stamp of a recording, from rest at the first; shape (n,)."""
+        force_n = np.asarray(self.columns(t, x, v, a) @ np.array(self.linear_values))
+        dt = intervals_s(t)
+        for sensor in self._sensors:
+            force_n = sensor.readings(t, force_n, dt)
+        return force_n
+
+    def _wall_columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> list[Array]:
+        if self._contact is None:
+            return [effect.columns(t, x, v, a, dt) for effect in self._wall]
+        depth = self._contact.penetrations_m(x)
+        touching = ~np.isnan(depth)
+        edges = np.flatnonzero(np.diff(touching, prepend=False, append=False))
+        each = [slice(first, last) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+        blocks = []
+        for effect in self._wall:
+            forgets = type(effect).reset is not Effect.reset
+            block = np.zeros((len(t), len(effect.linear_names)))
+            for part in each if forgets else [touching]:
+                block[part] = effect.columns(t[part], depth[part], v[part], a[part], dt[part])
+            blocks.append(block)
+        return blocks
 
     def reset_contact(self) -> None:
         """Forgets the state of motion and contact, as after a new grip, but not that of the sensor."""

@@ -1,6 +1,7 @@
 """Slow ramp of the load cell."""
 
 from common.effects.base import ForceEffect, Parameter
+from common.effects.offline import Array
 
 
 class SensorDrift(ForceEffect):
@@ -10,7 +11,11 @@ class SensorDrift(ForceEffect):
     site = "sensor"
     parameters = (Parameter("rate_n_s", "N/s", 0.0, -1e3, 1e3),)
     reference = "linear zero drift of the measurement"
+    fingerprint = "a straight ramp in time that goes on at rest and at no load"
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(t,)."""
         return (t,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return t[:, None].copy()

@@ -1,7 +1,8 @@
 """First-order lag of the load cell chain."""
 
 from common.effects.base import Parameter, SensorEffect
-from common.effects.first_order import FirstOrderLag
+from common.effects.first_order import FirstOrderLag, lagged
+from common.effects.offline import Array
 
 
 class SensorLag(SensorEffect):
@@ -11,8 +12,10 @@ class SensorLag(SensorEffect):
     """
 
     name = "sensor_lag"
+    linear = True
     parameters = (Parameter("time_constant_s", "s", 0.005, 1e-6, 1e3, linear=False),)
     reference = "first-order low-pass filter, zero-order-hold discretisation"
+    fingerprint = "the force follows the motion late, and smaller the higher the frequency"
 
     def reset(self) -> None:
         """The next force is taken as settled."""
@@ -24,3 +27,6 @@ class SensorLag(SensorEffect):
         if not self._settled:
             self._lag.value, self._settled = force_n, True
         return self._lag.advance(force_n, dt)
+
+    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+        return lagged(force_n, dt, self.values["time_constant_s"], float(force_n[0]) if len(force_n) else 0.0)

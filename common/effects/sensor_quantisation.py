@@ -1,6 +1,9 @@
 """Comb of levels of the analogue-to-digital conversion."""
 
+import numpy as np
+
 from common.effects.base import Parameter, SensorEffect
+from common.effects.offline import Array
 
 
 class SensorQuantisation(SensorEffect):
@@ -9,6 +12,7 @@ class SensorQuantisation(SensorEffect):
     name = "sensor_quantisation"
     parameters = (Parameter("step_n", "N", 1e-6, 1e-12, 1e3, linear=False),)
     reference = "uniform mid-tread quantiser, Widrow and Kollar, Quantization Noise, 2008"
+    fingerprint = "a comb of levels at equal distances in the histogram of the readings"
 
     def _configure(self) -> None:
         self._step_n = self.values["step_n"]
@@ -16,3 +20,6 @@ class SensorQuantisation(SensorEffect):
     def sense(self, t: float, force_n: float, dt: float) -> float:
         """The nearest level in N."""
         return round(force_n / self._step_n) * self._step_n
+
+    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+        return np.rint(force_n / self._step_n) * self._step_n

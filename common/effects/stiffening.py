@@ -1,6 +1,9 @@
 """A wall whose stiffness changes with depth."""
 
+import numpy as np
+
 from common.effects.base import ForceEffect, Parameter
+from common.effects.offline import Array
 
 
 class Stiffening(ForceEffect):
@@ -13,8 +16,13 @@ class Stiffening(ForceEffect):
         Parameter("cubic_n_m3", "N/m^3", 0.0, -1e12, 1e12),
     )
     reference = "polynomial restoring force, Duffing, Erzwungene Schwingungen, 1918"
+    fingerprint = "a curve over position, the same on the way in and out and at any speed"
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(x^2, x^3)."""
         square = x * x
         return (square, square * x)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        square = x * x
+        return np.stack((square, square * x)).T

@@ -1,7 +1,8 @@
 """A force that fades while the instrument is held still."""
 
 from common.effects.base import ForceEffect, Parameter
-from common.effects.first_order import FirstOrderLag
+from common.effects.first_order import FirstOrderLag, lagged
+from common.effects.offline import Array
 
 
 class StressRelaxation(ForceEffect):
@@ -18,6 +19,10 @@ class StressRelaxation(ForceEffect):
         Parameter("time_constant_s", "s", 1.0, 1e-4, 1e4, linear=False),
     )
     reference = "Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., chapter 2"
+    fingerprint = (
+        "an exponential fading during each hold, of opposite sign after a withdrawal; "
+        "the loop is widest at one speed"
+    )
 
     def _configure(self) -> None:
         self._tau = self.values["time_constant_s"]
@@ -29,3 +34,6 @@ class StressRelaxation(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(elongation of the branch's spring in m,)."""
         return (self._elongation.advance(self._tau * v, dt),)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return lagged(self._tau * v, dt, self._tau)[:, None]

@@ -1,0 +1,40 @@
+"""A wall of soft tissue, whose force grows exponentially with depth."""
+
+from math import expm1
+
+import numpy as np
+
+from common.effects.base import ForceEffect, Parameter
+from common.effects.offline import Array
+
+_MOST = 50.0
+"""Depth in lengths beyond which the force stays: far outside of any tissue, and of no overflow."""
+
+
+class ExponentialWall(ForceEffect):
+    """`f = exponential_n (exp(d / L) - 1 - d / L)`, d = max(x, 0), L = length_m.
+
+    Fung's law without its linear part, which is the stiffness of `mass_damper_spring`. To second and third
+    order in the depth it is `stiffening`.
+    """
+
+    name = "exponential_wall"
+    site = "wall"
+    parameters = (
+        Parameter("exponential_n", "N", 0.0, 0.0, 1e4),
+        Parameter("length_m", "m", 0.01, 1e-5, 1e2, linear=False),
+    )
+    reference = "Fung, Elasticity of soft tissues in simple elongation, Am. J. Physiol. 213, 1967"
+    fingerprint = "a curve over position that steepens without end, the same on the way in and out"
+
+    def _configure(self) -> None:
+        self._length_m = self.values["length_m"]
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(exp(d / L) - 1 - d / L,)."""
+        depth = min(x / self._length_m, _MOST) if x > 0.0 else 0.0
+        return (expm1(depth) - depth,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        depth = np.clip(x / self._length_m, 0.0, _MOST)
+        return (np.expm1(depth) - depth)[:, None]

@@ -1,0 +1,46 @@
+"""`forefeel simulate`: what stands on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EPILOG = (
+    "Example: forefeel simulate --model model.yaml --motion hand --duration 30 --seed 1 --out run.csv   "
+    "Example: forefeel simulate --model model.yaml --motion seal_o_ring_1bar.csv --noise 0 --out seal.parquet"
+)
+
+
+def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
+    model: Annotated[Path, typer.Option(metavar="FILE", help="model.yaml: the contact and its sensor.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="A .csv or .parquet file.")],
+    motion: Annotated[
+        str, typer.Option(metavar="MOTION", help="hand, multisine, sine, or a recording to follow.")
+    ] = "hand",
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Default 30, or the recording's.")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Default 1000, or the recording's stamps.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the motion and the noise.")] = 0,
+    start: Annotated[float, typer.Option(metavar="M", help="Position where the motion begins.")] = 0.0,
+    depth: Annotated[float, typer.Option(metavar="M", help="How far it goes from there.")] = 0.03,
+    frequency: Annotated[float, typer.Option(metavar="HZ", help="Of the sine.")] = 0.5,
+    noise: Annotated[float, typer.Option(metavar="N", help="Standard deviation of the force.")] = 0.002,
+    noise_corner: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Corner of AR(1) noise; white without.")
+    ] = None,
+    full_scale: Annotated[
+        float | None, typer.Option(metavar="N", help="Range of the load cell, 16 bits; endless without.")
+    ] = None,
+    encoder_step: Annotated[float, typer.Option(metavar="M", help="Of the position; 0: none.")] = 1e-6,
+    overwrite: Annotated[bool, typer.Option(help="Replace FILE.")] = False,
+) -> None:
+    """Make a recording of any model: time_s, position_m, force_n."""
+    from forefeel.simulate.run import Wish, run_simulation  # noqa: PLC0415 - other commands start without it
+    from forefeel.simulate.sensor import SensorWish  # noqa: PLC0415
+
+    sensor = SensorWish(noise, noise_corner, full_scale, encoder_step)
+    wish = Wish(model, motion, duration, rate, seed, start, depth, frequency, sensor)
+    run_simulation(wish, out, overwrite)

@@ -1,0 +1,162 @@
+"""One simulated recording from the wish to the file."""
+
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from common.effects.model import ContactModel
+from common.errors import ConfigurationError
+from common.model_file import load_model
+from common.recording.recording import Array
+from common.recording.tabular import load_recording
+from forefeel.simulate.motion import Hand, Piece, Recorded, multisine, sine
+from forefeel.simulate.sensor import SensorWish, counted, encoded, noise
+from forefeel.simulate.world import integrate, split
+from forefeel.simulate.write import check_target, write_table
+
+MOTIONS = ("hand", "multisine", "sine")
+_RATES_HZ = (1.0, 10_000.0)
+_LONGEST_S = 86_400.0
+_MOST_SAMPLES = 40_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What to simulate. `motion`: one of `MOTIONS`, or the path of a recording whose position is followed.
+
+    `duration_s` and `rate_hz`: None for those of the recorded motion, else 30 s and 1 kHz.
+    """
+
+    model: Path
+    motion: str = "hand"
+    duration_s: float | None = None
+    rate_hz: float | None = None
+    seed: int = 0
+    start_m: float = 0.0
+    depth_m: float = 0.03
+    frequency_hz: float = 0.5
+    sensor: SensorWish = field(default_factory=SensorWish)
+
+
+def run_simulation(wish: Wish, out: Path, overwrite: bool) -> None:
+    """Checks, integrates, writes, and says what was made.
+
+    Raises:
+        InputError: the wish can not be fulfilled; nothing was written.
+        RunError: the file can not be written.
+    """
+    _check(wish)
+    check_target(out, overwrite)
+    model = load_model(wish.model)
+    console = Console(stderr=True, highlight=False)
+    columns = _simulated(model, wish, console)
+    write_table(out, columns)
+    force_n = columns["force_n"]
+    print(
+        f"{out}: {len(force_n)} samples over {np.ptp(columns['time_s']):g} s of {model.name!r}, "
+        f"force {force_n.min():.4g} to {force_n.max():.4g} N, seed {wish.seed}"
+    )
+
+
+def simulate(model: ContactModel, wish: Wish) -> dict[str, Array]:
+    """The columns time_s, position_m, force_n of a recording, each shape (n,).
+
+    Raises:
+        InputError: the recorded motion can not be used, or the force is not finite.
+    """
+    return _simulated(model, wish, Console(quiet=True))
+
+
+def _simulated(model: ContactModel, wish: Wish, console: Console) -> dict[str, Array]:
+    random = np.random.default_rng(wish.seed)
+    pieces = _pieces(wish, random)
+    stamps_s = np.concatenate([piece.stamps_s for piece in pieces])
+    continuous, converts = split(model)
+    bar = Progress(
+        TextColumn("simulating"),
+        BarColumn(bar_width=40),
+        TextColumn("{task.completed:5.0f} / {task.total:.0f} s"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task("", total=float(np.ptp(stamps_s)))
+        position_m, force_n = integrate(
+            continuous, pieces, lambda now_s: bar.update(task, completed=now_s - stamps_s[0])
+        )
+    force_n = force_n + noise(wish.sensor, stamps_s, random)
+    for effect in converts:
+        force_n = effect.readings(stamps_s - stamps_s[0], force_n)
+    return {
+        "time_s": stamps_s,
+        "position_m": encoded(wish.sensor, position_m),
+        "force_n": counted(wish.sensor, force_n),
+    }
+
+
+def _pieces(wish: Wish, random: np.random.Generator) -> list[Piece]:
+    """The motion and the stamps of the recording; several pieces where a followed recording has gaps."""
+    if wish.motion not in MOTIONS:
+        return _followed(Path(wish.motion), wish)
+    duration_s = 30.0 if wish.duration_s is None else wish.duration_s
+    stamps_s = _grid(0.0, duration_s, wish.rate_hz or 1000.0)
+    if wish.motion == "sine":
+        return [Piece(sine(wish.start_m, wish.depth_m, wish.frequency_hz), stamps_s)]
+    if wish.motion == "multisine":
+        return [Piece(multisine(wish.start_m, wish.depth_m, random), stamps_s)]
+    return [Piece(Hand(wish.start_m, wish.depth_m, duration_s, random), stamps_s)]
+
+
+def _followed(path: Path, wish: Wish) -> list[Piece]:
+    if not path.exists():
+        expected = ", ".join(MOTIONS)
+        raise ConfigurationError(f"--motion {path}: expected {expected}, or the file of a recording")
+    recording = load_recording(path)
+    end_s = float(recording.time_s[0]) + (_LONGEST_S if wish.duration_s is None else wish.duration_s)
+    pieces = []
+    for part in recording.segments():
+        own = recording.time_s[part]
+        if wish.rate_hz is not None:
+            own = _grid(float(own[0]), float(own[-1]), wish.rate_hz)
+        stamps_s = own[own <= end_s]
+        if len(stamps_s):
+            pieces.append(Piece(Recorded(recording, part), stamps_s))
+    return pieces
+
+
+def _grid(first_s: float, last_s: float, rate_hz: float) -> Array:
+    """Stamps of that rate from the first on, up to the last."""
+    return first_s + np.arange(int((last_s - first_s) * rate_hz * (1.0 + 1e-9)) + 1) / rate_hz
+
+
+def _check(wish: Wish) -> None:
+    """Raises a ConfigurationError on a number out of its range."""
+    sensor = wish.sensor
+    ranges: list[tuple[str, float | None, float, float, str]] = [
+        ("--duration", wish.duration_s, 0.01, _LONGEST_S, "s"),
+        ("--rate", wish.rate_hz, *_RATES_HZ, "Hz"),
+        ("--start", wish.start_m, -10.0, 10.0, "m"),
+        ("--depth", wish.depth_m, 1e-6, 10.0, "m"),
+        ("--frequency", wish.frequency_hz, 1e-3, 1000.0, "Hz"),
+        ("--noise", sensor.noise_n, 0.0, 1e3, "N"),
+        ("--noise-corner", sensor.noise_corner_hz, 1e-3, 1e4, "Hz"),
+        ("--full-scale", sensor.full_scale_n, 1e-6, 1e6, "N"),
+        ("--encoder-step", sensor.encoder_step_m, 0.0, 1e-2, "m"),
+    ]
+    for option, value, lower, upper, unit in ranges:
+        if value is not None and not (isfinite(value) and lower <= value <= upper):
+            raise ConfigurationError(
+                f"{option} {value:g}: expected a number in [{lower:g}, {upper:g}] {unit}"
+            )
+    samples = (wish.duration_s or 0.0) * (wish.rate_hz or 1000.0)
+    if samples > _MOST_SAMPLES:
+        raise ConfigurationError(
+            f"--duration and --rate: {samples:.3g} samples, expected at most {_MOST_SAMPLES:.0g}"
+        )
+    if wish.seed < 0:
+        raise ConfigurationError(f"--seed {wish.seed}: expected 0 or more")

@@ -1,0 +1,104 @@
+"""`forefeel simulate` as a person uses it."""
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.recording.tabular import load_recording
+from forefeel.__main__ import main
+from tests.integration.test_cli import contents
+
+Run = Callable[[Sequence[str]], int]
+MODEL = "schema: forefeel.model/1\nname: a spring\neffects:\n  - effect: mass_damper_spring\n"
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
+    """Runs the command line in this process as the installed script does; its exit code."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "model.yaml").write_text(MODEL)
+
+    def run(arguments: Sequence[str]) -> int:
+        monkeypatch.setattr(sys, "argv", ["forefeel", "simulate", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code if isinstance(ended.value.code, int) else 0
+
+    return run
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_recording_is_made_and_can_be_read(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, suffix: str
+) -> None:
+    if suffix == "parquet":
+        pytest.importorskip("pyarrow")
+    out = tmp_path / "new" / f"run.{suffix}"
+    words = ["--model", "model.yaml", "--duration", "2", "--rate", "500", "--noise-corner", "20"]
+    assert run([*words, "--seed", "4", "--full-scale", "5", "--out", str(out)]) == 0
+    found = load_recording(out)
+    assert found.force_n is not None
+    assert len(found) == 1001
+    assert found.duration_s == pytest.approx(2.0)
+    assert capsys.readouterr().out.startswith(f"{out}: 1001 samples over 2 s of 'a spring', force ")
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+
+
+def test_a_recording_made_is_replaced_only_when_asked(run: Run, tmp_path: Path) -> None:
+    words = ["--model", "model.yaml", "--duration", "1", "--out", "run.csv"]
+    assert run(words) == 0
+    first = (tmp_path / "run.csv").read_bytes()
+    assert run([*words, "--seed", "1"]) == 2
+    assert (tmp_path / "run.csv").read_bytes() == first
+    assert run([*words, "--seed", "1", "--overwrite"]) == 0
+    assert (tmp_path / "run.csv").read_bytes() != first
+    assert run([*words, "--overwrite"]) == 0
+    assert (tmp_path / "run.csv").read_bytes() == first
+
+
+def test_a_recording_made_can_be_followed(run: Run, tmp_path: Path) -> None:
+    words = ["--model", "model.yaml", "--noise", "0"]
+    assert run([*words, "--duration", "2", "--motion", "multisine", "--out", "first.csv"]) == 0
+    assert run([*words, "--motion", "first.csv", "--out", "second.csv"]) == 0
+    first, second = (load_recording(tmp_path / name) for name in ("first.csv", "second.csv"))
+    np.testing.assert_array_equal(first.time_s, second.time_s)
+    assert float(np.corrcoef(first.position_m[8:-8], second.position_m[16:])[0, 1]) > 0.999
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--out", "run.txt"], "--out run.txt: suffix '.txt', expected .csv or .parquet"),
+        (["--out", "folder.csv"], "--out folder.csv: is a folder, expected a file"),
+        (["--motion", "dance"], "--motion dance: expected hand, multisine, sine, or the file of a recording"),
+        (["--motion", "model.yaml"], "model.yaml: suffix '.yaml', expected .csv, .parquet or .mcap"),
+        (["--model", "none.yaml"], "none.yaml: No such file or directory; expected a readable YAML file"),
+        (["--rate", "nan"], "--rate nan: expected a number in [1, 10000] Hz"),
+        (["--duration", "0"], "--duration 0: expected a number in [0.01, 86400] s"),
+        (
+            ["--duration", "86400", "--rate", "1e4"],
+            "--duration and --rate: 8.64e+08 samples, expected at most",
+        ),
+        (["--noise", "-1"], "--noise -1: expected a number in [0, 1000] N"),
+        (["--noise-corner", "0"], "--noise-corner 0: expected a number in [0.001, 10000] Hz"),
+        (["--full-scale", "inf"], "--full-scale inf: expected a number in [1e-06, 1e+06] N"),
+        (["--depth", "0"], "--depth 0: expected a number in [1e-06, 10] m"),
+        (["--seed", "-1"], "--seed -1: expected 0 or more"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, words: list[str], message: str
+) -> None:
+    (tmp_path / "folder.csv").mkdir()
+    before = contents(tmp_path)
+    asked = dict(
+        [("--model", "model.yaml"), ("--out", "run.csv"), *zip(words[::2], words[1::2], strict=True)]
+    )
+    assert run([word for pair in asked.items() for word in pair]) == 2
+    shown = capsys.readouterr().err.splitlines()
+    assert len(shown) == 1
+    assert shown[0].startswith(f"forefeel: {message}")
+    assert contents(tmp_path) == before

@@ -1,0 +1,191 @@
+"""The evaluation of a whole recording is the same physics as stepping through it, for every effect."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from common.effects.base import ContactEffect, Effect, ForceEffect, MotionEffect, SensorEffect
+from common.effects.model import ContactModel
+from common.effects.registry import OWN
+
+Array = NDArray[np.float64]
+
+quick = settings(deadline=None, max_examples=100, derandomize=True)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def assert_same(found: Array, expected: Array) -> None:
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
+def random_motion(seed: int, n: int = 400) -> tuple[Array, Array, Array, Array]:
+    """(t, x, v, a) at uneven stamps: strokes with holds at exactly zero velocity, x on both sides of 0."""
+    random = np.random.default_rng(seed)
+    t = random.uniform(0.0, 20.0) + np.cumsum(random.choice([1e-3, 1e-3, 2.5e-4, 7e-3, 0.05], n))
+    v = np.repeat(random.normal(0.0, 0.05, n // 20), 20)
+    v *= np.repeat(random.random(n // 20) < 0.7, 20)
+    v += (v != 0.0) * random.normal(0.0, 2e-5, n)
+    x = np.cumsum(v * np.diff(t, prepend=t[0]))
+    x += random.uniform(-0.5, 0.5) * np.ptp(x)
+    return t, x, v, np.gradient(v, t)
+
+
+def random_effect(kind: type[Effect], seed: int) -> Effect:
+    """Parameters over the decades of their bounds that matter for such a motion, near the defaults too."""
+    random = np.random.default_rng(seed)
+    values = {}
+    for p in kind.parameters:
+        typical = p.default if p.default > 0.0 else 1.0
+        value = typical * 10.0 ** random.uniform(-1.5, 1.5)
+        sign = -1.0 if p.lower < 0.0 and random.random() < 0.3 else 1.0
+        values[p.name] = float(np.clip(sign * value, p.lower, p.upper))
+    return kind(**values)
+
+
+def stepwise(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
+    steps = np.stack((t, x, v, a, np.diff(t, prepend=t[0])), axis=1).tolist()
+    if isinstance(effect, ForceEffect):
+        return np.array([effect.regressors(*at) for at in steps])
+    if isinstance(effect, MotionEffect):
+        return np.array([effect.transform(*at) for at in steps])
+    if isinstance(effect, ContactEffect):
+        depths = [effect.penetration_m(at[1]) for at in steps]
+        return np.array([[np.nan if depth is None else depth] for depth in depths])
+    assert isinstance(effect, SensorEffect)
+    return np.array([[effect.sense(at[0], at[1], at[4])] for at in steps])
+
+
+def whole(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
+    if isinstance(effect, ForceEffect):
+        return effect.columns(t, x, v, a)
+    if isinstance(effect, MotionEffect):
+        return np.stack(effect.path(t, x, v, a), axis=1)
+    if isinstance(effect, ContactEffect):
+        return effect.penetrations_m(x)[:, None]
+    assert isinstance(effect, SensorEffect)
+    return effect.readings(t, x)[:, None]
+
+
+@pytest.mark.parametrize("name", sorted(OWN))
+@quick
+@given(seeds)
+def test_a_whole_recording_is_what_its_steps_are(name: str, seed: int) -> None:
+    effect, motion = random_effect(OWN[name], seed), random_motion(seed)
+    at_once = whole(effect, *motion)
+    assert at_once.dtype == np.float64
+    assert_same(at_once, stepwise(effect, *motion))
+
+
+@pytest.mark.parametrize("name", sorted(OWN))
+def test_a_whole_recording_neither_sees_nor_changes_the_state(name: str) -> None:
+    effect, motion, other = random_effect(OWN[name], 1), random_motion(2), random_motion(3)
+    first = whole(effect, *motion)
+    effect.reset()
+    expected = stepwise(effect, *other)
+    effect.reset()
+    for part in (slice(0, 150), slice(150, None)):
+        np.testing.assert_array_equal(whole(effect, *motion), first)
+        steps = [column[part] for column in other]
+        dt = np.diff(other[0], prepend=other[0][0])[part]
+        if isinstance(effect, ForceEffect):
+            now = [effect.regressors(*at) for at in np.stack((*steps, dt), axis=1).tolist()]
+            np.testing.assert_array_equal(np.array(now), expected[part])
+
+
+@pytest.mark.parametrize("name", sorted(OWN))
+def test_the_loop_that_a_new_effect_inherits_is_the_same(name: str) -> None:
+    effect, motion = random_effect(OWN[name], 4), random_motion(5)
+    dt = np.diff(motion[0], prepend=motion[0][0])
+    at_once = whole(effect, *motion)
+    if isinstance(effect, ForceEffect):
+        inherited = ForceEffect._columns(effect, *motion, dt)
+    elif isinstance(effect, MotionEffect):
+        inherited = np.stack(MotionEffect._path(effect, *motion, dt), axis=1)
+    elif isinstance(effect, ContactEffect):
+        inherited = ContactEffect.penetrations_m(effect, motion[1])[:, None]
+    else:
+        assert isinstance(effect, SensorEffect)
+        inherited = SensorEffect._readings(effect, motion[0], motion[1], dt)[:, None]
+    assert_same(inherited, at_once)
+
+
+@pytest.mark.parametrize("name", sorted(OWN))
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_hardly_any_samples_are_no_special_case(name: str, n: int) -> None:
+    effect = random_effect(OWN[name], 6)
+    motion = tuple(column[:n] for column in random_motion(7))
+    assert len(whole(effect, *motion)) == n
+
+
+FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffect))
+
+
+@pytest.mark.parametrize("name", FORCES)
+@quick
+@given(seeds)
+def test_the_span_holds_the_effect_and_leads_back_to_it(name: str, seed: int) -> None:
+    effect, motion = random_effect(OWN[name], seed), random_motion(seed)
+    assert isinstance(effect, ForceEffect)
+    force_n = effect.columns(*motion) @ np.array(effect.linear_values)
+    span = effect.span(*motion)
+    scale = np.linalg.norm(span, axis=0)
+    scale[scale == 0.0] = 1.0
+    found = np.linalg.lstsq(span / scale, force_n, rcond=None)[0] / scale
+    size = float(np.max(np.abs(force_n), initial=1e-12))
+    np.testing.assert_allclose(span @ found, force_n, rtol=0.0, atol=1e-7 * size)
+    again = type(effect)(**effect.from_span(found)) if _within(effect, effect.from_span(found)) else None
+    if again is not None:
+        repeated = again.columns(*motion) @ np.array(again.linear_values)
+        np.testing.assert_allclose(repeated, force_n, rtol=0.0, atol=1e-6 * size)
+
+
+def _within(effect: ForceEffect, values: dict[str, float]) -> bool:
+    """Not determined by this motion, a coefficient may leave the bounds."""
+    return all(p.lower <= values[p.name] <= p.upper for p in effect.parameters)
+
+
+MEMORY: list[dict[str, Any]] = [
+    {"effect": "backlash", "parameters": {"width_m": 0.0005}},
+    {"effect": "contact_loss", "parameters": {"contact_position_m": 0.001}},
+    {"effect": "mass_damper_spring"},
+    {"effect": "stress_relaxation", "parameters": {"time_constant_s": 0.3}},
+    {"effect": "presliding_hysteresis", "site": "wall", "parameters": {"stiffness_n_m": 40.0}},
+    {"effect": "coulomb_friction", "parameters": {"forward_n": 0.2, "backward_n": 0.1}},
+    {"effect": "stress_relaxation", "site": "shaft"},
+    {"effect": "bias", "parameters": {"force_n": 0.03}},
+    {"effect": "sensor_lag", "parameters": {"time_constant_s": 0.02}},
+    {"effect": "sensor_saturation", "parameters": {"limit_n": 0.3}},
+]
+
+
+@quick
+@given(seeds, st.sets(st.integers(0, len(MEMORY) - 1), min_size=1))
+def test_a_composition_at_once_is_what_its_steps_are(seed: int, chosen: set[int]) -> None:
+    effects = [MEMORY[i] for i in sorted(chosen)]
+    model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": effects})
+    motion = random_motion(seed)
+    steps = np.stack((*motion, np.diff(motion[0], prepend=motion[0][0])), axis=1).tolist()
+    regressed, stepped, at_once = model.runtime(), model.runtime(), model.runtime()
+    phi = np.array([regressed.regressors(*at) for at in steps]).reshape(len(steps), -1)
+    assert_same(at_once.columns(*motion), phi)
+    force_n = np.array([stepped.step(*at) for at in steps])
+    assert_same(at_once.forces_n(*motion), force_n)
+
+
+def test_linear_sensors_may_be_taken_of_each_column() -> None:
+    effects = [*MEMORY[2:5], {"effect": "sensor_lag", "parameters": {"time_constant_s": 0.02}}]
+    model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": effects})
+    runtime, motion = model.runtime(), random_motion(8)
+    sensed = runtime.columns(*motion, sensed=True) @ np.array(runtime.linear_values)
+    assert_same(sensed, runtime.forces_n(*motion))
+    assert not np.allclose(sensed, runtime.columns(*motion) @ np.array(runtime.linear_values), atol=1e-6)
+
+
+def test_every_effect_says_what_it_looks_like() -> None:
+    sentences = [kind.fingerprint for kind in OWN.values()]
+    assert all(len(sentence) > 20 for sentence in sentences)
+    assert len(set(sentences)) == len(sentences)
