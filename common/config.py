@@ -195,3 +195,9 @@ def deep_merge(base: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
         merged[key] = deep_merge(merged[key], value) if both else value
     return merged
+
+
+def dump_mapping(data: dict[str, Any]) -> str:
+    """Plain data as YAML, in the order of its keys."""
+    text: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+    return text

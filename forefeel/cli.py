@@ -10,6 +10,8 @@ from common.errors import ConfigurationError
 from common.recording.tabular import Mapping
 from common.settings import DaemonSettings
 from common.transport.settings import PRESETS
+from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
+from forefeel.diagnose.command import diagnose
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
 from forefeel.reproduction.cli import EPILOG, reproduce
@@ -144,6 +146,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
 
 
 app.command(epilog=EVALUATE_EPILOG)(evaluate)
+app.command(epilog=DIAGNOSE_EPILOG)(diagnose)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 

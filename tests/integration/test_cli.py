@@ -19,7 +19,7 @@ from tests.unit.recording_samples import force, put
 
 COMMANDS = [
     ["slave"], ["master"], ["config", "check"], ["record"], ["report"],
-    ["loopback"], ["evaluate"], ["reproduce"], ["simulate"],
+    ["loopback"], ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
 ]  # fmt: skip
 ROOT = Path(__file__).parents[2]
 SLAVE = "role: slave\ntransport: {listen: ['tcp/127.0.0.1:0']}\n"

@@ -1,0 +1,255 @@
+"""The causes that can be named, each as columns of a regression at given shape parameters.
+
+A shape parameter is one that the force is not linear in (a width, a time constant, a frequency). It is
+searched between bounds that the recording itself sets: nothing shorter than its bandwidth or longer than
+itself.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from common.effects.backlash import Backlash
+from common.effects.presliding_hysteresis import PreslidingHysteresis
+from common.error_size import Floats
+from diagnosis.diagnose.signals import Signals
+
+Kind = Literal["force", "sensor", "motion", "contact", "alignment", "mode"]
+"""force: columns of the motion; sensor: columns of time; mode: of the spectrum; the others change all
+columns.
+"""
+
+Shape = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """The instrument's motion on the fine grid; `touching` is 1 in contact; `speed_band` where v is noise."""
+
+    t: Floats
+    x: Floats
+    v: Floats
+    a: Floats
+    touching: Floats
+    pieces: tuple[slice, ...]
+    speed_band: float
+
+    def direction(self) -> Floats:
+        """sign(v), linear where the speed is within its noise."""
+        return np.clip(self.v / self.speed_band, -1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What a recording can tell apart: bounds of the shape parameters."""
+
+    cutoff_hz: float
+    duration_s: float
+    stroke_m: float
+    speed_m_s: float
+    low_m: float
+    high_m: float
+    speed_band: float
+
+    @classmethod
+    def of(cls, signals: Signals, speed_band: float) -> "Extent":
+        """From the motion as recorded, robust against its extremes."""
+        low, q1, q2, high = np.quantile(signals.fine_x, (0.005, 0.05, 0.95, 0.995))
+        return cls(
+            signals.cutoff_hz,
+            float(signals.t[-1] - signals.t[0]),
+            float(q2 - q1),
+            float(np.quantile(np.abs(signals.fine_v), 0.95)),
+            float(low),
+            float(high),
+            speed_band,
+        )
+
+
+Columns = Callable[[Motion, Shape], list[Floats]]
+Grid = Callable[[Extent], list[Shape]]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One name of the vocabulary, or `name:form` where it has several forms.
+
+    `dissipative`: signs that its coefficients must have when positive force resists: +1, or 0 for either.
+    `smooth`: whether the fit depends smoothly on the shape, so that Gauss-Newton may be used.
+    `logarithmic`: whether the shape is searched on a logarithmic scale.
+    """
+
+    name: str
+    kind: Kind
+    signs: tuple[int, ...] = ()
+    columns: Columns | None = None
+    grid: Grid = lambda extent: [()]
+    logarithmic: bool = True
+    at_wall: bool = False
+
+
+def log_grid(low: float, high: float, count: int) -> list[Shape]:
+    """`count` values from low to high, evenly in the logarithm."""
+    return [(float(value),) for value in np.geomspace(low, max(high, low * 1.01), count)]
+
+
+def _stribeck(motion: Motion, shape: Shape) -> list[Floats]:
+    s = motion.direction()
+    return [s, s * np.exp(-((motion.v / shape[0]) ** 2))]
+
+
+def _stribeck_exponential(motion: Motion, shape: Shape) -> list[Floats]:
+    s = motion.direction()
+    return [s, s * np.exp(-np.abs(motion.v) / shape[0])]
+
+
+def _both_directions(motion: Motion, shape: Shape) -> list[Floats]:
+    s = motion.direction()
+    return [np.maximum(s, 0.0), np.minimum(s, 0.0)]
+
+
+def _presliding(motion: Motion, shape: Shape) -> list[Floats]:
+    effect = PreslidingHysteresis(force_n=1.0, stiffness_n_m=1.0 / shape[0])
+    u = np.empty_like(motion.x)
+    for piece in motion.pieces:
+        x = motion.x[piece]
+        step = np.diff(x, prepend=x[:1])
+        u[piece] = effect.columns(motion.t[piece], x, step, step, np.ones_like(x))[:, 0]
+    return [u]
+
+
+def _bristles(motion: Motion, shape: Shape) -> list[Floats]:
+    """LuGre: the bristles' deflection and its rate."""
+    (u,) = _presliding(motion, shape)
+    rate = np.concatenate([np.gradient(u[p], motion.t[p]) for p in motion.pieces])
+    return [u, rate]
+
+
+def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
+    """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left,
+    exp(-t/tau).
+    """
+    from scipy.signal import lfilter  # noqa: PLC0415
+
+    q = np.empty_like(motion.x)
+    for piece in motion.pieces:
+        x = motion.x[piece]
+        dt = float(motion.t[piece][1] - motion.t[piece][0])
+        decay = np.exp(-dt / shape[0])
+        gain = shape[0] / dt * (1.0 - decay)
+        q[piece] = lfilter([gain], [1.0, -decay], np.diff(x, prepend=x[:1]))
+    first = np.zeros_like(q)
+    first[motion.pieces[0]] = np.exp(-motion.t[motion.pieces[0]] / shape[0])
+    return [q, first]
+
+
+def _two_branches(motion: Motion, shape: Shape) -> list[Floats]:
+    return _relaxation(motion, shape[:1]) + _relaxation(motion, shape[1:])
+
+
+def _pairs(extent: Extent) -> list[Shape]:
+    single = [tau for (tau,) in log_grid(2.0 / extent.cutoff_hz, 0.4 * extent.duration_s, 6)]
+    return [(fast, slow) for i, fast in enumerate(single) for slow in single[i + 1 :]]
+
+
+def _creep(motion: Motion, shape: Shape) -> list[Floats]:
+    return [1.0 - np.exp(-motion.t / shape[0])]
+
+
+def _depth(motion: Motion) -> Floats:
+    """Penetration: the position where it is positive; all of it where the recording has no such origin."""
+    return np.maximum(motion.x, 0.0)
+
+
+def play(motion: Motion, width_m: float) -> Motion:
+    """The instrument's motion behind a play of that width."""
+    effect = Backlash(width_m=width_m)
+    parts = [effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces]
+    x, v, a = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Motion(motion.t, x, v, a, motion.touching, motion.pieces, motion.speed_band)
+
+
+def touch(motion: Motion, contact_m: float) -> Motion:
+    """The motion as depth beyond the contact position; nothing before it."""
+    touching = np.asarray(motion.x > contact_m, dtype=np.float64)
+    depth = np.maximum(motion.x - contact_m, 0.0)
+    return Motion(motion.t, depth, motion.v, motion.a, touching, motion.pieces, motion.speed_band)
+
+
+def _modes(extent: Extent) -> list[Shape]:
+    low, high = max(0.7, 4.0 / extent.duration_s), 0.7 * extent.cutoff_hz
+    return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.02, 0.08, 0.3)]
+
+
+def base_name(name: str) -> str:
+    """The name in the vocabulary of one of its forms."""
+    return name.partition(":")[0]
+
+
+CANDIDATES: Mapping[str, Candidate] = {
+    candidate.name: candidate
+    for candidate in (
+        Candidate("bias", "sensor", (0,), lambda m, s: [np.ones_like(m.t)]),
+        Candidate("coulomb_friction", "force", (1,), lambda m, s: [m.direction()]),
+        Candidate(
+            "stribeck_friction", "force", (1, 1), _stribeck,
+            lambda e: log_grid(max(0.02 * e.speed_m_s, 4.0 * e.speed_band), 0.4 * e.speed_m_s, 6),
+        ),
+        Candidate("coulomb_friction:asymmetric", "force", (1, 1), _both_directions),
+        Candidate(
+            "stribeck_friction:exponential", "force", (1, 1), _stribeck_exponential,
+            lambda e: log_grid(max(0.02 * e.speed_m_s, 4.0 * e.speed_band), 0.4 * e.speed_m_s, 6),
+        ),
+        Candidate(
+            "presliding_hysteresis:bristles", "force", (1, 1), _bristles,
+            lambda e: log_grid(0.003 * e.stroke_m, 0.7 * e.stroke_m, 10),
+        ),
+        Candidate(
+            "stress_relaxation:two", "force", (1, 0, 1, 0), _two_branches, _pairs, at_wall=True,
+        ),
+        Candidate(
+            "contact_loss:carried", "contact", logarithmic=False,
+            grid=lambda e: [(float(p),) for p in np.linspace(e.low_m, e.high_m, 14)[1:-2]],
+        ),
+        Candidate(
+            "sensor_drift:creep", "sensor", (0,), _creep,
+            lambda e: log_grid(0.1 * e.duration_s, 0.7 * e.duration_s, 5),
+        ),
+        Candidate("unmodelled_resonance:fixture", "alignment", grid=_modes),
+        Candidate(
+            "presliding_hysteresis", "force", (1,), _presliding,
+            lambda e: log_grid(0.003 * e.stroke_m, 0.7 * e.stroke_m, 10),
+        ),
+        Candidate("backlash", "motion", grid=lambda e: log_grid(0.005 * e.stroke_m, 0.6 * e.stroke_m, 9)),
+        Candidate("stiffening", "force", (0, 0), lambda m, s: [m.x**2, m.x**3], at_wall=True),
+        Candidate("hunt_crossley_damping", "force", (1,), lambda m, s: [_depth(m) * m.v], at_wall=True),
+        Candidate("quadratic_drag", "force", (1,), lambda m, s: [m.v * np.abs(m.v)]),
+        Candidate("asymmetric_damping", "force", (0,), lambda m, s: [np.abs(m.v)], at_wall=True),
+        Candidate(
+            "stress_relaxation", "force", (1, 0), _relaxation,
+            lambda e: log_grid(2.0 / e.cutoff_hz, 0.4 * e.duration_s, 10), at_wall=True,
+        ),
+        Candidate(
+            "contact_loss", "contact", logarithmic=False,
+            grid=lambda e: [(float(p),) for p in np.linspace(e.low_m, e.high_m, 14)[1:-2]],
+        ),
+        Candidate(
+            "position_dependent_friction",
+            "force",
+            (1,),
+            lambda m, s: [_depth(m) * m.direction()],
+            at_wall=True,
+        ),
+        Candidate(
+            "stiffness_change", "force", (0,), lambda m, s: [m.x * (m.t > s[0])], logarithmic=False,
+            grid=lambda e: [(float(t),) for t in np.linspace(0.0, e.duration_s, 32)[2:-2]], at_wall=True,
+        ),
+        Candidate("time_delay", "alignment", grid=lambda e: log_grid(0.1 / e.cutoff_hz, 0.3, 8)),
+        Candidate("sensor_lag", "alignment", grid=lambda e: log_grid(0.1 / e.cutoff_hz, 0.5, 8)),
+        Candidate("sensor_drift", "sensor", (0,), lambda m, s: [m.t]),
+        Candidate("pulsation", "sensor", (0,) * 6, None),
+        Candidate("unmodelled_resonance", "mode", (0, 0), None, _modes),
+    )
+}  # fmt: skip

@@ -1,0 +1,261 @@
+"""Faults of the sensor, found on the force as recorded, before any filter.
+
+A flat top piles samples up at one value; a comb has values only at multiples of a step; a spike stands alone;
+a mains line is narrower than anything that a hand does.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter, percentile_filter
+from scipy.optimize import minimize_scalar
+
+from common.error_size import Floats
+from common.recording.recording import Recording
+from diagnosis.diagnose.signals import Mask
+
+MAINS_HZ = 50.0, 60.0
+_PILE = 8.0
+_LEAST_PILE = 0.002
+_WHOLE = 0.02
+_LINE = 8.0
+_OUTLIER = 12.0
+_LEAST_SPIKES = 4
+_MEDIAN_S = 0.011
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fault:
+    """A fault by its name in the vocabulary; parameters as (value, low, high); evidence in words."""
+
+    name: str
+    parameters: dict[str, tuple[float, float, float]]
+    evidence: str
+    rms_n: float
+
+
+@dataclass(slots=True, eq=False)
+class Cleaned:
+    """The force without lines and spikes, which samples were clipped, and the faults found."""
+
+    force_n: Floats
+    clipped: Mask
+    faults: list[Fault] = field(default_factory=list)
+
+
+def clean(recording: Recording) -> Cleaned:
+    """Finds every fault of the sensor and takes out what can be taken out."""
+    assert recording.force_n is not None
+    force = np.array(recording.force_n)
+    cleaned = Cleaned(force, np.zeros(len(force), dtype=np.bool_))
+    step = comb_step(force)
+    _saturation(cleaned, step)
+    if step is not None:
+        half = 0.0005 * step
+        cleaned.faults.append(
+            Fault(
+                "sensor_quantisation", {"step_n": (step, step - half, step + half)},
+                f"the force takes only {len(np.unique(force))} values, multiples of one step",
+                step / np.sqrt(12.0),
+            )
+        )  # fmt: skip
+    _spikes(cleaned, recording, step)
+    _mains(cleaned, recording)
+    return cleaned
+
+
+def comb_step(force: Floats) -> float | None:
+    """The step of a comb of levels, or None: the values are dense, or no multiples of one step."""
+    levels = np.unique(force)
+    if len(levels) < 3 or len(levels) > 0.2 * len(force) or len(levels) > 5000:
+        return None
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-9 * (levels[-1] - levels[0])]
+    step = float(np.median(gaps[gaps < 1.5 * np.quantile(gaps, 0.05)]))
+    for _ in range(3):
+        count = np.round(gaps / step)
+        used = (count >= 1) & (count <= 3)
+        if not used.any():
+            return None
+        step = float(np.mean(gaps[used] / count[used]))
+    away = np.abs(gaps / step - np.round(gaps / step))
+    return step if float(np.mean(away < _WHOLE)) > 0.95 else None
+
+
+def _saturation(cleaned: Cleaned, step: float | None) -> None:
+    force = cleaned.force_n
+    low, high = float(force.min()), float(force.max())
+    found: list[float] = []
+    for limit, side in ((high, 1.0), (low, -1.0)):
+        at = _piled(force * side, limit * side, step)
+        if at is not None:
+            cleaned.clipped |= at
+            found.append(limit)
+    if found:
+        limit = float(max(np.abs(found)))
+        share = float(np.mean(cleaned.clipped))
+        spread = 1e-3 * limit if step is None else 0.5 * step
+        words = (
+            f"{100 * share:.2g} % of the samples stand exactly at {' and '.join(f'{x:.4g} N' for x in found)}"
+        )
+        parameters = {"limit_n": (limit, limit - spread, limit + spread)}
+        cleaned.faults.append(Fault("sensor_saturation", parameters, words, share * (high - low)))
+
+
+def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
+    """The samples at the top when far more of them are there than just below it, in runs."""
+    span = top - float(force.min())
+    width = 1e-4 * span if step is None else 0.5 * step
+    at = np.asarray(force > top - width)
+    below = max(20.0 * width, 0.02 * span)
+    beside = (
+        np.count_nonzero((force > top - width - below) & ~at) * width / below * (1.0 if step is None else 2.0)
+    )
+    count = np.count_nonzero(at)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
+    longest = int(np.max(edges[1::2] - edges[::2], initial=0))
+    runs = len(edges) // 2
+    enough = count >= max(6.0, _LEAST_PILE * len(force)) and longest >= 4
+    return at if enough and count > _PILE * max(beside, 0.5) and (step is None or runs >= 2) else None
+
+
+def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
+    force = cleaned.force_n
+    size = max(5, 2 * int(0.5 * _MEDIAN_S * recording.rate_hz) + 1)
+    smooth = median_filter(force, size, mode="nearest")
+    off = force - smooth
+    usual = 1.4826 * float(np.median(np.abs(off)))
+    usual = max(usual, 0.3 * step if step else 0.0, float(np.quantile(np.abs(off), 0.9)) / 1.645)
+    local = percentile_filter(np.abs(off), 85, 2 * max(8, int(0.25 * recording.rate_hz)) + 1, mode="nearest")
+    out = np.abs(off) > _OUTLIER * np.maximum(np.maximum(local, usual), 1e-9 * float(np.ptp(force)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(np.int8), [0]])))
+    firsts, lasts = edges[::2], edges[1::2]
+    starts, stops = _isolated(force, off, firsts, lasts, max(3, round(0.004 * recording.rate_hz)))
+    rest = _at_rest(recording)
+    if len(starts) < _LEAST_SPIKES or len(starts) > 0.02 * len(force):
+        return
+    if np.mean(rest[starts]) > 0.3 + 2.0 * np.mean(rest):  # at reversals: play, not the sensor
+        return
+    if len(starts) > 0.5 * len(
+        firsts
+    ):  # that there are spikes is certain: those that stand less alone are some, too
+        starts, stops = firsts, lasts
+    sizes = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
+    wide = np.zeros(len(force), dtype=np.bool_)
+    for start, stop in zip(starts, stops, strict=True):
+        wide[max(start - 1, 0) : stop + 1] = True
+    cleaned.force_n = np.where(wide, smooth, force)
+    rate, amplitude = len(starts) / recording.duration_s, float(np.mean(sizes))
+    doubt_rate, doubt = (
+        1.96 * np.sqrt(len(starts)) / recording.duration_s,
+        1.96 * float(np.std(sizes)) / np.sqrt(len(sizes)),
+    )
+    cleaned.faults.append(
+        Fault(
+            "sensor_spikes",
+            {
+                "rate_hz": (rate, rate - doubt_rate, rate + doubt_rate),
+                "amplitude_n": (amplitude, amplitude - doubt, amplitude + doubt),
+            },
+            f"{len(starts)} isolated outliers of {amplitude:.3g} N, "
+            f"{amplitude / max(usual, 1e-300):.0f} times the "
+            "usual distance from their neighbours",
+            float(np.sqrt(np.mean((force - cleaned.force_n) ** 2))),
+        )
+    )
+
+
+def _at_rest(recording: Recording) -> Mask:
+    """Where the speed, over about 10 ms, is below an eighth of its usual size."""
+    reach = max(1, round(0.005 * recording.rate_hz))
+    x, t = recording.position_m, recording.time_s
+    low, high = np.maximum(np.arange(len(x)) - reach, 0), np.minimum(np.arange(len(x)) + reach, len(x) - 1)
+    speed = np.abs(x[high] - x[low]) / (t[high] - t[low])
+    return np.asarray(speed < 0.125 * np.quantile(speed, 0.9))
+
+
+def _isolated(
+    force: Floats, off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64], widest: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Those that are short, and after which the force is where it was before: no step, no pulse that
+    decays.
+    """
+    before, after = force[np.maximum(starts - 2, 0)], force[np.minimum(stops + 1, len(force) - 1)]
+    size = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
+    alone = (stops - starts <= widest) & (np.abs(after - before) < 0.25 * size)
+    sharp = np.array([_sharp(force, a, b) for a, b in zip(starts, stops, strict=True)], dtype=np.bool_)
+    return starts[alone & sharp], stops[alone & sharp]
+
+
+def _sharp(force: Floats, start: int, stop: int) -> bool:
+    """Whether the force jumps there and back, three times as far as it steps beside; a corner does not."""
+    steps = np.abs(np.diff(force))
+    beside = np.concatenate([steps[max(start - 7, 0) : max(start - 1, 0)], steps[stop : stop + 6]])
+    if not 0 < start <= stop < len(force):
+        return False
+    return bool(min(steps[start - 1], steps[stop - 1]) > 3.0 * np.max(beside, initial=0.0))
+
+
+def _mains(cleaned: Cleaned, recording: Recording) -> None:
+    """A line within 0.7 Hz of 50 or 60 Hz, far above its neighbours, that the motion does not have."""
+    for nominal in MAINS_HZ:
+        if recording.rate_hz < 2.2 * nominal:
+            continue
+        t = recording.time_s - recording.time_s[0]
+        found = _line(t, cleaned.force_n, nominal)
+        if found is None or _line(t, recording.position_m, nominal) is not None:
+            continue
+        frequency, level = found
+        orders = [k for k in range(1, 6) if k * frequency < 0.45 * recording.rate_hz]
+        orders = [k for k in orders if k == 1 or _line(t, cleaned.force_n, k * frequency, 0.3) is not None]
+        phase = 2.0 * np.pi * frequency * t[:, None] * np.array(orders)
+        basis = np.hstack([np.sin(phase), np.cos(phase)])
+        smooth = _smoothed(cleaned.force_n, recording.rate_hz, nominal)
+        weights, *_ = np.linalg.lstsq(basis, cleaned.force_n - smooth, rcond=None)
+        wave = basis @ weights
+        amplitude = float(np.hypot(weights[0], weights[len(orders)]))
+        noise = amplitude / level
+        spread = np.sqrt(6.0) / np.pi / float(t[-1]) / level * 1.96
+        cleaned.force_n = cleaned.force_n - wave
+        cleaned.faults.append(
+            Fault(
+                "mains_hum",
+                {
+                    "frequency_hz": (frequency, frequency - spread, frequency + spread),
+                    "amplitude_n": (amplitude, amplitude - 1.96 * noise, amplitude + 1.96 * noise),
+                },
+                f"a line at {frequency:.2f} Hz, {level:.0f} times what is beside it, absent from the motion",
+                float(np.std(wave)),
+            )
+        )
+
+
+def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tuple[float, float] | None:
+    """(frequency, height over what is beside it) of a line, or None; by heterodyning a few Hertz to zero."""
+    span = min(float(t[-1]), 120.0)
+    rows = t <= span
+    t, values = t[rows], values[rows]
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * (t - t[0]) / max(span, 1e-9))
+    baseline = values - np.polyval(np.polyfit(t, values, 1), t)
+    shifted = baseline * window * np.exp(-2j * np.pi * nominal * t)
+    step = max(1, int(len(t) / (span * 40.0)))
+    blocks = shifted[: len(shifted) // step * step].reshape(-1, step).mean(axis=1)
+    power = np.abs(np.fft.fft(blocks, 4 * len(blocks)))
+    offset = np.fft.fftfreq(4 * len(blocks), step * float(np.median(np.diff(t))))
+    near, beside = np.abs(offset) < reach, (np.abs(offset) > max(1.0, 4.0 / span)) & (np.abs(offset) < 8.0)
+    top = np.flatnonzero(near)[int(np.argmax(power[near]))]
+    level = float(power[top]) / max(float(np.median(power[beside])), 1e-300)
+    if level < _LINE or power[top] < 4.0 * float(np.quantile(power[beside], 0.98)):
+        return None
+    fine = minimize_scalar(
+        lambda f: -abs(np.mean(shifted * np.exp(-2j * np.pi * f * t))),
+        bounds=(offset[top] - 1.0 / span, offset[top] + 1.0 / span), method="bounded",
+    )  # fmt: skip
+    return nominal + float(fine.x), level
+
+
+def _smoothed(values: Floats, rate_hz: float, nominal: float) -> Floats:
+    from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415
+
+    return np.asarray(gaussian_filter1d(values, rate_hz / (2.0 * np.pi * 0.3 * nominal), mode="nearest"))

@@ -1,0 +1,102 @@
+"""A model of the residual without physics: what any function of the motion, its past and time could still
+explain.
+
+Bumps over position, speed and acceleration, over pairs of them, over the distance since the last reversal,
+over time, and lagged motion; ridge regression, scored on held-out blocks. Where it gains clearly, something
+is there that no named cause explains.
+"""
+
+import numpy as np
+
+from common.error_size import Floats
+from diagnosis.diagnose.blocks import Gain, columns, gain, held_out
+from diagnosis.diagnose.candidates import Motion
+from diagnosis.diagnose.regression import Fit, Regression, alignment
+
+_RIDGES = 1e-4, 1e-2
+_LAGS_S = 0.03, 0.1, 0.3, 1.0
+
+
+def flexible_gain(regression: Regression, fit: Fit) -> Gain:
+    """Held-out gain of the named causes and bumps over the named causes alone; the best ridge of two."""
+    white, plain = columns(regression, fit)
+    alone = held_out(regression, white, plain)
+    extra_plain = _features(regression, fit)
+    extra_white = regression.noise.whiten(extra_plain, regression.signals.piecewise(fine=False))[
+        regression.rows
+    ]
+    extra_white = extra_white / regression.noise.innovation_n
+    extra_plain = extra_plain[regression.rows]
+    both = np.hstack([white, extra_white]), np.hstack([plain, extra_plain])
+    weights = np.concatenate([np.full(white.shape[1], 1e-10), np.ones(extra_white.shape[1])])
+    trials = [
+        gain(regression, alone, held_out(regression, *both, ridge=ridge * weights)) for ridge in _RIDGES
+    ]
+    return max(trials, key=lambda trial: trial.gain)
+
+
+def _features(regression: Regression, fit: Fit) -> Floats:
+    motion, signals = regression.motion(fit.model), regression.signals
+    moving = _moving(motion)
+    factor = alignment(signals.omega, fit.model)
+    spectra = [signals.spectrum(column) for column in moving]
+    late = [signals.column(s if factor is None else s * factor) for s in spectra]
+    duration = regression.extent.duration_s
+    knots = int(np.clip(duration / 2.0, 6, 30))
+    over_time = _bumps(signals.t, np.linspace(signals.t[0], signals.t[-1], knots))
+    return np.column_stack([*late, *over_time])
+
+
+def _moving(motion: Motion) -> list[Floats]:
+    x, v, a = motion.x, motion.v, motion.a
+    s = motion.direction()
+    found = _bumps(x, _knots(x, 10)) + _bumps(v, _knots(v, 10)) + _bumps(a, _knots(a, 8))
+    found += [b * s for b in _bumps(x, _knots(x, 6))]
+    wide_x, wide_v, wide_a = _bumps(x, _knots(x, 5)), _bumps(v, _knots(v, 5)), _bumps(a, _knots(a, 4))
+    found += [p * q for p in wide_x for q in wide_v]
+    found += [p * q for p in wide_v for q in wide_a]
+    found += [b * x for b in wide_x] + [b * v for b in wide_x]
+    since = since_reversal(motion)
+    found += [b * s for b in _bumps(since, _knots(since, 6))]
+    for lag_s in _LAGS_S:
+        found += [
+            _smoothed(motion, v, lag_s),
+            _smoothed(motion, np.abs(v), lag_s),
+            _smoothed(motion, v * np.abs(v), lag_s),
+        ]
+    return found
+
+
+def _knots(values: Floats, count: int) -> Floats:
+    """Half by quantiles, half evenly: where the data are and over the whole range."""
+    low, high = np.quantile(values, (0.01, 0.99))
+    even = np.linspace(low, high, count)
+    return 0.5 * (even + np.quantile(values, np.linspace(0.01, 0.99, count)))
+
+
+def _bumps(values: Floats, knots: Floats) -> list[Floats]:
+    """Triangles that sum to one."""
+    return [np.interp(values, knots, row) for row in np.eye(len(knots))]
+
+
+def since_reversal(motion: Motion) -> Floats:
+    """Distance travelled since the direction last changed, in m."""
+    away = np.empty_like(motion.x)
+    for piece in motion.pieces:
+        x = motion.x[piece]
+        s = np.sign(np.where(np.abs(motion.v[piece]) > motion.speed_band, motion.v[piece], 0.0))
+        held = s[np.maximum.accumulate(np.where(s != 0.0, np.arange(len(s)), 0))]
+        turned = np.concatenate([[True], np.diff(held) != 0.0])
+        origin = np.maximum.accumulate(np.where(turned, np.arange(len(s)), 0))
+        away[piece] = np.abs(x - x[origin])
+    return away
+
+
+def _smoothed(motion: Motion, values: Floats, tau_s: float) -> Floats:
+    from scipy.signal import lfilter  # noqa: PLC0415
+
+    out = np.empty_like(values)
+    for piece in motion.pieces:
+        decay = float(np.exp(-(motion.t[piece][1] - motion.t[piece][0]) / tau_s))
+        out[piece] = lfilter([1.0 - decay], [1.0, -decay], values[piece])
+    return out

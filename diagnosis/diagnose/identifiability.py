@@ -1,0 +1,105 @@
+"""What a motion can tell at all, and which motion would tell rivals apart."""
+
+from typing import Literal
+
+import numpy as np
+
+from common.error_size import Floats
+from diagnosis.diagnose.signals import Signals
+
+MotionKind = Literal["rich", "single_frequency", "constant_speed"]
+
+_LINE_SHARE = 0.985
+_STEADY = 0.06
+
+_FRICTION = {
+    "coulomb_friction",
+    "backlash",
+    "presliding_hysteresis",
+    "stribeck_friction",
+    "position_dependent_friction",
+}
+_LINEAR = {"time_delay", "sensor_lag", "unmodelled_resonance", "stress_relaxation"}
+
+SEPARATING: tuple[tuple[frozenset[str], str], ...] = (
+    (
+        frozenset({"coulomb_friction", "stribeck_friction"}),
+        "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s",
+    ),
+    (
+        frozenset({"coulomb_friction", "backlash", "presliding_hysteresis"}),
+        "strokes of several amplitudes at one speed, some shorter than the width in question",
+    ),
+    (
+        frozenset({"time_delay", "sensor_lag", "unmodelled_resonance"}),
+        "sines at three or more frequencies, 0.5 to 15 Hz, same amplitude",
+    ),
+    (
+        frozenset({"stress_relaxation", "sensor_drift", "bias"}),
+        "a step, a hold of 30 s, then back to no load for 30 s",
+    ),
+    (frozenset({"stress_relaxation", "presliding_hysteresis"}), "the same stroke at three speeds"),
+    (
+        frozenset({"stiffening", "hunt_crossley_damping", "asymmetric_damping", "quadratic_drag"}),
+        "the same strokes, slow and fast, to several depths",
+    ),
+    (frozenset({"pulsation", "stiffening", "stiffness_change"}), "a hold of 20 s at one position"),
+    (frozenset({"stiffness_change", "stiffening", "contact_loss"}), "visit the same positions again later"),
+)  # fmt: skip
+GENERAL_MOTION = (
+    "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
+)
+
+
+def separating_motion(names: set[str]) -> str:
+    """The motion that separates rivals, after the table of confusable pairs."""
+    best = max(SEPARATING, key=lambda row: len(row[0] & names))
+    if len(best[0] & names) >= 2:
+        return best[1]
+    if names & _LINEAR:
+        return "a multi-sine of 0.2 to 15 Hz, and a hold of 30 s"
+    return GENERAL_MOTION
+
+
+def motion_kind(signals: Signals) -> MotionKind:
+    """Whether the speed is one line of the spectrum, or does not change at all."""
+    inside = [
+        signals.fine_v[fine][_core(signals.fine_v[fine], signals, i)]
+        for i, fine in enumerate(signals.piecewise())
+    ]
+    v = np.concatenate(inside)
+    usual = abs(float(np.median(v)))
+    if float(np.mean(np.abs(v - np.median(v)) < _STEADY * usual)) > 0.9 or _straight(signals):
+        return "constant_speed"
+    longest = max(inside, key=len)
+    return "single_frequency" if _line_share(longest) > _LINE_SHARE else "rich"
+
+
+def rivals_of_a_line(candidates: set[str]) -> tuple[str, ...]:
+    """Names that one frequency at one amplitude can not tell apart, those that were suspected among them."""
+    together = _FRICTION | {"stiffening", "hunt_crossley_damping", "quadratic_drag", "asymmetric_damping"}
+    return tuple(sorted(candidates | (together if candidates & together or not candidates else _LINEAR)))
+
+
+def _straight(signals: Signals) -> bool:
+    """Whether the position leaves a straight line by less than a hundredth of its range."""
+    piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
+    inside = _core(signals.fine_x[piece], signals, signals.piecewise().index(piece))
+    t, x = signals.fine_t[piece][inside], signals.fine_x[piece][inside]
+    off = x - np.polyval(np.polyfit(t, x, 1), t)
+    return bool(np.std(off) < 0.01 * np.ptp(x))
+
+
+def _core(v: Floats, signals: Signals, index: int) -> slice:
+    """Without padding and edges."""
+    piece = signals.pieces[index]
+    count = int(piece.samples * piece.period_s / piece.span_s * len(v))
+    edge = min(int(len(v) * 4.0 / signals.cutoff_hz / piece.span_s), count // 10)
+    return slice(edge, count - edge)
+
+
+def _line_share(v: Floats) -> float:
+    """Share of the speed's power within two bins of its strongest line; Blackman window."""
+    power = np.abs(np.fft.rfft((v - np.mean(v)) * np.blackman(len(v)))) ** 2
+    top = int(np.argmax(power))
+    return float(power[max(top - 4, 0) : top + 5].sum() / max(power.sum(), 1e-300))

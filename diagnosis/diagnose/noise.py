@@ -1,0 +1,65 @@
+"""The noise that no model explains: an autoregression, whitening with it, the floor in N."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from common.error_size import Floats
+from diagnosis.diagnose.signals import Mask
+
+_RIDGE = 1e-4
+_ORDER = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noise:
+    """`e(i) = sum_j taps(j) r(i - j)`, taps(0) = 1, is white with standard deviation `innovation_n`."""
+
+    taps: Floats
+    innovation_n: float
+
+    def whiten(self, columns: Floats, pieces: Sequence[slice]) -> Floats:
+        """Each column (axis 0 is time) through the whitening filter, started anew in every piece."""
+        return np.concatenate([lfilter(self.taps, 1.0, columns[piece], axis=0) for piece in pieces])
+
+    def rows(self, rows: Mask, pieces: Sequence[slice]) -> Mask:
+        """Those rows whose whitened value rests on counting rows only."""
+        reach = len(self.taps)
+        good: list[Mask] = []
+        for piece in pieces:
+            count = np.concatenate([np.zeros(reach), np.cumsum(rows[piece])])
+            good.append(np.asarray(count[reach:] - count[:-reach] == reach))
+        return np.concatenate(good)
+
+
+def white() -> Noise:
+    """No colour at all."""
+    return Noise(np.array([1.0, 0.0]), 1.0)
+
+
+def autoregression(residual: Floats, rows: Mask, pieces: Sequence[slice], order: int = _ORDER) -> Noise:
+    """Yule-Walker on what counts, rows that do not count taken as zero (Parzen's amplitude-modulated series).
+
+    A small ridge keeps the filter's stop-band from being blown up.
+    """
+    counted = float(np.count_nonzero(rows))
+    order = int(min(order, counted // 20))
+    mean = float(np.mean(residual[rows]))
+    gamma = np.zeros(order + 1)
+    pairs = np.zeros(order + 1)
+    for piece in pieces:
+        r, w = np.where(rows[piece], residual[piece] - mean, 0.0), rows[piece].astype(np.float64)
+        for lag in range(min(order + 1, len(r))):
+            gamma[lag] += r[lag:] @ r[: len(r) - lag]
+            pairs[lag] += w[lag:] @ w[: len(w) - lag]
+    gamma /= np.maximum(pairs, 1.0)
+    gamma *= 1.0 - np.arange(order + 1) / max(counted, order + 2.0)
+    if gamma[0] <= 0.0 or order < 1:
+        return white()
+    gamma[0] *= 1.0 + _RIDGE
+    phi = solve_toeplitz(gamma[:-1], gamma[1:])
+    variance = gamma[0] - float(phi @ gamma[1:])
+    return Noise(np.concatenate([[1.0], -phi]), float(np.sqrt(max(variance, 1e-300))))

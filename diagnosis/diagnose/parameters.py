@@ -1,0 +1,144 @@
+"""Named parameters with intervals from coefficients and shapes."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from common.error_size import Floats
+from diagnosis.diagnose.candidates import CANDIDATES, Shape, base_name
+from diagnosis.diagnose.regression import BASE, Fit, Regression
+from diagnosis.diagnose.verdict import Interval
+
+_DRAWS = 2000
+_STEP = 1e-3
+
+Values = dict[str, float]
+Naming = Callable[[Floats, Shape, Floats, float], Values]
+"""Coefficients of the cause, its shape, (m, b, k), stamp of the start -> parameters by name."""
+
+
+def _two_levels(c: Floats, s: Shape, base: Floats, start: float) -> Values:
+    return {"coulomb_n": c[0], "static_n": c[0] + c[1], "stribeck_velocity_m_s": s[0]}
+
+
+def _pulse(c: Floats, s: Shape, base: Floats, start: float) -> Values:
+    sizes = np.hypot(c[:3], c[3:])
+    return {"frequency_hz": s[0], "amplitude_n": float(sizes.max())}
+
+
+NAMINGS: dict[str, Naming] = {
+    "bias": lambda c, s, b, t: {"force_n": c[0]},
+    "coulomb_friction": lambda c, s, b, t: {"force_n": c[0]},
+    "coulomb_friction:asymmetric": lambda c, s, b, t: {
+        "force_n": 0.5 * (c[0] + c[1]), "forward_n": c[0], "backward_n": c[1],
+    },
+    "stribeck_friction": _two_levels,
+    "stribeck_friction:exponential": _two_levels,
+    "presliding_hysteresis": lambda c, s, b, t: {"force_n": c[0], "stiffness_n_m": c[0] / s[0]},
+    "presliding_hysteresis:bristles": lambda c, s, b, t: {"force_n": c[0], "stiffness_n_m": c[0] / s[0]},
+    "backlash": lambda c, s, b, t: {"width_m": s[0]},
+    "stiffening": lambda c, s, b, t: {"quadratic_n_m2": c[0], "cubic_n_m3": c[1]},
+    "hunt_crossley_damping": lambda c, s, b, t: {"damping_n_s_m2": c[0]},
+    "quadratic_drag": lambda c, s, b, t: {"drag_n_s2_m2": c[0]},
+    "asymmetric_damping": lambda c, s, b, t: {"forward_n_s_m": b[1] + c[0], "backward_n_s_m": b[1] - c[0]},
+    "stress_relaxation": lambda c, s, b, t: {"stiffness_n_m": c[0], "time_constant_s": s[0]},
+    "stress_relaxation:two": lambda c, s, b, t: {
+        "stiffness_n_m": c[0],
+        "time_constant_s": s[0],
+        "second_stiffness_n_m": c[2],
+        "second_time_constant_s": s[1],
+    },
+    "contact_loss": lambda c, s, b, t: {"contact_position_m": s[0]},
+    "contact_loss:carried": lambda c, s, b, t: {"contact_position_m": s[0]},
+    "position_dependent_friction": lambda c, s, b, t: {"force_per_length_n_m": c[0]},
+    "stiffness_change": lambda c, s, b, t: {
+        "time_s": t + s[0],
+        "ratio": 1.0 + c[0] / b[2] if b[2] else np.inf,
+    },
+    "time_delay": lambda c, s, b, t: {"delay_s": s[0]},
+    "sensor_lag": lambda c, s, b, t: {"time_constant_s": s[0]},
+    "sensor_drift": lambda c, s, b, t: {"rate_n_s": c[0]},
+    "sensor_drift:creep": lambda c, s, b, t: {"rate_n_s": c[0] / s[0], "settling_s": s[0]},
+    "pulsation": _pulse,
+    "unmodelled_resonance": lambda c, s, b, t: {"frequency_hz": s[0], "damping_ratio": s[1]},
+    "unmodelled_resonance:fixture": lambda c, s, b, t: {"frequency_hz": s[0], "damping_ratio": s[1]},
+}  # fmt: skip
+
+
+def intervals(regression: Regression, fit: Fit) -> dict[str, dict[str, Interval]]:
+    """95 % intervals of each cause's parameters, and of mass, damping, stiffness under "".
+
+    Coefficients and shapes are drawn from the Gauss-Newton covariance `s^2 (J' J)^-1` on whitened data, J
+    with the derivatives by the shapes; percentiles of the named parameters follow (propagation by draws).
+    """
+    theta, sizes = _point(fit)
+    covariance = _covariance(regression, fit)
+    rng = np.random.default_rng(0)
+    draws = rng.multivariate_normal(theta, covariance, size=_DRAWS, method="eigh")
+    found: dict[str, dict[str, Interval]] = {"": {}}
+    start = regression.signals.origin_s
+    values = _named(fit, theta, sizes, start, regression.sense)
+    drawn = [_named(fit, draw, sizes, start, regression.sense) for draw in draws]
+    for name, parameters in values.items():
+        found[name] = {
+            key: _interval(value, np.array([d[name][key] for d in drawn]))
+            for key, value in parameters.items()
+        }
+    return found
+
+
+def _interval(value: float, drawn: Floats) -> Interval:
+    low, high = (
+        np.quantile(drawn[np.isfinite(drawn)], (0.025, 0.975)) if np.isfinite(drawn).any() else (value, value)
+    )
+    return Interval(float(value), float(min(low, value)), float(max(high, value)))
+
+
+def _point(fit: Fit) -> tuple[Floats, list[tuple[str, int]]]:
+    shapes = [(name, len(shape)) for name, shape in fit.model.items()]
+    flat = [value for shape in fit.model.values() for value in shape]
+    return np.concatenate([fit.coefficients, flat]), shapes
+
+
+def _named(
+    fit: Fit, theta: Floats, sizes: list[tuple[str, int]], start: float, sense: float
+) -> dict[str, Values]:
+    count = len(fit.owners)
+    linear, at = theta[:count] * sense, count
+    base = linear[:3]
+    named: dict[str, Values] = {"": dict(zip(BASE, base, strict=True))}
+    for name, size in sizes:
+        shape = tuple(theta[at : at + size])
+        at += size
+        own = linear[[i for i, owner in enumerate(fit.owners) if owner == name]]
+        named[base_name(name)] = NAMINGS[name](own, shape, base, start)
+    return named
+
+
+def _covariance(regression: Regression, fit: Fit) -> Floats:
+    design, _ = regression.design(fit.model)
+    slopes = [
+        _slope(regression, fit, name, i) for name, shape in fit.model.items() for i in range(len(shape))
+    ]
+    jacobian = np.column_stack([design, *slopes])
+    scale = np.sqrt(np.sum(jacobian**2, axis=0))
+    scale[scale == 0.0] = 1.0
+    gram = (jacobian / scale).T @ (jacobian / scale)
+    gram[np.diag_indices_from(gram)] += 1e-10
+    variance = fit.rss / max(1, fit.n - len(scale))
+    inverse = np.linalg.inv(gram) * variance
+    return np.asarray(inverse / np.outer(scale, scale))
+
+
+def _slope(regression: Regression, fit: Fit, name: str, index: int) -> Floats:
+    """Derivative of the whitened prediction by one shape parameter, by a central difference."""
+    shape = fit.model[name]
+    grid = [point[index] for point in CANDIDATES[name].grid(regression.extent)] if name != "pulsation" else []
+    step = _STEP * (abs(shape[index]) if CANDIDATES[name].logarithmic else grid[-1] - grid[0])
+    if name == "pulsation":
+        step = 0.02 / regression.extent.duration_s
+    sides = []
+    for sign in (1.0, -1.0):
+        moved = (*shape[:index], shape[index] + sign * step, *shape[index + 1 :])
+        sides.append(regression.design({**fit.model, name: moved})[0] @ fit.coefficients)
+    return np.asarray((sides[0] - sides[1]) / (2.0 * step))

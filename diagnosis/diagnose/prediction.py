@@ -1,0 +1,59 @@
+"""The gain where it counts: the force predicted across a delay, with the extended model and without."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from common.effects.model import ContactModel
+from common.estimation.default_model import linear_model
+from common.recording.recording import Recording
+from diagnosis.evaluation.arrivals import Link
+from diagnosis.evaluation.evaluate import prepare
+from diagnosis.evaluation.methods import METHODS
+from diagnosis.evaluation.replay import replay
+from diagnosis.evaluation.score import completed
+
+DELAY_S = 0.3
+_LONGEST = 60_000
+
+
+@dataclass(frozen=True, slots=True)
+class Across:
+    """rms errors in N of forefeel's forecaster across `delay_s`: of a hold, with m, b, k, bias, and
+    extended.
+    """
+
+    delay_s: float
+    hold_n: float
+    before_n: float
+    after_n: float
+
+    def to_mapping(self) -> dict[str, object]:
+        """Plain data."""
+        return asdict(self)
+
+
+def across_delay(recording: Recording, extended: ContactModel) -> Across:
+    """Replays the recording as `forefeel evaluate` does; of long ones the first minute's worth of samples.
+
+    Raises:
+        RecordingError: too short for a prediction across the delay.
+    """
+    if len(recording) > _LONGEST:
+        assert recording.force_n is not None
+        cut = slice(0, _LONGEST)
+        recording = Recording(
+            recording.name,
+            recording.time_s[cut],
+            recording.position_m[cut],
+            recording.force_n[cut],
+            recording.source,
+        )
+    prepared = prepare(recording, Link(DELAY_S, 0.0, 0.0, 0))
+    errors = []
+    for model in (linear_model(), extended):
+        trace = replay(recording, prepared.arrivals, METHODS["forefeel"](model))
+        errors.append(completed(trace, prepared.held) - prepared.force_n)
+    hold = completed(prepared.held, prepared.held) - prepared.force_n
+    sizes = [float(np.sqrt(np.mean(e[prepared.rows] ** 2))) for e in (hold, *errors)]
+    return Across(DELAY_S, *sizes)

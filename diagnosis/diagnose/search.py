@@ -1,0 +1,271 @@
+"""Which causes: forward, backward and exchange steps over groups by penalised likelihood, shapes refined
+jointly.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.fft import rfft, rfftfreq
+from scipy.optimize import minimize, minimize_scalar
+
+from common.error_size import Floats
+from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Shape, base_name
+from diagnosis.diagnose.regression import Fit, Model, Regression
+
+ADD = 12.0
+"""How much the penalised -2 log likelihood must fall for one more cause."""
+
+MOST_CAUSES = 6
+_STARTS = 3
+PRACTICAL = 1.2
+"""By how much the residual's rms must grow when a cause is taken out: less is within what is left
+unexplained.
+"""
+
+PULSATION_HZ = 0.12, 4.0
+
+
+class Search:
+    """Searches models of one regression; fits are remembered.
+
+    Args:
+        regression: the recording.
+        names: the candidates that may be used.
+    """
+
+    def __init__(self, regression: Regression, names: Iterable[str] = tuple(CANDIDATES)) -> None:
+        self.regression = regression
+        self.names = [name for name in names if name in CANDIDATES]
+        self.evaluations = 0
+
+    def run(self, start: Model) -> Fit:
+        """The model that no single step betters, from `start` on."""
+        best = self.refined(self.fit(start))
+        for _ in range(3 * MOST_CAUSES):
+            step = self._backward(best) or self._exchange(best) or self._forward(best)
+            if step is None:
+                break
+            best = step
+        return best
+
+    def run_from_several(self, enough_n: float | None) -> Fit:
+        """As `run` from nothing; again from the runners-up of the first step while more than `enough_n` is
+        left.
+
+        Steps one at a time can walk past a pair of causes whose mixture looks like a third.
+        """
+        best = self.run({})
+        if not best.model or (enough_n is not None and self.plain_rms(best) < enough_n):
+            return best
+        empty = self.fit({})
+        scanned = [self._scan(empty, name) for name in self.names]
+        ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)
+        tried = {base_name(name) for name in best.model}
+        for start in ranked:
+            (name,) = start.model
+            if base_name(name) in tried or len(tried) > _STARTS + len(best.model):
+                continue
+            tried.add(base_name(name))
+            other = self.run(start.model)
+            if other.score < best.score - ADD:
+                best = other
+        return best
+
+    def fit(self, model: Model) -> Fit:
+        """One least squares."""
+        self.evaluations += 1
+        return self.regression.fit(model)
+
+    def refined(self, fit: Fit, only: str | None = None, sweeps: int = 2) -> Fit:
+        """Shapes by bounded scalar searches in turn, each between its neighbours on the grid."""
+        names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
+        for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
+            before = fit.score
+            for name in names:
+                fit = self._refine_one(fit, name, wide=sweep == 0)
+            if before - fit.score < 0.5:
+                break
+        return fit
+
+    def best_with(self, fit: Fit, name: str) -> Fit | None:
+        """The model with one more cause, its shape refined; None when no shape is feasible."""
+        coarse = self._scan(fit, name)
+        return None if coarse is None else self.refined(coarse, only=name)
+
+    def _scan(self, fit: Fit, name: str) -> Fit | None:
+        """The best shape on the grid."""
+        found: Fit | None = None
+        for shape in self._shapes(fit, name):
+            trial = self._quick(fit, name, shape)
+            if trial.feasible and (found is None or trial.score < found.score):
+                found = trial
+        return found
+
+    def _quick(self, fit: Fit, name: str, shape: Shape) -> Fit:
+        return self.fit({**fit.model, name: shape})
+
+    def _shapes(self, fit: Fit, name: str) -> list[Shape]:
+        if name == "pulsation":
+            return self.lines(fit)
+        if fit.model.get(name):
+            return [fit.model[name], *CANDIDATES[name].grid(self.regression.extent)]
+        return CANDIDATES[name].grid(self.regression.extent)
+
+    def lines(self, fit: Fit, count: int = 4) -> list[Shape]:
+        """The strongest lines of the whitened residual where pulses can be, and their halves."""
+        regression = self.regression
+        design, _ = regression.design(fit.model)
+        rate = regression.signals.coarse_rate_hz
+        residual = np.zeros(len(regression.rows))
+        residual[regression.rows] = regression.target - design @ fit.coefficients
+        length = 4 * len(residual)
+        power = np.abs(rfft(residual, length)) ** 2
+        frequency = rfftfreq(length, 1.0 / rate)
+        low = max(PULSATION_HZ[0], 3.0 / regression.extent.duration_s)
+        inside = (frequency >= low) & (frequency <= PULSATION_HZ[1])
+        peaks: list[Shape] = []
+        power = np.where(inside, power, 0.0)
+        for _ in range(count):
+            top = int(np.argmax(power))
+            if power[top] <= 0.0:
+                break
+            peaks.append((float(frequency[top]),))
+            power[np.abs(frequency - frequency[top]) < 1.5 / regression.extent.duration_s] = 0.0
+        found = peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
+        return [shape for shape in found if not self._own_period(shape[0])]
+
+    def _own_period(self, frequency_hz: float) -> bool:
+        """Whether the motion repeats with the period or a multiple of it: then it is no pulse of its own."""
+        signals = self.regression.signals
+        rate = len(signals.fine_t) / max(float(signals.fine_t[-1] - signals.fine_t[0]), 1e-9)
+        x = signals.fine_x - np.mean(signals.fine_x)
+        for multiple in range(1, 5):
+            lag = round(multiple * rate / frequency_hz)
+            if lag > len(x) // 2:
+                break
+            a, b = x[lag:], x[:-lag]
+            if float(a @ b) > 0.95 * float(np.sqrt((a @ a) * (b @ b))):
+                return True
+        return False
+
+    def _refine_one(self, fit: Fit, name: str, wide: bool) -> Fit:
+        if len(fit.model[name]) > 1:
+            return self._refine_jointly(fit, name)
+        return self._refine_axis(fit, name, 0, wide)
+
+    def _refine_jointly(self, fit: Fit, name: str) -> Fit:
+        """Shapes of one cause that trade against each other: a simplex on their logarithms."""
+        best = fit
+        grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
+        low, high = grid.min(axis=0) - 0.2, grid.max(axis=0) + 0.2
+
+        def cost(z: Floats) -> float:
+            nonlocal best
+            if (z < low).any() or (z > high).any():
+                return fit.score + 1e3
+            trial = self.fit({**fit.model, name: tuple(float(value) for value in np.exp(z))})
+            if trial.feasible and trial.score < best.score:
+                best = trial
+            return trial.score + (0.0 if trial.feasible else 1e3)
+
+        minimize(
+            cost,
+            np.log(fit.model[name]),
+            method="Nelder-Mead",
+            options={"maxfev": 70, "xatol": 1e-3, "fatol": 0.1},
+        )
+        return best
+
+    def _refine_axis(self, fit: Fit, name: str, index: int, wide: bool) -> Fit:
+        candidate, shape = CANDIDATES[name], fit.model[name]
+        low, high, logarithmic = self._bracket(candidate, shape, index, wide)
+        best = fit
+
+        def cost(z: float) -> float:
+            nonlocal best
+            value = float(np.exp(z)) if logarithmic else float(z)
+            trial = self.fit({**fit.model, name: (*shape[:index], value, *shape[index + 1 :])})
+            if trial.feasible and trial.score < best.score:
+                best = trial
+            return trial.score
+
+        minimize_scalar(
+            cost, bounds=(low, high), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * (high - low)}
+        )
+        return best
+
+    def _bracket(
+        self, candidate: Candidate, shape: Shape, index: int, wide: bool
+    ) -> tuple[float, float, bool]:
+        value = shape[index]
+        if candidate.name == "pulsation":
+            reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
+            return value - min(reach, 0.3 * value), value + reach, False
+        grid = sorted({point[index] for point in candidate.grid(self.regression.extent)})
+        if candidate.logarithmic:
+            ratio = float(np.log(grid[-1] / grid[0])) / (len(grid) - 1) * (1.0 if wide else 0.15)
+            low, high = float(np.log(grid[0])), float(np.log(grid[-1])) + 0.2
+            at = min(max(float(np.log(value)), low), high)
+            return max(at - ratio, low - 0.2), min(at + ratio, high), True
+        step = (grid[-1] - grid[0]) / (len(grid) - 1) * (1.0 if wide else 0.15)
+        at = min(max(value, grid[0]), grid[-1])
+        return max(at - step, grid[0]), min(at + step, grid[-1]), False
+
+    def _forward(self, fit: Fit) -> Fit | None:
+        """The best of all models with one more cause, when it is worth it."""
+        if len(fit.model) >= MOST_CAUSES:
+            return None
+        scanned = [self._scan(fit, name) for name in self.names if self._open(fit, name)]
+        ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
+        refined = [
+            self.refined(trial, only=next(iter(set(trial.model) - set(fit.model)))) for trial in ranked
+        ]
+        if not refined:
+            return None
+        best = self.refined(min(refined, key=lambda trial: trial.score))
+        return best if self.worth(best, fit) else None
+
+    def _open(self, fit: Fit, name: str) -> bool:
+        """Whether no form of that name is in the model yet."""
+        return base_name(name) not in {base_name(taken) for taken in fit.model}
+
+    def worth(self, more: Fit, less: Fit) -> bool:
+        """Whether the larger model is better by likelihood and in size."""
+        if less.score - more.score < ADD:
+            return False
+        return less.rss > more.rss * PRACTICAL**2 or self.plain_rms(less) > self.plain_rms(more) * PRACTICAL
+
+    def plain_rms(self, fit: Fit) -> float:
+        """Of the residual in N, not whitened."""
+        return float(np.sqrt(np.mean(self.regression.residual(fit)[self.regression.rows] ** 2)))
+
+    def _backward(self, fit: Fit) -> Fit | None:
+        """The model without its least useful cause, when that is not worth its place."""
+        smaller = [self.without(fit, name) for name in fit.model]
+        smaller = [trial for trial in smaller if trial.feasible and not self.worth(fit, trial)]
+        return min(smaller, key=lambda trial: trial.score) if smaller else None
+
+    def without(self, fit: Fit, name: str) -> Fit:
+        """The rest refitted."""
+        rest = {n: shape for n, shape in fit.model.items() if n != name}
+        return self.refined(self.fit(rest), sweeps=1)
+
+    def _exchange(self, fit: Fit) -> Fit | None:
+        """The best model in which one cause gave way to another."""
+        if not fit.model:
+            return None
+        best: Fit | None = None
+        for name in fit.model:
+            rest = self.fit({n: shape for n, shape in fit.model.items() if n != name})
+            scanned = [
+                self._scan(rest, other)
+                for other in self.names
+                if other not in fit.model and self._open(rest, other)
+            ]
+            ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:2]
+            for trial in ranked:
+                if trial.score < fit.score + 0.3 * abs(rest.score - fit.score):
+                    better = self.refined(trial)
+                    if better.score < (best or fit).score - 2.0:
+                        best = better
+        return best

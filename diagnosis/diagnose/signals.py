@@ -1,0 +1,253 @@
+"""Motion and force through one and the same low-pass, on a grid that is just fine enough for it.
+
+Every column of the model and the force pass the same zero-phase filter H, so that the regression `H f = sum
+theta_i H phi_i` is that of the unfiltered signals and theta is not biased by it (matched filtering, Gautier
+and Poignet, Control Engineering Practice 9, 2001). Derivatives are taken in the spectrum: `(j w)^d H X`. Two
+grids: the fine one carries the motion that nonlinear columns are computed from, the coarse one, with its
+Nyquist frequency at the end of the pass-band, the regression.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.ndimage import median_filter
+from scipy.signal import welch
+
+from common.error_size import Floats
+from common.recording.recording import Recording
+
+Spectrum = NDArray[np.complex128]
+Mask = NDArray[np.bool_]
+
+_FINE_PER_BAND = 16.0
+_TAPER = 0.75  # the pass-band is flat up to this share of the cutoff
+_EDGE = 4.0  # in periods of the cutoff: what the filter's response reaches
+_LEAST_SEGMENT = 3.0  # in edges
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """One gapless stretch: lengths of its grids, raw, fine and coarse, padding included."""
+
+    start_s: float
+    period_s: float
+    samples: int
+    padded: int
+    fine: int
+    coarse: int
+
+    @property
+    def span_s(self) -> float:
+        """Padding included."""
+        return self.padded * self.period_s
+
+
+class Signals:
+    """A recording, conditioned.
+
+    Args:
+        recording: with force.
+        force_n: the force to use, cleaned of spikes and lines; same stamps.
+        cutoff_hz: end of the pass-band.
+        unusable: samples whose force means nothing (clipped).
+
+    Attributes:
+        fine_t, fine_x, fine_v, fine_a: time in s since the start, motion on the fine grid, with padding.
+        t, force: on the coarse grid, filtered.
+        rows: the coarse samples that count, shape as `t`.
+        starts: first coarse index of each piece.
+    """
+
+    def __init__(self, recording: Recording, force_n: Floats, cutoff_hz: float, unusable: Mask) -> None:
+        self.cutoff_hz = cutoff_hz
+        self.origin_s = float(recording.time_s[0])
+        self.pieces: list[Piece] = []
+        self._raw: list[tuple[Spectrum, Spectrum]] = []
+        motion: list[tuple[Floats, ...]] = []
+        coarse: list[tuple[Floats, Floats, Mask]] = []
+        for piece in recording.segments(_gap_s(recording)):
+            time_s = recording.time_s[piece] - self.origin_s
+            grid = _grid(time_s, cutoff_hz)
+            if grid is None:
+                continue
+            x, f, bad = _uniform(time_s, grid, recording.position_m[piece], force_n[piece], unusable[piece])
+            x_spec, f_spec = rfft(_padded(x, grid.padded)), rfft(_padded(f, grid.padded))
+            x_spec *= _wiener(x, grid, len(x_spec))
+            self.pieces.append(grid)
+            self._raw.append((x_spec, f_spec))
+            motion.append(self._motion(grid, x_spec))
+            coarse.append(self._coarse(grid, f_spec, bad | _unsettled(x)))
+        if not self.pieces:
+            raise ValueError("no stretch without gaps is long enough")
+        self.fine_t, self.fine_x, self.fine_v, self.fine_a = (
+            np.concatenate(c) for c in zip(*motion, strict=True)
+        )
+        self.t, self.force, self.rows = (np.concatenate(c) for c in zip(*coarse, strict=True))
+        self.starts = np.cumsum([0, *(p.coarse for p in self.pieces)])
+        self.fine_starts = np.cumsum([0, *(p.fine for p in self.pieces)])
+        self._spec_starts = np.cumsum([0, *(p.coarse // 2 + 1 for p in self.pieces)])
+        self.omega = np.concatenate(
+            [2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.span_s for p in self.pieces]
+        )
+
+    def linear_spectrum(self, derivative: int) -> Spectrum:
+        """Filtered spectrum of the position's derivative, straight from the raw samples."""
+        parts = [
+            self._cut(grid, x_spec, grid.padded, derivative)
+            for grid, (x_spec, _) in zip(self.pieces, self._raw, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def spectrum(self, fine: Floats) -> Spectrum:
+        """Filtered spectrum of a column that is given on the fine grid."""
+        parts = [
+            self._cut(grid, rfft(fine[self.fine_starts[i] : self.fine_starts[i + 1]]), grid.fine, 0)
+            for i, grid in enumerate(self.pieces)
+        ]
+        return np.concatenate(parts)
+
+    def column(self, spectrum: Spectrum) -> Floats:
+        """A spectrum back in time, on the coarse grid."""
+        parts = [
+            irfft(spectrum[self._spec_starts[i] : self._spec_starts[i + 1]], grid.coarse)
+            for i, grid in enumerate(self.pieces)
+        ]
+        return np.concatenate(parts)
+
+    def piecewise(self, fine: bool = True) -> Sequence[slice]:
+        """Where each piece lies on the fine or on the coarse grid."""
+        starts = self.fine_starts if fine else self.starts
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(starts)]
+
+    @property
+    def coarse_rate_hz(self) -> float:
+        """Of the first piece; they differ by rounding."""
+        return self.pieces[0].coarse / self.pieces[0].span_s
+
+    def _cut(self, grid: Piece, spectrum: Spectrum, length: int, derivative: int) -> Spectrum:
+        bins = grid.coarse // 2 + 1
+        omega: Floats = np.asarray(2.0 * np.pi * np.arange(bins) / grid.span_s, dtype=np.float64)
+        cut = spectrum[:bins] * (grid.coarse / length) * response(omega / (2.0 * np.pi), self.cutoff_hz)
+        return np.asarray(cut * (1j * omega) ** derivative)
+
+    def _motion(self, grid: Piece, x_spec: Spectrum) -> tuple[Floats, ...]:
+        bins = min(grid.fine // 2 + 1, len(x_spec))
+        frequency: Floats = np.asarray(np.arange(bins) / grid.span_s, dtype=np.float64)
+        wide = response(frequency, 2.0 * self.cutoff_hz)
+        narrow = response(frequency, 1.2 * self.cutoff_hz)
+        scale = grid.fine / grid.padded
+        full = np.zeros((3, grid.fine // 2 + 1), dtype=np.complex128)
+        jw = 2j * np.pi * frequency
+        full[0, :bins] = x_spec[:bins] * wide * scale
+        full[1, :bins] = x_spec[:bins] * wide * jw * scale
+        full[2, :bins] = x_spec[:bins] * narrow * jw**2 * scale
+        t: Floats = np.asarray(grid.start_s + np.arange(grid.fine) * (grid.span_s / grid.fine))
+        x, v, a = (irfft(row, grid.fine) for row in full)
+        return t, x, v, a
+
+    def _coarse(self, grid: Piece, f_spec: Spectrum, bad: Mask) -> tuple[Floats, Floats, Mask]:
+        t: Floats = np.asarray(np.arange(grid.coarse) * (grid.span_s / grid.coarse))
+        edge_s = _EDGE / self.cutoff_hz
+        length_s = (grid.samples - 1) * grid.period_s
+        rows = (t >= min(max(edge_s, 0.3), 0.1 * length_s)) & (t <= length_s - min(edge_s, 0.1 * length_s))
+        rows &= ~_near(bad, t, grid.period_s, 1.0 / self.cutoff_hz)
+        return grid.start_s + t, irfft(self._cut(grid, f_spec, grid.padded, 0), grid.coarse), rows
+
+
+def response(frequency_hz: Floats, cutoff_hz: float) -> Floats:
+    """Magnitude of the low-pass: one up to 0.75 cutoff, a raised cosine, zero from the cutoff on."""
+    depth = np.clip((frequency_hz / cutoff_hz - _TAPER) / (1.0 - _TAPER), 0.0, 1.0)
+    return np.asarray(0.5 * (1.0 + np.cos(np.pi * depth)))
+
+
+def _gap_s(recording: Recording) -> float:
+    return max(0.1, 3.5 / recording.rate_hz)
+
+
+def _grid(time_s: Floats, cutoff_hz: float) -> Piece | None:
+    edge_s = _EDGE / cutoff_hz
+    if len(time_s) < 16 or time_s[-1] - time_s[0] < _LEAST_SEGMENT * edge_s:
+        return None
+    period_s = float(np.median(np.diff(time_s)))
+    samples = int((time_s[-1] - time_s[0]) / period_s + 1e-6) + 1
+    padded = next_fast_len(samples + int(2.0 * edge_s / period_s) + 2, real=True)
+    span_s = padded * period_s
+    coarse = min(next_fast_len(int(2.0 * cutoff_hz * span_s) + 2, real=True), padded)
+    coarse += coarse % 2
+    fine = min(next_fast_len(int(_FINE_PER_BAND * cutoff_hz * span_s), real=True), max(padded, 2 * coarse))
+    fine = max(fine, coarse)
+    fine += fine % 2
+    return Piece(float(time_s[0]), period_s, samples, padded, fine, coarse)
+
+
+def _uniform(time_s: Floats, grid: Piece, x: Floats, f: Floats, bad: Mask) -> tuple[Floats, Floats, Mask]:
+    """Onto an even grid; even stamps, up to their rounding, are taken as they are."""
+    even: Floats = np.asarray(grid.start_s + np.arange(grid.samples) * grid.period_s)
+    if len(even) == len(time_s) and np.max(np.abs(even - time_s)) < 0.05 * grid.period_s:
+        return x, f, bad
+    nearest = np.clip(np.searchsorted(time_s, even), 0, len(time_s) - 1)
+    return _interpolated(even, time_s, x), _interpolated(even, time_s, f), bad[nearest]
+
+
+def _interpolated(at: Floats, time_s: Floats, values: Floats) -> Floats:
+    from scipy.interpolate import Akima1DInterpolator  # noqa: PLC0415 - only uneven stamps need it
+
+    return np.asarray(Akima1DInterpolator(time_s, values)(np.clip(at, time_s[0], time_s[-1])))
+
+
+def _padded(values: Floats, length: int) -> Floats:
+    """Prolonged by a smooth way back to the first value: what is periodic has no jump."""
+    way = np.arange(1, length - len(values) + 1) / (length - len(values) + 1)
+    ease = way * way * (3.0 - 2.0 * way)
+    return np.concatenate([values, values[-1] + (values[0] - values[-1]) * ease])
+
+
+def _wiener(x: Floats, grid: Piece, bins: int) -> Floats:
+    """One up to where the position's spectrum sinks into the encoder's noise, zero beyond: no noise is
+    derived.
+
+    The noise is the level at the end of the spectrum when it is flat there; one everywhere when it still
+    falls. A gradual (Wiener's) gain would shrink the motion, and with it bias the mass.
+    """
+    rate = 1.0 / grid.period_s
+    count = int(min(len(x), max(128, 3.0 * rate)))
+    frequency, power = welch(x, rate, "blackmanharris", nperseg=count, detrend="linear")
+    upper, top = _band(power, 0.6, 0.8), _band(power, 0.8, 0.97)
+    if not 0.0 < upper < 2.5 * top:
+        return np.ones(bins)
+    level = median_filter(power, 7, mode="nearest")
+    gain = np.clip((level / max(top, 1e-300) - 2.0) / 2.0, 0.0, 1.0)
+    last = int(np.flatnonzero(gain > 0.5)[-1]) if (gain > 0.5).any() else len(gain)
+    gain[: last + 1], gain[last + 1 :] = 1.0, 0.0
+    gain[:3] = 1.0
+    return np.asarray(np.interp(np.arange(bins) / grid.span_s, frequency, gain))
+
+
+def _band(power: Floats, low: float, high: float) -> float:
+    return float(
+        np.median(power[int(low * len(power)) : max(int(high * len(power)), int(low * len(power)) + 1)])
+    )
+
+
+def _unsettled(x: Floats) -> Mask:
+    """The start, up to a tenth, until half the stroke was seen: plays and frictions begin in an unknown
+    state.
+    """
+    stroke = float(np.quantile(x, 0.95) - np.quantile(x, 0.05))
+    seen = np.maximum.accumulate(x) - np.minimum.accumulate(x)
+    first = int(np.argmax(seen >= 0.5 * stroke))
+    return np.asarray(np.arange(len(x)) < min(first, len(x) // 10))
+
+
+def _near(bad: Mask, t: Floats, period_s: float, reach_s: float) -> Mask:
+    """Which coarse stamps have an unusable raw sample within reach."""
+    if not bad.any():
+        return np.zeros(len(t), dtype=np.bool_)
+    count = np.concatenate([[0], np.cumsum(bad)])
+    low = np.clip(((t - reach_s) / period_s).astype(np.int64), 0, len(bad))
+    high = np.clip(((t + reach_s) / period_s).astype(np.int64) + 2, 0, len(bad))
+    return np.asarray(count[high] > count[low])

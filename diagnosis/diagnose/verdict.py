@@ -1,0 +1,88 @@
+"""The result of a diagnosis, as diagnosis.json holds it (schema forefeel.diagnosis/1)."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Literal
+
+SCHEMA = "forefeel.diagnosis/1"
+
+VerdictName = Literal["nothing_missing", "cause_found", "not_separable", "unexplained"]
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A parameter in the unit of its name, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Why: what it looks like, by how much the penalised -2 log likelihood falls, and the held-out gain."""
+
+    fingerprint: str
+    likelihood: float
+    gain: float
+    gain_low: float
+    gain_high: float
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """One named cause; `gain_n` is the fall of the held-out rms that it brings, in N; `explained_n` its
+    rms.
+    """
+
+    name: str
+    probability: float
+    parameters: dict[str, Interval]
+    evidence: Evidence
+    gain_n: float
+    explained_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """rms of the residual in N of a model, and its parameters."""
+
+    rmse_n: float
+    parameters: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """rms on held-out blocks in N before and after, and 1 - after / before with its block-bootstrap
+    interval.
+    """
+
+    rmse_before_n: float
+    rmse_after_n: float
+    gain: float
+    gain_low: float
+    gain_high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """Everything that diagnosis.json says. `candidates` are what the search named even when the verdict is
+    less.
+    """
+
+    verdict: VerdictName
+    causes: tuple[Cause, ...]
+    rivals: tuple[tuple[str, ...], ...]
+    suggested_motion: str | None
+    flags: tuple[str, ...]
+    noise_floor_n: float
+    baseline: Stage
+    extended: Stage
+    forward_rmse: dict[str, float | None]
+    held_out: HeldOut
+    words: tuple[str, ...] = ()
+    suspected: tuple[str, ...] = field(default=())
+
+    def to_mapping(self) -> dict[str, object]:
+        """Plain data in the order of the schema."""
+        return {"schema": SCHEMA, **asdict(self)}

@@ -1,0 +1,1 @@
+"""`forefeel diagnose`: the command, its short answer and its page."""

@@ -1,0 +1,36 @@
+"""`forefeel diagnose`: what stands on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EPILOG = (
+    "Example: forefeel diagnose run.csv --out out/run   "
+    "Example: forefeel diagnose seal.csv --time ms:t --position mm:laser --force N:load --out out/seal   "
+    "Example: forefeel diagnose recordings --jobs 4 --out out/all"
+)
+
+
+def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE|DIR", help="A recording (CSV, Parquet, MCAP), or a folder of them."),
+    ],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="For diagnosis.json, report.html, model.yaml.")],
+    model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="model.yaml of the simulation that is compared.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Recordings of DIR at a time.")] = 1,
+    overwrite: Annotated[bool, typer.Option(help="Replace an earlier diagnosis in DIR.")] = False,
+    time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
+    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
+    force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+) -> None:
+    """Show what the simulation gets wrong on a recording, name the cause, extend the model, measure the
+    gain.
+    """
+    from forefeel.diagnose.run import Wish, run_diagnosis  # noqa: PLC0415 - other commands start without it
+
+    columns = time_column, position_column, force_column
+    run_diagnosis(Wish(file, out, model, jobs, overwrite, columns))
