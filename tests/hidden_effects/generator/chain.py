@@ -87,7 +87,7 @@ def _draw_mode(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
     }
 
 
-def _modal(drive: Array, step_s: float, frequency_hz: float, damping_ratio: float) -> tuple[Array, Array]:
+def modal(drive: Array, step_s: float, frequency_hz: float, damping_ratio: float) -> tuple[Array, Array]:
     """(q, dq/dt) of `q'' + 2 d w q' + w^2 q = drive`, exact for a drive constant over a step."""
     omega = 2.0 * pi * frequency_hz
     damped = omega * np.sqrt(1.0 - damping_ratio**2)
@@ -101,7 +101,7 @@ def _modal(drive: Array, step_s: float, frequency_hz: float, damping_ratio: floa
 def _flexible_mass(signal: Signal, values: Values) -> Array:
     """A second mass behind a spring: what it pulls with while the stage accelerates."""
     omega = 2.0 * pi * values["frequency_hz"]
-    q, rate = _modal(-signal.a, signal.step_s, values["frequency_hz"], values["damping_ratio"])
+    q, rate = modal(-signal.a, signal.step_s, values["frequency_hz"], values["damping_ratio"])
     return -values["mass_kg"] * (omega * omega * q + 2.0 * values["damping_ratio"] * omega * rate)
 
 
@@ -113,7 +113,7 @@ def _fixture(signal: Signal, values: Values) -> None:
     """The load cell's own mode between force and reading."""
     omega = 2.0 * pi * values["frequency_hz"]
     start = signal.force[0]
-    q, _ = _modal(signal.force - start, signal.step_s, values["frequency_hz"], values["damping_ratio"])
+    q, _ = modal(signal.force - start, signal.step_s, values["frequency_hz"], values["damping_ratio"])
     signal.force = start + omega * omega * q
 
 

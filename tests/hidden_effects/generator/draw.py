@@ -56,8 +56,12 @@ _LARGEST_RATIO_S, _LARGEST_RATIO_S2 = 0.5, 0.02
 """Of damping and of mass to stiffness: a slow motion does not get a carriage in place of a catheter."""
 
 
-def draw(kind: str, seed: int, size: float = 1.0) -> Hidden:
+def draw(
+    kind: str, seed: int, size: float = 1.0, longest_s: float = 60.0, fastest_hz: float = 2000.0
+) -> Hidden:
     """A recording of that kind; `size` scales the shares (0.25: a quarter).
+
+    `longest_s` and `fastest_hz` bound the record, for tests that have no time for long ones.
 
     Raises:
         KeyError: no such kind.
@@ -66,7 +70,7 @@ def draw(kind: str, seed: int, size: float = 1.0) -> Hidden:
     forms = _drawn_forms(rng, kind)
     motion_kind = kind if kind in SPECIAL else _drawn_motion_kind(rng, forms)
     inserted = next((form.inserted for form in forms if form.inserted is not None), bool(rng.random() < 0.5))
-    duration_s, rate_hz = float(rng.uniform(10.0, 60.0)), _drawn_rate(rng, forms)
+    duration_s, rate_hz = float(rng.uniform(10.0, longest_s)), min(fastest_hz, _drawn_rate(rng, forms))
     stage = drawn_motion(rng, motion_kind, duration_s, inserted)
     base = _drawn_base(rng, stage)
     scene = Scene(stage, base, base.force(stage.x, stage.v, stage.a), duration_s, rate_hz)
@@ -148,13 +152,12 @@ def _drawn_parts(
 
 
 def share(part: Part, scene: Scene) -> float:
-    """std of the force that the effect adds over std of the mass-damper-spring force; rms for a bias."""
+    """std of the added force over std of the mass-damper-spring force; its rms where it is constant."""
     added = _added(part, scene)
     inside = added[scene.motion.t >= 0.0]
-    spread = float(np.std(scene.force))
-    if part.form.name == "bias" or spread == 0.0:
-        return float(np.sqrt(np.mean(inside * inside))) / (spread or 0.3)
-    return float(np.std(inside)) / spread
+    spread, rms = float(np.std(scene.force)), float(np.sqrt(np.mean(inside * inside)))
+    constant = float(np.std(inside)) < 1e-6 * rms
+    return (rms if constant else float(np.std(inside))) / spread
 
 
 def _added(part: Part, scene: Scene) -> Array:

@@ -38,7 +38,8 @@ class Motion:
 
 def grid(duration_s: float) -> Array:
     """From BEFORE_S before the record to its end and a little further."""
-    return np.arange(-round(BEFORE_S * RATE_HZ), round((duration_s + 0.01) * RATE_HZ)) * STEP_S
+    first, last = -round(BEFORE_S * RATE_HZ), round((duration_s + 0.01) * RATE_HZ)
+    return np.asarray(np.arange(first, last) * STEP_S, dtype=np.float64)
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:

@@ -59,7 +59,7 @@ def _wandering(signal: Signal, values: Values) -> Array:
     waves = np.zeros_like(signal.t)
     for frequency, phase in zip(frequencies, phases, strict=True):
         waves += np.sin(2.0 * pi * frequency * signal.t + phase)
-    return waves * np.sqrt(2.0 / count)
+    return np.asarray(waves * np.sqrt(2.0 / count))
 
 
 def _wandering_friction(signal: Signal, values: Values) -> Array:
@@ -98,7 +98,7 @@ def _chaos(signal: Signal, values: Values) -> Array:
         k3 = _lorenz(state + 0.5 * step * k2)
         state = state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + _lorenz(state + step * k3))
     own = (signal.t - signal.t[0]) * values["speed"]
-    return values["size"] * np.interp(own, step * np.arange(len(first)), np.array(first))
+    return np.asarray(values["size"] * np.interp(own, step * np.arange(len(first)), np.array(first)))
 
 
 def _draw_one_way(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
