@@ -154,9 +154,10 @@ def _drawn_parts(
 def share(part: Part, scene: Scene) -> float:
     """std of the added force over std of the mass-damper-spring force; its rms where it is constant."""
     added = _added(part, scene)
-    inside = added[scene.motion.t >= 0.0]
-    spread, rms = float(np.std(scene.force)), float(np.sqrt(np.mean(inside * inside)))
-    constant = float(np.std(inside)) < 1e-6 * rms
+    recorded = scene.motion.t >= 0.0
+    inside = added[recorded]
+    spread, rms = float(np.std(scene.force[recorded])), float(np.sqrt(np.mean(inside * inside)))
+    constant = part.form.linear and float(np.std(inside)) < 1e-6 * rms
     return (rms if constant else float(np.std(inside))) / spread
 
 

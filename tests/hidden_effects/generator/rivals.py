@@ -151,7 +151,7 @@ def _families(motion: Motion, duration_s: float) -> Iterable[Family]:
     for ratio in (0.03, 0.1, 0.3):
         yield "unmodelled_resonance", partial(_with_mode, motion, ratio), np.geomspace(1.5, 40.0, 14)
     delay, lag = _form("time_delay"), _form("sensor_lag")
-    late = np.geomspace(3e-3, 0.2, 12)
+    late = np.geomspace(3e-4, 0.2, 16)
     yield "time_delay", lambda w: through(delay(delay_s=w)), late
     yield "sensor_lag", lambda w: through(lag(time_constant_s=w)), late
 

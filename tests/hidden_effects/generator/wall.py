@@ -94,9 +94,9 @@ def _two_branches(signal: Signal, values: Values) -> Array:
 
 
 def _draw_contact(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    """`depth_m` is what the scale changes; the contact position follows."""
-    low = float(np.min(scene.motion.x))
-    reach = float(np.ptp(scene.motion.x))
+    """The scale changes how far above the record's lowest position the wall begins."""
+    recorded = scene.motion.x[scene.motion.t >= 0.0]
+    low, reach = float(np.min(recorded)), float(np.ptp(recorded))
     return {"low_m": low, "contact_position_m": low + 0.2 * reach}
 
 
