@@ -19,4 +19,5 @@ def diagnosed(hidden: Hidden) -> Answer:
         result = diagnose(recording)
     except InputError:
         return Answer("refused", seconds=time.perf_counter() - start_s)
-    return from_document(json.loads(result.to_json()), time.perf_counter() - start_s)
+    document = json.loads(json.dumps(result.diagnosis.to_mapping()))
+    return from_document(document, time.perf_counter() - start_s)

@@ -60,7 +60,7 @@ def _said(outcome: Outcome, hidden: str) -> str:
 
 def rates(outcomes: Sequence[Outcome], intervals: bool = True) -> str:
     """The numbers that are asked for, beside what was reached."""
-    lines = [f"  {rate}{'' if rate.met else '  <--'}" for rate in all_rates(outcomes, intervals)]
+    lines = [f"  {rate}{'' if rate.met else '  missed'}" for rate in all_rates(outcomes, intervals)]
     return "\n".join(["rates: what, demanded, reached", *lines])
 
 
@@ -102,7 +102,6 @@ def _name_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
 
 def _verdict_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     outside, steady = _group(outcomes, "outside"), _group(outcomes, "constant_speed")
-    exact = [o for o in outcomes if o.exact and o.truth]
     return [
         _rate("nothing hidden, false alarm", _group(outcomes, "nothing"), lambda o: not o.exact, most=0.0),
         _rate("outside of the vocabulary, `unexplained`", outside, lambda o: o.right, 0.95),
@@ -112,20 +111,21 @@ def _verdict_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         ),
         _rate("constant speed, `not_separable`", steady, lambda o: o.right, 1.0),
         _rate("standstill, refused", _group(outcomes, "standstill"), lambda o: o.right, 1.0),
-        _rate("held-out gain above 0, exact sets", exact, gained, 0.95),
     ]
 
 
 def _parameter_rates(outcomes: Sequence[Outcome], intervals: bool) -> list[Rate]:
-    """Of exact sets: the parameters of a wrong model mean nothing."""
+    """Of exact sets: parameters and gain of a wrong model mean nothing. The peer gives no intervals."""
     found = [e for o in outcomes if o.exact for e in o.estimates]
     sharp = [e for e in found if e.bound < BOUND_JUDGED]
     wide = [e for e in found if e.bound >= BOUND_JUDGED]
     close = Rate("parameters within 10 %, bound below 5 %", sum(e.close for e in sharp), len(sharp), 0.95)
     if not intervals:
         return [close]
+    exact = [o for o in outcomes if o.exact and o.truth]
     return [
         close,
+        _rate("held-out gain above 0, exact sets", exact, gained, 0.95),
         Rate("parameters in their interval, bound of 5 % or more", sum(e.covered for e in wide), len(wide)),
         Rate("95 % intervals that hold the truth", sum(e.covered for e in found), len(found), 0.9),
     ]
