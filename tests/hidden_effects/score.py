@@ -133,7 +133,7 @@ def _outside(hidden: Hidden) -> bool:
 def _right(group: str, hidden: Hidden, answer: Answer, flags: Flags, exact: bool) -> bool:
     """The one demand of each group."""
     if group == "outside":
-        return answer.verdict == "unexplained" or (bool(flags.inseparable) and not answer.names)
+        return answer.verdict == "unexplained" or _rival_named(answer, flags)
     if group == "pure_sine":
         return not answer.names or len(answer.names) > 1 or only_hidden(hidden.truth, answer.names)
     if group == "constant_speed":
@@ -143,6 +143,12 @@ def _right(group: str, hidden: Hidden, answer: Answer, flags: Flags, exact: bool
     if flags.inseparable and answer.verdict == "not_separable":
         return any(set(hidden.truth.names) <= set(names) for names in answer.rivals)
     return exact
+
+
+def _rival_named(answer: Answer, flags: Flags) -> bool:
+    """An effect outside of the vocabulary that a name explains to within the noise may be given that name."""
+    named = {*answer.names, *(name for names in answer.rivals for name in names)}
+    return bool(named & set(flags.inseparable)) and len(answer.names) <= 1
 
 
 def _estimates(hidden: Hidden, answer: Answer) -> tuple[Estimate, ...]:

@@ -23,6 +23,7 @@ _COLUMNS = (
     ("hunt_crossley_damping", "damping_n_s_m2"), ("asymmetric_damping", "half_difference_n_s_m"),
     ("position_dependent_friction", "force_per_length_n_m"), ("sensor_drift", "rate_n_s"),
 )  # fmt: skip
+KNOWN = frozenset(name for name, _ in _COLUMNS if name)
 _WINDOW_S, _BLOCKS = 0.06, 5
 _THRESHOLDS = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.25, 0.4)
 """Of the std of the force."""

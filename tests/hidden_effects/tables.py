@@ -1,7 +1,7 @@
 """The confusion table, the rates and what was drawn, as text."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,10 +29,21 @@ class Rate(NamedTuple):
         return f"{self.what:<70s} {asked:>8s}  {reached}  ({self.hits} of {self.total})"
 
 
-def report(title: str, outcomes: Sequence[Outcome], intervals: bool = True) -> str:
-    """Everything about one method."""
+def report(
+    title: str, outcomes: Sequence[Outcome], intervals: bool = True, known: Collection[str] = ()
+) -> str:
+    """Everything about one method; `known` are the only names that it can give."""
     parts = [confusion(outcomes), rates(outcomes, intervals), speed(outcomes), misses(outcomes)]
+    if known:
+        parts.append(limited(outcomes, known))
     return "\n\n".join([f"== {title}", *parts, far_off(outcomes)])
+
+
+def limited(outcomes: Iterable[Outcome], known: Collection[str]) -> str:
+    """The rates of the recordings whose hidden names are all among the known ones."""
+    told = [outcome for outcome in outcomes if set(outcome.truth) <= set(known)]
+    lines = [f"  {rate}" for rate in _name_rates(told)]
+    return "\n".join([f"of those that hide only {', '.join(sorted(known))}:", *lines])
 
 
 def confusion(outcomes: Iterable[Outcome]) -> str:

@@ -62,6 +62,12 @@ def test_lateness_is_drawn_in_seconds(name: str) -> None:
     assert quarter == pytest.approx(0.25 * value)
 
 
+@pytest.mark.parametrize("size", [1.0, 0.25])
+def test_a_play_is_wider_than_the_encoder_sees(size: float) -> None:
+    widths = [draw("backlash", seed, size, **_SHORT).truth.parameters["backlash"] for seed in range(12)]
+    assert min(width["width_m"] for width in widths) > 20e-6
+
+
 def test_the_same_again_and_something_else() -> None:
     first, again, other = (draw("backlash+bias", seed, **_SHORT) for seed in (4, 4, 5))
     assert np.array_equal(first.force_n, again.force_n)

@@ -116,6 +116,17 @@ def test_abstaining_is_no_exact_set() -> None:
     assert not scored(_CASES[0], lambda _: Answer("not_separable")).right
 
 
+def test_no_credit_for_silence_about_an_outside_effect() -> None:
+    """A jerk in a slow motion is the limit of a fast mode: that name is accepted, nothing missing is not."""
+    case = Case("outside", "jerk", 2, **_SHORT)
+    unexplained = scored(case, partial(_said, "unexplained"))
+    assert unexplained.flags.inseparable == ("unmodelled_resonance",)
+    assert unexplained.right
+    assert not scored(case, partial(_said, "nothing_missing")).right
+    assert scored(case, lambda _: Answer("cause_found", ("unmodelled_resonance",))).right
+    assert not scored(case, lambda _: Answer("cause_found", ("mains_hum",))).right
+
+
 def test_document_of_the_product() -> None:
     cause = {"name": "bias", "parameters": {"force_n": {"value": 0.1, "low": 0.0, "high": 0.2}}}
     document = {

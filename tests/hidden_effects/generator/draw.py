@@ -72,7 +72,7 @@ def draw(
     inserted = next((form.inserted for form in forms if form.inserted is not None), bool(rng.random() < 0.5))
     duration_s, rate_hz = float(rng.uniform(10.0, longest_s)), min(fastest_hz, _drawn_rate(rng, forms))
     stage = drawn_motion(rng, motion_kind, duration_s, inserted)
-    base = _drawn_base(rng, stage)
+    base = _drawn_base(rng, stage, any(form.light for form in forms))
     scene = Scene(stage, base, base.force(stage.x, stage.v, stage.a), duration_s, rate_hz)
     parts, shares = _drawn_parts(rng, forms, scene, size)
     noise = Noise(2e-3, log_uniform(rng, 5.0, 50.0), rng.uniform(0.1e-3, 0.5e-3), 1e-6)
@@ -126,10 +126,11 @@ def _drawn_rate(rng: np.random.Generator, forms: list[Form]) -> float:
     return log_uniform(rng, max(low, lowest), high)
 
 
-def _drawn_base(rng: np.random.Generator, stage: Motion) -> Base:
+def _drawn_base(rng: np.random.Generator, stage: Motion, light: bool) -> Base:
     """From the weights of spring, damper and mass in the force, whose std is 0.2 to 0.4 N."""
     weights = rng.uniform(0.5, 1.0), rng.uniform(0.15, 0.7), rng.uniform(0.05, 0.4)
     wanted_n = rng.uniform(0.2, 0.4)
+    weights = (*weights[:2], 0.1 * weights[2]) if light else weights
     spreads = [float(np.std(column)) for column in (stage.x, stage.v, stage.a)]
     if min(spreads) < 1e-9:
         stiffness = wanted_n / spreads[0] if spreads[0] > 1e-9 else rng.uniform(10.0, 60.0)

@@ -119,7 +119,7 @@ FRICTION = (
     Form("presliding_hysteresis", "LuGre", Place.FORCE, _draw_presliding, added(_lugre),
          proportional("force_n", "stiffness_n_m", "bristle_n_s_m"), ("force_n", "stiffness_n_m")),
     Form("backlash", "play", Place.STAGE, _draw_backlash, _backlash, proportional("width_m"),
-         ("width_m",), linear=False, kinked=True),
+         ("width_m",), linear=False, kinked=True, light=True),
     Form("position_dependent_friction", "capstan", Place.FORCE, _draw_capstan, added(_capstan),
          proportional("force_per_length_n_m"), ("force_per_length_n_m",), inserted=True),
 )  # fmt: skip

@@ -74,7 +74,8 @@ class Form:
 
     `judged` are the parameters with the vocabulary's names and meaning; `linear` says that the added force
     is proportional to the scale; `steps` are the sizes of the steps of the numerical Jacobian, relative
-    unless listed in `absolute`. `own_size` forms are drawn at their size, not scaled to a share.
+    unless listed in `absolute`. `own_size` forms are drawn at their size, not scaled to a share. A `light` one needs a small mass: while a play of a few
+    micrometres lets go of a large one, the force falls by all of the inertia.
     """
 
     name: str
@@ -87,6 +88,7 @@ class Form:
     linear: bool = True
     own_size: bool = False
     kinked: bool = False
+    light: bool = False
     shares: tuple[float, float] = (0.15, 0.5)
     inserted: bool | None = None
     motions: tuple[str, ...] = ()
