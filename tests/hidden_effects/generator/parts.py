@@ -72,10 +72,10 @@ Act = Callable[[Signal, Values], None]
 class Form:
     """One mathematical form of an effect.
 
-    `judged` are the parameters with the vocabulary's names and meaning; `linear` says that the added force
-    is proportional to the scale; `steps` are the sizes of the steps of the numerical Jacobian, relative
-    unless listed in `absolute`. `own_size` forms are drawn at their size, not scaled to a share. A `light` one needs a small mass: while a play of a few
-    micrometres lets go of a large one, the force falls by all of the inertia.
+    `judged` are the parameters with the vocabulary's names and meaning; `linear` says that the added force is
+    proportional to the scale; `own_size` forms are drawn at their size, not scaled to a share. `kinked` forces
+    need wider steps in a numerical Jacobian. A `light` form needs a small mass: a play of a few micrometres
+    that lets go of a large one takes all of the inertia away.
     """
 
     name: str
