@@ -74,8 +74,8 @@ class Form:
 
     `judged` are the parameters with the vocabulary's names and meaning; `linear` says that the added force is
     proportional to the scale; `own_size` forms are drawn at their size, not scaled to a share. `kinked`
-    forces need wider steps in a numerical Jacobian. A `light` form needs a small mass: a play of a few micrometres
-    that lets go of a large one takes all of the inertia away.
+    forces need wider steps in a numerical Jacobian. A `light` form needs a small mass: a play of a few
+    micrometres that lets go of a large one takes all of the inertia away.
     """
 
     name: str
