@@ -9,7 +9,6 @@ from tests.hidden_effects.cases import Case
 from tests.hidden_effects.equivalences import comparable, right_first, same_names
 from tests.hidden_effects.generator import Hidden, Truth, draw
 from tests.hidden_effects.score import Outcome, scored
-from tests.hidden_effects.sindy import sparse
 from tests.hidden_effects.tables import all_rates, confusion, misses, unmet
 
 _SHORT = {"longest_s": 14.0, "fastest_hz": 300.0}
@@ -144,5 +143,7 @@ def test_document_of_the_product() -> None:
 
 def test_the_peer_finds_what_it_has_a_column_for() -> None:
     pytest.importorskip("pysindy", reason="the peer is of the bench extra")
+    from tests.hidden_effects.sindy import sparse
+
     for name in ("bias", "quadratic_drag"):
         assert name in sparse(draw(name, 3, longest_s=30.0)).names
