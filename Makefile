@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help demo test check bench soak format clean
+.PHONY: help demo test check bench hidden-effects soak format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -33,6 +33,10 @@ bench: $(READY) ## start-up, memory, speed of virtual time; the estimation besid
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m benchmarks.service
 	$(BIN)/python -m benchmarks.estimation
+
+hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis and PySINDy, confusion tables
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
+	$(BIN)/python -m tests.hidden_effects
 
 soak: $(READY) ## long runs: an hour of samples, ...
 	$(BIN)/python -m pytest -m soak -s

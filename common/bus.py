@@ -48,6 +48,7 @@ class Bus:
 
     Attributes:
         malformed: payloads refused by the codec, by topic name.
+        counters: what else is counted about this connection.
     """
 
     def __init__(self, transport: Transport, cell: str, axis: str, clock: Clock) -> None:
@@ -55,6 +56,7 @@ class Bus:
         self._cell, self._axis = cell, axis
         self._clock = clock
         self.malformed: Counter[str] = Counter()
+        self.counters: Counter[str] = Counter()
 
     def outlet(self, topic: Topic[Message]) -> Outlet:
         """Declares the publisher of a topic."""
@@ -83,7 +85,7 @@ class Bus:
 
         self._transport.subscribe(topic.key(self._cell, self._axis), receive)
 
-    def malformed_counts(self) -> dict[str, int]:
-        """`malformed` as counters for a state message."""
+    def counts(self) -> dict[str, int]:
+        """`malformed` and `counters` for a state message."""
         counted = list(self.malformed.items())  # at once: the transport's threads go on counting
-        return {f"malformed_{name.replace('/', '_')}": count for name, count in counted}
+        return {**self.counters, **{f"malformed_{name.replace('/', '_')}": n for name, n in counted}}

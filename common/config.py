@@ -9,6 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
+from common.config_keys import expected_keys, leaves
 from common.errors import ConfigurationError
 
 Place = tuple[int | str, ...]
@@ -23,17 +24,31 @@ class Settings(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _yes_is_no_number(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
-        """YAML reads yes, no, on and off as truth values, which pydantic would take for 1 and 0."""
+    def _only_numbers_are_numbers(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
+        """YAML reads yes, no, on and off as truth values and quoted numbers as text; pydantic takes both for
+        numbers.
+        """
         for name, value in data.items() if isinstance(data, dict) else ():
-            values = value if isinstance(value, list | tuple) else [value]
             field = cls.model_fields.get(name)
-            if field and field.annotation is not bool and any(isinstance(each, bool) for each in values):
+            values = value if isinstance(value, list | tuple) else [value]
+            kinds = leaves(field.annotation) if field else {bool, str}
+            if bool not in kinds and any(isinstance(each, bool) for each in values):
                 raise ValueError(f"{name} = {value}: expected no truth value (YAML reads yes and on as true)")
+            if kinds & {int, float} and str not in kinds and any(map(_is_quoted_number, values)):
+                raise ValueError(f"{name} = {value!r}: expected a number, not text")
         return data
 
 
+def _is_quoted_number(value: object) -> bool:
+    try:
+        return isinstance(value, str) and bool(float(value) or True)
+    except ValueError:
+        return False
+
+
 S = TypeVar("S", bound=BaseModel)
+_WHOLE = "(whole file)"
+_KINDS = {type(None): "empty", list: "a list", str: "text"}
 
 
 class _Loader(yaml.SafeLoader):
@@ -71,7 +86,8 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
         raise ConfigurationError(f"{path}: {error}; expected YAML") from error
     if not isinstance(data, dict):
-        raise ConfigurationError(f"{path}:1: {type(data).__name__}; expected a mapping of settings")
+        found = _KINDS.get(type(data), f"{data!r:.40}")
+        raise ConfigurationError(f"{path}:1: {found}; expected a mapping of settings")
     return data, lines
 
 
@@ -96,26 +112,34 @@ def checked(
     try:
         return kind.model_validate(data, context={"directory": directory})
     except ValidationError as error:
-        raise ConfigurationError(_describe(error.errors(include_url=False)[0], where, lines or {})) from error
+        first = error.errors(include_url=False)[0]
+        raise ConfigurationError(_describe(first, kind, where, lines or {})) from error
 
 
-def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str:
-    place = _placed(problem["loc"], lines)
-    known = place
-    while known and known not in lines:
-        known = known[:-1]
-    line = f":{lines[known]}" if known in lines else ""
+def _describe(problem: ErrorDetails, kind: type[BaseModel], where: str, lines: dict[Place, int]) -> str:
+    place, value = _placed(problem["loc"], lines), problem["input"]
+    line = _line(place, lines)
     dotted = "".join(f"[{p}]" if isinstance(p, int) else f".{_shown(p)}" for p in place).lstrip(".")
-    dotted = dotted or "(whole file)"
+    dotted = dotted or _WHOLE
     expected = problem["msg"].removeprefix("Value error, ")
     match problem["type"]:
         case "extra_forbidden":
-            return f"{where}{line}: {dotted}: unknown key"
+            return f"{where}{line}: {dotted}: unknown key, expected {expected_keys(kind, problem['loc'])}"
         case "missing":
             return f"{where}{line}: {dotted}: missing, a value is required"
-    value = problem["input"]
-    shown = repr(value) if isinstance(value, int | float | str | bool | None) else f"a {type(value).__name__}"
+    if isinstance(value, dict) and problem["type"] == "value_error":  # a rule over several values names them
+        line = _line((*place, *re.split(r"[ :]", expected)[0].split(".")), lines)
+        return f"{where}{line}: {'' if dotted == _WHOLE else f'{dotted}: '}{expected}"
+    simple = isinstance(value, int | float | str | bool | None)
+    shown = repr(value) if simple else _KINDS.get(type(value), "a mapping")
     return f"{where}{line}: {dotted} = {shown}: {expected[:1].lower()}{expected[1:]}"
+
+
+def _line(place: Place, lines: dict[Place, int]) -> str:
+    """The line of a place, or of the nearest around it that is known."""
+    while place and place not in lines:
+        place = place[:-1]
+    return f":{lines[place]}" if place in lines else ""
 
 
 def _shown(key: str) -> str:

@@ -1,6 +1,7 @@
 """What both daemons do alike: one impaired transport, and the reports on loop timing and impairment."""
 
 from common.bus import Bus
+from common.errors import RecordingError
 from common.lateness import EDGES_US, Lateness
 from common.messages import ImpairmentTrace, LoopTiming
 from common.recording.mcap_reader import Run, read_run
@@ -19,12 +20,16 @@ def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Ru
     """`inner` with the impairment of the settings, drawn anew from the seed or replayed from a recorded run.
 
     Raises:
-        RecordingError: `replay` is no run of ours.
+        RecordingError: `replay` is no run of ours, or one without impairment of this end.
     """
     first_seed = 4 * settings.seed + (2 if role == "slave" else 0)
     if settings.replay is not None:
         run = read_run(settings.replay)
         inbound, outbound = _replayed(run, role, "inbound"), _replayed(run, role, "outbound")
+        if inbound is None and outbound is None:
+            raise RecordingError(
+                f"{settings.replay}: no impairment of the {role}'s links, expected a run that had one"
+            )
     else:
         inbound, outbound = _drawn(settings.inbound, first_seed), _drawn(settings.outbound, first_seed + 1)
     return ImpairedTransport(inner, runtime.timers, runtime.clock, inbound, outbound)
@@ -47,6 +52,7 @@ class Reports:
     def __init__(
         self, bus: Bus, role: Role, lateness: Lateness, transport: ImpairedTransport, runtime: Runtime
     ) -> None:
+        self._bus = bus
         self._loop = {"master": "haptic", "slave": "control"}[role]
         self._lateness = lateness
         self._transport = transport
@@ -76,6 +82,8 @@ class Reports:
 
     def impairment(self, now_ns: int) -> None:
         """What became of each message since the last call."""
+        if self._transport.trace_lost:
+            self._bus.counters["trace_lost"] = self._transport.trace_lost
         for chunk in self._transport.drain_trace():
             header = self._trace.header(0, now_ns)
             self._trace.send(

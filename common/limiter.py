@@ -10,6 +10,10 @@ from common.settings import AxisLimits
 _EXACT = 1e-9  # a change below a nanometre or nm/s is rounding, no intervention
 
 
+MOTION_RULES = ("workspace", "velocity", "acceleration", "force", "travel")
+"""Rules that change a motion. Every other rule refuses a command, or an engagement."""
+
+
 class LimitHit(NamedTuple):
     """One intervention: by which rule, what was asked, what was applied."""
 
@@ -54,16 +58,25 @@ class MotionLimiter:
         self.position_m, self.velocity_m_s = position_m, 0.0
 
     def follow(
-        self, position_m: float, velocity_m_s: float, force_n: float, dt_s: float, velocity_share: float = 1.0
+        self,
+        position_m: float,
+        velocity_m_s: float,
+        force_n: float,
+        dt_s: float,
+        velocity_share: float = 1.0,
+        force_share: float = 1.0,
     ) -> list[LimitHit]:
-        """One step of dt towards a position that moves with a velocity; `velocity_share` is the ramp on
-        engaging, 0 to 1.
+        """One step of dt towards a position that moves with a velocity.
+
+        `velocity_share`: the ramp on engaging, 0 to 1. `force_share`: of the force limit, where it acts.
         """
         hits: list[LimitHit] = []
         target_m = self._inside_workspace(position_m, hits)
         if target_m != position_m:
             velocity_m_s = 0.0
-        target_m, velocity_m_s = self._not_against_force(target_m, velocity_m_s, force_n, hits)
+        limit_n = force_share * self._force_n
+        if abs(force_n) > limit_n:
+            target_m, velocity_m_s = self._relieved(target_m, velocity_m_s, force_n, limit_n, hits)
         wanted = (target_m - self.position_m) / dt_s
         feed_forward = _clip(velocity_m_s, self._velocity_m_s)
         # the speed, relative to the target, from which it can still brake before overshooting
@@ -104,14 +117,12 @@ class MotionLimiter:
             hits.append(LimitHit("workspace", position_m, target_m, "m"))
         return target_m
 
-    def _not_against_force(
-        self, target_m: float, velocity_m_s: float, force_n: float, hits: list[LimitHit]
+    def _relieved(
+        self, target_m: float, velocity_m_s: float, force_n: float, limit_n: float, hits: list[LimitHit]
     ) -> tuple[float, float]:
         """Above the force limit the setpoint may only move so that the contact is relieved."""
-        if abs(force_n) <= self._force_n:
-            return target_m, velocity_m_s
         relieved = min(target_m, self.position_m) if force_n > 0 else max(target_m, self.position_m)
         if relieved == target_m and velocity_m_s * force_n <= 0.0:
             return target_m, velocity_m_s
-        hits.append(LimitHit("force", force_n, copysign(self._force_n, force_n), "N"))
+        hits.append(LimitHit("force", force_n, copysign(limit_n, force_n), "N"))
         return relieved, 0.0

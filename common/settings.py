@@ -93,6 +93,14 @@ class LinkImpairment(Settings):
     seed: int = 0
     replay: ExistingFile | None = None
 
+    @model_validator(mode="after")
+    def _one_of_them(self) -> "LinkImpairment":
+        if self.replay is not None and not (self.inbound.transparent and self.outbound.transparent):
+            raise ValueError(
+                "replay: expected neither inbound nor outbound beside it, for it stands for both"
+            )
+        return self
+
 
 class RealtimeSettings(Settings):
     """`priority` of SCHED_FIFO for the 1 kHz loop, 0 for normal scheduling; where the system permits it."""

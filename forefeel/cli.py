@@ -1,23 +1,19 @@
 """The command line."""
 
-import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from common.config import dump_yaml, load_settings, load_yaml
 from common.errors import ConfigurationError
 from common.recording.tabular import Mapping
 from common.settings import DaemonSettings
-from common.topics import checked_segment
-from common.transport.settings import PRESETS, TransportSettings
+from common.transport.settings import PRESETS
 from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
 from forefeel.diagnose.command import diagnose
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
-from forefeel.interrupt import interruptible
 from forefeel.reproduction.cli import EPILOG, reproduce
 from forefeel.simulate.command import EPILOG as SIMULATE_EPILOG
 from forefeel.simulate.command import simulate
@@ -96,24 +92,9 @@ def record(
     duration: Duration = None,
 ) -> None:
     """Record a cell to MCAP until Ctrl-C, in a process of its own."""
-    from forefeel.recorder import Recorder  # noqa: PLC0415
+    from forefeel.record import run_record  # noqa: PLC0415 - the other commands start without Zenoh
 
-    checked_segment(cell, "--cell")
-    recorder = Recorder(out, cell, TransportSettings(connect=tuple(connect)), {"cell": cell})
-    console = Console(stderr=True)
-    console.print(f"recording cell {cell} to {out}; Ctrl-C ends", highlight=False)
-    start_s = time.monotonic()
-    with interruptible() as ignore_signals:
-        try:
-            while duration is None or time.monotonic() - start_s < duration:
-                recorder.check()
-                time.sleep(0.1)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            ignore_signals()
-            recorder.close()
-    console.print(f"{out}: closed", highlight=False)
+    run_record(out, cell, tuple(connect), duration)
 
 
 @app.command(
@@ -131,7 +112,9 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = 0,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results; default out/run-DATE.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace the results of an earlier run in DIR.")] = False,
-    preset: Annotated[str, typer.Option(help="Simulated instrument: catheter or guidewire.")] = "catheter",
+    preset: Annotated[
+        str | None, typer.Option(help="Simulated instrument: catheter (default) or guidewire.")
+    ] = None,
     virtual_time: Annotated[
         bool, typer.Option("--virtual-time", help="One process, as fast as it can, repeatable.")
     ] = False,
@@ -155,7 +138,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         preset=preset,
         duration_s=duration,
         recording=recording,
-        columns=_columns(time_column, position_column, force_column),
+        columns=_columns(recording, time_column, position_column, force_column),
         slave_model=slave_model,
         master_model=master_model,
     )
@@ -167,8 +150,26 @@ app.command(epilog=DIAGNOSE_EPILOG)(diagnose)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 
-def _columns(time_column: str | None, position: str | None, force: str | None) -> Mapping | None:
+@app.command(epilog="Example: forefeel report run.mcap --out out/report")
+def report(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recorded run (MCAP).")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="For report.html and report.json.")],
+    overwrite: Annotated[bool, typer.Option(help="Replace an earlier report in DIR.")] = False,
+) -> None:
+    """Make the report of a run that was recorded before."""
+    from forefeel.report.command import run_report  # noqa: PLC0415 - other commands start without it
+
+    run_report(file, out, overwrite)
+
+
+def _columns(
+    recording: Path | None, time_column: str | None, position: str | None, force: str | None
+) -> Mapping | None:
     """A column mapping when the user named any column."""
-    if time_column is None and position is None and force is None:
+    named = {"--time": time_column, "--position": position, "--force": force}
+    first = next((f"{option} {column}" for option, column in named.items() if column is not None), None)
+    if first is None:
         return None
+    if recording is None:
+        raise ConfigurationError(f"{first}: expected only with --recording, whose column it names")
     return Mapping(time_column or "s:time_s", position or "m:position_m", force)

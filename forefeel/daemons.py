@@ -7,24 +7,29 @@ import ctypes
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from secrets import randbits
+from typing import TYPE_CHECKING
 
 from common.errors import ConfigurationError, EndpointError, RunError
+from common.notices import Notices, RateLimit
 from common.runtime.real import RealRuntime
 from common.runtime.realtime import prepare_thread
 from common.settings import DaemonSettings
 from common.transport.zenoh_bus import ZenohTransport
-from master.axis import MasterAxis
-from master.daemon import MasterDaemon
 from master.session import Link
 from master.settings import MasterSettings
-from slave.axis import SlaveAxis
-from slave.daemon import SlaveDaemon
 from slave.settings import SlaveSettings
 
+if TYPE_CHECKING:
+    from master.axis import MasterAxis
+    from master.daemon import MasterDaemon
+    from slave.axis import SlaveAxis
+    from slave.daemon import SlaveDaemon
+
 _POLL_S = 0.05
+_SPEAK_NS = 100_000_000
 _BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
 _REST_S = 2.0
 _FAREWELL_S = 0.3  # the master says "deadman released" for this long, and the force fades, before it goes
@@ -35,6 +40,22 @@ _PR_SET_PDEATHSIG = 1
 def say(text: str) -> None:
     """One line to the person at the terminal or to the journal."""
     print(text, file=sys.stderr, flush=True)
+
+
+class _Speaker:
+    """Says what the axes of a daemon have to tell; a terminal that is gone stops nothing."""
+
+    def __init__(self, role: str, notices: Mapping[str, Notices]) -> None:
+        self._role = role
+        self._notices = notices
+        self._limit = RateLimit()
+
+    def speak(self, now_ns: int) -> None:
+        """What came since the last call; about ten times a second."""
+        for name, notices in self._notices.items():
+            for text in self._limit.passed(notices.drain(), now_ns):
+                with suppress(OSError):
+                    say(f"{self._role}: axis {name}: {text}")
 
 
 def run_slave(settings: SlaveSettings, duration_s: float | None = None) -> None:
@@ -59,23 +80,32 @@ def run_master(settings: MasterSettings, duration_s: float | None = None) -> Non
 
 
 async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
+    from slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
+
     runtime = _runtime(settings)
     with _opened(settings, runtime) as transport:
         daemon = SlaveDaemon(settings, transport, runtime, _new_id)
+    speaker = _Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
+    runtime.task("notices", _SPEAK_NS, speaker.speak)
     say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
     async with runtime:
         await _until(runtime, duration_s)
         daemon.shut_down()
         await _rest(daemon)
     daemon.close(runtime.clock.now_ns())
+    speaker.speak(runtime.clock.now_ns())
     say(f"slave: {'stage at rest' if daemon.at_rest else 'stage told to hold'}, closed")
     runtime.raise_fault()
 
 
 async def _master(settings: MasterSettings, duration_s: float | None) -> None:
+    from master.daemon import MasterDaemon  # noqa: PLC0415 - the slave does without its compiled predictor
+
     runtime = _runtime(settings)
     with _opened(settings, runtime) as transport:
         daemon = MasterDaemon(settings, transport, runtime, _new_id)
+    speaker = _Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
+    runtime.task("notices", _SPEAK_NS, speaker.speak)
     say(f"master: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for the slave")
     try:
         async with runtime:
@@ -87,6 +117,7 @@ async def _master(settings: MasterSettings, duration_s: float | None) -> None:
             await asyncio.sleep(_FAREWELL_S)
     finally:
         daemon.close(runtime.clock.now_ns())
+    speaker.speak(runtime.clock.now_ns())
     say("master: handle released, closed")
     runtime.raise_fault()
 
@@ -117,7 +148,7 @@ def _runtime(settings: DaemonSettings) -> RealRuntime:
 
 
 async def _session(
-    daemon: MasterDaemon, runtime: RealRuntime, timeout_s: float | None, connect: tuple[str, ...]
+    daemon: "MasterDaemon", runtime: RealRuntime, timeout_s: float | None, connect: tuple[str, ...]
 ) -> None:
     """Waits visibly until every axis has its session."""
     start_ns, reminded_s = runtime.clock.now_ns(), 0.0
@@ -140,7 +171,9 @@ async def _session(
         await asyncio.sleep(_POLL_S)
 
 
-async def _until(runtime: RealRuntime, duration_s: float | None, daemon: MasterDaemon | None = None) -> None:
+async def _until(
+    runtime: RealRuntime, duration_s: float | None, daemon: "MasterDaemon | None" = None
+) -> None:
     """Returns when the daemon is to end: told to, the duration is over, or the motion that is played has
     ended.
     """
@@ -155,7 +188,7 @@ async def _until(runtime: RealRuntime, duration_s: float | None, daemon: MasterD
         await asyncio.sleep(_POLL_S)
 
 
-def _show_link(daemon: MasterDaemon, linked: bool) -> bool:
+def _show_link(daemon: "MasterDaemon", linked: bool) -> bool:
     """Says when a session was lost and when all are open again; whether they are."""
     waiting = [axis for axis in daemon.axes if axis.session.link is not Link.OPEN]
     _refuse_mismatch(waiting)
@@ -166,14 +199,14 @@ def _show_link(daemon: MasterDaemon, linked: bool) -> bool:
     return not waiting
 
 
-def _refuse_mismatch(waiting: list[MasterAxis]) -> None:
+def _refuse_mismatch(waiting: "list[MasterAxis]") -> None:
     """Settings that differ do not come right by waiting."""
     for axis in waiting:
         if axis.session.link is Link.MISMATCH:
             raise ConfigurationError(f"axis {axis.name}: the slave refuses: {axis.session.reason}")
 
 
-async def _rest(daemon: SlaveDaemon) -> None:
+async def _rest(daemon: "SlaveDaemon") -> None:
     for _ in range(int(_REST_S / _POLL_S)):
         if daemon.at_rest:
             break
@@ -185,7 +218,7 @@ def _new_id() -> int:
     return randbits(62) | 1
 
 
-def _names(axes: list[SlaveAxis] | list[MasterAxis]) -> str:
+def _names(axes: "list[SlaveAxis] | list[MasterAxis]") -> str:
     return ", ".join(axis.name for axis in axes)
 
 

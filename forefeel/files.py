@@ -29,6 +29,7 @@ def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) 
         folder.mkdir(parents=True, exist_ok=True)
         if shutil.disk_usage(folder).free < 200e6:
             raise ConfigurationError(f"--out {folder}: less than 200 MB free; expected room for the results")
+        _prove_writable(folder)
         for path in old:
             path.unlink()
     except OSError as error:
@@ -36,6 +37,13 @@ def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) 
             f"--out {folder}: {error.strerror}; expected a folder that can be written"
         ) from error
     return folder
+
+
+def _prove_writable(folder: Path) -> None:
+    """Raises OSError where no file can be made, before anything runs for it."""
+    probe = folder / f".{os.getpid()}.part"
+    probe.touch(exist_ok=False)
+    probe.unlink()
 
 
 def write_whole(path: Path, text: str) -> None:

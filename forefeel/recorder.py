@@ -52,6 +52,22 @@ class Recorder:
         """Payloads dropped because the disk was too slow."""
         return self._queue.dropped
 
+    @property
+    def written(self) -> int:
+        """Messages written so far."""
+        return self._writer.written
+
+    @property
+    def missed(self) -> dict[str, int]:
+        """What was heard and does not stand in the file, by reason."""
+        return {"lost": self.lost, "malformed": self._writer.malformed}
+
+    @property
+    def summary(self) -> str:
+        """What was recorded and what was missed, in words."""
+        missed = [f"{count} {reason}" for reason, count in self.missed.items() if count]
+        return ", ".join([f"{self.written} messages", *missed])
+
     def close(self) -> None:
         """Writes what has arrived, closes the file, leaves the network; idempotent.
 
@@ -88,6 +104,7 @@ class Recorder:
                     if batches % _FLUSH_EVERY == 0:
                         self._writer.flush()
                 self._write_batch()
+                self._writer.add_metadata("recorder", {k: str(n) for k, n in self.missed.items()})
         except Exception as error:  # noqa: BLE001 - the thread's last line: `check` and `close` raise it
             self._fail(error)
 

@@ -29,6 +29,7 @@ from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from master.identification import IdentificationTask
 from master.session import Link, Session
 from master.settings import MasterAxisSettings
+from master.slave_events import SlaveEvents
 
 
 class MasterAxis:
@@ -62,6 +63,7 @@ class MasterAxis:
         self._stage_position_m: float | None = None
         self._slave_state: SlaveState | None = None
         self._state_heard_ns = 0
+        self.events = SlaveEvents(bus)
         self._deadman = False
         self._identifiable: tuple[str, ...] = ()
         self.stopping = False
@@ -267,7 +269,8 @@ class MasterAxis:
             "forces_dropped": identification.queue.dropped,
             "forces_unused": identification.unused,
             **self.counters,
-            **self._bus.malformed_counts(),
+            **self.events.counters,
+            **self._bus.counts(),
         }
 
 

@@ -8,7 +8,7 @@ from common.estimation.identification import ContactEstimate
 from common.messages import ForceSample, Grip, SafetyState
 from master.clutch import Clutch
 from master.handles.port import HandleReading
-from master.prediction import Prediction
+from master.prediction import Prediction, Present
 from master.rendering import ForceRenderer
 from master.settings import RenderingSettings
 
@@ -89,7 +89,6 @@ class HapticLoop:
             self._prediction.reset()
             return None
         newest = inputs.force.sample if inputs.force else None
-        predicted = self._prediction.predict(
-            now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.estimate, newest
-        )
+        present = Present(now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.estimate, newest)
+        predicted = self._prediction.predict(present)
         return predicted if predicted is not None and isfinite(sum(predicted[:3])) else None

@@ -8,7 +8,7 @@ those that are expected, see docs/decisions/0009.
 """
 
 from math import nan
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from common.effects.model import ContactModel
 from common.estimation.forecast import Estimate, Forecaster
@@ -19,22 +19,22 @@ from common.settings import AxisLimits
 from master.stage import ExpectedStage
 
 
+class Present(NamedTuple):
+    """What is known in a tick: the command that it sends, the model's parameters, the newest force."""
+
+    stamp_ns: int
+    position_m: float
+    velocity_m_s: float
+    deadman: bool
+    estimate: ContactEstimate | None
+    newest: ForceSample | None
+
+
 class Prediction(Protocol):
     """The contact force at the operator's present motion; asked at every tick of the haptic loop."""
 
-    def predict(
-        self,
-        stamp_ns: int,
-        position_m: float,
-        velocity_m_s: float,
-        deadman: bool,
-        estimate: ContactEstimate | None,
-        newest: ForceSample | None,
-    ) -> Estimate | None:
-        """The force for the command of that stamp and position; None before any force has arrived.
-
-        `estimate`: the parameters of the contact model as they are known now. `newest`: the newest force.
-        """
+    def predict(self, present: Present) -> Estimate | None:
+        """The force for the command that is sent now; None before any force has arrived."""
         ...
 
     def reset(self) -> None:
@@ -58,16 +58,9 @@ class ForcePrediction:
         self._origin_ns: int | None = None
         self._newest: ForceSample | None = None
 
-    def predict(
-        self,
-        stamp_ns: int,
-        position_m: float,
-        velocity_m_s: float,
-        deadman: bool,
-        estimate: ContactEstimate | None,
-        newest: ForceSample | None,
-    ) -> Estimate | None:
+    def predict(self, present: Present) -> Estimate | None:
         """See `Prediction`. The newest force counts at once, before `learn` comes to it."""
+        stamp_ns, position_m, velocity_m_s, deadman, estimate, newest = present
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         setpoint_m = self._stage.setpoint_m(stamp_ns, position_m, velocity_m_s, deadman)

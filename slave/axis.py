@@ -20,20 +20,20 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
+from common.notices import Notices, in_words
 from common.slots import BoundedQueue, LatestValue
 from slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
-from slave.gate import CommandGate, GateLimits, Refusal
 from slave.grippers.port import Gripper
+from slave.intake import CommandIntake
 from slave.limit_log import LimitLog
 from slave.link import SlaveLink
 from slave.load_cells.port import LoadCell, LoadCellReading
 from slave.settings import SlaveAxisSettings
 from slave.stages.port import Stage, StageReading
 
-_RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsense, not merely too far
-_RANGE_SPEEDS = 10.0
 _HALTED = frozenset({SafetyState.FAULT, SafetyState.ESTOPPED})
 _NO_FORCE = LoadCellReading(0.0, 0, False)
+_ONLY_LATE = "commands come late all the time: a new session takes the measure of the way again"
 _EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not change it
 
 
@@ -58,16 +58,16 @@ class SlaveAxis:
         self.name = settings.name
         self.settings = settings
         self.counters: Counter[str] = Counter()
+        self.notices = Notices()
         self.shutdown = False
         self._devices = devices
-        self._gate = CommandGate(_gate_limits(settings))
         self._link = SlaveLink(cell, settings, bus, instance_id)
-        self._slot: LatestValue[tuple[MotionCommand, int]] = LatestValue()
         self._transitions: BoundedQueue[tuple[int, Transition]] = BoundedQueue(256)
         self._limits = LimitLog()
-        self._estop: str | None = None
-        self._fault: str | None = None
-        self._clear = False
+        self._intake = CommandIntake(settings, self._link, self._limits)
+        self._estop: LatestValue[str] = LatestValue()
+        self._fault: LatestValue[str] = LatestValue()
+        self._clear: LatestValue[bool] = LatestValue()
         self._stage_reading = StageReading(0.0, 0.0)
         self._executing: MotionCommand | None = None
         self._grip = Grip.CLOSED
@@ -80,21 +80,10 @@ class SlaveAxis:
         self._state: Outlet = bus.outlet(topics.SLAVE_STATE)
         self._limit_event: Outlet = bus.outlet(topics.LIMIT_EVENT)
         self._safety_event: Outlet = bus.outlet(topics.SAFETY_EVENT)
-        bus.subscribe(topics.COMMAND, self._on_command)
+        bus.subscribe(topics.COMMAND, self._intake.heard)
         bus.subscribe(topics.EMERGENCY_STOP, self._on_estop, self._on_garbled_estop)
 
     # --- where the transport delivers ---
-
-    def _on_command(self, command: MotionCommand, receive_ns: int) -> None:
-        refusal = self._gate.admit(command, receive_ns, self._link.offset)
-        if refusal is None:
-            self._slot.put((command, receive_ns))
-        else:
-            self._count_refusal(refusal)
-
-    def _count_refusal(self, refusal: Refusal) -> None:
-        self.counters[f"refused_{refusal.rule}"] += 1
-        self._limits.add(LimitHit(refusal.rule, refusal.requested, refusal.limit, refusal.unit))
 
     def _on_estop(self, stop: EmergencyStop, receive_ns: int) -> None:
         del receive_ns
@@ -108,21 +97,20 @@ class SlaveAxis:
 
     def emergency_stop(self, reason: str) -> None:
         """Latches the stop; idempotent, heeded at the next tick whatever else waits."""
-        self._estop = reason or "emergency stop"
+        self._estop.put(reason or "emergency stop")
 
     def clear(self) -> None:
-        """Clears a latched stop or fault; only ever called by a local act at the slave.
+        """Asks the next tick to clear a latched stop or fault; only ever called by a local act at the slave.
 
-        One that the control loop has not heeded yet is none to clear: it stays.
+        One that the control loop has not heeded by then is none to clear: it stays.
         """
-        if self.halted:
-            self._estop, self._fault, self._clear = None, None, True
+        self._clear.put(True)
 
     def fail(self, error: BaseException) -> None:
         """A fault of any thread: the machine goes to FAULT at the next tick and the stage is told to hold at
         once.
         """
-        self._fault = f"{type(error).__name__}: {error}"[:200]
+        self._fault.put(f"{type(error).__name__}: {error}"[:200])
         try:
             self._devices.stage.hold(0)
         except DeviceError:
@@ -177,7 +165,7 @@ class SlaveAxis:
             if not isfinite(force.force_n):
                 raise DeviceError(f"load cell = {force.force_n} N: expected a finite force")
         except DeviceError as error:
-            self._fault = str(error)
+            self._fault.put(str(error))
             return _NO_FORCE
         return force
 
@@ -190,18 +178,20 @@ class SlaveAxis:
         self._stage_reading = reading
 
     def _inputs(self, now_ns: int, force: LoadCellReading) -> ControlInputs:
-        clear, self._clear = self._clear, False
+        command, released = self._intake.slot.take()
         return ControlInputs(
-            command=self._slot.take(),
+            command=command,
+            released=released,
             position_m=self._stage_reading.position_m,
             force_n=force.force_n,
             force_valid=force.valid,
             session_live=self._link.live(now_ns),
+            lost_reason=self._link.lost_reason,
             clock=self._link.offset,
-            estop=self._estop,
-            fault=self._fault,
+            estop=self._estop.take(),
+            fault=self._fault.take(),
             shutdown=self.shutdown,
-            clear=clear,
+            clear=self._clear.take() is not None,
         )
 
     def _apply(self, outputs: ControlOutputs, now_ns: int) -> None:
@@ -215,7 +205,7 @@ class SlaveAxis:
                 self._devices.stage.hold(now_ns)
             self._grip = self._devices.gripper.set(outputs.grip, now_ns)
         except DeviceError as error:
-            self._fault = str(error)
+            self._fault.put(str(error))
 
     def _answer(self, now_ns: int, force: LoadCellReading) -> None:
         """The force belongs to the command that the stage executed until now."""
@@ -241,12 +231,14 @@ class SlaveAxis:
 
     def serve(self, now_ns: int, last: bool = False) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
-        self._link.serve(now_ns, self.at_rest, self._gate.open)
+        self._link.serve(now_ns, self.at_rest, self._opened)
+        if self._intake.only_late and self.at_rest:
+            self._link.let_go(now_ns, _ONLY_LATE)
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
             header = self._safety_event.header(self._link.holder, stamp_ns)
-            self._safety_event.send(
-                SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
-            )
+            said = SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
+            self._safety_event.send(said)
+            self.notices.add(in_words(said))
         for hit, count in self._limits.due(now_ns, last):
             header = self._limit_event.header(self._link.holder, now_ns)
             self._limit_event.send(
@@ -259,6 +251,10 @@ class SlaveAxis:
                     count=count,
                 )
             )
+
+    def _opened(self, session_id: int) -> None:
+        self._intake.open(session_id)
+        self.notices.add("session open")
 
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz; none without a session."""
@@ -286,19 +282,11 @@ class SlaveAxis:
 
     def _count(self) -> dict[str, int]:
         return {
-            "commands_superseded": self._slot.superseded,
+            "commands_superseded": self._intake.slot.superseded,
             "events_dropped": self._transitions.dropped,
             "limit_interventions": self._limits.total,
             **self.counters,
+            **self._intake.counters,
             **self._link.counters,
-            **self._bus.malformed_counts(),
+            **self._bus.counts(),
         }
-
-
-def _gate_limits(settings: SlaveAxisSettings) -> GateLimits:
-    low, high = settings.limits.workspace_m
-    return GateLimits(
-        max_age_ns=int(settings.gate.max_age_s * 1e9),
-        position_m=(low - _RANGE_MARGIN_M, high + _RANGE_MARGIN_M),
-        velocity_m_s=_RANGE_SPEEDS * settings.limits.max_velocity_m_s,
-    )

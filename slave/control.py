@@ -7,6 +7,7 @@ from common.clock_offset import OffsetEstimate
 from common.limiter import LimitHit, MotionLimiter
 from common.messages import Grip, MotionCommand, SafetyState
 from common.settings import AxisLimits
+from slave.force_watch import ForceWatch
 from slave.safety import SafetyEventName, SafetyMachine
 from slave.settings import GateSettings
 
@@ -19,8 +20,11 @@ Transition = tuple[SafetyState, SafetyEventName, SafetyState, str]
 
 
 class ControlInputs(NamedTuple):
-    """What the loop knows at a tick. `command`: newest admitted one and its receive stamp, or None when there
-    is no new one.
+    """What the loop knows at a tick.
+
+    `command`: newest admitted one and its receive stamp, or None when there is no new one. `released`: one
+    that came since the last tick released the deadman, though a newer one may hold it again. `estop`,
+    `fault`, `clear`: what came since the last tick; the machine latches it.
     """
 
     command: tuple[MotionCommand, int] | None
@@ -33,6 +37,8 @@ class ControlInputs(NamedTuple):
     fault: str | None = None
     shutdown: bool = False
     clear: bool = False
+    released: bool = False
+    lost_reason: str = "the lease expired"
 
 
 @dataclass(slots=True)
@@ -60,13 +66,15 @@ class AxisControl:
         self.grip = Grip.CLOSED
         self.stops = 0
         self._gate = gate
+        self._watchdog_ns = gate.watchdog_s * 1e9
+        self._max_round_trip_ns = gate.max_round_trip_s * 1e9
         self._command: MotionCommand | None = None
         self._received_ns = 0
         self._usual_transit_ns: float | None = None
         self._late_s = 0.0
         self._released = False
         self._engaged_ns = 0
-        self._force_valid_ns: int | None = None
+        self._force = ForceWatch(gate.force_timeout_s)
         self._previous_ns: int | None = None
 
     @property
@@ -80,12 +88,13 @@ class AxisControl:
         transitions: list[Transition] = []
         hits: list[LimitHit] = []
         self._take(inputs)
+        self._force.take(inputs.force_n, inputs.force_valid)
         for event, reason in self._events(now_ns, inputs, hits):
             self._fire(event, reason, now_ns, transitions)
             if event is E.ENGAGE and self.machine.following:
                 self.limiter.place(inputs.position_m)  # where the stage is, whatever moved it meanwhile
         if self.machine.following:
-            hits += self._follow(now_ns, inputs, dt_s)
+            hits += self._follow(now_ns, dt_s)
         else:
             self.limiter.stop(dt_s)
             if self.machine.state is SafetyState.STOPPING and self.limiter.velocity_m_s == 0.0:
@@ -111,10 +120,9 @@ class AxisControl:
             return
         self._command, self._received_ns = inputs.command
         self._even_out(self._received_ns - self._command.stamp_ns)
-        if not self._command.deadman:
-            self._released = (
-                True  # an engagement needs a press after a release, never a deadman that is simply held
-            )
+        if inputs.released or not self._command.deadman:
+            # an engagement needs a press after a release, never a deadman that is simply held
+            self._released = True
 
     def _even_out(self, transit_ns: int) -> None:
         """How much later than usual the newest command came: the setpoint is carried on by that much.
@@ -134,13 +142,13 @@ class AxisControl:
             found.append((E.CLEAR, "cleared at the slave"))
         if inputs.estop is not None:
             found.append((E.ESTOP, inputs.estop))
-        fault = inputs.fault or self._force_fault(now_ns, inputs)
+        fault = inputs.fault or self._force.fault(now_ns, inputs.force_valid, self.machine.following)
         if fault is not None:
             found.append((E.FAULT, fault))
         if inputs.shutdown:
             found.append((E.SHUTDOWN, "the slave is shutting down"))
         if not inputs.session_live:
-            found.append((E.SESSION_LOST, "the lease expired"))
+            found.append((E.SESSION_LOST, inputs.lost_reason))
         elif inputs.clock is None:
             found.append((E.SESSION_LOST, "another session, its clock is not compared"))
         elif not inputs.shutdown:
@@ -148,33 +156,32 @@ class AxisControl:
             found += self._command_events(now_ns, inputs, inputs.clock, hits)
         return found
 
-    def _force_fault(self, now_ns: int, inputs: ControlInputs) -> str | None:
-        """A load cell that stays invalid while the stage follows: the force limit is blind."""
-        timeout_s = self._gate.force_timeout_s
-        if inputs.force_valid or timeout_s is None or not self.machine.following:
-            self._force_valid_ns = now_ns
-        elif self._force_valid_ns is not None and now_ns - self._force_valid_ns > timeout_s * 1e9:
-            return f"load cell invalid for more than {timeout_s:g} s"
-        return None
-
     def _command_events(
         self, now_ns: int, inputs: ControlInputs, clock: OffsetEstimate, hits: list[LimitHit]
     ) -> list[tuple[E, str]]:
-        command, state = self._command, self.machine.state
+        command = self._command
         if command is None:
             return []
-        silent_ns = now_ns - self._received_ns
         if self.machine.following:
-            if not command.deadman:
-                return [(E.RELEASE, "deadman released")]
-            if 0 < self._gate.watchdog_s * 1e9 < silent_ns:
-                return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
-            return self._engaging_events(now_ns, command) if state is SafetyState.ENGAGING else []
+            return self._following_events(now_ns, inputs.released, command, clock)
         pressed = inputs.command is not None and command.deadman and self._released
-        ready = state is SafetyState.READY and self.at_rest
+        ready = self.machine.state is SafetyState.READY and self.at_rest
         if ready and pressed and self._may_engage(command, inputs.position_m, clock, hits):
             return [(E.ENGAGE, "deadman pressed, aligned")]
         return []
+
+    def _following_events(
+        self, now_ns: int, released: bool, command: MotionCommand, clock: OffsetEstimate
+    ) -> list[tuple[E, str]]:
+        if released or not command.deadman:
+            return [(E.RELEASE, "deadman released")]
+        silent_ns = now_ns - self._received_ns
+        if 0 < self._watchdog_ns < silent_ns:
+            return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
+        if clock.round_trip_ns > self._max_round_trip_ns:
+            return [(E.ROUND_TRIP, f"round trip {clock.round_trip_ns * 1e-6:.0f} ms")]
+        engaging = self.machine.state is SafetyState.ENGAGING
+        return self._engaging_events(now_ns, command) if engaging else []
 
     def _engaging_events(self, now_ns: int, command: MotionCommand) -> list[tuple[E, str]]:
         distance_m = abs(command.position_m - self.limiter.position_m)
@@ -188,7 +195,7 @@ class AxisControl:
     ) -> bool:
         """Round-trip limit and alignment guard; a refusal is an intervention too."""
         gate = self._gate
-        if clock.round_trip_ns > gate.max_round_trip_s * 1e9:
+        if clock.round_trip_ns > self._max_round_trip_ns:
             hits.append(LimitHit("round_trip", clock.round_trip_ns * 1e-9, gate.max_round_trip_s, "s"))
             return False
         if abs(command.position_m - position_m) > gate.alignment_m:
@@ -210,7 +217,7 @@ class AxisControl:
         elif event is E.SESSION_OPENED:
             self._command, self._released, self._usual_transit_ns = None, False, None
 
-    def _follow(self, now_ns: int, inputs: ControlInputs, dt_s: float) -> list[LimitHit]:
+    def _follow(self, now_ns: int, dt_s: float) -> list[LimitHit]:
         """Between commands the setpoint goes on along the newest; the watchdog bounds for how long."""
         assert self._command is not None
         command = self._command
@@ -219,6 +226,7 @@ class AxisControl:
         share = 1.0
         if self.machine.state is SafetyState.ENGAGING:
             share = min(1.0, (now_ns - self._engaged_ns) * 1e-9 / self._gate.engage_ramp_s)
-        force_n = inputs.force_n if inputs.force_valid else 0.0
         position_m = command.position_m + command.velocity_m_s * ahead_s
-        return self.limiter.follow(position_m, command.velocity_m_s, force_n, dt_s, share)
+        return self.limiter.follow(
+            position_m, command.velocity_m_s, self._force.force_n, dt_s, share, self._force.limit_share
+        )

@@ -8,9 +8,7 @@ from typing import NamedTuple
 from common.clock_offset import OffsetEstimate
 from common.messages import MotionCommand
 
-_BUCKET_NS = (
-    30_000_000_000  # the base delay is a minimum over one to two buckets: clock drift ages no command
-)
+_DRIFT_DIVISOR = 10_000  # two free crystals of 50 ppm part by at most 1 ns in this many: it ages no command
 
 
 class Refusal(NamedTuple):
@@ -39,24 +37,23 @@ class _Window:
     def __init__(self, session_id: int) -> None:
         self.session_id = session_id
         self.sequence = 0
-        self.bucket_start_ns = 0
-        self.base_ns: int | None = None
-        self.previous_base_ns: int | None = None
+        self._smallest_ns: int | None = None
+        self._seen_ns = 0
 
-    def base(self) -> int | None:
-        """Smallest (receive - stamp) of the admitted commands."""
-        if self.base_ns is None or self.previous_base_ns is None:
-            return self.base_ns
-        return min(self.base_ns, self.previous_base_ns)
+    def base(self, receive_ns: int) -> int | None:
+        """Smallest (receive - stamp) of the admitted commands, and what the clocks may have parted by since:
+        a delay that creeps up faster ages every command, however slowly it does.
+        """
+        if self._smallest_ns is None:
+            return None
+        elapsed_ns = receive_ns - self._seen_ns
+        return self._smallest_ns + (elapsed_ns // _DRIFT_DIVISOR if elapsed_ns > 0 else 0)
 
-    def move(self, sequence: int, transit_ns: int, receive_ns: int) -> None:
+    def move(self, sequence: int, transit_ns: int, receive_ns: int, base_ns: int) -> None:
         """Takes an admitted command into account."""
         self.sequence = sequence
-        if self.base_ns is None or receive_ns - self.bucket_start_ns > _BUCKET_NS:
-            self.previous_base_ns, self.base_ns = self.base_ns, transit_ns
-            self.bucket_start_ns = receive_ns
-        elif transit_ns < self.base_ns:
-            self.base_ns = transit_ns
+        if self._smallest_ns is None or transit_ns <= base_ns:
+            self._smallest_ns, self._seen_ns = transit_ns, receive_ns
 
 
 class CommandGate:
@@ -78,19 +75,19 @@ class CommandGate:
         if command.sequence <= window.sequence:
             return Refusal("sequence", command.sequence, window.sequence, "")
         transit_ns = receive_ns - command.stamp_ns
-        refusal = self._check_age(window, transit_ns, clock) or self._check_range(command)
+        base_ns = window.base(receive_ns)
+        if base_ns is None:
+            base_ns = transit_ns if clock is None else clock.bound_ns - clock.offset_ns
+        refusal = self._check_age(base_ns, transit_ns, clock) or self._check_range(command)
         if refusal is None:
-            window.move(command.sequence, transit_ns, receive_ns)
+            window.move(command.sequence, transit_ns, receive_ns, base_ns)
         return refusal
 
-    def _check_age(self, window: _Window, transit_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
+    def _check_age(self, base_ns: int, transit_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
         """The base is the smallest transit seen, at first what the clock exchange expects: offset and base
         delay cancel.
         """
         limit_ns = self._limits.max_age_ns
-        base_ns = window.base()
-        if base_ns is None:
-            base_ns = transit_ns if clock is None else clock.bound_ns - clock.offset_ns
         earliest_ns = base_ns - limit_ns if clock is None else -clock.offset_ns - clock.bound_ns
         if transit_ns < earliest_ns:
             return Refusal("future", (earliest_ns - transit_ns) * 1e-9, 0.0, "s")

@@ -13,6 +13,8 @@ from common.slots import BoundedQueue
 from slave.session import Lease
 from slave.settings import SlaveAxisSettings
 
+_EXPIRED = "the lease expired"
+
 
 class SlaveLink:
     """One axis' link to whoever is master.
@@ -21,10 +23,12 @@ class SlaveLink:
 
     Attributes:
         counters: handshakes accepted and refused.
+        lost_reason: why there is no session, if there is none.
     """
 
     def __init__(self, cell: str, settings: SlaveAxisSettings, bus: Bus, instance_id: int) -> None:
         self.counters: Counter[str] = Counter()
+        self.lost_reason = _EXPIRED
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._instance_id = instance_id
         self._lease = Lease(int(settings.gate.lease_s * 1e9))
@@ -73,6 +77,13 @@ class SlaveLink:
                 )
             )
 
+    def let_go(self, now_ns: int, reason: str) -> None:
+        """Ends the session, so that the master asks for a new one."""
+        if self._lease.live(now_ns):
+            self.lost_reason = reason
+            self._lease.let_go(now_ns)
+            self.counters["sessions_let_go"] += 1
+
     def beat(self, now_ns: int) -> None:
         """A heartbeat to the holder of the lease."""
         if self._lease.live(now_ns):
@@ -89,6 +100,7 @@ class SlaveLink:
         known = handshake.session_id == self._lease.holder
         reason = self._lease.request(handshake.session_id, receive_ns, at_rest)
         if reason is None and not known:
+            self.lost_reason = _EXPIRED
             self._heartbeats.restart()
             opened(handshake.session_id)
         return reason or ""

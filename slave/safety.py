@@ -3,7 +3,7 @@
 ```
 IDLE --session_opened--> READY --engage--> ENGAGING --engaged--> ARMED
                            ^                  |                    |
-                           |     release, watchdog, session_lost, misaligned, limit, shutdown
+                           |     release, watchdog, session_lost, misaligned, round_trip, shutdown
                            |                  v                    v
                            +---- at_rest --- STOPPING <------------+
 any --estop--> ESTOPPED --clear--> IDLE          any but ESTOPPED --fault--> FAULT --clear--> IDLE
@@ -26,6 +26,7 @@ class SafetyEventName(StrEnum):
     RELEASE = "release"
     WATCHDOG = "watchdog"
     MISALIGNED = "misaligned"
+    ROUND_TRIP = "round_trip"
     AT_REST = "at_rest"
     SHUTDOWN = "shutdown"
     FAULT = "fault"
@@ -34,7 +35,7 @@ class SafetyEventName(StrEnum):
 
 
 S, E = SafetyState, SafetyEventName
-_STOPS = (E.RELEASE, E.WATCHDOG, E.SESSION_LOST, E.MISALIGNED, E.SHUTDOWN)
+_STOPS = (E.RELEASE, E.WATCHDOG, E.SESSION_LOST, E.MISALIGNED, E.ROUND_TRIP, E.SHUTDOWN)
 
 TABLE: dict[tuple[SafetyState, SafetyEventName], SafetyState] = {
     (S.IDLE, E.SESSION_OPENED): S.READY,

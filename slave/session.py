@@ -35,6 +35,10 @@ class Lease:
         self._expires_ns = now_ns + self._lease_ns
         return None
 
+    def let_go(self, now_ns: int) -> None:
+        """Ends the lease before its time: whoever held it asks anew, with a new id."""
+        self._expires_ns = min(self._expires_ns, now_ns)
+
     def renew(self, session_id: int, now_ns: int) -> bool:
         """A heartbeat; True when it came from the holder of a live lease."""
         if session_id != self.holder or not self.live(now_ns):

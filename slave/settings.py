@@ -14,7 +14,7 @@ from common.settings import (
     require_distinct,
 )
 from common.topics import COMMAND
-from slave.plant.settings import WorldSettings, world_settings
+from slave.plant.settings import VALID_SHARE, WorldSettings, world_settings
 
 
 class GateSettings(Settings):
@@ -77,6 +77,16 @@ class SlaveAxisSettings(Settings):
     def _watchdog_is_on(self) -> Self:
         if self.gate.watchdog_s == 0 and self.stage.driver != "simulated":
             raise ValueError("gate.watchdog_s = 0: expected more than 0 with a real stage")
+        return self
+
+    @model_validator(mode="after")
+    def _force_limit_is_measurable(self) -> Self:
+        most_n = self.simulation.load_cell.most_valid_n
+        if self.load_cell.driver == "simulated" and self.limits.max_force_n > most_n:
+            raise ValueError(
+                f"limits.max_force_n = {self.limits.max_force_n:g}: expected at most {most_n:g}, "
+                f"what the load cell can measure ({VALID_SHARE:.0%} of simulation.load_cell.full_scale_n)"
+            )
         return self
 
 

@@ -40,6 +40,8 @@ class RunWriter:
     def __init__(self, path: Path) -> None:
         self.malformed = 0
         """Payloads that were no message of their topic, and so were not written."""
+        self.written = 0
+        """Messages that were."""
         self._path = path
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, _Channel] = {}
@@ -78,6 +80,7 @@ class RunWriter:
                 publish_time=max(message.stamp_ns, 0),
                 sequence=message.sequence % 2**32,
             )
+        self.written += 1
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Adds a named table of texts, e.g. the settings or the software versions."""

@@ -12,7 +12,7 @@ EPILOG = (
 )
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     file: Annotated[
         Path,
         typer.Argument(metavar="FILE|DIR", help="A recording (CSV, Parquet, MCAP), or a folder of them."),
@@ -28,7 +28,8 @@ def diagnose(
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
 ) -> None:
     """Show what the simulation gets wrong on a recording, name the cause, extend the model, measure the
-    gain."""
+    gain.
+    """
     from forefeel.diagnose.run import Wish, run_diagnosis  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column

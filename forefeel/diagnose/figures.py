@@ -1,5 +1,6 @@
 """The figures of a diagnosis: what the simulation leaves, against all that could explain it, before and
-after."""
+after.
+"""
 
 import numpy as np
 from matplotlib.axes import Axes

@@ -19,6 +19,7 @@ from diagnosis.evaluation.results import to_json
 from forefeel.evaluate.page import render_page
 from forefeel.evaluate.table import print_table
 from forefeel.files import fresh_folder, write_whole
+from forefeel.interrupt import ends_in_order, postponed
 
 _JSON, _PAGE = "evaluation.json", "evaluation.html"
 
@@ -41,8 +42,13 @@ def run_evaluation(wish: Wish, out: Path, overwrite: bool) -> dict[str, Evaluate
 
     Raises:
         InputError: the wish can not be fulfilled, or no file can be evaluated; nothing was written.
-        RunError: the results can not be written.
+        RunError: interrupted, or the results can not be written.
     """
+    with ends_in_order("evaluation", out) as written:
+        return _run(wish, out, overwrite, written)
+
+
+def _run(wish: Wish, out: Path, overwrite: bool, written: list[str]) -> dict[str, Evaluated]:
     link = Link(wish.delay_s, wish.jitter_s, wish.loss, wish.seed)
     model = None if wish.model is None else checked_model(load_model(wish.model), str(wish.model))
     prepared, skipped = _read(wish, link)
@@ -51,8 +57,11 @@ def run_evaluation(wish: Wish, out: Path, overwrite: bool) -> dict[str, Evaluate
         print(f"skipped: {reason}", file=sys.stderr)
     evaluated = _evaluate(prepared, model)
     said = rules(link, model)
-    write_whole(folder / _JSON, to_json(link, said, evaluated, skipped))
-    write_whole(folder / _PAGE, render_page(link, said, evaluated, skipped))
+    texts = to_json(link, said, evaluated, skipped), render_page(link, said, evaluated, skipped)
+    with postponed():
+        for name, text in zip((_JSON, _PAGE), texts, strict=True):
+            write_whole(folder / name, text)
+            written.append(name)
     print_table(link, said, evaluated)
     print(f"{_PAGE}, {_JSON} in {folder}")
     return evaluated

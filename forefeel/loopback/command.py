@@ -8,12 +8,16 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 
 from common.errors import RunError
 from forefeel.files import fresh_folder
+from forefeel.interrupt import ends_in_order, postponed
 from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import write_report
+from forefeel.report.states import START_S
 from forefeel.report.summary import RunReport
 from forefeel.report.text import ten_lines
+from forefeel.report.wording import micros
 
 MIN_ARMED_SHARE = 0.9
 _RECORDING = "recording.mcap"
@@ -25,46 +29,79 @@ def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -
 
     Raises:
         InputError: the wish can not be fulfilled; nothing was written.
-        RunError: the run failed, or was armed for too little of its time.
+        RunError: the run failed, was interrupted, or was armed for too little of its time.
     """
+    folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
+    with ends_in_order("loopback", folder) as written:
+        return _run_in(folder, wish, overwrite, virtual, written)
+
+
+def _run_in(folder: Path, wish: Wish, overwrite: bool, virtual: bool, written: list[str]) -> RunReport:
     plan = make_plan(wish)
     plan.slave_settings()
     plan.master_settings()
-    folder = fresh_folder(
-        out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}", _OURS, "an earlier run", overwrite
-    )
+    fresh_folder(folder, _OURS, "an earlier run", overwrite)
     console = Console(stderr=True, highlight=False)
     for note in plan.notes:
         console.print(note, markup=False, soft_wrap=True)
     with _progress(console) as bar:
         task = bar.add_task("starting", total=plan.expected_s)
-        _run(plan, wish.seed, folder, virtual, bar, task)
+        _run(plan, wish.seed, folder, virtual, written, _shown(bar, task, plan))
     with console.status("writing the report"):
         report = write_report(folder / _RECORDING, folder)
     for line in ten_lines(report, folder):
         print(line)
-    _require_armed(report)
+    require_armed(report)
     return report
 
 
-def _run(plan: Plan, seed: int, folder: Path, virtual: bool, bar: Progress, task: TaskID) -> None:
+def _shown(bar: Progress, task: TaskID, plan: Plan) -> Show:
     def show(done_s: float, what: str) -> None:
         bar.update(task, completed=min(done_s, plan.expected_s), description=what)
 
-    if virtual:
-        loop = VirtualLoopback(plan, seed)
-        loop.run(lambda done_s: show(done_s, "virtual time"))
-        loop.write(folder / _RECORDING)
-    else:
+    return show
+
+
+def _run(plan: Plan, seed: int, folder: Path, virtual: bool, written: list[str], show: Show) -> None:
+    """Leaves the recording, also of a run that was interrupted."""
+    if not virtual:
         run_real(plan, folder, show)
+        written.append(_RECORDING)
+    else:
+        loop = VirtualLoopback(plan, seed)
+        try:
+            loop.run(lambda done_s: show(done_s, "virtual time"))
+        finally:
+            if loop.payloads:
+                with postponed():
+                    loop.write(folder / _RECORDING)
+                    written.append(_RECORDING)
     show(plan.expected_s, "done")
 
 
-def _require_armed(report: RunReport) -> None:
+def require_armed(report: RunReport) -> None:
+    """Raises RunError when a run was armed for too little of its time, with what the host did to it."""
     share = report.armed_share
     if share is None or share < MIN_ARMED_SHARE:
         found = "never armed" if share is None else f"armed {share:.1%} of the time"
-        raise RunError(f"{found}, {report.stops or 0} stops; expected at least {MIN_ARMED_SHARE:.0%}")
+        raise RunError(
+            f"{found}, {report.stops or 0} stops; expected at least {MIN_ARMED_SHARE:.0%} "
+            f"since the first arming, at most {START_S:g} s into the session; this host: {_host(report)}"
+        )
+
+
+def _host(report: RunReport) -> str:
+    """What the host did to the run: two loops at 1 kHz that it woke late, and commands that never came."""
+    ends = (("master", report.loop.master), ("slave", report.loop.slave))
+    return ", ".join(
+        [
+            f"{report.counters.get('safety_watchdog', 0)} watchdog stops",
+            *(
+                f"{role} {loop.missed or 0} ticks missed, {micros(loop.max_us)} late at worst"
+                for role, loop in ends
+            ),
+        ]
+    )
 
 
 def _progress(console: Console) -> Progress:

@@ -21,6 +21,9 @@ DEFAULT_DURATION_S = 20.0
 _HAND_MAX_N = 4.0
 _GAP_S = 0.1
 _APPROACH_M_S = 0.03
+_DEFAULT_PRESET = "catheter"
+_WORLD_MAX_N = {"catheter": 3.0, "guidewire": 0.3}
+"""Force limit in a simulated world: about three times what its instrument meets."""
 _GUIDEWIRE_SCALE = (
     10.0  # guidewire forces lie near the absolute threshold of the finger and are felt only when scaled
 )
@@ -32,7 +35,7 @@ class Wish:
 
     seed: int = 0
     impairment: str = "none"
-    preset: str = "catheter"
+    preset: str | None = None
     duration_s: float | None = None
     recording: Path | None = None
     columns: Mapping | None = None
@@ -80,14 +83,22 @@ def make_plan(wish: Wish) -> Plan:
     """
     if wish.impairment not in PRESETS:
         raise ConfigurationError(f"--impairment {wish.impairment!r}: expected one of {', '.join(PRESETS)}")
-    if wish.preset not in WORLDS:
+    preset = wish.preset or _DEFAULT_PRESET
+    if preset not in WORLDS:
         raise ConfigurationError(f"--preset {wish.preset!r}: expected one of {', '.join(WORLDS)}")
     if wish.duration_s is not None and not 0.5 <= wish.duration_s <= 86_400:
         raise ConfigurationError(f"--duration {wish.duration_s:g}: expected 0.5 to 86400 s")
-    scale = _GUIDEWIRE_SCALE if wish.preset == "guidewire" else 1.0
-    slave_axis: dict[str, Any] = {"name": AXIS, "seed": wish.seed, "simulation": {"preset": wish.preset}}
+    scale = _GUIDEWIRE_SCALE if preset == "guidewire" else 1.0
+    limits = {"max_force_n": _WORLD_MAX_N[preset]}
+    slave_axis: dict[str, Any] = {
+        "name": AXIS,
+        "seed": wish.seed,
+        "limits": limits,
+        "simulation": {"preset": preset},
+    }
     master_axis: dict[str, Any] = {
         "name": AXIS,
+        "limits": limits,
         "handle": {"driver": "operator", "seed": wish.seed},
         "rendering": {"force_scale": scale, "max_force_n": _HAND_MAX_N},
     }
@@ -119,7 +130,7 @@ def _metadata(wish: Wish) -> dict[str, str]:
     return {
         "seed": str(wish.seed),
         "impairment": wish.impairment,
-        "preset": wish.preset,
+        "preset": wish.preset or _DEFAULT_PRESET,
         "recording": wish.recording.name if wish.recording else "none: synthetic operator",
         "slave_model": wish.slave_model.name if wish.slave_model else "preset",
         "master_model": wish.master_model.name if wish.master_model else "m, b, k, bias and friction",
@@ -128,6 +139,7 @@ def _metadata(wish: Wish) -> dict[str, str]:
 
 def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
     if wish.slave_model is not None:
+        load_model(wish.slave_model)  # for an error that names the file and nothing around it
         slave_axis["simulation"]["model"] = str(wish.slave_model.resolve())
     if wish.master_model is not None:
         if not load_model(wish.master_model).runtime().linear_names:
@@ -141,7 +153,7 @@ def _play(
     """Limits and scale from the recording; the recorded force in place of the simulated one where there is
     one.
     """
-    limits = recording_limits(recording)
+    limits = recording_limits(recording, slave_axis["limits"]["max_force_n"])
     source: dict[str, Any] = {"recording": str(Path(wish.recording or "").resolve())}
     if wish.columns is not None:
         source["columns"] = {
@@ -170,6 +182,7 @@ def _play(
     }
     if recording.force_n is None:
         return (*_notes(recording, limits), "no force column: the motion drives the simulated vessel")
+    _refuse_world_options(wish)
     sign = resisting_sign(recording)
     slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}
     slave_axis["gate"]["force_timeout_s"] = None
@@ -180,6 +193,16 @@ def _play(
     notes = (*_notes(recording, limits), f"force scale to the hand {scale:.3g}")
     turned = "force sign turned: as recorded the contact would give energy; here positive resists insertion"
     return notes if sign > 0 else (*notes, turned)
+
+
+def _refuse_world_options(wish: Wish) -> None:
+    """Recorded forces take the place of the simulated instrument."""
+    for option, value in (("--preset", wish.preset), ("--slave-model", wish.slave_model)):
+        if value is not None:
+            raise ConfigurationError(
+                f"{option} {value}: the recording has forces, nothing is simulated; "
+                "expected one of them (--time and --position alone leave out the forces)"
+            )
 
 
 def resisting_sign(recording: Recording) -> Literal[1, -1]:
@@ -195,8 +218,11 @@ def resisting_sign(recording: Recording) -> Literal[1, -1]:
     return -1 if work_j < 0 else 1
 
 
-def recording_limits(recording: Recording) -> dict[str, Any]:
-    """Limits that let the recorded motion through: range, speed, steps of speed, force, with margins."""
+def recording_limits(recording: Recording, world_max_n: float) -> dict[str, Any]:
+    """Limits that let the recorded motion through: range, speed, steps of speed, force, with margins.
+
+    `world_max_n`: the force limit where no force was recorded.
+    """
     low, high = float(recording.position_m.min()), float(recording.position_m.max())
     margin = max(0.05 * (high - low), 1e-5)
     speed, step = 0.0, 0.0
@@ -204,12 +230,13 @@ def recording_limits(recording: Recording) -> dict[str, Any]:
         velocity = np.diff(recording.position_m[piece]) / np.diff(recording.time_s[piece])
         speed = max(speed, float(np.max(np.abs(velocity), initial=0.0)))
         step = max(step, float(np.max(np.abs(np.diff(velocity)), initial=0.0)))
-    strongest = 2.5 if recording.force_n is None else float(np.max(np.abs(recording.force_n)))
+    forces_n = recording.force_n
+    strongest_n = None if forces_n is None else float(np.max(np.abs(forces_n)))
     return {
         "workspace_m": (low - margin, high + margin),
         "max_velocity_m_s": _round_up(max(1.5 * speed, 0.005)),
         "max_acceleration_m_s2": _round_up(max(1.5 * step / 1e-3, 1.0)),
-        "max_force_n": _round_up(max(1.2 * strongest, 0.01)),
+        "max_force_n": world_max_n if strongest_n is None else _round_up(max(1.2 * strongest_n, 0.01)),
     }
 
 

@@ -43,15 +43,14 @@ def run_real(plan: Plan, out: Path, progress: Progress) -> None:
     """
     endpoints = tuple(f"tcp/127.0.0.1:{port}" for port in _free_ports(2))
     plan = _with_endpoints(plan, *endpoints)
-    paths = plan.write(out)
-    recorder = Recorder(
-        out / "recording.mcap", plan.slave["cell"], TransportSettings(listen=(endpoints[1],)), plan.metadata
-    )
-    children = [
-        _Child("slave", paths[0], out, None),
-        _Child("master", paths[1], out, plan.duration_s),
-    ]
     with interruptible() as ignore_signals:
+        paths = plan.write(out)
+        children = [
+            _Child("slave", paths[0], out, None),
+            _Child("master", paths[1], out, plan.duration_s),
+        ]
+        listening = TransportSettings(listen=(endpoints[1],))
+        recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.metadata)
         try:
             for child in children:
                 child.start()

@@ -46,6 +46,12 @@ def _prefixed(role: str, state: SlaveState | MasterState | None) -> dict[str, in
     return {f"{role}_{name}": count for name, count in state.counters.items()} if state else {}
 
 
+def recorder_counters(run: Run) -> dict[str, int]:
+    """What the recorder heard and could not write, where it said so."""
+    said = run.metadata.get("recorder", {})
+    return {f"recorder_{name}": int(n) for name, n in sorted(said.items()) if n.isdecimal()}
+
+
 def impairment_counters(run: Run) -> dict[str, int]:
     """Messages that passed each impaired link, and how many of them were lost or duplicated; sorted."""
     counts: Counter[str] = Counter()

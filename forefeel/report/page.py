@@ -1,14 +1,18 @@
 """report.json and report.html of a run."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from common.recording.mcap_reader import Run, read_run
 from forefeel.files import write_whole
+from forefeel.interrupt import postponed
 from forefeel.report.figures import axis_drawings, loop_drawings
 from forefeel.report.model import RunReport
 from forefeel.report.summary import last_timing, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import axis_traces
+
+FILES = ("report.json", "report.html")
 
 
 def write_report(run_path: Path, out_dir: Path) -> RunReport:
@@ -20,12 +24,27 @@ def write_report(run_path: Path, out_dir: Path) -> RunReport:
         RecordingError: the recording can not be read.
         RunError: the files can not be written.
     """
-    run = read_run(run_path)
-    report = summarise(run)
-    page = render_page(report, run)
-    write_whole(out_dir / "report.json", report.to_json())
-    write_whole(out_dir / "report.html", page)
+    report, pages = make_pages(read_run(run_path))
+    write_pages(pages, out_dir)
     return report
+
+
+def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:
+    """The report of a run, and the text of each of `FILES`.
+
+    Raises:
+        RecordingError: a message in the run is not what its topic carries.
+    """
+    report = summarise(run)
+    texts = report.to_json(), render_page(report, run)
+    return report, dict(zip(FILES, texts, strict=True))
+
+
+def write_pages(pages: Mapping[str, str], out_dir: Path) -> None:
+    """Writes every text to its file. Raises RunError when one can not be written."""
+    with postponed():
+        for name, text in pages.items():
+            write_whole(out_dir / name, text)
 
 
 def render_page(report: RunReport, run: Run) -> str:

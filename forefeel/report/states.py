@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from common.messages import SafetyState
 
+START_S = 5.0
+"""How long a slave may take from the opened session to the first arming."""
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -42,6 +45,7 @@ def _append(found: list[Span], span: Span) -> None:
 def armed_share(found: list[Span], clutched_s: float) -> float | None:
     """Time armed over the time that could have been: from the first arming to the end, less `clutched_s`.
 
+    Who has not armed START_S after the session was opened could have.
     `clutched_s`: time that the operator chose to spend with the clutch open. At most 1: as the master sees
     the slave's state late, a few ms of that time may count as armed too. None when never armed.
     """
@@ -49,5 +53,7 @@ def armed_share(found: list[Span], clutched_s: float) -> float | None:
     if not armed:
         return None
     armed_ns = sum(span.end_ns - span.start_ns for span in armed)
-    possible_s = (found[-1].end_ns - armed[0].start_ns) * 1e-9 - clutched_s
+    opened_ns = next(span.start_ns for span in found if span.state not in (None, SafetyState.IDLE))
+    start_ns = min(armed[0].start_ns, opened_ns + int(START_S * 1e9))
+    possible_s = (found[-1].end_ns - start_ns) * 1e-9 - clutched_s
     return min(1.0, armed_ns * 1e-9 / possible_s) if possible_s > 0 else None

@@ -21,7 +21,7 @@ from common.topics import (
     SLAVE_TIMING,
     Topic,
 )
-from forefeel.report.counters import axis_counters, impairment_counters, last
+from forefeel.report.counters import axis_counters, impairment_counters, last, recorder_counters
 from forefeel.report.model import (
     AxisReport,
     ClockFigures,
@@ -72,7 +72,7 @@ def summarise(run: Run) -> RunReport:
         "seed": of_run.get("seed"),
         "impairment": of_run.get("impairment"),
         "loop": Loops(**{role: _loop(last_timing(run, role)) for role in _TIMINGS}),
-        "counters": first.counters | impairment_counters(run),
+        "counters": first.counters | impairment_counters(run) | recorder_counters(run),
         "metadata": metadata,
         "axes": axes,
     }

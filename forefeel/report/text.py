@@ -3,7 +3,9 @@
 from pathlib import Path
 
 from common.error_size import ErrorSize
+from common.limiter import MOTION_RULES
 from forefeel.report.model import LoopFigures, RunReport
+from forefeel.report.states import START_S
 from forefeel.report.wording import micros, quantity, ratio, share
 
 DISCLAIMER = "Research software, not a medical device."
@@ -21,7 +23,7 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
         f"settled {ratio(report.settled.ratio.rms)}",
         f"Delay      {quantity(report.delay_s.p50, 's')} median, {quantity(report.delay_s.p99, 's')} p99, "
         f"{quantity(report.delay_s.max, 's')} max; force age {quantity(report.force_age_s.p50, 's')} median",
-        f"Armed      {share(report.armed_share)} of the time; "
+        f"Armed      {share(report.armed_share)} since the first arming (or {START_S:g} s); "
         f"{_count(report.stops)} stops that the operator did not choose",
         f"Loops      p50 / p99 late: {_loop('master', report.loop.master)}; "
         f"{_loop('slave', report.loop.slave)}",
@@ -63,7 +65,7 @@ def _counters(report: RunReport) -> str:
         return sum(n for name, n in report.counters.items() if name.startswith(start) and name.endswith(end))
 
     return (
-        f"{total('limit_')} limited, {total('slave_refused_')} refused, "
+        f"{sum(total(f'limit_{rule}') for rule in MOTION_RULES)} limited, {total('slave_refused_')} refused, "
         f"{total('impairment_', '_lost')} lost and "
         f"{total('impairment_', '_duplicated')} duplicated on purpose"
     )

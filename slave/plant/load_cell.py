@@ -5,10 +5,7 @@ from random import Random
 
 from common.effects.first_order import FirstOrderLag
 from slave.load_cells.port import LoadCellReading
-from slave.plant.settings import LoadCellSettings
-
-_VALID_SHARE = 0.95
-"""Beyond this share of full scale a reading is not to be believed."""
+from slave.plant.settings import VALID_SHARE, LoadCellSettings
 
 
 class PlantLoadCell:
@@ -30,4 +27,4 @@ class PlantLoadCell:
         seen_n = self.filtered.value + settings.bias_n + settings.drift_n_s * t + noise_n
         most = self._most_counts
         raw = max(-most, min(most, round(seen_n / self._newton_per_count)))
-        self.reading = LoadCellReading(raw * self._newton_per_count, raw, abs(raw) <= _VALID_SHARE * most)
+        self.reading = LoadCellReading(raw * self._newton_per_count, raw, abs(raw) <= VALID_SHARE * most)

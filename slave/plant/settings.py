@@ -13,6 +13,8 @@ from common.model_file import load_model
 from slave.plant.presets import PRESETS
 
 PresetName = Literal["catheter", "guidewire"]
+VALID_SHARE = 0.95
+"""Share of full scale up to which a reading is to be believed."""
 Position = Annotated[float, Field(ge=-1.0, le=1.0)]
 
 
@@ -67,6 +69,11 @@ class LoadCellSettings(Settings):
     noise_n: Annotated[float, Field(ge=0.0, le=10.0)]
     bias_n: Annotated[float, Field(ge=-100.0, le=100.0)]
     drift_n_s: Annotated[float, Field(ge=-1.0, le=1.0)]
+
+    @property
+    def most_valid_n(self) -> float:
+        """Beyond it a reading is not to be believed: the cell saturates soon."""
+        return VALID_SHARE * self.full_scale_n
 
 
 class WorldSettings(Settings):

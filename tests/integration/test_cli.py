@@ -2,7 +2,6 @@
 
 import shlex
 import socket
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,38 +14,16 @@ from typer.testing import CliRunner
 
 from common.config import dump_yaml
 from common.recording.mcap_writer import RunWriter
-from forefeel.__main__ import main
 from forefeel.cli import app, load_daemon
 from tests.unit.recording_samples import force, put
 
 COMMANDS = [
-    ["slave"],
-    ["master"],
-    ["config", "check"],
-    ["record"],
-    ["loopback"],
-    ["evaluate"],
-    ["reproduce"],
-    ["simulate"],
-]
+    ["slave"], ["master"], ["config", "check"], ["record"], ["report"],
+    ["loopback"], ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
+]  # fmt: skip
 ROOT = Path(__file__).parents[2]
 SLAVE = "role: slave\ntransport: {listen: ['tcp/127.0.0.1:0']}\n"
 RECORDING = "time_s,position_m,force_n\n0.0,0.0,0.1\n0.01,0.001,0.2\n0.02,0.002,0.3\n"
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[str]], int]:
-    """Runs the command line in this process as the installed script does; its exit code."""
-    # what a daemon asks of the operating system would stay with this process
-    monkeypatch.setattr("common.runtime.real.prepare_process", lambda: "left alone")
-
-    def run(arguments: Sequence[str]) -> int:
-        monkeypatch.setattr(sys, "argv", ["forefeel", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code if isinstance(ended.value.code, int) else 0
-
-    return run
 
 
 def contents(folder: Path) -> dict[Path, bytes | None]:
@@ -264,6 +241,11 @@ BAD = {
             "run.csv": "time_s,position_m\n0,0\n0.01,0\n",
         },
     ),
+    "slave of a replay without impairment": Bad(
+        "slave --config @/file.yaml",
+        ("run.mcap", "no impairment of the slave's links"),
+        {"file.yaml": "role: slave\nimpairment: {replay: run.mcap}\n", "run.mcap": "@an empty run"},
+    ),
     "slave of a replay that is no run": Bad(
         "slave --config @/file.yaml",
         ("no.mcap",),
@@ -292,6 +274,9 @@ BAD = {
     "record for a negative duration": Bad(
         "record --out @/r.mcap --connect tcp/127.0.0.1:9 --duration -1", ("--duration",)
     ),
+    # --- report ---
+    "report of nothing": Bad("report @/none.mcap --out @/out", ("none.mcap", "No such file")),
+    "report of a table": Bad("report @/run.csv --out @/out", ("run.csv", "MCAP"), {"run.csv": RECORDING}),
     # --- loopback ---
     "loopback impairment": Bad(f"{LOOPBACK} --impairment mars", ("--impairment", "mars", "satellite")),
     "loopback preset": Bad(f"{LOOPBACK} --preset mars", ("--preset", "mars", "guidewire")),
@@ -315,6 +300,22 @@ BAD = {
         f"{LOOPBACK} --master-model @/m.yaml",
         ("m.yaml", "no linear parameter"),
         {"m.yaml": MODEL + "  - effect: contact_loss\n"},
+    ),
+    "loopback of a file that is no model": Bad(
+        f"{LOOPBACK} --slave-model @/m.yaml",
+        ("forefeel: /", "m.yaml: model: schema"),
+        {"m.yaml": "name: x\n"},
+    ),
+    "a column of no recording": Bad(f"{LOOPBACK} --force N:load", ("--force N:load", "--recording")),
+    "a preset beside recorded forces": Bad(
+        f"{LOOPBACK} --recording @/run.csv --preset guidewire",
+        ("--preset guidewire", "has forces"),
+        {"run.csv": RECORDING},
+    ),
+    "a world beside recorded forces": Bad(
+        f"{LOOPBACK} --recording @/run.csv --slave-model @/m.yaml",
+        ("--slave-model", "m.yaml", "has forces"),
+        {"run.csv": RECORDING, "m.yaml": MODEL + "  - effect: contact_loss\n"},
     ),
     "recording missing": Bad(f"{LOOPBACK} --recording @/none.csv", ("none.csv", "No such file")),
     "recording of another kind": Bad(f"{LOOPBACK} --recording @/a.txt", ("a.txt", ".csv"), {"a.txt": "x"}),
@@ -349,7 +350,11 @@ def test_bad_input_is_one_line_and_leaves_nothing_behind(
 ) -> None:
     for name, text in bad.files.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text)
+        if text == "@an empty run":
+            with RunWriter(tmp_path / name) as writer:
+                put(writer, force(1))
+        else:
+            (tmp_path / name).write_text(text)
     before = contents(tmp_path)
     assert run(bad.arguments.replace("@", str(tmp_path)).split()) == 2
     shown = capsys.readouterr()

@@ -219,7 +219,7 @@ def test_both_ends_start_quickly_and_stay_small(cell: Cell) -> None:
     master = cell.master()
     cell.wait_for("armed")
     assert slave.resident_mb() < 150
-    assert master.resident_mb() < 150
+    assert master.resident_mb() < 250  # it carries the compiled predictor
 
 
 def test_the_slave_stops_when_the_master_is_killed_and_a_new_one_takes_over(cell: Cell) -> None:
@@ -255,11 +255,15 @@ def test_the_master_waits_visibly_when_the_slave_is_killed_and_works_with_a_new_
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_each_end_ends_in_order_the_master_first(cell: Cell, number: signal.Signals) -> None:
     slave, master = cell.pair()
+    for end, who in ((slave, "slave: axis insertion: "), (master, "master: axis insertion: slave ")):
+        wait_until(lambda end=end, who=who: end.says(f"{who}engaging -> armed, engaged: ramp done"))  # type: ignore[misc]
+    assert slave.says("slave: axis insertion: session open")
     cell.heard.clear()
     assert master.end(number) == (0, "master: handle released, closed")
     wait_until(lambda: "at_rest" in cell.events())
     assert cell.events()[:2] == ["release", "at_rest"]
     assert slave.end(number) == (0, "slave: stage at rest, closed")
+    assert slave.says("armed -> stopping, release: deadman released")
 
 
 def test_a_slave_that_ends_while_armed_comes_to_rest_first(cell: Cell) -> None:

@@ -69,12 +69,13 @@ def _is(key: str, axis: str, topic: Topic[Any]) -> bool:
 
 
 class Cable:
-    """A link of constant delay that holds everything back (`stalls`) or loses it (`cuts`) in spans of time,
+    """A link of one delay that holds everything back (`stalls`) or loses it (`cuts`) in spans of time,
     in s of the virtual clock.
     """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
+        self.delay_s = DELAY_S
         self.stalls: list[tuple[float, float]] = []
         self.cuts: list[tuple[float, float]] = []
 
@@ -84,7 +85,7 @@ class Cable:
         if any(start <= now_s < end for start, end in self.cuts):
             return ()
         waits_s = [end - now_s for start, end in self.stalls if start <= now_s < end]
-        return (round((max(waits_s, default=0.0) + DELAY_S) * S),)
+        return (round((max(waits_s, default=0.0) + self.delay_s) * S),)
 
 
 class HostClock:

@@ -16,6 +16,7 @@ from common.topics import (
     LIMIT_EVENT,
     MASTER_STATE,
     PARAMETERS,
+    SAFETY_EVENT,
     SLAVE_STATE,
 )
 from tests.simulation.pair import DELAY_S, OVERSHOOT, Pair, S
@@ -50,6 +51,24 @@ def test_the_stage_never_leaves_limits_that_the_operator_would() -> None:
     assert {"workspace", "velocity", "acceleration", "force"} <= rules
     published = sum(event.count for event in pair.heard.messages(LIMIT_EVENT))
     assert 0 <= pair.heard.messages(SLAVE_STATE)[-1].counters["limit_interventions"] - published < 400
+
+
+def test_a_load_cell_that_saturates_does_not_let_the_stage_go_on() -> None:
+    """The force limit lies at the end of what the cell measures, and the stage brakes beyond it."""
+    limits = {"max_force_n": 0.15}
+    world = {"load_cell": {"full_scale_n": 0.158}}
+    pair = Pair({"axes": [{"limits": limits, "simulation": world}]}, limited(**limits))
+    pair.run(4)
+    (fault_s,) = pair.heard.times("fault")  # blind for 200 ms
+    time_s, valid, position_m = (
+        pair.heard.column(FORCE, name) for name in ("stamp_ns", "valid", "position_m")
+    )
+    last = time_s / S < fault_s
+    blind = int(last.sum()) - 1 - int(np.argmax(valid[last][::-1]))  # of the last valid force
+    assert last.sum() - blind > 190
+    asked = [m for m in pair.heard.messages(COMMAND) if m.stamp_ns / S < fault_s]
+    assert asked[-1].position_m > position_m[blind] + 0.005
+    assert position_m[last][-1] - position_m[blind] < 0.0005  # the way to brake, and the servo's lag
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +136,34 @@ def test_a_session_that_a_stall_outlived_is_replaced(
     sessions = {sample.session_id for sample in pair.heard.messages(COMMAND)}
     assert len(sessions) == 2
     assert pair.heard.messages(SLAVE_STATE)[-1].counters["handshakes_accepted"] >= 2
+
+
+def test_a_way_that_became_longer_for_good_stops_and_is_measured_anew_by_a_new_session() -> None:
+    pair = Pair()
+    start_s = pair.run(2.5)
+    pair.to_slave.delay_s = DELAY_S + 0.150
+    pair.run(7.5)
+    lost = [m for m in pair.heard.messages(SAFETY_EVENT) if m.event == "session_lost"]
+    assert start_s < pair.heard.times("watchdog")[0] < start_s + 0.150 + 0.1
+    assert [m.before.value for m in lost] == ["ready"]
+    assert lost[0].reason.startswith("commands come late all the time")
+    assert start_s + 3.0 < lost[0].stamp_ns / S < start_s + 3.5
+    assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert len({sample.session_id for sample in pair.heard.messages(COMMAND)}) == 2
+    delay_s = pair.heard.column(HAPTICS, "delay_s")[-1]
+    assert delay_s == pytest.approx(2 * DELAY_S + 0.150, abs=3 * TICK_S)
+
+
+def test_a_delay_that_creeps_up_stops_the_stage_and_is_not_followed_for_ever() -> None:
+    pair = Pair()
+    pair.run(2.5)
+    for _ in range(300):  # 30 ms a second, in 3 s less than 100 ms
+        pair.to_slave.delay_s += 0.003
+        pair.run(0.1)
+        if pair.heard.times("watchdog"):
+            break
+    assert pair.to_slave.delay_s == pytest.approx(DELAY_S + MAX_AGE_S, abs=0.010)
+    assert pair.heard.messages(SLAVE_STATE)[-1].counters["refused_late"] > 0
 
 
 def test_forces_that_stand_still_fade_from_the_hand_and_the_slave_is_let_go() -> None:

@@ -136,6 +136,18 @@ def test_no_preset_moves_the_stage_outside_its_limits() -> None:
         assert np.abs(np.diff(velocity_m_s)).max() <= OVERSHOOT * 8.0 * TICK_S
 
 
+@pytest.mark.parametrize("recorded", [False, True])
+@pytest.mark.parametrize(("preset", "limit_n"), [("catheter", 3.0), ("guidewire", 0.3)])
+def test_each_simulated_instrument_has_a_force_limit_of_its_own_on_both_ends(
+    tmp_path: Path, preset: str, limit_n: float, recorded: bool
+) -> None:
+    path = write_csv(tmp_path / "run.csv", "time_s,position_m", [GAPPED_S, 0.005 * np.sin(GAPPED_S)])
+    plan = make_plan(Wish(preset=preset, recording=path if recorded else None))
+    (slave,), (master,) = plan.slave_settings().axes, plan.master_settings().axes
+    assert slave.limits == master.limits
+    assert slave.limits.max_force_n == limit_n
+
+
 GAPPED_S = np.concatenate([np.arange(0.0, 1.2, 0.01), np.arange(1.7, 2.7, 0.01)])
 
 

@@ -54,7 +54,10 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("name: a\nspeed: 1\n", "machine.yaml:2: speed: unknown key"),
+        (
+            "name: a\nspeed: 1\n",
+            "machine.yaml:2: speed: unknown key, expected one of count, name, notes, parts, ratio, span_m",
+        ),
         ("count: 1\n", "machine.yaml:1: name: missing, a value is required"),
         (
             "name: a\ncount: -1\n",
@@ -69,16 +72,21 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
         ("name: a\nratio: -.inf\n", "machine.yaml:2: ratio = -inf: input should be a finite number"),
         ("name: a\nratio:\n", "machine.yaml:2: ratio = None: input should be a valid number"),
         ("name: a\nratio: [1]\n", "machine.yaml:2: ratio = a list: input should be a valid number"),
+        ('name: a\nratio: "1.0"\n', "machine.yaml:2: ratio = '1.0': expected a number, not text"),
+        ("name: a\nspan_m: [0, '1e3']\n", "machine.yaml:2: span_m = [0, '1e3']: expected a number, not text"),
+        (
+            "name: a\nparts:\n  - kind: drive\n    speed_m: 2\n",
+            "machine.yaml:4: parts[0].speed_m: unknown key, expected speed_m_s",
+        ),
+        ("name: a\nratioo: 2\n", "machine.yaml:2: ratioo: unknown key, expected ratio"),
         ("name: 3\n", "machine.yaml:1: name = 3: input should be a valid string"),
         (
             "name: a\nratio: on\n",
-            "machine.yaml:1: (whole file) = a dict: "
-            "ratio = True: expected no truth value (YAML reads yes and on as true)",
+            "machine.yaml:2: ratio = True: expected no truth value (YAML reads yes and on as true)",
         ),
         (
             "name: a\nspan_m: [no, 1]\n",
-            "machine.yaml:1: (whole file) = a dict: "
-            "span_m = [False, 1]: expected no truth value (YAML reads yes and on as true)",
+            "machine.yaml:2: span_m = [False, 1]: expected no truth value (YAML reads yes and on as true)",
         ),
         (
             "name: a/b\n",
@@ -100,7 +108,7 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
         ),
         (
             "name: a\nparts:\n  - kind: drive\n    torque: 2\n",
-            "machine.yaml:4: parts[0].torque: unknown key",
+            "machine.yaml:4: parts[0].torque: unknown key, expected one of kind, speed_m_s",
         ),
         (
             "name: a\nnotes: nowhere.txt\n",
@@ -108,7 +116,10 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
             "expected a file that exists (relative to this configuration file)",
         ),
         ("name: a\nname: b\n", "machine.yaml:2: name: the key stands twice; expected it once"),
-        ('name: a\n"b\\nc": 1\n', "machine.yaml:2: b\\nc: unknown key"),
+        (
+            'name: a\n"b\\nc": 1\n',
+            "machine.yaml:2: b\\nc: unknown key, expected one of count, name, notes, parts, ratio, span_m",
+        ),
         (
             'name: a\n"b\\nc": 1\n"b\\nc": 2\n',
             "machine.yaml:3: b\\nc: the key stands twice; expected it once",
@@ -117,10 +128,10 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
             "name: a\nparts: [{kind: drive, kind: brake}]\n",
             "machine.yaml:2: kind: the key stands twice; expected it once",
         ),
-        ("", "machine.yaml:1: NoneType; expected a mapping of settings"),
-        ("# only a comment\n", "machine.yaml:1: NoneType; expected a mapping of settings"),
-        ("- name\n", "machine.yaml:1: list; expected a mapping of settings"),
-        ("just words\n", "machine.yaml:1: str; expected a mapping of settings"),
+        ("", "machine.yaml:1: empty; expected a mapping of settings"),
+        ("# only a comment\n", "machine.yaml:1: empty; expected a mapping of settings"),
+        ("- name\n", "machine.yaml:1: a list; expected a mapping of settings"),
+        ("just words\n", "machine.yaml:1: text; expected a mapping of settings"),
         ("name: a\n? [b]\n: 1\n", "machine.yaml:2: a sequence as key; expected the name of a setting"),
         ("name: a\n{b: 1}: 1\n", "machine.yaml:2: a mapping as key; expected the name of a setting"),
         (
@@ -155,6 +166,18 @@ def test_a_mistake_is_one_line_that_says_where_what_and_what_was_expected(
     assert mistake(tmp_path, text) == expected
 
 
+def test_text_that_looks_like_a_number_stays_text_where_text_belongs(tmp_path: Path) -> None:
+    assert load_settings(Machine, written(tmp_path, "name: '3'\n")).name == "3"
+
+
+@pytest.mark.parametrize("where", ["inbound", "outbound"])
+def test_a_replay_stands_for_both_directions(tmp_path: Path, where: str) -> None:
+    (tmp_path / "run.mcap").touch()
+    text = f"impairment:\n  replay: run.mcap\n  {where}: lan\n"
+    with pytest.raises(ConfigurationError, match="yaml:2: impairment: replay: expected neither inbound nor"):
+        load_settings(SlaveSettings, written(tmp_path, text))
+
+
 def test_a_truth_value_is_read_where_one_belongs(tmp_path: Path) -> None:
     class Switch(Settings):
         on: bool = False
@@ -187,9 +210,7 @@ def test_a_rule_over_several_values_names_the_mapping(tmp_path: Path) -> None:
     path.write_text("kind: rotation\nworkspace_m: [1, 0]\n")
     with pytest.raises(ConfigurationError) as caught:
         load_settings(AxisLimits, path)
-    assert str(caught.value) == (
-        f"{path}:1: (whole file) = a dict: workspace_m = [1.0, 0.0]: expected [low, high] with low < high"
-    )
+    assert str(caught.value) == (f"{path}:2: workspace_m = [1.0, 0.0]: expected [low, high] with low < high")
 
 
 @given(st.binary(max_size=60))
@@ -292,9 +313,22 @@ def test_a_hand_force_that_could_not_fade_in_time_is_refused(tmp_path: Path) -> 
     with pytest.raises(ConfigurationError) as caught:
         load_settings(MasterSettings, written(tmp_path, text))
     assert str(caught.value).endswith(
-        "machine.yaml:2: axes[0].rendering = a dict: "
-        "fade_s = 0.2: expected at least max_force_n / max_slew_n_s = 0.4"
+        "machine.yaml:2: axes[0].rendering: fade_s = 0.2: expected at least max_force_n / max_slew_n_s = 0.4"
     )
+
+
+def test_a_force_limit_that_the_simulated_load_cell_can_not_measure_is_refused(tmp_path: Path) -> None:
+    text = "axes:\n  - simulation: {preset: guidewire}\n    limits: {max_force_n: %s}\n"
+    load_settings(SlaveSettings, written(tmp_path, text % 0.475))
+    with pytest.raises(ConfigurationError) as caught:
+        load_settings(SlaveSettings, written(tmp_path, text % 0.476))
+    assert str(caught.value).endswith(
+        "limits.max_force_n = 0.476: expected at most 0.475, what the load cell can measure "
+        "(95% of simulation.load_cell.full_scale_n)"
+    )
+    (tmp_path / "run.csv").write_text("")
+    recorded = text % 9.0 + "    load_cell: {driver: recorded, recording: run.csv}\n"
+    load_settings(SlaveSettings, written(tmp_path, recorded))
 
 
 TREE = st.recursive(

@@ -192,6 +192,17 @@ def test_jitter_of_the_network_is_no_jitter_of_the_stage() -> None:
 # --- stops ---
 
 
+def test_a_round_trip_that_grows_beyond_the_limit_stops() -> None:
+    rig = Rig().moving()
+    rig.clock = OffsetEstimate(0, 350 * MS)
+    rig.held(1, rig.stage_m)
+    assert rig.state() is S.ARMED
+    rig.clock = OffsetEstimate(0, 350 * MS + 1)
+    rig.held(1, rig.stage_m)
+    assert (rig.state(), rig.reason, rig.events) == (S.STOPPING, "round trip 700 ms", ["round_trip"])
+    assert rig.control.stops == 1
+
+
 def test_a_release_stops_at_the_configured_deceleration_and_is_no_stop_of_the_machine() -> None:
     rig = Rig().moving(0.1)
     start_m, speed_m_s = rig.stage_m, rig.out.velocity_m_s
@@ -202,6 +213,25 @@ def test_a_release_stops_at_the_configured_deceleration_and_is_no_stop_of_the_ma
     assert rig.state() is S.READY
     assert rest_m - start_m == pytest.approx(speed_m_s**2 / 8.0, rel=0.05)
     assert (rig.events, rig.control.stops) == (["release", "at_rest"], 0)
+
+
+@pytest.mark.parametrize("away_m", [0.0, 0.03])
+def test_a_release_stops_though_a_press_came_in_the_same_tick(away_m: float) -> None:
+    rig = Rig().moving(0.1)
+    before_m = rig.stage_m
+    rig.tick(rig.command(rig.stage_m + away_m, True), released=True)
+    assert (rig.state(), rig.events) == (S.STOPPING, ["release"])
+    rig.held(300, before_m + away_m)  # a press that nobody let go of since
+    assert rig.state() is S.READY
+    assert rig.stage_m - before_m < 0.1**2 / 8.0 + 1e-4
+    assert rig.control.stops == 0
+
+
+def test_a_release_and_an_aligned_press_in_one_tick_engage() -> None:
+    rig = Rig()
+    rig.held(5)
+    rig.tick(rig.command(rig.stage_m, True), released=True)
+    assert rig.state() is S.ENGAGING
 
 
 def test_the_watchdog_fires_in_the_first_tick_beyond_60_ms() -> None:
@@ -401,9 +431,53 @@ def test_above_the_force_limit_the_stage_does_not_go_on_and_says_so() -> None:
     assert rig.out.target_m == pytest.approx(START_M + 0.005, abs=1e-6)
 
 
-def test_an_invalid_force_does_not_act_as_a_force() -> None:
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("seen_n", "blind_n"),
+    [(3.5, 9.9), (3.5, 0.0), (2.75, 0.0), (0.1, 4.9), (2.75, -1.0)],
+    ids=[
+        "saturated above the limit",
+        "lost above it",
+        "lost near it",
+        "saturated at once",
+        "nonsense near it",
+    ],
+)
+def test_a_blind_load_cell_lifts_no_force_limit_and_lets_the_stage_relieve(
+    seen_n: float, blind_n: float, sign: int
+) -> None:
     rig = Rig().armed()
-    rig.force_n, rig.force_valid = 99.0, False
+    rig.force_n = sign * seen_n
+    rig.held(20)
+    rig.force_n, rig.force_valid = sign * blind_n, False
+    rig.held(90, START_M + sign * 0.01)
+    assert rig.out.target_m == pytest.approx(START_M, abs=1e-6)
+    assert set(rig.rules) == {"force"}
+    rig.held(90, START_M - sign * 0.002)
+    assert rig.out.target_m == pytest.approx(START_M - sign * 0.002, abs=1e-6)
+    assert rig.state() is S.ARMED
+
+
+def test_what_a_saturated_load_cell_said_outlasts_its_silence_until_a_force_is_valid_again() -> None:
+    rig = Rig().armed()
+    rig.force_n, rig.force_valid = 4.9, False
+    rig.held(5, START_M + 0.002)
+    rig.force_n = 0.0
+    rig.held(100, START_M + 0.002)
+    assert rig.out.target_m == pytest.approx(START_M, abs=1e-6)
+    rig.force_n, rig.force_valid = 0.1, True
+    rig.held(100, START_M + 0.002)
+    assert rig.out.target_m == pytest.approx(START_M + 0.002, abs=1e-6)
+
+
+@pytest.mark.parametrize(("timeout_s", "seen_n"), [(0.2, 0.1), (None, 3.5)])
+def test_blind_the_stage_follows_far_from_the_limit_or_where_no_force_is_asked_for(
+    timeout_s: float | None, seen_n: float
+) -> None:
+    rig = Rig(gate=GateSettings(force_timeout_s=timeout_s)).armed()
+    rig.force_n = seen_n
+    rig.held(2)
+    rig.force_n, rig.force_valid = 0.0, False
     rig.held(100, START_M + 0.002)
     assert rig.out.target_m == pytest.approx(START_M + 0.002, abs=1e-6)
 

@@ -1,4 +1,4 @@
-"""The pieces of the diagnosis against oracles: filters, noise, blocks, faults, variable projection, verdicts."""
+"""The pieces of the diagnosis against oracles: filters, noise, faults, variable projection, verdicts."""
 
 import numpy as np
 import pytest

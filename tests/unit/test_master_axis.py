@@ -11,7 +11,7 @@ from common.clock import VirtualClock
 from common.effects.model import ContactModel
 from common.errors import DeviceError
 from common.estimation.forecast import Estimate
-from common.estimation.identification import ContactEstimate, ContactIdentifier, IdentificationSettings
+from common.estimation.identification import ContactIdentifier, IdentificationSettings
 from common.messages import (
     EmergencyStop,
     ForceSample,
@@ -31,6 +31,7 @@ from master.axis import MasterAxis
 from master.handles.port import HandleReading, Indication
 from master.haptics import HapticLoop
 from master.identification import IdentificationTask
+from master.prediction import Present
 from master.session import Link
 from master.settings import MasterAxisSettings, RenderingSettings
 
@@ -82,16 +83,8 @@ class FakePredictor:
     def __init__(self) -> None:
         self.answer: float | None = 1.0
 
-    def predict(
-        self,
-        stamp_ns: int,
-        position_m: float,
-        velocity_m_s: float,
-        deadman: bool,
-        estimate: ContactEstimate | None,
-        newest: ForceSample | None,
-    ) -> Estimate | None:
-        del stamp_ns, position_m, velocity_m_s, deadman, estimate, newest
+    def predict(self, present: Present) -> Estimate | None:
+        del present
         if self.answer is None:
             return None
         return Estimate(self.answer, self.answer - 0.5, self.answer + 0.25, "friction")

@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.estimation.forecast import Estimate
-from common.estimation.identification import ContactEstimate
 from common.messages import ForceSample, Grip, SafetyState
 from master.handles.port import HandleReading
 from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
+from master.prediction import Present
 from master.settings import RenderingSettings
 
 MS = 1_000_000
@@ -24,17 +24,8 @@ class Spring:
         self.answer: float | None = 1.0
         self.asked = list[tuple[int, float, float]]()
 
-    def predict(
-        self,
-        stamp_ns: int,
-        position_m: float,
-        velocity_m_s: float,
-        deadman: bool,
-        estimate: ContactEstimate | None,
-        newest: ForceSample | None,
-    ) -> Estimate | None:
-        del estimate, deadman, newest
-        self.asked.append((stamp_ns, position_m, velocity_m_s))
+    def predict(self, present: Present) -> Estimate | None:
+        self.asked.append(present[:3])
         if self.answer is None:
             return None
         return Estimate(self.answer, self.answer - 0.1, self.answer + 0.1, "friction")

@@ -258,12 +258,12 @@ def test_a_preset_is_overridden_value_by_value() -> None:
         ({"preset": "rope"}, r"preset = 'rope': input should be 'catheter' or 'guidewire'"),
         ({"load_cell": {"noise": 1}}, r"load_cell\.noise: unknown key"),
         ({"stage": {"bandwidth_hz": float("nan")}}, r"stage\.bandwidth_hz = nan: "),
-        ({"stage": {"start_m": 0.5}}, r"stage = .*: start_m = 0\.5: expected within travel"),
+        ({"stage": {"start_m": 0.5}}, r"stage: start_m = 0\.5: expected within travel"),
         ({"integration_rate_hz": 12_345}, r"integration_rate_hz = 12345: "),
         ({"integration_rate_hz": 5000}, r"integration_rate_hz = 5000: "),
         (
             {"contact": {"effects": [{"effect": "x"}]}},
-            r"contact = .*: effects\[0\]\.effect: unknown effect 'x'",
+            r"contact: effects\[0\]\.effect: unknown effect 'x'",
         ),
     ],
 )

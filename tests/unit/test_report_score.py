@@ -95,6 +95,8 @@ def test_armed_share_counts_from_the_first_arming_and_without_the_chosen_pause()
     assert armed_share(found, 1.5) == pytest.approx(6 / 6.5)
     assert armed_share(found, 2.1) == 1.0
     assert armed_share(found, 8.0) is None
+    late = spans([*heard[:2], (9 * seconds, S.ARMED)], end_ns=20 * seconds, stale_ns=20 * seconds)
+    assert armed_share(late, 0.0) == pytest.approx(11 / 14)  # 5 s after the session was opened
     assert armed_share(found[:1], 0.0) is None
     assert armed_share([], 0.0) is None
 

@@ -4,8 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common.errors import RunError
 from common.recording.mcap_reader import read_run
 from common.recording.mcap_writer import RunWriter
+from forefeel.loopback.command import require_armed
 from forefeel.report.model import RunReport
 from forefeel.report.summary import summarise
 from forefeel.report.text import DISCLAIMER, ten_lines
@@ -216,6 +218,34 @@ def test_settings_may_hold_half_a_surrogate_pair(tmp_path: Path) -> None:
     report = _summary(tmp_path / "run.mcap")
     assert report.settings == {"axis": "?", "max_force_n": "NaN"}
     _parsed(report)
+
+
+def test_only_what_changed_a_motion_counts_as_limited(tmp_path: Path) -> None:
+    rules = ("velocity", "force", "travel", "late", "sequence", "session", "range", "alignment", "round_trip")
+    with recorded(tmp_path / "run.mcap") as run:
+        for t_ms, rule in enumerate(rules):
+            run.limit(t_ms, rule, 10**t_ms)
+    report = _summary(tmp_path / "run.mcap")
+    assert report.counters["limit_late"] == 1000
+    assert "Counters   111 limited" in ten_lines(report)[7]
+
+
+@pytest.mark.parametrize("lost", ["7", "many"])
+def test_what_the_recorder_missed_is_counted(tmp_path: Path, lost: str) -> None:
+    with RunWriter(tmp_path / "run.mcap") as writer:
+        writer.add_metadata("recorder", {"lost": lost, "malformed": "2"})
+    counters = _summary(tmp_path / "run.mcap").counters
+    assert counters == {"recorder_malformed": 2, **({"recorder_lost": 7} if lost == "7" else {})}
+
+
+def test_a_run_that_fails_says_what_the_host_did(report: RunReport) -> None:
+    with pytest.raises(RunError) as caught:
+        require_armed(report)
+    assert str(caught.value) == (
+        "armed 80.0% of the time, 2 stops; expected at least 90% since the first arming, at most 5 s into "
+        "the session; this host: 0 watchdog stops, master 2 ticks missed, 900 µs late at worst, "
+        "slave 2 ticks missed, 900 µs late at worst"
+    )
 
 
 def test_every_axis_has_a_report_and_the_loops_are_found_on_any(tmp_path: Path) -> None:

@@ -13,11 +13,11 @@ EXPECTED = {
     "ready": "session_lost idle, engage engaging, fault fault, estop estopped",
     "engaging": (
         "engaged armed, release stopping, watchdog stopping, session_lost stopping, misaligned stopping,"
-        " shutdown stopping, fault fault, estop estopped"
+        " round_trip stopping, shutdown stopping, fault fault, estop estopped"
     ),
     "armed": (
-        "release stopping, watchdog stopping, session_lost stopping, misaligned stopping, shutdown stopping,"
-        " fault fault, estop estopped"
+        "release stopping, watchdog stopping, session_lost stopping, misaligned stopping,"
+        " round_trip stopping, shutdown stopping, fault fault, estop estopped"
     ),
     "stopping": "at_rest ready, fault fault, estop estopped",
     "fault": "clear idle, estop estopped",

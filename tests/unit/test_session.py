@@ -46,6 +46,21 @@ def test_a_second_writer_is_refused_while_the_lease_lives() -> None:
     assert lease.holder == 8
 
 
+def test_a_lease_that_was_let_go_is_over_and_free_and_its_id_used_up() -> None:
+    lease = held(7)
+    lease.let_go(500 * MS)
+    assert not lease.live(500 * MS)
+    assert not lease.renew(7, 500 * MS)
+    assert lease.request(7, 500 * MS, at_rest=True) == "this session id was used before"
+    assert lease.request(8, 500 * MS, at_rest=True) is None
+
+
+def test_letting_go_an_expired_lease_does_not_bring_it_back() -> None:
+    lease = held(7)
+    lease.let_go(2 * LEASE_NS)
+    assert not lease.live(LEASE_NS)
+
+
 def test_it_is_handed_over_only_at_rest() -> None:
     lease = held(7)
     assert lease.request(8, 2 * LEASE_NS, at_rest=False) == "the stage is not at rest"

@@ -174,6 +174,20 @@ def test_commands_that_came_between_two_ticks_are_counted_as_superseded() -> Non
     assert rig.counters()["commands_superseded"] == before + 3
 
 
+def test_a_release_is_not_lost_to_a_press_that_comes_before_the_tick() -> None:
+    rig = SlaveRig().armed()
+    rig.clock.set_ns(rig.now_ns + MS)
+    rig.deadman = False
+    rig.command()
+    rig.deadman, rig.position_m = True, START_M + 0.03
+    rig.command()
+    rig.axis.tick(rig.now_ns)
+    rig.step(200)
+    assert rig.state() is S.READY
+    assert rig.stage.position_m == pytest.approx(START_M, abs=1e-6)
+    assert [event.event for event in rig.events][-2:] == ["release", "at_rest"]
+
+
 @pytest.mark.parametrize(
     "topic",
     [
@@ -275,6 +289,45 @@ def test_a_clear_before_the_loop_has_heeded_the_stop_does_not_swallow_it() -> No
     rig.stop()
     rig.axis.clear()
     rig.step()
+    assert rig.state() is S.ESTOPPED
+
+
+@pytest.mark.parametrize("halt", ["fault", "estop"])
+def test_a_clear_swallows_no_stop_that_came_after_what_it_clears(halt: str) -> None:
+    rig = SlaveRig().armed()
+    if halt == "fault":
+        rig.load_cell.error = DeviceError("load cell: unplugged")
+        rig.step(2)
+        rig.load_cell.error = None
+        assert rig.state() is S.FAULT
+    else:
+        rig.stop()
+        rig.step()
+    rig.step(50)
+    rig.stop("surgeon", "again")
+    rig.axis.clear()
+    rig.step(5)
+    assert (rig.state(), rig.states[-1].reason) == (S.ESTOPPED, "surgeon: again")
+    rig.axis.clear()
+    rig.step(2)
+    assert rig.state() is S.READY
+
+
+def test_a_fault_that_lasts_outlives_its_clearing() -> None:
+    rig = SlaveRig().armed()
+    rig.load_cell.error = DeviceError("load cell: unplugged")
+    rig.step(2)
+    rig.axis.clear()
+    rig.step()
+    assert (rig.state(), rig.states[-1].reason) == (S.FAULT, "load cell: unplugged")
+
+
+def test_a_clearing_of_nothing_clears_nothing_later() -> None:
+    rig = SlaveRig().armed()
+    rig.axis.clear()
+    rig.step(2)
+    rig.stop()
+    rig.step(20)
     assert rig.state() is S.ESTOPPED
 
 

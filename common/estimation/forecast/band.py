@@ -1,50 +1,103 @@
-"""The 95 % band: size of recent errors, disagreement of the experts, a factor that is learned from hits.
+"""The 95 % band: a scale that follows the errors, times the quantile of the errors seen by that scale.
 
-half width = 2 e^q sigma with sigma^2 = (mean |e| of the last 2 s)^2 + variance of the experts + (0.1 d)^2, d
-the deviation from the hold. After each force q <- q + 3 w (miss - 0.05): in the long run one in twenty
-misses, whatever the errors' distribution (Gibbs and Candes, Adaptive conformal inference, NeurIPS 2021). The
-band is no wider than the largest error that the hold has made.
+    scale^2 = (mean |e| of the last 2 s)^2 + 2 (variance of the experts) + (d / 20)^2
+
+with d the deviation from the hold. Each error that is seen adds its score |e| / scale to a histogram in
+eighths of an octave, which forgets with a time constant of a quarter of the time that has been scored, at
+most 20 s: what the predictor did wrong before it had learned is not held against it for long. The factor is
+the histogram's 95 % quantile times 2^s, and the shift s <- s + 0.1 w (miss - 0.05) after each force, so that
+in the long run one in twenty misses, whatever the errors' distribution (Gibbs and Candes, Adaptive conformal
+inference, NeurIPS 2021). The band is no wider than the largest error that the hold has made; before any error
+was seen it reaches as far as the forces have.
 """
 
 import math
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from common.estimation.forecast.bank import Array
 from common.estimation.jit import kernel
-from common.estimation.record import record
+from common.estimation.record import floats, record
 
-_MEMORY_S = 2.0
 _MISSES = 0.05
-_RATE = 3.0
-_OF_DEVIATION = 0.1
-_LOG_LIMITS = (-3.0, 4.0)
+_MEMORY_S = 2.0
+_SCORES_MEMORY_S = 20.0
+_SCORES_SHARE = 0.25
+_LEAST_MEMORY_S = 0.2
+_SHIFT_RATE = 0.1
+_SHIFT_LIMIT = 2.0
+_OF_SPREAD = 2.0
+_OF_DEVIATION = 0.05
+_OF_RANGE = 1e-3
+"""The scale is at least this part of the forces' range: what a sensor resolves at best."""
 
-DTYPE = record("log_factor errors weight")
+_BINS, _ZERO_BIN, _PER_OCTAVE = 128, 64, 8.0
+_FIRST_BIN, _FIRST_S = 72, 0.1
+"""Before anything was seen: a score of 2, that counts as much as 0.1 s of errors."""
+
+DTYPE = record("errors weight seen_s shift", floats("scores", _BINS))
 
 
 class Band(Protocol):
-    """A record of `DTYPE`: q, the sum of weighted |e|, the sum of the weights."""
+    """A record of `DTYPE`: sums of weighted |e| and of the weights, time scored, s, the histogram in s."""
 
-    log_factor: float
     errors: float
     weight: float
+    seen_s: float
+    shift: float
+    scores: Array
+
+
+def begin(band: NDArray[np.void]) -> None:
+    """Makes a record of zeros one that expects errors of twice the scale."""
+    band["scores"][:, _FIRST_BIN] = _FIRST_S
 
 
 @kernel
-def learn(band: Band, error_n: float, half_n: float, widest_n: float, w: float) -> None:
-    """The error of a prediction whose half width was `half_n`; `widest_n`: the limit at that time."""
-    miss = abs(error_n) > half_n
-    if not miss or half_n < 0.999 * widest_n:
-        factor = band.log_factor + _RATE * w * ((1.0 if miss else 0.0) - _MISSES)
-        band.log_factor = min(_LOG_LIMITS[1], max(_LOG_LIMITS[0], factor))
-    keep = math.exp(-w / _MEMORY_S)
-    band.errors = band.errors * keep + w * abs(error_n)
+def learn(band: Band, error_n: float, half_n: float, scale_n: float, w: float) -> None:
+    """The error of a prediction, the half width and the scale that it was given; `w`: its time in s."""
+    size_n = abs(error_n)
+    miss = 1.0 if size_n > half_n else 0.0
+    band.shift = min(_SHIFT_LIMIT, max(-_SHIFT_LIMIT, band.shift + _SHIFT_RATE * w * (miss - _MISSES)))
+    band.seen_s += w
+    memory_s = max(_LEAST_MEMORY_S, _SCORES_SHARE * band.seen_s)
+    band.scores *= math.exp(-w / min(_SCORES_MEMORY_S, memory_s))
+    place = _PER_OCTAVE * math.log2(size_n / scale_n + 1e-12) + _ZERO_BIN
+    place = min(_BINS - 1.001, max(0.0, place))
+    low = int(place)
+    band.scores[low] += w * (1.0 - place + low)
+    band.scores[low + 1] += w * (place - low)
+    keep = math.exp(-w / min(_MEMORY_S, memory_s))
+    band.errors = band.errors * keep + w * size_n
     band.weight = band.weight * keep + w
 
 
 @kernel
-def half_width_n(band: Band, spread_n2: float, deviation_n: float, widest_n: float, range_n: float) -> float:
-    """Half the width of the band in N; `widest_n` 0: no limit yet."""
+def scale_n(band: Band, spread_n2: float, deviation_n: float, range_n: float) -> float:
+    """How large errors are now, in N; `spread_n2`: variance of the experts, `range_n`: of the forces seen."""
     recent_n = band.errors / (band.weight + 1e-9)
-    variance_n2 = recent_n * recent_n + spread_n2 + (_OF_DEVIATION * deviation_n) ** 2
-    half_n = 2.0 * math.exp(band.log_factor) * (math.sqrt(variance_n2) + 1e-3 * range_n + 1e-12)
+    variance_n2 = recent_n * recent_n + _OF_SPREAD * spread_n2 + (_OF_DEVIATION * deviation_n) ** 2
+    return math.sqrt(variance_n2) + _OF_RANGE * range_n + 1e-200
+
+
+@kernel
+def half_width_n(band: Band, scale_n: float, widest_n: float, range_n: float) -> float:
+    """Half the width of the band in N; `widest_n` 0: no limit yet."""
+    if band.seen_s == 0.0:
+        return range_n
+    half_n = scale_n * math.pow(2.0, _quantile(band.scores) + band.shift)
     return min(half_n, widest_n) if widest_n > 0.0 else half_n
+
+
+@kernel
+def _quantile(scores: Array) -> float:
+    """log2 of the score that one in twenty exceeds."""
+    beyond: float = _MISSES * scores.sum()
+    b = _BINS - 1
+    while b > 0 and beyond > scores[b]:
+        beyond -= scores[b]
+        b -= 1
+    part = 0.5 - beyond / (float(scores[b]) + 1e-200)
+    return (b + part - _ZERO_BIN) / _PER_OCTAVE

@@ -1,21 +1,11 @@
-"""The bank of regressors: what the motion so far says about the force now, in `COUNT` numbers phi.
+"""The motion so far, kept as far as the regressors need it, in a ring of the last `RING` samples.
 
-| phi | what | why |
-|---|---|---|
-| 0 to 3 | 1, x - x0, v, a | bias and equation (1) of the paper |
-| 4 | tanh(v / 0.1 v_rms) | Coulomb friction |
-| 5 to 12 | stop operators z / r at eight radii r, octaves of the range | presliding and hysteresis |
-| 13 to 18 | x and friction, each less its mean over 0.1, 1, 10 s | relaxation |
-| 19 to 33 | first to third differences of x over 1 to 16 samples | derivatives without a filter's lag |
-| 34 to 41 | friction with speed (Stribeck, quadratic) and place, X^2, X^3 | stiffening, tapering walls |
+The stops' radii are powers of two of a metre: when the range doubles, one new stop takes the slot of the
+smallest, and all others keep their meaning. They, the range and the fastest speed follow the median of three
+positions, for a laser's glitch of one sample would leave its mark in every one of them.
 
-Differences of several spans let least squares choose between noise and lag, where a filter fixes both. The
-stops' radii are powers of two of a metre: when the range doubles, one new stop takes the slot of the
-smallest, and all others keep their meaning. They follow the median of three positions, for a laser's glitch
-of one sample would leave its mark in every one of them.
-
-References: Visintin, Differential Models of Hysteresis (1994), stop operator; Armstrong-Helouvry, Dupont and
-Canudas de Wit, Automatica 30(7), 1994; Fung, Biomechanics (1993), relaxation.
+A position that is over ten times further away than the fastest speed leads is not believed before the next
+one is there, too; until then the last one stands in. If it was that far for good, a new piece begins.
 """
 
 import math
@@ -43,13 +33,14 @@ RING = 8192
 """Samples of motion that wait for their forces: 8 s at 1 kHz."""
 
 GAP_S = 0.1
-_NONE = -9999.0
+NO_OCTAVE = -9999.0
 _SPEED_MEMORY_S = 20.0
-_RELAXATION_STOP = 5
-"""The stop whose hysteresis relaxes and meets the nonlinear terms: radius 1/32 to 1/64 of the range."""
+_FASTEST_MEMORY_S = 60.0
+_BELIEVED = 10.0
 
 DTYPE = record(
-    "count start origin_m low_m high_m octave v a speed2 speed_s period_s median_m rest_m moved_s restart",
+    "count start origin_m low_m high_m octave v a speed2 speed_s period_s fastest_m_s"
+    " median_m began_m suspect_m rest_m moved_s restart",
     floats("stops_m", STOPS),
     floats("radii_m", STOPS),
     floats("renewed", STOPS),
@@ -64,10 +55,12 @@ DTYPE = record(
 class Bank(Protocol):
     """A record of `DTYPE`. What it keeps of a sample stands at the sample's number modulo `RING`.
 
-    count: samples so far. start: number of the first one since a gap. octave: the range of motion is at most
-    2^octave m. v, a: smoothed derivatives. rest_m, moved_s: where and when the motion last got away from
-    `rest_m` by more than the smallest stop's radius. restart: 1 when the next sample follows a gap. renewed:
-    1 for each stop that the last sample gave a new radius. slow_*: the means of the relaxations.
+    count: samples so far. start: number of the first one since a gap. origin_m: x0, NaN before a median of
+    three is known. octave: the range of motion is at most 2^octave m. v, a: smoothed derivatives.
+    fastest_m_s: fading. began_m: where the piece began. suspect_m: the last position where it was not
+    believed, else NaN. rest_m, moved_s: where and when the motion last got away from `rest_m` by more than
+    the smallest stop's radius. restart: 1 when the next sample follows a gap. renewed: 1 for each stop that
+    the last sample gave a new radius. slow_*: the means of the relaxations.
     """
 
     count: float
@@ -81,7 +74,10 @@ class Bank(Protocol):
     speed2: float
     speed_s: float
     period_s: float
+    fastest_m_s: float
     median_m: float
+    began_m: float
+    suspect_m: float
     rest_m: float
     moved_s: float
     restart: float
@@ -97,54 +93,84 @@ class Bank(Protocol):
 
 def begin(bank: NDArray[np.void]) -> None:
     """Makes a record of zeros one that has seen nothing."""
-    bank["octave"] = _NONE
+    bank["octave"] = NO_OCTAVE
     bank["radii_m"] = 1.0
     bank["t_s"] = -1e18
+    bank["origin_m"] = bank["suspect_m"] = np.nan
 
 
 @kernel
 def advance(bank: Bank, t: float, x: float) -> bool:
-    """Takes in one sample; False when it is not finite or its stamp does not increase. Sets `renewed`."""
+    """Takes in one sample, all but its phi; False when it is not finite or its stamp does not increase."""
     n = int(bank.count)
     last = (n - 1) % RING
     if not (math.isfinite(t) and math.isfinite(x)) or (n > 0 and t <= bank.t_s[last]):
         return False
     dt = t - bank.t_s[last]
+    if n > 0 and dt <= GAP_S and bank.restart == 0.0:
+        x = _believed(bank, n, x, dt)
     new_piece = n == 0 or dt > GAP_S or bank.restart > 0.0
     bank.restart = 0.0
     bank.renewed[:] = 0.0
-    if n == 0:
-        bank.origin_m = bank.low_m = bank.high_m = x
-    bank.low_m, bank.high_m = min(bank.low_m, x), max(bank.high_m, x)
     if new_piece:
         _begin_piece(bank, n, t, x)
     else:
         _follow(bank, n, x, x - bank.x_m[last], dt)
-    _widen(bank, n, x)
+    if math.isnan(bank.origin_m) and n - bank.start == 2:
+        _begin_range(bank, n, t, x)
+    _widen(bank)
     if abs(x - bank.rest_m) > smallest_radius_m(bank):
         bank.rest_m, bank.moved_s = x, t
     i = n % RING
     bank.t_s[i], bank.x_m[i] = t, x
     bank.count = n + 1
-    _fill(bank, n, 0.0 if new_piece else dt)
     return True
+
+
+@kernel
+def _believed(bank: Bank, n: int, x: float, dt: float) -> float:
+    """x, or the last position where x is out of reach; out of reach twice is there, in a new piece if far."""
+    before = float(bank.x_m[(n - 1) % RING])
+    jump, suspect, least_s = abs(x - before), bank.suspect_m, max(dt, bank.period_s)
+    bank.suspect_m = np.nan
+    if math.isnan(bank.origin_m) or jump <= _BELIEVED * bank.fastest_m_s * least_s:
+        return x
+    if abs(x - suspect) < jump:
+        bank.fastest_m_s = max(bank.fastest_m_s, abs(x - suspect) / least_s)
+        far = jump > bank.high_m - bank.low_m or n - bank.start < 3
+        bank.restart = 1.0 if far else 0.0
+        return x
+    bank.suspect_m = x
+    return before
 
 
 @kernel
 def smallest_radius_m(bank: Bank) -> float:
     """Radius of the smallest stop, about a 256th of the range of motion; what is less counts as rest."""
     octave = bank.octave
-    return 0.0 if octave == _NONE else 2.0 ** (octave - STOPS)
+    return 0.0 if octave == NO_OCTAVE else 2.0 ** (octave - STOPS)
 
 
 @kernel
 def _begin_piece(bank: Bank, n: int, t: float, x: float) -> None:
-    bank.start, bank.v, bank.a = n, 0.0, 0.0
-    bank.median_m = bank.rest_m = x
+    """Speed and acceleration stay what they were until the second sample tells."""
+    bank.start = n
+    bank.began_m = bank.median_m = bank.rest_m = x
     bank.moved_s = t
     bank.stops_m[:] = 0.0
     bank.slow_m[:] = x
     bank.slow_friction[:] = 0.0
+
+
+@kernel
+def _begin_range(bank: Bank, n: int, t: float, x: float) -> None:
+    """The median of the first three is where the motion is seen from, and is all that stays of them."""
+    one, two = abs(x - bank.median_m), abs(bank.x_m[(n - 1) % RING] - bank.median_m)
+    zero = abs(bank.x_m[(n - 2) % RING] - bank.median_m)
+    bank.fastest_m_s = (one + two + zero - max(one, two, zero)) / bank.period_s
+    bank.origin_m = bank.low_m = bank.high_m = bank.median_m
+    bank.speed2 = bank.speed_s = 0.0
+    _begin_piece(bank, n, t, bank.median_m)
 
 
 @kernel
@@ -155,12 +181,16 @@ def _follow(bank: Bank, n: int, x: float, dx: float, dt: float) -> None:
     if n - bank.start >= 2:
         one, two = bank.x_m[(n - 1) % RING], bank.x_m[(n - 2) % RING]
         median = max(min(x, one), min(max(x, one), two))
+        bank.low_m, bank.high_m = min(bank.low_m, median), max(bank.high_m, median)
     moved, bank.median_m = median - bank.median_m, median
+    if n - bank.start >= 3:
+        fading = bank.fastest_m_s * math.exp(-dt / _FASTEST_MEMORY_S)
+        bank.fastest_m_s = max(fading, abs(moved) / max(dt, bank.period_s))
     for j in range(STOPS):
         r = bank.radii_m[j]
         bank.stops_m[j] = min(r, max(-r, bank.stops_m[j] + moved))
     share = 1.0 - math.exp(-dt / max(2.0 * bank.period_s, 0.004))
-    before = bank.v
+    before = bank.v if n - bank.start > 1 else dx / dt
     bank.v = before + (dx / dt - before) * share
     bank.a += ((bank.v - before) / dt - bank.a) * share
     bank.speed2 += bank.v * bank.v * dt
@@ -171,85 +201,23 @@ def _follow(bank: Bank, n: int, x: float, dx: float, dt: float) -> None:
 
 
 @kernel
-def _widen(bank: Bank, n: int, x: float) -> None:
+def _widen(bank: Bank) -> None:
     """Gives the smallest stops the next octaves when the range has outgrown the largest."""
     width = bank.high_m - bank.low_m
-    if width <= 0.0 or (bank.octave != _NONE and width <= 2.0**bank.octave):
+    if width <= 0.0 or (bank.octave != NO_OCTAVE and width <= 2.0**bank.octave):
         return
     octave = math.ceil(math.log2(width))
     first = octave - STOPS + 1
-    if bank.octave != _NONE:
+    if bank.octave != NO_OCTAVE:
         first = max(first, int(bank.octave) + 1)
-    start_m = x
-    if 0 < n - bank.start < RING:
-        start_m = bank.x_m[int(bank.start) % RING]
     for j in range(first, octave + 1):
         slot = j % STOPS
         r = 2.0 ** (j - 1)
         bank.radii_m[slot] = r
-        bank.stops_m[slot] = min(r, max(-r, x - start_m))
+        bank.stops_m[slot] = min(r, max(-r, bank.median_m - bank.began_m))
         bank.phi[:, FIRST_STOP + slot] = 0.0
         bank.renewed[slot] = 1.0
     bank.octave = octave
-
-
-@kernel
-def _fill(bank: Bank, n: int, dt: float) -> None:
-    """phi of sample n; dt 0 at the first of a piece."""
-    i = n % RING
-    x, phi = bank.x_m[i], bank.phi[i]
-    v_rms = math.sqrt(bank.speed2 / bank.speed_s) if bank.speed_s > 0.0 else 0.0
-    sign = math.tanh(bank.v / (0.1 * v_rms)) if v_rms > 0.0 else 0.0
-    phi[0], phi[1], phi[2], phi[3], phi[4] = 1.0, x - bank.origin_m, bank.v, bank.a, sign
-    for j in range(STOPS):
-        phi[FIRST_STOP + j] = bank.stops_m[j] / bank.radii_m[j]
-    friction = 0.0
-    if bank.octave != _NONE:
-        friction = phi[FIRST_STOP + int(bank.octave - _RELAXATION_STOP) % STOPS]
-    _fill_relaxations(bank, phi, x, friction, dt)
-    _fill_differences(bank, phi, n)
-    speed = min(abs(bank.v) / v_rms, 10.0) if v_rms > 0.0 else 0.0
-    _fill_nonlinear(phi, x - bank.origin_m, friction, sign, speed)
-
-
-@kernel
-def _fill_relaxations(bank: Bank, phi: Array, x: float, friction: float, dt: float) -> None:
-    for j in range(len(RELAXATIONS_S)):
-        if dt > 0.0:
-            share = 1.0 - math.exp(-dt / RELAXATIONS_S[j])
-            bank.slow_m[j] += (x - bank.slow_m[j]) * share
-            bank.slow_friction[j] += (friction - bank.slow_friction[j]) * share
-        phi[FIRST_RELAXATION + j] = x - bank.slow_m[j]
-        phi[FIRST_RELAXATION + len(RELAXATIONS_S) + j] = friction - bank.slow_friction[j]
-
-
-@kernel
-def _fill_differences(bank: Bank, phi: Array, n: int) -> None:
-    """First, second and third derivative by divided differences over the actual stamps; 0 near a gap."""
-    t, x = bank.t_s, bank.x_m
-    p0 = n % RING
-    for j in range(len(SPANS)):
-        span, o = SPANS[j], FIRST_DIFFERENCE + 3 * j
-        if n - 3 * span < bank.start:
-            phi[o], phi[o + 1], phi[o + 2] = 0.0, 0.0, 0.0
-            continue
-        p1, p2, p3 = (n - span) % RING, (n - 2 * span) % RING, (n - 3 * span) % RING
-        first0 = (x[p0] - x[p1]) / (t[p0] - t[p1])
-        first1 = (x[p1] - x[p2]) / (t[p1] - t[p2])
-        first2 = (x[p2] - x[p3]) / (t[p2] - t[p3])
-        second0 = 2.0 * (first0 - first1) / (t[p0] - t[p2])
-        second1 = 2.0 * (first1 - first2) / (t[p1] - t[p3])
-        phi[o], phi[o + 1] = first0, second0
-        phi[o + 2] = 3.0 * (second0 - second1) / (t[p0] - t[p3])
-
-
-@kernel
-def _fill_nonlinear(phi: Array, x: float, friction: float, sign: float, speed: float) -> None:
-    o = FIRST_NONLINEAR
-    phi[o], phi[o + 1] = friction * math.sqrt(speed), friction * math.exp(-speed)
-    phi[o + 2] = sign * speed * speed
-    phi[o + 3], phi[o + 4] = x * x, x * x * x
-    phi[o + 5], phi[o + 6], phi[o + 7] = friction * x, friction * x * x, friction * x * x * x
 
 
 @kernel

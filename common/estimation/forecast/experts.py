@@ -40,6 +40,7 @@ NAMES = (
 
 _MEMORIES_S = (2.0, 8.0)
 _SHARES = (0.7, 0.3)
+_KICK = 0.1
 _FLOOR, _COLD_FLOOR, _COLD = 0.005, 0.1, 0.02
 
 DTYPE = record(
@@ -167,3 +168,21 @@ def spread(experts: Experts, now: int, force_n: float) -> float:
     for e in range(count(experts)):
         total += weights[e] * (said[e] - force_n) ** 2
     return total
+
+
+@kernel
+def plain_error_n(experts: Experts, n: int, force_n: float) -> float:
+    """Error for sample n of the plain expert with the largest weight."""
+    best = 0
+    for e in range(0, OUTSIDE, 2):
+        if experts.weights[e] > experts.weights[best]:
+            best = e
+    return float(experts.predicted_n[n % RING, best]) - force_n
+
+
+@kernel
+def discount(experts: Experts) -> None:
+    """Leaves the errors seen a tenth of their weight."""
+    experts.squares *= _KICK
+    experts.seen_fast *= _KICK
+    experts.seen_slow *= _KICK

@@ -1,11 +1,13 @@
 """The predictor as the master and the evaluation use it."""
 
+from heapq import heappop, heappush
 from math import isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
 
 from common.estimation.forecast import steps
+from common.estimation.forecast.bank import RING
 from common.estimation.forecast.experts import NAMES
 from common.estimation.forecast.state import new_state
 
@@ -41,19 +43,24 @@ class Forecaster:
     def move(self, t_s: float, position_m: float, outside_n: float = nan) -> None:
         """The own motion at stamp `t_s`. What is not finite, or no later than the last, is left out.
 
-        A pause over 0.1 s begins a new piece: nothing is carried across but what was learned.
+        A pause over 0.1 s begins a new piece: what was learned stays, what the motion has left behind
+        (hysteresis, relaxation) does not, and derivatives are taken on either side of it.
         """
         if steps.move(self._state, t_s, position_m, outside_n):
             self._moved_s = t_s
-            if self._early:
-                self._pair_early()
+            while self._early and self._early[0][0] <= t_s:
+                steps.observe(self._state, *heappop(self._early))
 
     def observe(self, stamp_s: float, force_n: float) -> None:
-        """A force that was measured at `stamp_s`, the stamp of a `move`; in any order, each at most once."""
-        if stamp_s > self._moved_s and isfinite(force_n):
-            self._early.append((stamp_s, force_n))
-        else:
+        """A force that was measured at `stamp_s`, the stamp of a `move`; in any order, each at most once.
+
+        One that is ahead of the motion waits for it. One that is not finite, or far from all that were seen
+        before, is left out, the latter until the next one confirms it.
+        """
+        if stamp_s <= self._moved_s:
             steps.observe(self._state, stamp_s, force_n)
+        elif isfinite(stamp_s) and isfinite(force_n) and len(self._early) < RING:
+            heappush(self._early, (stamp_s, force_n))
 
     def predict(self) -> Estimate | None:
         """The force at the newest `move`; None before any force or any motion."""
@@ -67,12 +74,6 @@ class Forecaster:
     def restart(self) -> None:
         """The next `move` begins a new piece of motion, as after a gap or a new grip."""
         steps.restart(self._state)
-
-    def _pair_early(self) -> None:
-        """Forces that arrived before the motion of their stamp was known: with no delay at all."""
-        early, self._early = self._early, []
-        for stamp_s, force_n in early:
-            self.observe(stamp_s, force_n)
 
 
 def compile_kernels() -> None:

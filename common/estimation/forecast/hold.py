@@ -20,6 +20,7 @@ _BINS, _ZERO_BIN = 96, 60
 _MEMORY_S = 5.0
 _PRIOR = 6.0
 _SIDE = 0.5
+_KICK = 0.1
 _COLD_S = 5.0
 _COLD_AGE_S = 0.25
 _LONGEST_AGE_S = 0.5
@@ -38,7 +39,7 @@ class Gain(Protocol):
 
 @kernel
 def _bin(deviation_n: float) -> float:
-    return min(_BINS - 3.0, max(2.0, math.log2(abs(deviation_n) + 1e-12) + _ZERO_BIN))
+    return min(_BINS - 3.0, max(2.0, math.log2(abs(deviation_n) + 1e-100) + _ZERO_BIN))
 
 
 @kernel
@@ -75,3 +76,9 @@ def _cap_n(gain: Gain, age_s: float, range_n: float) -> float:
     cold_n = max(gain.largest_error_n, range_n * min(1.0, age_s / _COLD_AGE_S))
     cold_n /= 1.0 + (gain.seen_s / _COLD_S) ** 2
     return max((1.0 + min(age_s, _LONGEST_AGE_S)) * gain.largest_right_n, cold_n)
+
+
+@kernel
+def discount(gain: Gain) -> None:
+    """Leaves what was learned a tenth of its weight."""
+    gain.sums *= _KICK

@@ -27,6 +27,7 @@ from common.estimation.forecast.bank import (
     FIRST_NONLINEAR,
     FIRST_RELAXATION,
     FIRST_STOP,
+    NO_OCTAVE,
     RING,
     STOPS,
     Array,
@@ -45,6 +46,7 @@ MEMORIES_S = (120.0, 8.0)
 _RHO_S = (0.05, 1.0)
 _SOLVE_EVERY_S = 0.004
 _REST_S = 2.0
+_KICK_S = 0.2
 _LEAST_STOP = 0.3
 """A stop's mean square is taken as at least this: one that has just been made has hardly any history."""
 _JITTER = 1e-10
@@ -96,7 +98,7 @@ def begin(regression: NDArray[np.void]) -> None:
 def learn(regression: Regression, bank: Bank, n: int, force_n: float) -> None:
     """Adds the force of sample n; solves anew when that was last done more than 4 ms of stamps ago."""
     t = bank.t_s[n % RING]
-    if t - bank.moved_s > _REST_S and bank.octave > -9999.0:
+    if t - bank.moved_s > _REST_S and bank.octave != NO_OCTAVE:
         return
     w = min(max(bank.period_s, 1e-4), 0.05)
     phi, y = bank.phi[n % RING], force_n - regression.force0_n
@@ -202,3 +204,13 @@ def _solve_set(regression: Regression, memory: int, k: int) -> None:
             y[j] -= factor[i, j] * y[i]
     for i in range(n):
         theta[i] = y[i] + (prior[i] if memory == SHORT else 0.0)
+
+
+@kernel
+def discount(regression: Regression) -> None:
+    """Leaves what was learned the weight of 0.2 s: enough to begin with, too little to stand in the way."""
+    for memory in range(len(MEMORIES_S)):
+        share = _KICK_S / max(_KICK_S, min(regression.weight_long, MEMORIES_S[memory]))
+        regression.information[memory] *= share
+        regression.moments[memory] *= share
+    regression.weight_long = min(regression.weight_long, _KICK_S)

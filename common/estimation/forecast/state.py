@@ -7,15 +7,17 @@ from numpy.typing import NDArray
 
 from common.estimation.forecast import band as bands
 from common.estimation.forecast import bank as banks
+from common.estimation.forecast import change as changes
 from common.estimation.forecast import experts as crowd
 from common.estimation.forecast import hold as holds
 from common.estimation.forecast import regression as fits
 from common.estimation.forecast.bank import RING, Array
 from common.estimation.record import floats, record, zeros
 
+_RINGS = ("forces_n", "blends_n", "holds_n", "sayings_n", "halves_n", "scales_n")
 _MEMORY = record(
-    "known newest newest_s held_n low_n high_n before_s before_n fastest_n_s said_n said_s",
-    *(floats(name, RING) for name in ("forces_n", "blends_n", "holds_n", "sayings_n", "halves_n")),
+    "known newest newest_s held_n low_n high_n before_n suspect_s suspect_n fastest_n_s said_n said_s",
+    *(floats(name, RING) for name in _RINGS),
 )
 DTYPE = np.dtype(
     [
@@ -24,6 +26,7 @@ DTYPE = np.dtype(
         ("experts", crowd.DTYPE),
         ("gain", holds.DTYPE),
         ("band", bands.DTYPE),
+        ("change", changes.DTYPE),
         ("memory", _MEMORY),
     ],
     align=True,
@@ -34,8 +37,10 @@ class Memory(Protocol):
     """A record: what has been seen, and by sample the force (NaN until it has come) and what was said of it.
 
     known: forces seen. newest_s, held_n: stamp and value of the newest; newest: its sample, -1 where its
-    motion is not known. low_n, high_n: range of the forces. before_*: the force seen last. fastest_n_s: the
-    fastest change of force, fading. said_*: the last prediction.
+    motion is not known. low_n, high_n: range of the forces. before_n: the force seen last; suspect_*: the
+    same where it is out of reach, else NaN. fastest_n_s: the fastest change of force, fading. said_*: the
+    last prediction. Where nothing was said of a sample, `sayings_n` is NaN, and blends, holds, halves (of the
+    band's width) and scales are left from another.
     """
 
     known: float
@@ -44,8 +49,9 @@ class Memory(Protocol):
     held_n: float
     low_n: float
     high_n: float
-    before_s: float
     before_n: float
+    suspect_s: float
+    suspect_n: float
     fastest_n_s: float
     said_n: float
     said_s: float
@@ -54,6 +60,7 @@ class Memory(Protocol):
     holds_n: Array
     sayings_n: Array
     halves_n: Array
+    scales_n: Array
 
 
 class State(Protocol):
@@ -64,6 +71,7 @@ class State(Protocol):
     experts: crowd.Experts
     gain: holds.Gain
     band: bands.Band
+    change: changes.Change
     memory: Memory
 
 
@@ -73,11 +81,8 @@ def new_state(outside: bool) -> NDArray[np.void]:
     banks.begin(state["bank"])
     fits.begin(state["regression"])
     crowd.begin(state["experts"], outside)
+    bands.begin(state["band"])
     memory = state["memory"]
-    memory["newest"], memory["newest_s"], memory["before_s"], memory["said_s"] = (
-        -1.0,
-        -np.inf,
-        -np.inf,
-        -np.inf,
-    )
+    memory["suspect_n"] = np.nan
+    memory["newest"], memory["newest_s"], memory["said_s"] = -1.0, -np.inf, -np.inf
     return state

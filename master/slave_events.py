@@ -1,0 +1,42 @@
+"""What the slave says of its gate: limits are counted, safety transitions told to the person."""
+
+from collections import Counter, deque
+
+from common import topics
+from common.bus import Bus
+from common.messages import LimitEvent, SafetyEvent
+from common.notices import Notices, in_words
+
+_REMEMBERED = 64
+
+
+class SlaveEvents:
+    """Hears the slave's events where the transport delivers; one that a network doubled counts once.
+
+    Attributes:
+        counters: interventions and refusals of the slave by rule.
+        notices: the transitions in words.
+    """
+
+    def __init__(self, bus: Bus) -> None:
+        self.counters: Counter[str] = Counter()
+        self.notices = Notices()
+        self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED)
+        bus.subscribe(topics.LIMIT_EVENT, self._on_limit)
+        bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
+
+    def _on_limit(self, event: LimitEvent, receive_ns: int) -> None:
+        del receive_ns
+        if self._is_new(event):
+            self.counters[f"limit_{event.rule}"] += event.count
+
+    def _on_safety(self, event: SafetyEvent, receive_ns: int) -> None:
+        del receive_ns
+        if self._is_new(event):
+            self.notices.add(f"slave {in_words(event)}")
+
+    def _is_new(self, event: LimitEvent | SafetyEvent) -> bool:
+        key = (type(event) is LimitEvent, event.sequence, event.stamp_ns)
+        new = key not in self._heard
+        self._heard.append(key)
+        return new

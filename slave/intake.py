@@ -1,0 +1,105 @@
+"""What becomes of a command where the transport delivers it: admitted or refused, and the newest one kept."""
+
+from collections import Counter
+from threading import Lock
+from typing import NamedTuple
+
+from common.limiter import LimitHit
+from common.messages import MotionCommand
+from slave.gate import CommandGate, GateLimits, Refusal
+from slave.limit_log import LimitLog
+from slave.link import SlaveLink
+from slave.settings import SlaveAxisSettings
+
+_RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsense, not merely too far
+_RANGE_SPEEDS = 10.0
+_LATE_FOR_NS = 3_000_000_000  # commands that are late for so long are not late, the way has become longer
+
+
+class Taken(NamedTuple):
+    """What came since the last tick: the newest command with its receive stamp, None without a new one, and
+    whether any released the deadman.
+    """
+
+    command: tuple[MotionCommand, int] | None
+    released: bool
+
+
+_NOTHING = Taken(None, False)
+
+
+class CommandSlot:
+    """Keeps the newest command; one that was never taken is counted as superseded, but its release stays."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._taken = _NOTHING
+        self.superseded = 0
+
+    def put(self, command: MotionCommand, receive_ns: int) -> None:
+        """Replaces what is in the slot."""
+        with self._lock:
+            waiting = self._taken
+            self.superseded += waiting.command is not None
+            self._taken = Taken((command, receive_ns), waiting.released or not command.deadman)
+
+    def take(self) -> Taken:
+        """What is in the slot, once."""
+        if self._taken is _NOTHING:
+            return _NOTHING
+        with self._lock:
+            taken, self._taken = self._taken, _NOTHING
+        return taken
+
+
+class CommandIntake:
+    """The gate and the slot behind it. `heard` runs where the transport delivers, `take` in the control loop.
+
+    Attributes:
+        counters: refusals by rule.
+        slot: what was admitted.
+    """
+
+    def __init__(self, settings: SlaveAxisSettings, link: SlaveLink, limits: LimitLog) -> None:
+        self.counters: Counter[str] = Counter()
+        self.slot = CommandSlot()
+        self._late_ns: tuple[int, int] | None = None
+        self._gate = CommandGate(_gate_limits(settings))
+        self._link = link
+        self._limits = limits
+
+    def open(self, session_id: int) -> None:
+        """A new session."""
+        self._late_ns = None
+        self._gate.open(session_id)
+
+    @property
+    def only_late(self) -> bool:
+        """Whether nothing but late commands has come for some seconds."""
+        late_ns = self._late_ns
+        return late_ns is not None and late_ns[1] - late_ns[0] > _LATE_FOR_NS
+
+    def heard(self, command: MotionCommand, receive_ns: int) -> None:
+        """A command arrived."""
+        refusal = self._gate.admit(command, receive_ns, self._link.offset)
+        if refusal is None:
+            self._late_ns = None
+            self.slot.put(command, receive_ns)
+        else:
+            self._refuse(refusal, receive_ns)
+
+    def _refuse(self, refusal: Refusal, receive_ns: int) -> None:
+        if refusal.rule == "late":
+            first_ns, _ = self._late_ns or (receive_ns, receive_ns)
+            self._late_ns = first_ns, receive_ns
+        self.counters[f"refused_{refusal.rule}"] += 1
+        self._limits.add(LimitHit(refusal.rule, refusal.requested, refusal.limit, refusal.unit))
+
+
+def _gate_limits(settings: SlaveAxisSettings) -> GateLimits:
+    low, high = settings.limits.workspace_m
+    return GateLimits(
+        max_age_ns=int(settings.gate.max_age_s * 1e9),
+        position_m=(low - _RANGE_MARGIN_M, high + _RANGE_MARGIN_M),
+        velocity_m_s=_RANGE_SPEEDS * settings.limits.max_velocity_m_s,
+    )

@@ -1,0 +1,1 @@
+"""The diagnosis has to find what an independent simulation hides in recordings."""

@@ -1,0 +1,56 @@
+"""400 recordings that hide something, the diagnosis and its peer: `python -m tests.hidden_effects`.
+
+Prints what was drawn, then for each method the confusion table, the rates and every miss. Exit 1
+when the diagnosis misses a rate that is demanded.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from joblib import Parallel, delayed
+
+from tests.hidden_effects.cases import Case, full, quick
+from tests.hidden_effects.product import diagnosed
+from tests.hidden_effects.score import Method, Outcome, scored
+from tests.hidden_effects.sindy import KNOWN, sparse
+from tests.hidden_effects.tables import drawn, report, unmet
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """0 when every demand is met."""
+    options = _options(arguments)
+    cases = quick(options.seed) if options.quick else full(options.seed)
+    chosen = [case for case in cases if options.only in str(case)]
+    failed: list[str] = []
+    if "product" in options.methods:
+        outcomes = _run(chosen, diagnosed, options.jobs)
+        print(drawn(outcomes), report("diagnosis", outcomes), sep="\n\n", flush=True)
+        failed = unmet(outcomes)
+    if "pysindy" in options.methods:
+        outcomes = _run(chosen, sparse, options.jobs)
+        if "product" not in options.methods:
+            print(drawn(outcomes), end="\n\n")
+        print(report("PySINDy STLSQ", outcomes, intervals=False, known=KNOWN), flush=True)
+    print("\n".join(["", *(f"NOT REACHED: {line}" for line in failed)]) if failed else "")
+    return 1 if failed else 0
+
+
+def _run(cases: Sequence[Case], method: Method, jobs: int) -> list[Outcome]:
+    return list(Parallel(n_jobs=jobs, verbose=0)(delayed(scored)(case, method) for case in cases))
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects", description=__doc__)
+    parser.add_argument("--seed", type=int, default=50_000, help="first seed of the recordings")
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--only", default="", help="only cases whose name contains this")
+    parser.add_argument("--quick", action="store_true", help="the 25 short recordings of make test")
+    parser.add_argument(
+        "--methods", nargs="+", choices=("product", "pysindy"), default=["product", "pysindy"]
+    )
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,48 @@
+"""What a method answered about a recording, in one form for the product and its peer."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+Interval = tuple[float, float, float]
+"""Value, low, high."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Names ordered by explained force; empty unless the verdict is `cause_found`."""
+
+    verdict: str
+    names: tuple[str, ...] = ()
+    parameters: Mapping[str, Mapping[str, Interval]] = field(default_factory=dict)
+    rivals: tuple[tuple[str, ...], ...] = ()
+    gain_low: float = float("nan")
+    seconds: float = 0.0
+
+
+def from_document(document: Mapping[str, Any], seconds: float) -> Answer:
+    """Of `diagnosis.json`.
+
+    Raises:
+        KeyError: a field of the schema is missing.
+    """
+    if document["schema"] != "forefeel.diagnosis/1":
+        raise KeyError(f"schema {document['schema']!r}, expected 'forefeel.diagnosis/1'")
+    return Answer(
+        verdict=document["verdict"],
+        names=tuple(cause["name"] for cause in document["causes"]),
+        parameters={cause["name"]: _intervals(cause["parameters"]) for cause in document["causes"]},
+        rivals=tuple(tuple(names) for names in document["rivals"]),
+        gain_low=_number(document["held_out"]["gain_low"]),
+        seconds=seconds,
+    )
+
+
+def _intervals(parameters: Mapping[str, Mapping[str, float]]) -> dict[str, Interval]:
+    return {
+        name: (_number(p["value"]), _number(p["low"]), _number(p["high"])) for name, p in parameters.items()
+    }
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)

@@ -1,0 +1,170 @@
+"""One answer against what was hidden."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import isfinite
+
+from tests.hidden_effects.answers import Answer
+from tests.hidden_effects.cases import Case
+from tests.hidden_effects.equivalences import comparable, only_hidden, right_first, same_names
+from tests.hidden_effects.generator import Hidden
+from tests.hidden_effects.generator.bounds import relative_bounds
+from tests.hidden_effects.generator.leftover import leftovers_n, noise_floor_n
+from tests.hidden_effects.generator.rivals import inseparable
+
+BOUND_JUDGED = 0.05
+"""Where the Cramer-Rao bound is below this a value has to be within TOLERANCE, elsewhere in its interval."""
+TOLERANCE = 0.10
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One hidden parameter as it was found. `bound` is the relative Cramer-Rao bound."""
+
+    effect: str
+    parameter: str
+    true: float
+    value: float
+    low: float
+    high: float
+    bound: float
+
+    @property
+    def close(self) -> bool:
+        """Within the tolerance."""
+        return abs(self.value - self.true) <= TOLERANCE * abs(self.true)
+
+    @property
+    def covered(self) -> bool:
+        """The interval holds the truth."""
+        return self.low <= self.true <= self.high
+
+    @property
+    def good(self) -> bool:
+        """What the recording allows to ask for."""
+        return self.close if self.bound < BOUND_JUDGED else self.covered
+
+
+@dataclass(frozen=True)
+class Flags:
+    """What the recording can not show: effects below the noise, names that it does not separate."""
+
+    below_floor: bool
+    inseparable: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case: what was hidden, what was answered, how that compares."""
+
+    case: Case
+    truth: tuple[str, ...]
+    labels: tuple[str, ...]
+    motion: str
+    drawn: Mapping[str, float]
+    samples: int
+    flags: Flags
+    answer: Answer
+    first: bool
+    exact: bool
+    right: bool
+    estimates: tuple[Estimate, ...]
+
+    @property
+    def asked(self) -> bool:
+        """Whether the recording shows enough for the name to be asked for."""
+        return not self.flags.below_floor and not self.flags.inseparable
+
+
+Method = Callable[[Hidden], Answer]
+
+
+def scored(case: Case, method: Method) -> Outcome:
+    """Draws the case, asks the method, compares."""
+    hidden = case.drawn()
+    answer = method(hidden)
+    truth, flags = hidden.truth, flags_of(hidden)
+    due = "cause_found" if truth.names else "nothing_missing"
+    exact = same_names(truth, answer.names) and answer.verdict == due
+    return Outcome(
+        case=case,
+        truth=truth.names,
+        labels=truth.labels,
+        motion=truth.motion,
+        drawn=_drawn(hidden),
+        samples=len(hidden.time_s),
+        flags=flags,
+        answer=answer,
+        first=right_first(truth, answer.names),
+        exact=exact,
+        right=_right(case.group, hidden, answer, flags, exact),
+        estimates=_estimates(hidden, answer) if case.group in ("single", "quarter", "pair") else (),
+    )
+
+
+def _drawn(hidden: Hidden) -> dict[str, float]:
+    """The numbers behind the recording, for the table of ranges."""
+    truth = hidden.truth
+    numbers = {
+        "record.duration_s": truth.duration_s,
+        "record.rate_hz": truth.rate_hz,
+        "record.uneven_stamps": float(not truth.uniform),
+        "noise.corner_hz": truth.noise.corner_hz,
+        "base.mass_kg": truth.base.mass_kg,
+        "base.damping_n_s_m": truth.base.damping_n_s_m,
+        "base.stiffness_n_m": truth.base.stiffness_n_m,
+    }
+    for part, share in zip(truth.parts, truth.shares, strict=True):
+        numbers[f"{part.form.name}.share"] = share
+        numbers.update({f"{part.form.name}.{name}": value for name, value in part.parameters.items()})
+    return numbers
+
+
+def flags_of(hidden: Hidden) -> Flags:
+    """Computed from the noise-free recording and the generator's own models."""
+    below = any(left < noise_floor_n(hidden) for left in leftovers_n(hidden))
+    return Flags(below and not _outside(hidden), inseparable(hidden))
+
+
+def _outside(hidden: Hidden) -> bool:
+    return "outside" in hidden.truth.labels
+
+
+def _right(group: str, hidden: Hidden, answer: Answer, flags: Flags, exact: bool) -> bool:
+    """The one demand of each group."""
+    if group == "outside":
+        return answer.verdict == "unexplained" or _rival_named(answer, flags)
+    if group == "pure_sine":
+        return not answer.names or len(answer.names) > 1 or only_hidden(hidden.truth, answer.names)
+    if group == "constant_speed":
+        return answer.verdict == "not_separable"
+    if group == "standstill":
+        return answer.verdict == "refused"
+    if flags.inseparable and answer.verdict == "not_separable":
+        return any(set(hidden.truth.names) <= set(names) for names in answer.rivals)
+    return exact
+
+
+def _rival_named(answer: Answer, flags: Flags) -> bool:
+    """An effect outside of the vocabulary that a name explains to within the noise may be given that name."""
+    named = {*answer.names, *(name for names in answer.rivals for name in names)}
+    return bool(named & set(flags.inseparable)) and len(answer.names) <= 1
+
+
+def _estimates(hidden: Hidden, answer: Answer) -> tuple[Estimate, ...]:
+    """Of the effects that were named; a parameter that is not given is not a number."""
+    bounds, nothing = relative_bounds(hidden), (float("nan"),) * 3
+    found = []
+    for effect, parameters in hidden.truth.parameters.items():
+        if effect in answer.names:
+            given = comparable(answer, effect)
+            found += [
+                Estimate(effect, name, true, *given.get(name, nothing), bounds[effect][name])
+                for name, true in parameters.items()
+            ]
+    return tuple(found)
+
+
+def gained(outcome: Outcome) -> bool:
+    """Whether the interval of the held-out gain lies above zero."""
+    return isfinite(outcome.answer.gain_low) and outcome.answer.gain_low > 0.0

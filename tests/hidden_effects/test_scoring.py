@@ -1,0 +1,149 @@
+"""The harness itself: what counts as right, what is counted, what is missed."""
+
+from functools import partial
+
+import pytest
+
+from tests.hidden_effects.answers import Answer, Interval, from_document
+from tests.hidden_effects.cases import Case
+from tests.hidden_effects.equivalences import comparable, right_first, same_names
+from tests.hidden_effects.generator import Hidden, Truth, draw
+from tests.hidden_effects.score import Outcome, scored
+from tests.hidden_effects.tables import all_rates, confusion, misses, unmet
+
+_SHORT = {"longest_s": 14.0, "fastest_hz": 300.0}
+
+
+def _friction(label: str) -> Truth:
+    drawn = (draw("coulomb_friction", seed, **_SHORT).truth for seed in range(20))
+    return next(truth for truth in drawn if truth.labels == (label,))
+
+
+def test_only_an_asymmetric_friction_may_be_friction_and_bias() -> None:
+    both = ("coulomb_friction", "bias")
+    assert same_names(_friction("asymmetric"), both)
+    assert same_names(_friction("asymmetric"), both[:1])
+    assert not same_names(_friction("symmetric"), both)
+    assert right_first(_friction("asymmetric"), ("bias", "coulomb_friction"))
+    assert not right_first(_friction("symmetric"), ("bias", "coulomb_friction"))
+    assert not right_first(_friction("symmetric"), ())
+
+
+def test_notations_of_friction_and_damping() -> None:
+    levels: dict[str, Interval] = {"forward_n": (0.3, 0.28, 0.32), "backward_n": (0.1, 0.08, 0.12)}
+    answer = Answer("cause_found", ("coulomb_friction",), {"coulomb_friction": levels})
+    assert comparable(answer, "coulomb_friction")["force_n"][0] == pytest.approx(0.2)
+    split = Answer(
+        "cause_found",
+        ("coulomb_friction", "bias"),
+        {"coulomb_friction": {"force_n": (0.2, 0.19, 0.21)}, "bias": {"force_n": (0.1, 0.09, 0.11)}},
+    )
+    found = comparable(split, "coulomb_friction")
+    assert (found["forward_n"][0], found["backward_n"][0]) == pytest.approx((0.3, 0.1))
+    slopes: dict[str, Interval] = {"forward_n_s_m": (3.0, 2.9, 3.1), "backward_n_s_m": (1.0, 0.9, 1.1)}
+    damped = comparable(Answer("cause_found", (), {"asymmetric_damping": slopes}), "asymmetric_damping")
+    assert damped["difference_n_s_m"][0] == pytest.approx(2.0)
+    assert damped["difference_n_s_m"][1] == pytest.approx(2.0 - 0.1 * 2**0.5)
+
+
+def _told(factor: float, verdict: str, hidden: Hidden) -> Answer:
+    """What a method would say that knows the truth, its parameters off by a factor."""
+    parameters = {
+        effect: {name: (factor * v, v - abs(v) * 0.01, v + abs(v) * 0.01) for name, v in given.items()}
+        for effect, given in hidden.truth.parameters.items()
+    }
+    return Answer(verdict, hidden.truth.names, parameters, gain_low=0.1, seconds=0.5)
+
+
+def _said(verdict: str, hidden: Hidden) -> Answer:
+    return Answer(verdict)
+
+
+_CASES = [
+    Case("single", "quadratic_drag", 1, **_SHORT),
+    Case("quarter", "stiffening", 1, 0.25, **_SHORT),
+    Case("pair", "bias+sensor_drift", 1, **_SHORT),
+]
+_SILENT = [
+    Case("nothing", "nothing", 1, **_SHORT),
+    Case("outside", "chirp", 1, **_SHORT),
+    Case("pure_sine", "pure_sine", 1, **_SHORT),
+    Case("constant_speed", "constant_speed", 1, **_SHORT),
+    Case("standstill", "standstill", 1, **_SHORT),
+]
+_DEMANDED = ("nothing_missing", "unexplained", "not_separable", "not_separable", "refused")
+
+
+def _all(factor: float = 1.0, verdicts: tuple[str, ...] = _DEMANDED) -> list[Outcome]:
+    named = [scored(case, partial(_told, factor, "cause_found")) for case in _CASES]
+    pairs = zip(_SILENT, verdicts, strict=True)
+    return named + [scored(case, partial(_said, verdict)) for case, verdict in pairs]
+
+
+def test_the_truth_meets_every_demand() -> None:
+    outcomes = _all()
+    assert unmet(outcomes) == []
+    assert all(outcome.right for outcome in outcomes)
+    assert misses(outcomes) == "not as demanded: 0"
+    assert "quadratic_drag               = 1" in confusion(outcomes)
+
+
+def test_parameters_that_are_off_are_counted() -> None:
+    close, _, _, covered = all_rates(_all(1.2))[-4:]
+    assert close.hits == 0 < close.total
+    assert covered.hits == covered.total
+    assert not close.met
+
+
+def test_wrong_verdicts_are_counted() -> None:
+    verdicts = ("cause_found", "nothing_missing", "not_separable", "nothing_missing", "nothing_missing")
+    missed = " ".join(unmet(_all(verdicts=verdicts)))
+    for demand in ("nothing hidden", "outside", "constant speed", "standstill"):
+        assert demand in missed
+    assert "pure sine" not in missed
+
+
+def test_a_wrong_name_is_wrong_everywhere() -> None:
+    for case in (*_CASES, *_SILENT):
+        outcome = scored(case, lambda _: Answer("cause_found", ("backlash",)))
+        assert not (outcome.first or outcome.exact or outcome.right) or outcome.truth == ("backlash",), case
+
+
+def test_abstaining_is_no_exact_set() -> None:
+    outcome = scored(_CASES[0], partial(_told, 1.0, "unexplained"))
+    assert not outcome.exact
+    assert not scored(_CASES[0], lambda _: Answer("not_separable")).right
+
+
+def test_no_credit_for_silence_about_an_outside_effect() -> None:
+    """A jerk in a slow motion is the limit of a fast mode: that name is accepted, nothing missing is not."""
+    case = Case("outside", "jerk", 2, **_SHORT)
+    unexplained = scored(case, partial(_said, "unexplained"))
+    assert unexplained.flags.inseparable == ("unmodelled_resonance",)
+    assert unexplained.right
+    assert not scored(case, partial(_said, "nothing_missing")).right
+    assert scored(case, lambda _: Answer("cause_found", ("unmodelled_resonance",))).right
+    assert not scored(case, lambda _: Answer("cause_found", ("mains_hum",))).right
+
+
+def test_document_of_the_product() -> None:
+    cause = {"name": "bias", "parameters": {"force_n": {"value": 0.1, "low": 0.0, "high": 0.2}}}
+    document = {
+        "schema": "forefeel.diagnosis/1", "verdict": "cause_found", "causes": [cause],
+        "rivals": [["bias", "sensor_drift"]], "held_out": {"gain_low": None},
+    }  # fmt: skip
+    answer = from_document(document, 1.5)
+    assert answer.names == ("bias",)
+    assert answer.parameters["bias"]["force_n"] == (0.1, 0.0, 0.2)
+    assert answer.rivals == (("bias", "sensor_drift"),)
+    assert answer.gain_low != answer.gain_low
+    with pytest.raises(KeyError, match="diagnosis/2', expected"):
+        from_document({**document, "schema": "forefeel.diagnosis/2"}, 1.5)
+
+
+def test_the_peer_finds_what_it_has_a_column_for() -> None:
+    pytest.importorskip("pysindy", reason="the peer is of the bench extra")
+    from tests.hidden_effects.sindy import sparse
+
+    for name in ("bias", "quadratic_drag"):
+        assert name in sparse(draw(name, 3, longest_s=30.0)).names

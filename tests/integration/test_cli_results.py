@@ -1,0 +1,187 @@
+"""Commands that write: what they leave when they are interrupted or may not write."""
+
+import os
+import signal
+import socket
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.clock import MonotonicClock
+from common.codec import encode
+from common.errors import ConfigurationError
+from common.recording.mcap_reader import read_run
+from common.recording.mcap_writer import RunWriter
+from common.topics import FORCE
+from common.transport.settings import TransportSettings
+from common.transport.zenoh_bus import ZenohTransport
+from forefeel.files import fresh_folder, write_whole
+from tests.integration.test_cli import contents
+from tests.simulation.pair import write_csv
+from tests.unit.recording_samples import force, put
+
+
+def test_a_report_is_made_of_a_recording_and_equals_that_of_the_run(
+    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert run(f"loopback --virtual-time --duration 3 --out {out}".split()) == 0
+    of_the_run = capsys.readouterr().out.splitlines()
+    again = f"report {out}/recording.mcap --out {tmp_path}/new/folder".split()
+    assert run(again) == 0
+    assert capsys.readouterr().out.splitlines()[:-2] == of_the_run[:-2]  # the folder is another one
+    for name in ("report.json", "report.html"):
+        assert (tmp_path / "new" / "folder" / name).read_bytes() == (out / name).read_bytes()
+    assert run(again) == 2
+    assert run([*again, "--overwrite"]) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("made_before", [False, True])
+def test_an_interrupted_run_in_virtual_time_leaves_what_was_recorded(
+    run: Callable[[Sequence[str]], int],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    number: signal.Signals,
+    made_before: bool,
+) -> None:
+    def show(done_s: float, _what: str) -> None:
+        if done_s > 1.0:
+            os.kill(os.getpid(), number)
+
+    monkeypatch.setattr("forefeel.loopback.command._shown", lambda *_: show)
+    out = tmp_path / "out"
+    if made_before:
+        out.mkdir()
+    assert run(f"loopback --virtual-time --duration 100 --out {out}".split()) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"forefeel: loopback interrupted; recording.mcap in {out}"
+    )
+    assert [path.name for path in out.iterdir()] == ["recording.mcap"]
+    recorded = read_run(out / "recording.mcap")
+    assert not recorded.truncated
+    assert recorded.count("insertion", FORCE) > 900
+
+
+@pytest.mark.parametrize("made_before", [False, True])
+@pytest.mark.parametrize(
+    "interrupted",
+    [
+        ("loopback --virtual-time", "forefeel.loopback.command.VirtualLoopback", "loopback"),
+        ("evaluate @/run.csv", "forefeel.evaluate.run._evaluate", "evaluation"),
+        ("report @/run.mcap", "forefeel.report.command.write_pages", "report"),
+    ],
+)
+def test_what_is_interrupted_before_it_wrote_leaves_nothing_that_was_not_there(
+    run: Callable[[Sequence[str]], int],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    interrupted: tuple[str, str, str],
+    made_before: bool,
+) -> None:
+    line, where, what = interrupted
+    monkeypatch.setattr(where, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
+    time_s = np.arange(0, 10, 0.01)
+    write_csv(tmp_path / "run.csv", "time_s,position_m,force_n", [time_s, np.sin(time_s), np.cos(time_s)])
+    with RunWriter(tmp_path / "run.mcap") as writer:
+        put(writer, force(1))
+    if made_before:
+        (tmp_path / "out").mkdir()
+    before = contents(tmp_path)
+    assert run(f"{line} --out @/out".replace("@", str(tmp_path)).split()) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert said[-1] == f"forefeel: {what} interrupted; nothing was written"
+    assert contents(tmp_path) == before
+
+
+def test_a_signal_while_results_are_written_waits_until_they_are_whole(
+    run: Callable[[Sequence[str]], int],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    def write(path: Path, text: str) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        write_whole(path, text)
+
+    monkeypatch.setattr("forefeel.evaluate.run.write_whole", write)
+    time_s = np.arange(0, 10, 0.01)
+    write_csv(tmp_path / "run.csv", "time_s,position_m,force_n", [time_s, np.sin(time_s), np.cos(time_s)])
+    assert run(f"evaluate {tmp_path}/run.csv --out {tmp_path}/out".split()) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"forefeel: evaluation interrupted; evaluation.json, evaluation.html in {tmp_path}/out"
+    )
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"evaluation.json", "evaluation.html"}
+
+
+def test_a_folder_that_can_not_be_written_is_refused_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tmp_path.chmod(0o555)
+    monkeypatch.chdir(tmp_path)  # whose parents another user may not pass
+    me = os.geteuid()
+    if me == 0:
+        os.seteuid(65534)
+    try:
+        with pytest.raises(ConfigurationError) as caught:
+            fresh_folder(Path(), ("run.csv",), "an earlier run", overwrite=False)
+    finally:
+        os.seteuid(me)
+        tmp_path.chmod(0o755)
+    assert str(caught.value) == "--out .: Permission denied; expected a folder that can be written"
+    assert fresh_folder(tmp_path, ("run.csv",), "an earlier run", overwrite=False) == tmp_path
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_of_nobody_is_no_recording(
+    run: Callable[[Sequence[str]], int],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setattr("forefeel.record._REMIND_S", 0.2)
+    line = f"record --connect tcp/127.0.0.1:9 --out {tmp_path}/run.mcap --duration 0.5"
+    assert run(line.split()) == 1
+    _, *waiting, last = capsys.readouterr().err.splitlines()
+    assert waiting == ["nobody heard yet at tcp/127.0.0.1:9 (0 s)"] * len(waiting) != []
+    assert last == (
+        f"forefeel: {tmp_path}/run.mcap: nothing was recorded, "
+        "nobody of cell cell was heard at tcp/127.0.0.1:9"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_says_what_it_holds_and_what_it_could_not_write(
+    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    clock, ended = MonotonicClock(), threading.Event()
+    slave = ZenohTransport.open(TransportSettings(listen=(endpoint,)), clock, lambda _: None)
+    put = slave.publisher(FORCE.key("cell", "insertion"), FORCE.qos)
+
+    def speak() -> None:
+        while not ended.wait(0.01):
+            put(encode(force(1)))
+            put(b"nonsense")
+
+    thread = threading.Thread(target=speak)
+    thread.start()
+    try:
+        assert run(f"record --connect {endpoint} --out {tmp_path}/run.mcap --duration 2".split()) == 0
+    finally:
+        ended.set()
+        thread.join()
+        slave.close()
+    said = capsys.readouterr().err.splitlines()[-1]
+    recorded = read_run(tmp_path / "run.mcap")
+    malformed = int(recorded.metadata["recorder"]["malformed"])
+    assert malformed > 0
+    assert said == (
+        f"{tmp_path}/run.mcap: closed, {recorded.count('insertion', FORCE)} messages, {malformed} malformed"
+    )

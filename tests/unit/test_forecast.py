@@ -1,0 +1,83 @@
+"""The predictor as a whole: where motion tells nothing, after a change, its band, a model from outside."""
+
+import numpy as np
+import pytest
+
+from common.estimation.forecast import Forecaster
+from common.estimation.forecast.experts import NAMES
+from tests.unit.forecast_samples import Array, Sample, contact, drifting, replayed, scored
+
+DELAYS_S = (0.02, 0.1, 0.3, 0.5)
+T = np.arange(3000) / 100.0
+
+
+@pytest.mark.parametrize("delay_s", DELAYS_S)
+@pytest.mark.parametrize("x", [1e-3 * T, np.full_like(T, 0.01)], ids=["constant speed", "standstill"])
+def test_motion_that_tells_nothing_costs_at_most_5_percent_of_the_hold(x: Array, delay_s: float) -> None:
+    ratios = []
+    for seed in range(3):
+        sample = drifting(x, T, seed)
+        said, rows = replayed(sample, delay_s), scored(sample, delay_s)
+        ratios.append(said.rms(sample.f, rows) / said.hold_rms(sample.f, rows))
+    assert max(ratios) <= 1.05
+
+
+def test_an_exact_standstill_is_the_hold() -> None:
+    sample = drifting(T, T, 0)
+    sample = Sample(T, np.full_like(T, 0.01), sample.f)
+    said, rows = replayed(sample, 0.3), scored(sample, 0.3)
+    assert said.rms(sample.f, rows) <= 1.05 * said.hold_rms(sample.f, rows)
+
+
+@pytest.mark.parametrize("factor", [3.0, 0.4])
+def test_another_tissue_is_learned_within_seconds(factor: float) -> None:
+    sample = contact(60.0, changed=factor)
+    said = replayed(sample, 0.3)
+    before = (sample.t > 20.0) & (sample.t < 30.0)
+    after = (sample.t > 35.0) & (sample.t < 45.0)
+    assert said.rms(sample.f, after) < 2.5 * max(1.0, factor) * said.rms(sample.f, before)
+    assert said.rms(sample.f, after) < 0.25 * said.hold_rms(sample.f, after)
+
+
+@pytest.mark.parametrize("delay_s", DELAYS_S)
+def test_the_band_covers_95_percent_and_is_narrow(delay_s: float) -> None:
+    sample = contact(40.0)
+    said, rows = replayed(sample, delay_s), scored(sample, delay_s)
+    inside = ((said.low <= sample.f) & (sample.f <= said.high))[rows]
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
+    assert np.mean((said.high - said.low)[rows]) <= 5.0 * said.rms(sample.f, rows)
+    assert (said.low <= said.force)[rows].all()
+    assert (said.force <= said.high)[rows].all()
+
+
+def test_the_name_that_leads_is_an_expert_or_the_hold() -> None:
+    sample = contact()
+    said = replayed(sample, 0.3)
+    assert set(said.leading) <= {"", "hold", *NAMES[:-2]}
+    assert said.leading[-1] not in ("", "hold")
+
+
+def test_a_perfect_model_from_outside_is_trusted_from_early_on() -> None:
+    sample = contact(10.0)
+    exact = 60.0 * sample.x + 1.5 * np.gradient(sample.x, sample.t)
+    errors, led = [], []
+    forecaster = Forecaster(outside=True)
+    for n in range(len(sample.t)):
+        if n >= 60:
+            forecaster.observe(sample.t[n - 60], float(exact[n - 60]))
+        forecaster.move(sample.t[n], sample.x[n], float(exact[n]))
+        estimate = forecaster.predict()
+        if estimate is not None and 2.0 < sample.t[n] < 5.0:
+            errors.append(estimate.force_n - exact[n])
+            led.append(estimate.leading)
+    without = replayed(Sample(sample.t, sample.x, exact), 0.3)
+    rows = (sample.t > 2.0) & (sample.t < 5.0)
+    assert float(np.sqrt(np.mean(np.square(errors)))) < 0.7 * without.rms(exact, rows)
+    assert any(name.startswith("model") for name in led)
+
+
+def test_the_same_in_gives_the_same_out() -> None:
+    sample = contact(8.0)
+    one, other = replayed(sample, 0.3), replayed(sample, 0.3)
+    np.testing.assert_array_equal(one.force, other.force)
+    np.testing.assert_array_equal(one.low, other.low)

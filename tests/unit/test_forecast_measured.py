@@ -1,0 +1,38 @@
+"""The predictor on recordings that others measured. The bounds leave 15 % to what it does today."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.recording.tabular import load_recording
+from tests.unit.forecast_samples import Sample, replayed, scored
+
+BOUNDS = {
+    "seal_o_ring_1bar": 0.202,
+    "seal_o_ring_3bar": 0.193,
+    "presliding_friction": 0.120,
+    "emps_train": 0.157,
+    "emps_test": 0.180,
+    "silverbox_train": 0.435,
+    "silverbox_test_arrow": 0.428,
+}
+"""rms as a share of the hold's, at 0.3 s."""
+
+
+@pytest.mark.parametrize("delay_s", [0.02, 0.1, 0.3, 0.5])
+@pytest.mark.parametrize("name", BOUNDS)
+def test_error_and_band(name: str, delay_s: float, data_dir: Path) -> None:
+    recording = load_recording(data_dir / f"{name}.csv")
+    assert recording.force_n is not None
+    sample = Sample(recording.time_s, recording.position_m, recording.force_n)
+    said, rows = replayed(sample, delay_s), scored(sample, delay_s)
+    error_n, held_n = (said.force - sample.f)[rows], (said.held - sample.f)[rows]
+    rms_n, hold_rms_n = said.rms(sample.f, rows), said.hold_rms(sample.f, rows)
+    assert rms_n <= 1.05 * hold_rms_n
+    assert np.abs(error_n).max() <= 1.1 * np.abs(held_n).max()
+    inside = ((said.low <= sample.f) & (sample.f <= said.high))[rows]
+    assert 0.93 <= np.mean(inside) <= 0.97
+    assert np.mean((said.high - said.low)[rows]) <= 5.0 * rms_n
+    if delay_s == 0.3:
+        assert rms_n <= BOUNDS[name] * hold_rms_n

@@ -1,0 +1,28 @@
+from common import topics
+from common.bus import Bus
+from common.clock import VirtualClock
+from common.messages import LimitEvent, SafetyEvent, SafetyState
+from common.transport.memory import MemoryBus
+from master.slave_events import SlaveEvents
+
+
+def test_limits_are_counted_by_rule_and_transitions_told_each_once() -> None:
+    network, clock = MemoryBus(), VirtualClock(0)
+    events = SlaveEvents(Bus(network.session(clock), "cell", "insertion", clock))
+    slave = Bus(network.session(clock), "cell", "insertion", clock)
+    limit, safety = slave.outlet(topics.LIMIT_EVENT), slave.outlet(topics.SAFETY_EVENT)
+    for rule, count in (("force", 3), ("force", 4), ("late", 5)):
+        message = LimitEvent(
+            **limit.header(1, 7), rule=rule, requested=1.0, applied=0.0, unit="N", count=count
+        )
+        limit.send(message)
+        limit.send(message)  # doubled on the way
+    for _ in range(2):
+        header = safety.header(1, 7)
+        moved = SafetyEvent(
+            **header, before=SafetyState.READY, event="engage", after=SafetyState.ENGAGING, reason="pressed"
+        )
+        safety.send(moved)
+        safety.send(moved)
+    assert events.counters == {"limit_force": 7, "limit_late": 5}
+    assert events.notices.drain() == ["slave ready -> engaging, engage: pressed"] * 2
