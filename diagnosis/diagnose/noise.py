@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
@@ -24,6 +25,11 @@ class Noise:
     def whiten(self, columns: Floats, pieces: Sequence[slice]) -> Floats:
         """Each column (axis 0 is time) through the whitening filter, started anew in every piece."""
         return np.concatenate([lfilter(self.taps, 1.0, columns[piece], axis=0) for piece in pieces])
+
+    def response(self, phase: Floats) -> NDArray[np.complex128]:
+        """What whitening does to a spectrum, over innovation; `phase` in rad per sample, any shape."""
+        lags = np.arange(len(self.taps))
+        return np.asarray(np.exp(-1j * phase[..., None] * lags) @ self.taps / self.innovation_n)
 
     def rows(self, rows: Mask, pieces: Sequence[slice]) -> Mask:
         """Those rows whose whitened value rests on counting rows only."""

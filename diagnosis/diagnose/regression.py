@@ -6,10 +6,11 @@ shape parameters; mass, damping and stiffness always take part.
 """
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from common.error_size import Floats
 from diagnosis.diagnose.candidates import (
@@ -28,8 +29,11 @@ from diagnosis.diagnose.signals import Mask, Signals, Spectrum
 Model = Mapping[str, Shape]
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
-_KEPT = 400
+_KEPT_BYTES = 7e7
+_MOST_PRODUCTS = 40_000
 _DEPENDENT = 1e-7
+_DEPENDENT_NORMAL = 1e-6  # inner products hold half of the digits
+_CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +63,15 @@ class Fit:
         return self.coefficients[[i for i, owner in enumerate(self.owners) if owner == name]]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Whitened columns of one cause, their inner products with the target, and a number to know it by."""
+
+    columns: Floats
+    moment: Floats
+    number: int
+
+
 class Regression:
     """Fits models to one conditioned recording.
 
@@ -77,7 +90,10 @@ class Regression:
         )
         self._motions: OrderedDict[object, Motion] = OrderedDict()
         self._spectra: OrderedDict[object, list[Spectrum]] = OrderedDict()
-        self._whitened: OrderedDict[object, Floats] = OrderedDict()
+        self._whitened: OrderedDict[object, Block] = OrderedDict()
+        self._made = 0
+        self._aligning: tuple[object, Spectrum | None] = (), None
+        self._kept = int(np.clip(_KEPT_BYTES / (16.0 * len(s.t)), 60, 4000))
         self._base = [s.linear_spectrum(d) for d in (2, 1, 0)]
         v = s.column(self._base[1])
         self.sense = 1.0 if float(v[s.rows] @ (s.force - s.force[s.rows].mean())[s.rows]) >= 0.0 else -1.0
@@ -89,13 +105,22 @@ class Regression:
         pieces = self.signals.piecewise(fine=False)
         self.rows: Mask = noise.rows(self.signals.rows, pieces)
         self._pieces = pieces
+        self._counted = _as_slice(self.rows)
+        self._whitener = noise.response(self.signals.phase)
         self.target = self._white(self.signals.force[:, None])[:, 0]
+        self._power = float(self.target @ self.target)
         self._whitened.clear()
+        self._products: dict[tuple[int, int], Floats] = {}
 
     def fit(self, model: Model) -> Fit:
-        """Least squares at these shapes."""
-        design, owners = self.design(model)
-        coefficients, rss = solve(design, self.target)
+        """Least squares at these shapes, by inner products that are remembered."""
+        blocks = [self._white_block(model, name, shape) for name, shape in [("", ()), *model.items()]]
+        owners = self._owners(model, blocks)
+        gram, moment = self._normal(blocks)
+        coefficients, explained = solve_normal(gram, moment)
+        rss = self._power - explained
+        if rss < _CANCELLED * self._power:
+            coefficients, rss = solve(self.design(model)[0], self.target)
         n = len(self.target)
         penalty = penalty_of(owners, model, n)
         return Fit(
@@ -111,10 +136,36 @@ class Regression:
     def design(self, model: Model) -> tuple[Floats, tuple[str, ...]]:
         """Whitened columns that count and the owner of each."""
         blocks = [self._white_block(model, name, shape) for name, shape in [("", ()), *model.items()]]
-        owners = [
-            name for name, block in zip(["", *model], blocks, strict=True) for _ in range(block.shape[1])
-        ]
-        return np.hstack(blocks), tuple(owners)
+        return np.hstack([block.columns for block in blocks]), self._owners(model, blocks)
+
+    @staticmethod
+    def _owners(model: Model, blocks: Sequence["Block"]) -> tuple[str, ...]:
+        named = zip(["", *model], blocks, strict=True)
+        return tuple(name for name, block in named for _ in range(block.columns.shape[1]))
+
+    def _normal(self, blocks: Sequence["Block"]) -> tuple[Floats, Floats]:
+        """Gram matrix of the blocks side by side and their inner products with the target."""
+        moment = np.concatenate([block.moment for block in blocks])
+        ends = np.cumsum([len(block.moment) for block in blocks])
+        places = [slice(end - len(block.moment), end) for end, block in zip(ends, blocks, strict=True)]
+        gram = np.empty((len(moment), len(moment)))
+        for i, a in enumerate(blocks):
+            for j in range(i + 1):
+                product = self._product(a, blocks[j])
+                gram[places[i], places[j]] = product
+                gram[places[j], places[i]] = product.T
+        return gram, moment
+
+    def _product(self, a: "Block", b: "Block") -> Floats:
+        if a.number > b.number:
+            return self._product(b, a).T
+        key = a.number, b.number
+        found = self._products.get(key)
+        if found is None:
+            if len(self._products) > _MOST_PRODUCTS:
+                self._products.clear()
+            found = self._products[key] = a.columns.T @ b.columns
+        return found
 
     def block(self, model: Model, name: str, shape: Shape) -> Floats:
         """Filtered columns in N of one cause within a model, on the coarse grid, not whitened."""
@@ -123,12 +174,20 @@ class Regression:
             return harmonics(self.signals.t, shape[0])
         if candidate is not None and candidate.kind in ("motion", "contact", "alignment"):
             return np.empty((len(self.signals.t), 0))
-        aligned = candidate is None or candidate.kind != "sensor"
-        spectra = self._columns(model, name, shape, candidate)
-        if aligned:
-            factor = alignment(self.signals.omega, model)
-            spectra = spectra if factor is None else [spectrum * factor for spectrum in spectra]
+        spectra = self._aligned(model, name, shape, candidate)
         return np.column_stack([self.signals.column(spectrum) for spectrum in spectra])
+
+    def _aligned(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
+        """Spectra of a cause's columns as the load cell shows them."""
+        spectra = self._columns(model, name, shape, candidate)
+        factor = self._alignment(model) if candidate is None or candidate.kind != "sensor" else None
+        return spectra if factor is None else [spectrum * factor for spectrum in spectra]
+
+    def _alignment(self, model: Model) -> Spectrum | None:
+        frame = _frame(model, ("alignment",))
+        if self._aligning[0] != frame:
+            self._aligning = frame, alignment(self.signals.omega, model)
+        return self._aligning[1]
 
     def predicted(self, fit: Fit, leave: str | None = None) -> Floats:
         """The model's force on the coarse grid, without the share of the cause `leave`."""
@@ -155,17 +214,32 @@ class Regression:
 
     def white_block(self, model: Model, name: str, shape: Shape) -> Floats:
         """As `block`, whitened, only the rows that count."""
-        return self._white_block(model, name, shape)
+        return self._white_block(model, name, shape).columns
 
-    def _white_block(self, model: Model, name: str, shape: Shape) -> Floats:
+    def _white_block(self, model: Model, name: str, shape: Shape) -> "Block":
         key = (_frame(model, ("motion", "contact", "alignment")), name, shape)
         if key not in self._whitened:
-            _keep(self._whitened, key, self._white(self.block(model, name, shape)), _KEPT)
+            columns = self._white_columns(model, name, shape)
+            self._made += 1
+            _keep(self._whitened, key, Block(columns, columns.T @ self.target, self._made), self._kept)
+        else:
+            self._whitened.move_to_end(key)
         return self._whitened[key]
 
+    def _white_columns(self, model: Model, name: str, shape: Shape) -> Floats:
+        """Whitened in the spectrum: what wraps around falls on rows that do not count."""
+        candidate = CANDIDATES.get(name)
+        if name == "pulsation":
+            return self._white(self.block(model, name, shape))
+        if candidate is not None and candidate.kind in ("motion", "contact", "alignment"):
+            return np.empty((len(self.target), 0))
+        spectra = self._aligned(model, name, shape, candidate)
+        columns = np.empty((len(self.target), len(spectra)), order="F")
+        for i, spectrum in enumerate(spectra):
+            columns[:, i] = self.signals.column(spectrum * self._whitener)[self._counted]
+        return columns
+
     def _white(self, columns: Floats) -> Floats:
-        if not columns.shape[1]:
-            return np.empty((int(np.count_nonzero(self.rows)), 0))
         return self.noise.whiten(columns, self._pieces)[self.rows] / self.noise.innovation_n
 
     def _columns(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
@@ -174,7 +248,7 @@ class Regression:
             return self._base
         key = (moved, name, shape)
         if key not in self._spectra:
-            _keep(self._spectra, key, self._fresh(model, shape, candidate), _KEPT)
+            _keep(self._spectra, key, self._fresh(model, shape, candidate), self._kept)
         return self._spectra[key]
 
     def _fresh(self, model: Model, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
@@ -233,6 +307,25 @@ def solve(design: Floats, target: Floats) -> tuple[Floats, float]:
     return np.linalg.solve(r, along) / scale, float(rest @ rest)
 
 
+def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
+    """(coefficients, explained sum of squares); of dependent columns the later ones get zero."""
+    scale = np.sqrt(np.diag(gram))
+    scale[scale == 0.0] = 1.0
+    factor, stopped = dpotrf(gram / np.outer(scale, scale), lower=1)
+    diagonal = np.diag(factor)[: stopped - 1] if stopped else np.diag(factor)
+    if stopped or diagonal.min(initial=1.0) < _DEPENDENT_NORMAL:
+        free = np.ones(len(moment), dtype=np.bool_)
+        weak = np.flatnonzero(diagonal < _DEPENDENT_NORMAL)
+        free[weak[0] if len(weak) else stopped - 1] = False
+        inner, explained = solve_normal(gram[np.ix_(free, free)], moment[free])
+        coefficients = np.zeros(len(moment))
+        coefficients[free] = inner
+        return coefficients, explained
+    scaled = moment / scale
+    coefficients, _ = dpotrs(factor, scaled, lower=1)
+    return coefficients / scale, float(scaled @ coefficients)
+
+
 def harmonics(t: Floats, frequency_hz: float, count: int = 3) -> Floats:
     """sin and cos of the frequency and its multiples."""
     phase = 2.0 * np.pi * frequency_hz * t[:, None] * np.arange(1, count + 1)
@@ -266,6 +359,13 @@ def mode_spectra(omega: Floats, driven: Spectrum, shape: Shape) -> list[Spectrum
 def _frame(model: Model, kinds: tuple[str, ...]) -> tuple[tuple[str, Shape], ...]:
     """What in a model changes the columns of all others; sorted, so that it can be a key."""
     return tuple(sorted((n, shape) for n, shape in model.items() if CANDIDATES[n].kind in kinds))
+
+
+def _as_slice(rows: Mask) -> Mask | slice:
+    """The same rows as a slice where they are in one run: much quicker."""
+    index = np.flatnonzero(rows)
+    whole = len(index) and index[-1] - index[0] + 1 == len(index)
+    return slice(int(index[0]), int(index[-1]) + 1) if whole else rows
 
 
 def _keep(cache: OrderedDict, key: object, value: object, most: int) -> None:  # type: ignore[type-arg]

@@ -19,6 +19,7 @@ ASYMMETRIC = "coulomb_friction:asymmetric"
 PRACTICAL_OF = {"bias": 1.05, "unmodelled_resonance": 1.25}
 MOST_CAUSES = 6
 _STARTS = 3
+_ROUGH = 30
 PRACTICAL = 1.12
 """By how much the residual's rms must grow when a cause is taken out: less is within what is left
 unexplained."""
@@ -88,13 +89,14 @@ class Search:
         self.evaluations += 1
         return self.regression.fit(model)
 
-    def refined(self, fit: Fit, only: str | None = None, sweeps: int = 2) -> Fit:
-        """Shapes by bounded scalar searches in turn, each between its neighbours on the grid."""
+    def refined(self, fit: Fit, only: str | None = None, sweeps: int = 2, most: int = 70) -> Fit:
+        """Shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes of one
+        cause jointly, in at most `most` trials."""
         names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
         for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
             before = fit.score
             for name in names:
-                fit = self._refine_one(fit, name, wide=sweep == 0)
+                fit = self._refine_one(fit, name, sweep == 0, most)
             if before - fit.score < 0.5:
                 break
         return fit
@@ -183,12 +185,12 @@ class Search:
                 return True
         return False
 
-    def _refine_one(self, fit: Fit, name: str, wide: bool) -> Fit:
+    def _refine_one(self, fit: Fit, name: str, wide: bool, most: int) -> Fit:
         if len(fit.model[name]) > 1:
-            return self._refine_jointly(fit, name)
+            return self._refine_jointly(fit, name, most)
         return self._refine_axis(fit, name, 0, wide)
 
-    def _refine_jointly(self, fit: Fit, name: str) -> Fit:
+    def _refine_jointly(self, fit: Fit, name: str, most: int) -> Fit:
         """Shapes of one cause that trade against each other: a simplex on their logarithms."""
         best = fit
         grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
@@ -207,7 +209,7 @@ class Search:
             cost,
             np.log(fit.model[name]),
             method="Nelder-Mead",
-            options={"maxfev": 70, "xatol": 1e-3, "fatol": 0.1},
+            options={"maxfev": most, "xatol": 1e-3, "fatol": 0.1},
         )
         return best
 
@@ -253,7 +255,8 @@ class Search:
         scanned = [self._scan(fit, name) for name in self.names if self._open(fit, name)]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
         refined = [
-            self.refined(trial, only=next(iter(set(trial.model) - set(fit.model)))) for trial in ranked
+            self.refined(trial, only=next(iter(set(trial.model) - set(fit.model))), most=_ROUGH)
+            for trial in ranked
         ]
         if not refined:
             return None

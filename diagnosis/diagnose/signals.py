@@ -107,6 +107,11 @@ class Signals:
             [2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.span_s for p in self.pieces]
         )
 
+    @property
+    def phase(self) -> Floats:
+        """Of each frequency of a spectrum, in rad per coarse sample."""
+        return np.concatenate([2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.coarse for p in self.pieces])
+
     def linear_spectrum(self, derivative: int) -> Spectrum:
         """Filtered spectrum of the position's derivative, straight from the raw samples."""
         parts = [
