@@ -8,14 +8,15 @@ from common.effects.base import ForceEffect, Parameter
 from common.effects.offline import Array
 
 _MOST = 50.0
-"""Depth in lengths beyond which the force stays: far outside of any tissue, and of no overflow."""
+"""Lengths beyond which the force stays: far outside of any tissue, and of no overflow."""
 
 
 class ExponentialWall(ForceEffect):
-    """`f = exponential_n (exp(d / L) - 1 - d / L)`, d = max(x, 0), L = length_m.
+    """`f = exponential_n (exp(x / L) - 1 - x / L)`, L = length_m.
 
-    Fung's law without its linear part, which is the stiffness of `mass_damper_spring`. To second and third
-    order in the depth it is `stiffening`.
+    Fung's law without its linear part, which is the stiffness of `mass_damper_spring`; like that spring it
+    acts on both sides of zero unless there is a `contact_loss`. To second and third order in x it is
+    `stiffening`.
     """
 
     name = "exponential_wall"
@@ -31,10 +32,10 @@ class ExponentialWall(ForceEffect):
         self._length_m = self.values["length_m"]
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(exp(d / L) - 1 - d / L,)."""
-        depth = min(x / self._length_m, _MOST) if x > 0.0 else 0.0
+        """(exp(x / L) - 1 - x / L,)."""
+        depth = max(min(x / self._length_m, _MOST), -_MOST)
         return (expm1(depth) - depth,)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        depth = np.clip(x / self._length_m, 0.0, _MOST)
+        depth = np.clip(x / self._length_m, -_MOST, _MOST)
         return (np.expm1(depth) - depth)[:, None]

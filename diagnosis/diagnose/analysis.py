@@ -15,6 +15,8 @@ from diagnosis.diagnose.signals import Signals
 from diagnosis.diagnose.structure import noise_cap_n
 
 _ROUNDS = 3
+_NARROWER = 0.7
+_TRIALS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +28,7 @@ class Analysis:
     search: Search
     fit: Fit
     recording: Recording
+    narrower: tuple[Regression, Fit] | None
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -81,7 +84,23 @@ def analyse(recording: Recording, progress: Callable[[str], None] = lambda stage
         fit = search.run(fit.model)
         if set(fit.model) == names:
             break
-    return Analysis(cleaned, regression, search, fit, recording)
+    narrower = _in_narrower_band(recording, cleaned, regression, fit) if fit.model else None
+    return Analysis(cleaned, regression, search, fit, recording, narrower)
+
+
+def _in_narrower_band(
+    recording: Recording, cleaned: Cleaned, regression: Regression, fit: Fit
+) -> tuple[Regression, Fit] | None:
+    """The same model fitted below a lower cutoff: how much of the answer rests on the choice of the band."""
+    cutoff = _NARROWER * regression.signals.cutoff_hz
+    try:
+        signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
+    except ValueError:
+        return None
+    other = Regression(signals, regression.extent.speed_band)
+    residual = other.residual(other.fit(fit.model))
+    other.whiten_by(autoregression(residual, signals.rows, signals.piecewise(fine=False)))
+    return other, Search(other).refined(other.fit(fit.model), most=_TRIALS)
 
 
 def residual_rms_n(analysis: Analysis) -> float:

@@ -32,10 +32,15 @@ class Gain:
 
 def block_numbers(regression: Regression) -> NDArray[np.int64]:
     """The block of each row that counts."""
-    t = regression.signals.t[regression.rows]
-    count = int(np.clip((t[-1] - t[0]) / _LEAST_S, 4, _BLOCKS))
-    numbers = ((t - t[0]) / (t[-1] - t[0]) * count).astype(np.int64)
-    return np.asarray(np.minimum(numbers, count - 1))
+    return numbers_at(regression, regression.signals.t[regression.rows])
+
+
+def numbers_at(regression: Regression, t: Floats) -> NDArray[np.int64]:
+    """The block of each time in s since the start."""
+    own = regression.signals.t[regression.rows]
+    start, end = float(own[0]), float(own[-1])
+    count = int(np.clip((end - start) / _LEAST_S, 4, _BLOCKS))
+    return np.asarray(np.clip((t - start) / (end - start) * count, 0, count - 1).astype(np.int64))
 
 
 def held_out_errors(regression: Regression, fit: Fit) -> Floats:
@@ -52,14 +57,21 @@ def columns(regression: Regression, fit: Fit) -> tuple[Floats, Floats]:
 
 def held_out(regression: Regression, white: Floats, plain: Floats, ridge: Floats | float = 1e-10) -> Floats:
     """As `held_out_errors` for any columns, with a ridge on them in units of their own size."""
+    theta = held_out_coefficients(regression, white, ridge)
+    force, numbers = regression.signals.force[regression.rows], block_numbers(regression)
+    return np.asarray(force - np.einsum("ij,ij->i", plain, theta[numbers]))
+
+
+def held_out_coefficients(regression: Regression, white: Floats, ridge: Floats | float = 1e-10) -> Floats:
+    """Of whitened columns, a row for each block: least squares on all other blocks."""
     scale = np.sqrt(np.mean(white**2, axis=0))
     scale[scale == 0.0] = 1.0
-    white, plain = white / scale, plain / scale
-    force, numbers = regression.signals.force[regression.rows], block_numbers(regression)
+    white = white / scale
+    numbers = block_numbers(regression)
     gram, moment = white.T @ white, white.T @ regression.target
-    errors = np.empty(len(force))
     full = np.linalg.solve(gram + np.diag(np.full(len(gram), 1.0) * ridge) * len(white), moment)
-    for number in range(int(numbers[-1]) + 1):
+    found = np.tile(full, (int(numbers[-1]) + 1, 1))
+    for number, theta in enumerate(found):
         rows = numbers == number
         part = white[rows]
         inner = gram - part.T @ part
@@ -67,15 +79,25 @@ def held_out(regression: Regression, white: Floats, plain: Floats, ridge: Floats
         known = np.diag(inner) > _SEEN * np.diag(gram)
         inner[np.diag_indices_from(inner)] += ridge * len(white)
         right = moment - part.T @ regression.target[rows] - inner[:, ~known] @ full[~known]
-        theta = full.copy()
         theta[known] = np.linalg.solve(inner[np.ix_(known, known)], right[known])
-        errors[rows] = force[rows] - plain[rows] @ theta
-    return errors
+    return np.asarray(found / scale)
+
+
+def held_out_prediction(regression: Regression, fit: Fit) -> Floats:
+    """Force in N on the whole coarse grid, each block by the fit to all others."""
+    theta = held_out_coefficients(regression, regression.design(fit.model)[0])
+    plain = [regression.block(fit.model, name, shape) for name, shape in [("", ()), *fit.model.items()]]
+    numbers = numbers_at(regression, regression.signals.t)
+    return np.asarray(np.einsum("ij,ij->i", np.hstack(plain), theta[numbers]))
 
 
 def gain(regression: Regression, before: Floats, after: Floats) -> Gain:
-    """Of two series of held-out errors."""
-    numbers = block_numbers(regression)
+    """Of two series of held-out errors at the rows that count."""
+    return gain_over(block_numbers(regression), before, after)
+
+
+def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> Gain:
+    """Of two series of errors in numbered blocks."""
     sums = np.array([[np.sum(e[numbers == k] ** 2) for e in (before, after)] for k in np.unique(numbers)])
     rng = np.random.default_rng(0)
     drawn = sums[rng.integers(len(sums), size=(_DRAWS, len(sums)))].sum(axis=1)

@@ -52,6 +52,11 @@ class Extent:
     high_m: float
     speed_band: float
 
+    @property
+    def reach_m(self) -> float:
+        """The farthest from zero."""
+        return max(abs(self.low_m), abs(self.high_m))
+
     @classmethod
     def of(cls, signals: Signals, speed_band: float) -> "Extent":
         """From the motion as recorded, robust against its extremes."""
@@ -102,6 +107,12 @@ def _stribeck(motion: Motion, shape: Shape) -> list[Floats]:
 def _stribeck_exponential(motion: Motion, shape: Shape) -> list[Floats]:
     s = motion.direction()
     return [s, s * np.exp(-np.abs(motion.v) / shape[0])]
+
+
+def _exponential(motion: Motion, shape: Shape) -> list[Floats]:
+    """Fung's wall without its linear part."""
+    depth = np.clip(motion.x / shape[0], -_STEEPEST, _STEEPEST)
+    return [np.expm1(depth) - depth]
 
 
 def _both_directions(motion: Motion, shape: Shape) -> list[Floats]:
@@ -184,13 +195,15 @@ def touch(motion: Motion, contact_m: float) -> Motion:
 
 def _modes(extent: Extent) -> list[Shape]:
     low, high = max(0.7, 4.0 / extent.duration_s), 0.7 * extent.cutoff_hz
-    return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.02, 0.08, 0.25)]
+    return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.04, 0.15)]
 
 
 def base_name(name: str) -> str:
     """The name in the vocabulary of one of its forms."""
     return name.partition(":")[0]
 
+
+_STEEPEST = 50.0
 
 DRY = frozenset({"coulomb_friction", "stribeck_friction", "presliding_hysteresis"})
 """Descriptions of one and the same contact: a model holds at most one of them."""
@@ -240,6 +253,10 @@ CANDIDATES: Mapping[str, Candidate] = {
         ),
         Candidate("backlash", "motion", grid=lambda e: log_grid(0.005 * e.stroke_m, 0.6 * e.stroke_m, 9)),
         Candidate("stiffening", "force", (0, 0), lambda m, s: [m.x**2, m.x**3], at_wall=True),
+        Candidate(
+            "stiffening:exponential", "force", (1,), _exponential,
+            lambda e: log_grid(0.12 * e.reach_m, 1.5 * e.reach_m, 6), at_wall=True,
+        ),
         Candidate("hunt_crossley_damping", "force", (1,), lambda m, s: [_depth(m) * m.v], at_wall=True),
         Candidate("quadratic_drag", "force", (1,), lambda m, s: [m.v * np.abs(m.v)]),
         Candidate("asymmetric_damping", "force", (0,), lambda m, s: [np.abs(m.v)], at_wall=True),
@@ -259,10 +276,11 @@ CANDIDATES: Mapping[str, Candidate] = {
             "stiffness_change", "force", (0,), lambda m, s: [m.x * (m.t > s[0])], logarithmic=False,
             grid=lambda e: [(float(t),) for t in np.linspace(0.0, e.duration_s, 32)[2:-2]], at_wall=True,
         ),
-        Candidate("time_delay", "alignment", grid=lambda e: log_grid(0.1 / e.cutoff_hz, 0.3, 8)),
-        Candidate("sensor_lag", "alignment", grid=lambda e: log_grid(0.1 / e.cutoff_hz, 0.5, 8)),
+        Candidate("time_delay", "alignment", grid=lambda e: log_grid(0.1 / e.cutoff_hz, 0.3, 12)),
+        Candidate("sensor_lag", "alignment", grid=lambda e: log_grid(0.1 / e.cutoff_hz, 0.5, 10)),
         Candidate("sensor_drift", "sensor", (0,), lambda m, s: [m.t]),
         Candidate("pulsation", "sensor", (0,) * 6, None),
-        Candidate("unmodelled_resonance", "mode", (0, 0), None, _modes),
+        Candidate("unmodelled_resonance", "mode", (1,), None, _modes),
+        Candidate("unmodelled_resonance:free", "mode", (0, 0), None, _modes),
     )
 }  # fmt: skip

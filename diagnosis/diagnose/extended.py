@@ -77,11 +77,12 @@ def _periodic(kind: type[Pulsation] | type[MainsHum], c: Floats, frequency_hz: f
 
 def _mode(c: Floats, s: Shape, base: Floats, start: float) -> list[Entry]:
     w = 2.0 * np.pi * s[0]
+    damper = c[1] if len(c) > 1 else 2.0 * s[1] * c[0]
     return [
         entry(
             "unmodelled_resonance",
             stiffness_n_m=c[0] * w * w,
-            damping_n_s_m=c[1] * w,
+            damping_n_s_m=damper * w,
             frequency_hz=s[0],
             damping_ratio=s[1],
         )
@@ -119,6 +120,9 @@ MAKERS: Mapping[str, Make] = {
     ],
     "backlash": lambda c, s, b, t: [entry("backlash", width_m=s[0])],
     "stiffening": lambda c, s, b, t: [entry("stiffening", quadratic_n_m2=c[0], cubic_n_m3=c[1])],
+    "stiffening:exponential": lambda c, s, b, t: [
+        entry("exponential_wall", exponential_n=c[0], length_m=s[0])
+    ],
     "hunt_crossley_damping": lambda c, s, b, t: [entry("hunt_crossley_damping", damping_n_s_m2=c[0])],
     "quadratic_drag": lambda c, s, b, t: [entry("quadratic_drag", drag_n_s2_m2=c[0])],
     "stress_relaxation": _branches,
@@ -135,6 +139,7 @@ MAKERS: Mapping[str, Make] = {
     "sensor_drift:creep": _drift,
     "pulsation": _pulses,
     "unmodelled_resonance": _mode,
+    "unmodelled_resonance:free": _mode,
 }
 
 
@@ -143,7 +148,7 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
     regression, fit = analysis.regression, analysis.fit
     if FIXTURE in fit.model:  # with m, b and k the hanging mass spans a weak fixture, too
         fit = regression.fit(
-            {("unmodelled_resonance" if n == FIXTURE else n): s for n, s in fit.model.items()}
+            {("unmodelled_resonance:free" if n == FIXTURE else n): s for n, s in fit.model.items()}
         )
     entries = _base(fit, regression.sense)
     base = fit.coefficients[:3] * regression.sense

@@ -23,6 +23,7 @@ _WHOLE = 0.02
 _LINE = 8.0
 _OUTLIER = 12.0
 _LEAST_SPIKES = 4
+_LEAST_OF_USUAL = 0.35
 _MEDIAN_S = 0.011
 
 
@@ -38,10 +39,18 @@ class Fault:
 
 @dataclass(slots=True, eq=False)
 class Cleaned:
-    """The force without lines and spikes, which samples were clipped, and the faults found."""
+    """The force without lines and spikes, what was taken out, which samples were clipped, and the faults.
+
+    Attributes:
+        force_n: cleaned; raw force is `force_n + lines_n` but at spikes.
+        clipped, spikes: where the raw force means nothing.
+        lines_n: mains lines.
+    """
 
     force_n: Floats
     clipped: Mask
+    spikes: Mask
+    lines_n: Floats
     faults: list[Fault] = field(default_factory=list)
 
 
@@ -49,7 +58,8 @@ def clean(recording: Recording) -> Cleaned:
     """Finds every fault of the sensor and takes out what can be taken out."""
     assert recording.force_n is not None
     force = np.array(recording.force_n)
-    cleaned = Cleaned(force, np.zeros(len(force), dtype=np.bool_))
+    nowhere = np.zeros(len(force), dtype=np.bool_)
+    cleaned = Cleaned(force, nowhere, nowhere.copy(), np.zeros(len(force)))
     step = comb_step(force)
     _saturation(cleaned, step)
     if step is not None:
@@ -147,6 +157,9 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
     for start, stop in zip(starts, stops, strict=True):
         wide[max(start - 1, 0) : stop + 1] = True
     cleaned.force_n = np.where(wide, smooth, force)
+    certain = sizes > _LEAST_OF_USUAL * np.median(sizes)  # smaller ones are corners of the force
+    starts, sizes = starts[certain], sizes[certain]
+    cleaned.spikes |= wide
     rate, amplitude = len(starts) / recording.duration_s, float(np.mean(sizes))
     doubt_rate, doubt = (
         1.96 * np.sqrt(len(starts)) / recording.duration_s,
@@ -222,13 +235,15 @@ def _mains(cleaned: Cleaned, recording: Recording) -> None:
         orders = [k for k in orders if k == 1 or _line(t, cleaned.force_n, k * frequency, 0.3) is not None]
         phase = 2.0 * np.pi * frequency * t[:, None] * np.array(orders)
         basis = np.hstack([np.sin(phase), np.cos(phase)])
-        smooth = _smoothed(cleaned.force_n, recording.rate_hz, nominal)
-        weights, *_ = np.linalg.lstsq(basis, cleaned.force_n - smooth, rcond=None)
+        columns = np.column_stack([basis, cleaned.force_n])
+        rough = columns - _smoothed(columns, recording.rate_hz, nominal)
+        weights, *_ = np.linalg.lstsq(rough[:, :-1], rough[:, -1], rcond=None)
         wave = basis @ weights
         amplitude = float(np.hypot(weights[0], weights[len(orders)]))
         noise = amplitude / level
         spread = np.sqrt(6.0) / np.pi / float(t[-1]) / level * 1.96
         cleaned.force_n = cleaned.force_n - wave
+        cleaned.lines_n = cleaned.lines_n + wave
         cleaned.faults.append(
             Fault(
                 "mains_hum",
@@ -269,4 +284,5 @@ def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tupl
 def _smoothed(values: Floats, rate_hz: float, nominal: float) -> Floats:
     from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415
 
-    return np.asarray(gaussian_filter1d(values, rate_hz / (2.0 * np.pi * 0.3 * nominal), mode="nearest"))
+    reach = rate_hz / (2.0 * np.pi * 0.3 * nominal)
+    return np.asarray(gaussian_filter1d(values, reach, axis=0, mode="nearest"))

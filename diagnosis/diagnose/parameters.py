@@ -41,6 +41,10 @@ NAMINGS: dict[str, Naming] = {
     },
     "backlash": lambda c, s, b, t: {"width_m": s[0]},
     "stiffening": lambda c, s, b, t: {"quadratic_n_m2": c[0], "cubic_n_m3": c[1]},
+    "stiffening:exponential": lambda c, s, b, t: {
+        "quadratic_n_m2": c[0] / (2.0 * s[0] ** 2), "cubic_n_m3": c[0] / (6.0 * s[0] ** 3),
+        "exponential_n": c[0], "length_m": s[0],
+    },
     "hunt_crossley_damping": lambda c, s, b, t: {"damping_n_s_m2": c[0]},
     "quadratic_drag": lambda c, s, b, t: {"drag_n_s2_m2": c[0]},
     "asymmetric_damping": lambda c, s, b, t: {"forward_n_s_m": b[1] + c[0], "backward_n_s_m": b[1] - c[0]},
@@ -61,16 +65,20 @@ NAMINGS: dict[str, Naming] = {
     "sensor_drift:creep": lambda c, s, b, t: {"rate_n_s": c[0] / s[0], "settling_s": s[0]},
     "pulsation": _pulse,
     "unmodelled_resonance": lambda c, s, b, t: {"frequency_hz": s[0], "damping_ratio": s[1]},
+    "unmodelled_resonance:free": lambda c, s, b, t: {"frequency_hz": s[0], "damping_ratio": s[1]},
     "unmodelled_resonance:fixture": lambda c, s, b, t: {"frequency_hz": s[0], "damping_ratio": s[1]},
 }  # fmt: skip
 
 
-def intervals(regression: Regression, fit: Fit) -> dict[str, dict[str, Interval]]:
+def intervals(
+    regression: Regression, fit: Fit, elsewhere: tuple[Regression, Fit] | None = None
+) -> dict[str, dict[str, Interval]]:
     """95 % intervals of each cause's parameters, and of mass, damping, stiffness under "".
 
     Coefficients and shapes are drawn from the Gauss-Newton covariance `s^2 (J' J)^-1` on whitened data, J
-    with the
-    derivatives by the shapes; percentiles of the named parameters follow (propagation by draws).
+    with the derivatives by the shapes; percentiles of the named parameters follow (propagation by draws).
+    How far a value moves when the same model is fitted `elsewhere`, in another band, is added in square:
+    what the choice of the band does is no less a doubt than the noise.
     """
     theta, sizes = _point(fit)
     covariance = _covariance(regression, fit)
@@ -80,19 +88,26 @@ def intervals(regression: Regression, fit: Fit) -> dict[str, dict[str, Interval]
     start = regression.signals.origin_s
     values = _named(fit, theta, sizes, start, regression.sense)
     drawn = [_named(fit, draw, sizes, start, regression.sense) for draw in draws]
+    moved = values if elsewhere is None else _named_by(*elsewhere)
     for name, parameters in values.items():
         found[name] = {
-            key: _interval(value, np.array([d[name][key] for d in drawn]))
+            key: _interval(value, np.array([d[name][key] for d in drawn]), moved[name][key] - value)
             for key, value in parameters.items()
         }
     return found
 
 
-def _interval(value: float, drawn: Floats) -> Interval:
-    low, high = (
-        np.quantile(drawn[np.isfinite(drawn)], (0.025, 0.975)) if np.isfinite(drawn).any() else (value, value)
-    )
-    return Interval(float(value), float(min(low, value)), float(max(high, value)))
+def _interval(value: float, drawn: Floats, moved: float) -> Interval:
+    drawn = drawn[np.isfinite(drawn)]
+    low, high = np.quantile(drawn, (0.025, 0.975)) if len(drawn) else (value, value)
+    doubt = abs(moved) if np.isfinite(moved) else 0.0
+    below, above = np.hypot(max(value - low, 0.0), doubt), np.hypot(max(high - value, 0.0), doubt)
+    return Interval(float(value), float(value - below), float(value + above))
+
+
+def _named_by(regression: Regression, fit: Fit) -> dict[str, Values]:
+    theta, sizes = _point(fit)
+    return _named(fit, theta, sizes, regression.signals.origin_s, regression.sense)
 
 
 def _point(fit: Fit) -> tuple[Floats, list[tuple[str, int]]]:

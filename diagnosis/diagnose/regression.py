@@ -95,9 +95,11 @@ class Regression:
         self._aligning: tuple[object, Spectrum | None] = (), None
         self._kept = int(np.clip(_KEPT_BYTES / (16.0 * len(s.t)), 60, 4000))
         self._base = [s.linear_spectrum(d) for d in (2, 1, 0)]
-        v = s.column(self._base[1])
-        self.sense = 1.0 if float(v[s.rows] @ (s.force - s.force[s.rows].mean())[s.rows]) >= 0.0 else -1.0
+        self.sense = 1.0
         self.whiten_by(white())
+        resisting, self.sense = self.fit({"bias": ()}), -1.0
+        if resisting.rss <= self.fit({"bias": ()}).rss:
+            self.sense = 1.0
 
     def whiten_by(self, noise: Noise) -> None:
         """Residuals are weighed by this noise from now on."""
@@ -117,10 +119,11 @@ class Regression:
         blocks = [self._white_block(model, name, shape) for name, shape in [("", ()), *model.items()]]
         owners = self._owners(model, blocks)
         gram, moment = self._normal(blocks)
-        coefficients, explained = solve_normal(gram, moment)
+        coefficients, explained = solve_passive(gram, moment, self.sense)
         rss = self._power - explained
         if rss < _CANCELLED * self._power:
-            coefficients, rss = solve(self.design(model)[0], self.target)
+            kept = coefficients != 0.0
+            coefficients[kept], rss = solve(self.design(model)[0][:, kept], self.target)
         n = len(self.target)
         penalty = penalty_of(owners, model, n)
         return Fit(
@@ -262,7 +265,7 @@ class Regression:
                 if motion is not self._motion
                 else self._base[0]
             )
-            return mode_spectra(self.signals.omega, driven, shape)
+            return mode_spectra(self.signals.omega, driven, shape, free=candidate.name.endswith(":free"))
         else:
             assert candidate.columns is not None
             columns = candidate.columns(motion, shape)
@@ -271,7 +274,7 @@ class Regression:
         return [self.signals.spectrum(column) for column in columns]
 
     def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
-        if any(n.startswith("unmodelled_resonance") and s[1] > MOST_DAMPED for n, s in model.items()):
+        if too_damped(model):
             return False
         for name in dict.fromkeys(owners):
             if name:
@@ -283,6 +286,11 @@ class Regression:
                 ):
                     return False
         return True
+
+
+def too_damped(model: Model) -> bool:
+    """Whether a mode in the model has no peak to know it by."""
+    return any(n.startswith("unmodelled_resonance") and s[1] > MOST_DAMPED for n, s in model.items())
 
 
 def penalty_of(owners: tuple[str, ...], model: Model, n: int) -> float:
@@ -309,6 +317,8 @@ def solve(design: Floats, target: Floats) -> tuple[Floats, float]:
 
 def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
     """(coefficients, explained sum of squares); of dependent columns the later ones get zero."""
+    if not len(moment):
+        return np.empty(0), 0.0
     scale = np.sqrt(np.diag(gram))
     scale[scale == 0.0] = 1.0
     factor, stopped = dpotrf(gram / np.outer(scale, scale), lower=1)
@@ -324,6 +334,19 @@ def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
     scaled = moment / scale
     coefficients, _ = dpotrs(factor, scaled, lower=1)
     return coefficients / scale, float(scaled @ coefficients)
+
+
+def solve_passive(gram: Floats, moment: Floats, sense: float) -> tuple[Floats, float]:
+    """As `solve_normal`, mass, damping and stiffness not below zero: a contact gives no energy."""
+    free = np.ones(len(moment), dtype=np.bool_)
+    for _ in BASE:
+        coefficients = np.zeros(len(moment))
+        coefficients[free], explained = solve_normal(gram[np.ix_(free, free)], moment[free])
+        negative = coefficients[: len(BASE)] * sense < 0.0
+        if not negative.any():
+            break
+        free[: len(BASE)] &= ~negative
+    return coefficients, explained
 
 
 def harmonics(t: Floats, frequency_hz: float, count: int = 3) -> Floats:
@@ -349,11 +372,15 @@ def alignment(omega: Floats, model: Model) -> Spectrum | None:
     return factor
 
 
-def mode_spectra(omega: Floats, driven: Spectrum, shape: Shape) -> list[Spectrum]:
-    """A second mode `y'' + 2 zeta w y' + w^2 y = a`: its restoring force w^2 y and its rate w y'."""
+def mode_spectra(omega: Floats, driven: Spectrum, shape: Shape, free: bool) -> list[Spectrum]:
+    """A hanging mass, `y'' + 2 zeta w y' + w^2 y = a`: what it pulls with, `w^2 y + 2 zeta w y'`.
+
+    Free: spring and damper to the moving part apart, `w^2 y` and `w y'`.
+    """
     w, zeta = 2.0 * np.pi * shape[0], shape[1]
     y = driven / (w * w - omega**2 + 2j * zeta * w * omega)
-    return [w * w * y, 1j * w * omega * y]
+    spring, damper = w * w * y, 1j * w * omega * y
+    return [spring, damper] if free else [spring + 2.0 * zeta * damper]
 
 
 def _frame(model: Model, kinds: tuple[str, ...]) -> tuple[tuple[str, Shape], ...]:

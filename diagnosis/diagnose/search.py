@@ -10,7 +10,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from common.error_size import Floats
 from diagnosis.diagnose.candidates import CANDIDATES, DRY, Candidate, Shape, base_name
-from diagnosis.diagnose.regression import Fit, Model, Regression
+from diagnosis.diagnose.regression import Fit, Model, Regression, too_damped
 
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""
@@ -20,6 +20,10 @@ PRACTICAL_OF = {"bias": 1.05, "unmodelled_resonance": 1.25}
 MOST_CAUSES = 6
 _STARTS = 3
 _ROUGH = 30
+_BEYOND = 0.8
+_SUBHARMONIC = 15.0
+"""How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
+_SEEN_FROM_BELOW = 2.5
 PRACTICAL = 1.12
 """By how much the residual's rms must grow when a cause is taken out: less is within what is left
 unexplained."""
@@ -104,14 +108,16 @@ class Search:
     def best_with(self, fit: Fit, name: str) -> Fit | None:
         """The model with one more cause, its shape refined; None when no shape is feasible."""
         coarse = self._scan(fit, name)
-        return None if coarse is None else self.refined(coarse, only=name)
+        best = None if coarse is None else self.refined(coarse, only=name)
+        return None if best is None or not best.feasible else best
 
     def _scan(self, fit: Fit, name: str) -> Fit | None:
         """The best shape on the grid."""
         found: Fit | None = None
         for shape in self._shapes(fit, name):
             trial = self._quick(fit, name, shape)
-            if trial.feasible and (found is None or trial.score < found.score):
+            margin = 0.0 if found is None or name != "pulsation" else _SUBHARMONIC
+            if trial.feasible and (found is None or trial.score < found.score - margin):
                 found = trial
         return found
 
@@ -122,7 +128,7 @@ class Search:
         if name == "pulsation":
             return self.lines(fit)
         if base_name(name) == "unmodelled_resonance":
-            return [s for s in CANDIDATES[name].grid(self.regression.extent) if self._resolved(s)]
+            return [s for s in CANDIDATES[name].grid(self.regression.extent) if self._resolved(name, s)]
         if fit.model.get(name):
             return [fit.model[name], *CANDIDATES[name].grid(self.regression.extent)]
         return CANDIDATES[name].grid(self.regression.extent)
@@ -150,10 +156,11 @@ class Search:
         found = peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
         return [shape for shape in found if not self._own_period(shape[0])]
 
-    def _resolved(self, shape: Shape) -> bool:
+    def _resolved(self, name: str, shape: Shape) -> bool:
         """Whether the motion has frequencies within the mode's width; one that repeats has harmonics only."""
         period_s = self._motion_period_s
-        if shape[0] > 0.9 * self.regression.signals.motion_reach_hz:
+        reach_hz = self.regression.signals.motion_reach_hz
+        if shape[0] > (0.9 if name.endswith(":free") else _SEEN_FROM_BELOW) * reach_hz:
             return False
         return period_s is None or 2.0 * shape[0] * shape[1] * period_s > 1.0
 
@@ -192,18 +199,20 @@ class Search:
 
     def _refine_jointly(self, fit: Fit, name: str, most: int) -> Fit:
         """Shapes of one cause that trade against each other: a simplex on their logarithms."""
-        best = fit
+        best = lowest = fit
         grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
-        low, high = grid.min(axis=0) - 0.2, grid.max(axis=0) + 0.2
+        low, high = grid.min(axis=0) - _BEYOND, grid.max(axis=0) + _BEYOND
 
         def cost(z: Floats) -> float:
-            nonlocal best
+            nonlocal best, lowest
             if (z < low).any() or (z > high).any():
                 return fit.score + 1e3
             trial = self.fit({**fit.model, name: tuple(float(value) for value in np.exp(z))})
-            if trial.feasible and trial.score < best.score:
+            if trial.score < best.score and trial.feasible:
                 best = trial
-            return trial.score + (0.0 if trial.feasible else 1e3)
+            if trial.score < lowest.score and (trial.feasible or too_damped(trial.model)):
+                lowest = trial
+            return trial.score + (0.0 if trial.feasible or too_damped(trial.model) else 1e3)
 
         minimize(
             cost,
@@ -211,7 +220,7 @@ class Search:
             method="Nelder-Mead",
             options={"maxfev": most, "xatol": 1e-3, "fatol": 0.1},
         )
-        return best
+        return best if best.score < lowest.score + 1.0 else lowest
 
     def _refine_axis(self, fit: Fit, name: str, index: int, wide: bool) -> Fit:
         candidate, shape = CANDIDATES[name], fit.model[name]
@@ -258,10 +267,11 @@ class Search:
             self.refined(trial, only=next(iter(set(trial.model) - set(fit.model))), most=_ROUGH)
             for trial in ranked
         ]
+        refined = [trial for trial in refined if trial.feasible]
         if not refined:
             return None
         best = self.refined(min(refined, key=lambda trial: trial.score))
-        return best if self.worth(best, fit) else None
+        return best if best.feasible and self.worth(best, fit) else None
 
     def _open(self, fit: Fit, name: str) -> bool:
         """Whether neither a form of that name nor another description of the same contact is in the model
@@ -309,6 +319,6 @@ class Search:
             for trial in ranked:
                 if trial.score < fit.score + 0.3 * abs(rest.score - fit.score):
                     better = self.refined(trial)
-                    if better.score < (best or fit).score - 2.0:
+                    if better.feasible and better.score < (best or fit).score - 2.0:
                         best = better
         return best

@@ -30,6 +30,8 @@ _FINE_PER_BAND = 16.0
 _TAPER = 0.75  # the pass-band is flat up to this share of the cutoff
 _EDGE = 4.0  # in periods of the cutoff: what the filter's response reaches
 _ENDS = (0.6, 0.8, 0.97), (0.3, 0.42, 0.6)  # of the Nyquist frequency; uneven stamps damp the upper end
+_EDGE_S, _PAD_S = 0.5, 1.5
+_FALL = 0.3  # of the motion's reach, in which its spectrum is brought to zero
 _LEAST_SEGMENT = 3.0  # in edges
 
 
@@ -171,7 +173,8 @@ class Signals:
         t = np.asarray(np.arange(grid.coarse) * (grid.span_s / grid.coarse), dtype=np.float64)
         edge_s = _EDGE / self.cutoff_hz
         length_s = (grid.samples - 1) * grid.period_s
-        rows = (t >= min(max(edge_s, 0.3), 0.1 * length_s)) & (t <= length_s - min(edge_s, 0.1 * length_s))
+        edge_s = min(max(edge_s, _EDGE_S), 0.1 * length_s)
+        rows = (t >= edge_s) & (t <= length_s - edge_s)
         rows &= ~_near(bad, t, grid.period_s, 1.0 / self.cutoff_hz)
         return grid.start_s + t, irfft(self._cut(grid, f_spec, grid.padded, 0), grid.coarse), rows
 
@@ -192,7 +195,8 @@ def _grid(time_s: Floats, cutoff_hz: float) -> Piece | None:
         return None
     period_s = float(np.median(np.diff(time_s)))
     samples = int((time_s[-1] - time_s[0]) / period_s + 1e-6) + 1
-    padded = next_fast_len(samples + int(2.0 * edge_s / period_s) + 2, real=True)
+    pad_s = max(2.0 * edge_s, min(_PAD_S, 0.1 * samples * period_s))
+    padded = next_fast_len(samples + int(pad_s / period_s) + 2, real=True)
     span_s = padded * period_s
     coarse = min(next_fast_len(int(2.0 * cutoff_hz * span_s) + 2, real=True), padded)
     coarse += coarse % 2
@@ -218,10 +222,16 @@ def _interpolated(at: Floats, time_s: Floats, values: Floats) -> Floats:
 
 
 def _padded(values: Floats, length: int) -> Floats:
-    """Prolonged by a smooth way back to the first value: what is periodic has no jump."""
-    way = np.arange(1, length - len(values) + 1) / (length - len(values) + 1)
-    ease = way * way * (3.0 - 2.0 * way)
-    return np.concatenate([values, values[-1] + (values[0] - values[-1]) * ease])
+    """Prolonged point-symmetrically at both ends, one fading into the other: no jump in value or slope."""
+    count = length - len(values)
+    reach = min(count, len(values) - 1)
+    after = 2.0 * values[-1] - values[-2 : -2 - reach : -1]
+    before = 2.0 * values[0] - values[reach:0:-1]
+    way = np.arange(1, count + 1) / (count + 1)
+    fade = 0.5 * (1.0 + np.cos(np.pi * way))
+    after = np.concatenate([after, np.full(count - reach, after[-1])])
+    before = np.concatenate([np.full(count - reach, before[0]), before])
+    return np.concatenate([values, fade * after + (1.0 - fade) * before])
 
 
 def _above_noise(x: Floats, grid: Piece, bins: int) -> Floats:
@@ -229,8 +239,8 @@ def _above_noise(x: Floats, grid: Piece, bins: int) -> Floats:
     derived.
 
     The noise is the level at the end of the spectrum when it is flat there; one everywhere when it still
-    falls.
-    A gradual (Wiener's) gain would shrink the motion, and with it bias the mass.
+    falls. A gradual (Wiener's) gain would shrink the motion, and with it bias the mass; it falls beyond the
+    motion, within 0.3 of its reach, for a steeper one would ring.
     """
     rate = 1.0 / grid.period_s
     count = int(min(len(x), max(128, 3.0 * rate)))
@@ -244,9 +254,9 @@ def _above_noise(x: Floats, grid: Piece, bins: int) -> Floats:
     level = median_filter(power, 7, mode="nearest")
     gain = np.clip((level / max(top, 1e-300) - 2.0) / 2.0, 0.0, 1.0)
     last = int(np.flatnonzero(gain > 0.5)[-1]) if (gain > 0.5).any() else len(gain)
-    gain[: last + 1], gain[last + 1 :] = 1.0, 0.0
-    gain[:3] = 1.0
-    return np.asarray(np.interp(np.arange(bins) / grid.span_s, frequency, gain))
+    reach_hz = float(frequency[max(min(last, len(frequency) - 1), 2)])
+    depth = np.clip((np.arange(bins) / grid.span_s / reach_hz - 1.0) / _FALL, 0.0, 1.0)
+    return np.asarray(0.5 * (1.0 + np.cos(np.pi * depth)))
 
 
 def _band(power: Floats, low: float, high: float) -> float:
