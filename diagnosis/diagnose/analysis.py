@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common.error_size import Floats
 from common.recording.recording import Recording
 from diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
 from diagnosis.diagnose.faults import Cleaned, Fault, clean
-from diagnosis.diagnose.noise import autoregression
+from diagnosis.diagnose.noise import Noise, autoregression
 from diagnosis.diagnose.regression import Fit, Regression
 from diagnosis.diagnose.search import Search
 from diagnosis.diagnose.signals import Signals
@@ -80,7 +81,7 @@ def analyse(recording: Recording, progress: Callable[[str], None] = lambda stage
     for _ in range(_ROUNDS):
         names = set(fit.model)
         residual = regression.residual(fit)
-        regression.whiten_by(autoregression(residual, signals.rows, signals.piecewise(fine=False)))
+        regression.whiten_by(noise_of(residual, signals))
         fit = search.run(fit.model)
         if set(fit.model) == names:
             break
@@ -99,8 +100,13 @@ def _in_narrower_band(
         return None
     other = Regression(signals, regression.extent.speed_band)
     residual = other.residual(other.fit(fit.model))
-    other.whiten_by(autoregression(residual, signals.rows, signals.piecewise(fine=False)))
+    other.whiten_by(noise_of(residual, signals))
     return other, Search(other).refined(other.fit(fit.model), most=_TRIALS)
+
+
+def noise_of(residual: Floats, signals: Signals) -> Noise:
+    """The colour of a residual on the coarse grid."""
+    return autoregression(residual, signals.rows, signals.piecewise(fine=False), signals.coarse_rate_hz)
 
 
 def residual_rms_n(analysis: Analysis) -> float:

@@ -60,12 +60,13 @@ class Extent:
     @classmethod
     def of(cls, signals: Signals, speed_band: float) -> "Extent":
         """From the motion as recorded, robust against its extremes."""
-        low, q1, q2, high = np.quantile(signals.fine_x, (0.005, 0.05, 0.95, 0.995))
+        recorded = signals.recorded
+        low, q1, q2, high = np.quantile(signals.fine_x[recorded], (0.005, 0.05, 0.95, 0.995))
         return cls(
             signals.cutoff_hz,
             float(signals.t[-1] - signals.t[0]),
             float(q2 - q1),
-            float(np.quantile(np.abs(signals.fine_v), 0.95)),
+            float(np.quantile(np.abs(signals.fine_v[recorded]), 0.95)),
             float(low),
             float(high),
             speed_band,
@@ -194,7 +195,7 @@ def touch(motion: Motion, contact_m: float) -> Motion:
 
 
 def _modes(extent: Extent) -> list[Shape]:
-    low, high = max(0.7, 4.0 / extent.duration_s), 0.7 * extent.cutoff_hz
+    low, high = max(0.7, 4.0 / extent.duration_s), 0.9 * extent.cutoff_hz
     return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.04, 0.15)]
 
 

@@ -34,7 +34,7 @@ LEAST_S = 3.0
 _LEAST_GAIN_OF_FLOOR = 0.01
 _RIVAL = 6.0
 _FORETOLD = 0.3
-_STRUCTURE = 0.12
+_STRUCTURE = 0.135
 _FLEXIBLE = 0.1
 _BEYOND_CAP = 2.0
 _OF_FORCE = 0.02
@@ -154,26 +154,29 @@ class _Judge:
         return self._without_cause("nothing_missing", (), None, set())
 
     def _structure_left(self) -> bool:
-        """Whether what is left is no noise, and large beside what a spring, a damper, a mass and a bias
-        leave."""
-        foretold = foretold_share(self.regression, self.fit)
-        flexible = flexible_gain(self.regression, self.fit)
-        self.foretold, self.flexible = foretold, flexible
+        """Whether much of what a spring, a damper, a mass and a bias leave is left by the causes, too, and is
+        no noise.
+        """
+        self.foretold = foretold_share(self.regression, self.fit)
+        self.flexible = flexible_gain(self.regression, self.fit)
         if any(fault.name == "sensor_quantisation" for fault in self.faults):
             return False
-        structured = foretold > _FORETOLD or (flexible.low > _FLEXIBLE and flexible.gain > 2.0 * _FLEXIBLE)
-        cap = noise_cap_n(self.analysis.recording, self.analysis.cleaned.force_n)
-        force = self.regression.signals.force[self.regression.rows]
-        encoder_n = abs(self.parameters[""]["mass_kg"].value) * acceleration_noise_m_s2(
-            self.regression.signals.even_m, self.regression.signals.even_hz, self.regression.signals.cutoff_hz
-        )
-        if cap is not None and self.residual_n > max(
-            _BEYOND_CAP * float(np.hypot(cap, encoder_n)), _OF_FORCE * float(np.std(force))
-        ):
-            structured = True
         plain = self.regression.residual(self.regression.fit({"bias": ()}))[self.regression.rows]
-        missing = float(np.mean(plain**2))
-        return structured and float(np.mean(self.after**2)) > _STRUCTURE * missing
+        left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
+        return self._structured_share() * left > _STRUCTURE
+
+    def _structured_share(self) -> float:
+        """Share of what is left that is no noise: by its memory, by a flexible model, by its size."""
+        shares = [self.foretold if self.foretold > _FORETOLD else 0.0]
+        if self.flexible.low > _FLEXIBLE and self.flexible.gain > 2.0 * _FLEXIBLE:
+            shares.append(1.0 - (1.0 - self.flexible.gain) ** 2)
+        cap = noise_cap_n(self.analysis.recording, self.analysis.cleaned.force_n)
+        signals = self.regression.signals
+        if cap is not None and self.residual_n > _OF_FORCE * float(np.std(signals.force[signals.rows])):
+            speed_up = acceleration_noise_m_s2(signals.even_m, signals.even_hz, signals.cutoff_hz)
+            most = _BEYOND_CAP * float(np.hypot(cap, abs(self.parameters[""]["mass_kg"].value) * speed_up))
+            shares.append(1.0 - (most / self.residual_n) ** 2)
+        return max(shares)
 
     def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
         """For each cause the names that would do as well in its place."""

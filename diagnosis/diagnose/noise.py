@@ -13,6 +13,7 @@ from diagnosis.diagnose.signals import Mask
 
 _RIDGE = 1e-4
 _ORDER = 12
+_LEAST_CORNER_HZ = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,10 +47,13 @@ def white() -> Noise:
     return Noise(np.array([1.0, 0.0]), 1.0)
 
 
-def autoregression(residual: Floats, rows: Mask, pieces: Sequence[slice], order: int = _ORDER) -> Noise:
+def autoregression(
+    residual: Floats, rows: Mask, pieces: Sequence[slice], rate_hz: float, order: int = _ORDER
+) -> Noise:
     """Yule-Walker on what counts, rows that do not count taken as zero (Parzen's amplitude-modulated series).
 
-    A small ridge keeps the filter's stop-band from being blown up.
+    A small ridge keeps the filter's stop-band from being blown up. What is remembered for longer than noise
+    with a corner of 3 Hz is structure: taken for noise it would blind the search for slow causes.
     """
     counted = float(np.count_nonzero(rows))
     order = int(min(order, counted // 20))
@@ -62,10 +66,14 @@ def autoregression(residual: Floats, rows: Mask, pieces: Sequence[slice], order:
             gamma[lag] += r[lag:] @ r[: len(r) - lag]
             pairs[lag] += w[lag:] @ w[: len(w) - lag]
     gamma /= np.maximum(pairs, 1.0)
+    longest = np.exp(-2.0 * np.pi * _LEAST_CORNER_HZ / rate_hz * np.arange(order + 1))
+    gamma = np.clip(gamma, -gamma[0] * longest, gamma[0] * longest)
     gamma *= 1.0 - np.arange(order + 1) / max(counted, order + 2.0)
     if gamma[0] <= 0.0 or order < 1:
         return white()
     gamma[0] *= 1.0 + _RIDGE
     phi = solve_toeplitz(gamma[:-1], gamma[1:])
     variance = gamma[0] - float(phi @ gamma[1:])
+    if variance <= 0.0:  # clipping left no autocovariance: first order, then
+        phi, variance = gamma[1:2] / gamma[0], gamma[0] - gamma[1] ** 2 / gamma[0]
     return Noise(np.concatenate([[1.0], -phi]), float(np.sqrt(max(variance, 1e-300))))

@@ -11,6 +11,7 @@ from diagnosis.diagnose.verdict import Interval
 
 _DRAWS = 2000
 _STEP = 1e-3
+_BLOCKS = 32
 
 Values = dict[str, float]
 Naming = Callable[[Floats, Shape, Floats, float], Values]
@@ -142,8 +143,22 @@ def _covariance(regression: Regression, fit: Fit) -> Floats:
     gram = (jacobian / scale).T @ (jacobian / scale)
     gram[np.diag_indices_from(gram)] += 1e-10
     variance = fit.rss / max(1, fit.n - len(scale))
-    inverse = np.linalg.inv(gram) * variance
-    return np.asarray(inverse / np.outer(scale, scale))
+    inverse = np.linalg.inv(gram)
+    residual = regression.target - design @ fit.coefficients
+    wider = np.sqrt(
+        np.maximum(1.0, _robust(jacobian / scale, residual, inverse) / (variance * np.diag(inverse)))
+    )
+    return np.asarray(inverse * variance * np.outer(wider, wider) / np.outer(scale, scale))
+
+
+def _robust(jacobian: Floats, residual: Floats, inverse: Floats) -> Floats:
+    """Variances that hold for residuals of any memory shorter than a block (Liang and Zeger, 1986)."""
+    scores = [
+        block.T @ r
+        for block, r in zip(np.array_split(jacobian, _BLOCKS), np.array_split(residual, _BLOCKS), strict=True)
+    ]
+    moved = np.array(scores) @ inverse
+    return np.asarray(np.sum(moved**2, axis=0) * _BLOCKS / (_BLOCKS - 1))
 
 
 def _slope(regression: Regression, fit: Fit, name: str, index: int) -> Floats:

@@ -339,7 +339,7 @@ def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
 def solve_passive(gram: Floats, moment: Floats, sense: float) -> tuple[Floats, float]:
     """As `solve_normal`, mass, damping and stiffness not below zero: a contact gives no energy."""
     free = np.ones(len(moment), dtype=np.bool_)
-    for _ in BASE:
+    for _ in range(1 + len(BASE)):
         coefficients = np.zeros(len(moment))
         coefficients[free], explained = solve_normal(gram[np.ix_(free, free)], moment[free])
         negative = coefficients[: len(BASE)] * sense < 0.0

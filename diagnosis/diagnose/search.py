@@ -24,7 +24,7 @@ _BEYOND = 0.8
 _SUBHARMONIC = 15.0
 """How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
 _SEEN_FROM_BELOW = 2.5
-PRACTICAL = 1.12
+PRACTICAL = 1.1
 """By how much the residual's rms must grow when a cause is taken out: less is within what is left
 unexplained."""
 
@@ -117,7 +117,8 @@ class Search:
         for shape in self._shapes(fit, name):
             trial = self._quick(fit, name, shape)
             margin = 0.0 if found is None or name != "pulsation" else _SUBHARMONIC
-            if trial.feasible and (found is None or trial.score < found.score - margin):
+            better = found is None or trial.score < found.score - margin
+            if better and trial.feasible and not (name == "pulsation" and self._echo(trial)):
                 found = trial
         return found
 
@@ -165,11 +166,18 @@ class Search:
         return period_s is None or 2.0 * shape[0] * shape[1] * period_s > 1.0
 
     @cached_property
+    def _recorded_position(self) -> tuple[Floats, float]:
+        """Of the longest piece without padding, less its mean, and its rate."""
+        signals = self.regression.signals
+        piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
+        x = signals.fine_x[piece][signals.recorded[piece]]
+        rate = 1.0 / float(signals.fine_t[piece][1] - signals.fine_t[piece][0])
+        return x - np.mean(x), rate
+
+    @cached_property
     def _motion_period_s(self) -> float | None:
         """With which the motion repeats; None when it does not."""
-        signals = self.regression.signals
-        x = signals.fine_x - np.mean(signals.fine_x)
-        rate = len(x) / max(float(signals.fine_t[-1] - signals.fine_t[0]), 1e-9)
+        x, rate = self._recorded_position
         power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
         likeness = np.fft.irfft(power)[: len(x) // 2] / (1.0 - np.arange(len(x) // 2) / len(x))
         falling = np.flatnonzero(likeness < 0.5 * likeness[0])
@@ -178,11 +186,20 @@ class Search:
         top = int(falling[0]) + int(np.argmax(likeness[falling[0] :]))
         return top / rate if likeness[top] > 0.95 * likeness[0] else None
 
+    def _echo(self, fit: Fit) -> bool:
+        """Whether most of the pulses' power is at harmonics of a motion that repeats."""
+        period_s, (frequency_hz,) = self._motion_period_s, fit.model["pulsation"]
+        if period_s is None:
+            return False
+        sines = fit.of("pulsation").reshape(2, -1)
+        power = np.sum(sines**2, axis=0)
+        cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
+        near = np.abs(cycles - np.round(cycles)) < 1.5 * period_s / self.regression.extent.duration_s
+        return bool(power[near].sum() > 0.5 * power.sum())
+
     def _own_period(self, frequency_hz: float) -> bool:
         """Whether the motion repeats with the period or a multiple of it: then it is no pulse of its own."""
-        signals = self.regression.signals
-        rate = len(signals.fine_t) / max(float(signals.fine_t[-1] - signals.fine_t[0]), 1e-9)
-        x = signals.fine_x - np.mean(signals.fine_x)
+        x, rate = self._recorded_position
         for multiple in range(1, 5):
             lag = round(multiple * rate / frequency_hz)
             if lag > len(x) // 2:
@@ -202,6 +219,8 @@ class Search:
         best = lowest = fit
         grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
         low, high = grid.min(axis=0) - _BEYOND, grid.max(axis=0) + _BEYOND
+        if base_name(name) == "unmodelled_resonance":  # damped beyond the grid: no mode; faster: out of band
+            high[0] = grid.max(axis=0)[0]
 
         def cost(z: Floats) -> float:
             nonlocal best, lowest

@@ -110,6 +110,12 @@ class Signals:
         )
 
     @property
+    def recorded(self) -> Mask:
+        """Which samples of the fine grid are no padding."""
+        parts = [np.arange(p.fine) * (p.span_s / p.fine) <= (p.samples - 1) * p.period_s for p in self.pieces]
+        return np.concatenate(parts)
+
+    @property
     def phase(self) -> Floats:
         """Of each frequency of a spectrum, in rad per coarse sample."""
         return np.concatenate([2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.coarse for p in self.pieces])

@@ -49,7 +49,6 @@ def noise_cap_n(recording: Recording, force_n: Floats) -> float | None:
     if len(force) < 50 * _ORDER:
         return None
     past = sliding_window_view(force, _ORDER + 1)[:: 1 + len(force) // 60_000]
-    past = past - past.mean(axis=1, keepdims=True)
     weights, *_ = np.linalg.lstsq(past[:, :-1], past[:, -1], rcond=None)
     innovation = past[:, -1] - past[:, :-1] @ weights
     size = 1.4826 * float(np.median(np.abs(innovation)))
