@@ -33,13 +33,13 @@ def cutoff_hz(recording: Recording, force_n: Floats) -> float:
 
 
 def speed_band_m_s(position_m: Floats, rate_hz: float, reach_hz: float) -> float:
-    """Twice the standard deviation of the speed at rest, in the band up to `reach_hz`, of evenly sampled
+    """1.5 times the standard deviation of the speed at rest, in the band up to `reach_hz`, of evenly sampled
     positions."""
     band = min(reach_hz, 0.5 * rate_hz)
     noise = position_noise_m(position_m, rate_hz)
     speed = noise * float(np.sqrt(2.0 / rate_hz)) * 2.0 * np.pi * band**1.5 / float(np.sqrt(3.0))
     usual = float(np.quantile(np.abs(np.diff(position_m)) * rate_hz, 0.95))
-    return float(max(2.0 * speed, 1e-3 * usual, 1e-12))
+    return float(max(1.5 * speed, 2e-4 * usual, 1e-12))
 
 
 def _longest(recording: Recording, values: Floats) -> Floats:

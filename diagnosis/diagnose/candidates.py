@@ -7,6 +7,7 @@ between bounds that the recording itself sets: nothing shorter than its bandwidt
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from common.effects.backlash import Backlash
 from common.effects.presliding_hysteresis import PreslidingHysteresis
 from common.error_size import Floats
+from diagnosis.diagnose import kinks
 from diagnosis.diagnose.signals import Signals
 
 Kind = Literal["force", "sensor", "motion", "contact", "alignment", "mode"]
@@ -23,7 +25,7 @@ columns."""
 Shape = tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """The instrument's motion on the fine grid; `touching` is 1 in contact; `speed_band` where v is noise."""
 
@@ -34,9 +36,13 @@ class Motion:
     touching: Floats
     pieces: tuple[slice, ...]
     speed_band: float
+    decimated: bool
 
+    @cached_property
     def direction(self) -> Floats:
-        """sign(v), linear where the speed is within its noise."""
+        """sign(v), linear where the speed is within its noise; means over samples that are coarser than raw."""
+        if self.decimated:
+            return kinks.direction(self.v, self.speed_band)
         return np.clip(self.v / self.speed_band, -1.0, 1.0)
 
 
@@ -101,12 +107,12 @@ def log_grid(low: float, high: float, count: int) -> list[Shape]:
 
 
 def _stribeck(motion: Motion, shape: Shape) -> list[Floats]:
-    s = motion.direction()
+    s = motion.direction
     return [s, s * np.exp(-((motion.v / shape[0]) ** 2))]
 
 
 def _stribeck_exponential(motion: Motion, shape: Shape) -> list[Floats]:
-    s = motion.direction()
+    s = motion.direction
     return [s, s * np.exp(-np.abs(motion.v) / shape[0])]
 
 
@@ -117,7 +123,7 @@ def _exponential(motion: Motion, shape: Shape) -> list[Floats]:
 
 
 def _both_directions(motion: Motion, shape: Shape) -> list[Floats]:
-    s = motion.direction()
+    s = motion.direction
     return [np.maximum(s, 0.0), np.minimum(s, 0.0)]
 
 
@@ -184,14 +190,17 @@ def play(motion: Motion, width_m: float) -> Motion:
     effect = Backlash(width_m=width_m)
     parts = [effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces]
     x, v, a = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Motion(motion.t, x, v, a, motion.touching, motion.pieces, motion.speed_band)
+    return Motion(motion.t, x, v, a, motion.touching, motion.pieces, motion.speed_band, motion.decimated)
 
 
 def touch(motion: Motion, contact_m: float) -> Motion:
     """The motion as depth beyond the contact position; nothing before it."""
-    touching = np.asarray(motion.x > contact_m, dtype=np.float64)
+    instants = np.asarray(motion.x > contact_m, dtype=np.float64)
+    touching = kinks.beyond(motion.x, contact_m) if motion.decimated else instants
     depth = np.maximum(motion.x - contact_m, 0.0)
-    return Motion(motion.t, depth, motion.v, motion.a, touching, motion.pieces, motion.speed_band)
+    return Motion(
+        motion.t, depth, motion.v, motion.a, touching, motion.pieces, motion.speed_band, motion.decimated
+    )
 
 
 def _modes(extent: Extent) -> list[Shape]:
@@ -217,7 +226,7 @@ CANDIDATES: Mapping[str, Candidate] = {
     candidate.name: candidate
     for candidate in (
         Candidate("bias", "sensor", (0,), lambda m, s: [np.ones_like(m.t)]),
-        Candidate("coulomb_friction", "force", (1,), lambda m, s: [m.direction()]),
+        Candidate("coulomb_friction", "force", (1,), lambda m, s: [m.direction]),
         Candidate(
             "stribeck_friction", "force", (1, 1), _stribeck,
             lambda e: log_grid(max(0.02 * e.speed_m_s, 4.0 * e.speed_band), 0.4 * e.speed_m_s, 6),
@@ -270,7 +279,7 @@ CANDIDATES: Mapping[str, Candidate] = {
             grid=lambda e: [(float(p),) for p in np.linspace(e.low_m, e.high_m, 14)[1:-2]],
         ),
         Candidate(
-            "position_dependent_friction", "force", (1,), lambda m, s: [_depth(m) * m.direction()],
+            "position_dependent_friction", "force", (1,), lambda m, s: [_depth(m) * m.direction],
             at_wall=True
         ),
         Candidate(

@@ -263,8 +263,8 @@ def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tupl
     rows = t <= span
     t, values = t[rows], values[rows]
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * (t - t[0]) / max(span, 1e-9))
-    baseline = values - np.polyval(np.polyfit(t, values, 1), t)
-    shifted = baseline * window * np.exp(-2j * np.pi * nominal * t)
+    rough = values - _smoothed(values, float(len(t) / max(span, 1e-9)), nominal)  # or the slow would alias
+    shifted = rough * window * np.exp(-2j * np.pi * nominal * t)
     step = max(1, int(len(t) / (span * 40.0)))
     blocks = shifted[: len(shifted) // step * step].reshape(-1, step).mean(axis=1)
     power = np.abs(np.fft.fft(blocks, 4 * len(blocks)))

@@ -51,7 +51,7 @@ def _features(regression: Regression, fit: Fit) -> Floats:
 
 def _moving(motion: Motion) -> list[Floats]:
     x, v, a = motion.x, motion.v, motion.a
-    s = motion.direction()
+    s = motion.direction
     found = _bumps(x, _knots(x, 10)) + _bumps(v, _knots(v, 10)) + _bumps(a, _knots(a, 8))
     found += [b * s for b in _bumps(x, _knots(x, 6))]
     wide_x, wide_v, wide_a = _bumps(x, _knots(x, 5)), _bumps(v, _knots(v, 5)), _bumps(a, _knots(a, 4))

@@ -86,8 +86,9 @@ class Regression:
         self.extent = Extent.of(signals, speed_band)
         s = signals
         self._motion = Motion(
-            s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band
-        )
+            s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band,
+            s.decimated,
+        )  # fmt: skip
         self._motions: OrderedDict[object, Motion] = OrderedDict()
         self._spectra: OrderedDict[object, list[Spectrum]] = OrderedDict()
         self._whitened: OrderedDict[object, Block] = OrderedDict()

@@ -20,6 +20,7 @@ PRACTICAL_OF = {"bias": 1.05, "unmodelled_resonance": 1.25}
 MOST_CAUSES = 6
 _STARTS = 3
 _ROUGH = 30
+_MANY = 9.0  # periods until harmonics stand apart
 _BEYOND = 0.8
 _SUBHARMONIC = 15.0
 """How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
@@ -154,8 +155,7 @@ class Search:
                 break
             peaks.append((float(frequency[top]),))
             power[np.abs(frequency - frequency[top]) < 1.5 / regression.extent.duration_s] = 0.0
-        found = peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
-        return [shape for shape in found if not self._own_period(shape[0])]
+        return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
 
     def _resolved(self, name: str, shape: Shape) -> bool:
         """Whether the motion has frequencies within the mode's width; one that repeats has harmonics only."""
@@ -189,25 +189,13 @@ class Search:
     def _echo(self, fit: Fit) -> bool:
         """Whether most of the pulses' power is at harmonics of a motion that repeats."""
         period_s, (frequency_hz,) = self._motion_period_s, fit.model["pulsation"]
-        if period_s is None:
+        if period_s is None or self.regression.extent.duration_s < _MANY * period_s:
             return False
         sines = fit.of("pulsation").reshape(2, -1)
         power = np.sum(sines**2, axis=0)
         cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
         near = np.abs(cycles - np.round(cycles)) < 1.5 * period_s / self.regression.extent.duration_s
         return bool(power[near].sum() > 0.5 * power.sum())
-
-    def _own_period(self, frequency_hz: float) -> bool:
-        """Whether the motion repeats with the period or a multiple of it: then it is no pulse of its own."""
-        x, rate = self._recorded_position
-        for multiple in range(1, 5):
-            lag = round(multiple * rate / frequency_hz)
-            if lag > len(x) // 2:
-                break
-            a, b = x[lag:], x[:-lag]
-            if float(a @ b) > 0.85 * float(np.sqrt((a @ a) * (b @ b))):
-                return True
-        return False
 
     def _refine_one(self, fit: Fit, name: str, wide: bool, most: int) -> Fit:
         if len(fit.model[name]) > 1:

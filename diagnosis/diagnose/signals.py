@@ -110,6 +110,11 @@ class Signals:
         )
 
     @property
+    def decimated(self) -> bool:
+        """Whether the fine grid is coarser than the samples."""
+        return any(p.span_s / p.fine > 1.3 * p.period_s for p in self.pieces)
+
+    @property
     def recorded(self) -> Mask:
         """Which samples of the fine grid are no padding."""
         parts = [np.arange(p.fine) * (p.span_s / p.fine) <= (p.samples - 1) * p.period_s for p in self.pieces]

@@ -64,7 +64,7 @@ def _over_motion(stem: str, analysis: Analysis, residuals: tuple[Floats, Floats]
     columns = {
         "position in m": motion.x,
         "speed in m/s": motion.v,
-        "distance since reversal in m, signed": since_reversal(motion) * motion.direction(),
+        "distance since reversal in m, signed": since_reversal(motion) * motion.direction,
     }
     figure = new_figure(3.0)
     for axes, (label, fine) in zip(figure.subplots(1, 3, sharey=True), columns.items(), strict=True):
