@@ -82,6 +82,7 @@ def analyse(recording: Recording, progress: Callable[[str], None] = lambda stage
         names = set(fit.model)
         residual = regression.residual(fit)
         regression.whiten_by(noise_of(residual, signals))
+        search.evaluations = 0
         fit = search.run(fit.model)
         if set(fit.model) == names:
             break

@@ -40,7 +40,7 @@ class Motion:
 
     @cached_property
     def direction(self) -> Floats:
-        """sign(v), linear where the speed is within its noise; means over samples that are coarser than raw."""
+        """sign(v), linear where the speed is within its noise; means where samples are coarser than raw."""
         if self.decimated:
             return kinks.direction(self.v, self.speed_band)
         return np.clip(self.v / self.speed_band, -1.0, 1.0)
@@ -203,6 +203,12 @@ def touch(motion: Motion, contact_m: float) -> Motion:
     )
 
 
+def _places(extent: Extent) -> list[Shape]:
+    """Finer where the stroke ends: a contact that is lost there is lost for a moment only."""
+    shares = (0.015, 0.035, *np.linspace(0.06, 0.85, 15))
+    return [(extent.low_m + float(share) * (extent.high_m - extent.low_m),) for share in shares]
+
+
 def _modes(extent: Extent) -> list[Shape]:
     low, high = max(0.7, 4.0 / extent.duration_s), 0.9 * extent.cutoff_hz
     return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.04, 0.15)]
@@ -250,7 +256,7 @@ CANDIDATES: Mapping[str, Candidate] = {
         ),
         Candidate(
             "contact_loss:carried", "contact", logarithmic=False,
-            grid=lambda e: [(float(p),) for p in np.linspace(e.low_m, e.high_m, 14)[1:-2]],
+            grid=_places,
         ),
         Candidate(
             "sensor_drift:creep", "sensor", (0,), _creep,
@@ -276,7 +282,7 @@ CANDIDATES: Mapping[str, Candidate] = {
         ),
         Candidate(
             "contact_loss", "contact", logarithmic=False,
-            grid=lambda e: [(float(p),) for p in np.linspace(e.low_m, e.high_m, 14)[1:-2]],
+            grid=_places,
         ),
         Candidate(
             "position_dependent_friction", "force", (1,), lambda m, s: [_depth(m) * m.direction],

@@ -84,7 +84,9 @@ def intervals(
     theta, sizes = _point(fit)
     covariance = _covariance(regression, fit)
     rng = np.random.default_rng(0)
-    draws = rng.multivariate_normal(theta, covariance, size=_DRAWS, method="eigh")
+    draws = rng.multivariate_normal(
+        theta, 0.5 * (covariance + covariance.T), size=_DRAWS, method="eigh", check_valid="ignore"
+    )
     found: dict[str, dict[str, Interval]] = {"": {}}
     start = regression.signals.origin_s
     values = _named(fit, theta, sizes, start, regression.sense)

@@ -15,13 +15,18 @@ from diagnosis.diagnose.regression import Fit, Model, Regression, too_damped
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""
 
+ADD_BIAS = 4.0
+
 ASYMMETRIC = "coulomb_friction:asymmetric"
-PRACTICAL_OF = {"bias": 1.05, "unmodelled_resonance": 1.25}
+PRACTICAL_OF = {"bias": 1.0, "unmodelled_resonance": 1.25}
 MOST_CAUSES = 6
+MOST_EVALUATIONS = 15_000
+"""Least squares after which the search takes no further step."""
 _STARTS = 3
 _ROUGH = 30
+_ALIKE = 0.9
 _MANY = 9.0  # periods until harmonics stand apart
-_BEYOND = 0.8
+_BEYOND = 1.2
 _SUBHARMONIC = 15.0
 """How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
 _SEEN_FROM_BELOW = 2.5
@@ -47,13 +52,23 @@ class Search:
 
     def run(self, start: Model) -> Fit:
         """The model that no single step betters, from `start` on."""
-        best = self.refined(self.fit(start))
+        best = self._sound(self.refined(self.fit(start)))
         for _ in range(3 * MOST_CAUSES):
+            if self.evaluations > MOST_EVALUATIONS:
+                break
             step = self._backward(best) or self._exchange(best) or self._forward(best)
             if step is None:
                 break
             best = step
         return self._symmetric(best)
+
+    def _sound(self, fit: Fit) -> Fit:
+        """Without causes that the data ask to be something that they can not be."""
+        while not fit.feasible and fit.model:
+            fit = min(
+                (self.without(fit, name) for name in fit.model), key=lambda t: (not t.feasible, t.score)
+            )
+        return fit
 
     def _symmetric(self, fit: Fit) -> Fit:
         """Levels that differ by direction are an offset of the cell where the recording can not tell them
@@ -183,8 +198,11 @@ class Search:
         falling = np.flatnonzero(likeness < 0.5 * likeness[0])
         if not len(falling):
             return None
-        top = int(falling[0]) + int(np.argmax(likeness[falling[0] :]))
-        return top / rate if likeness[top] > 0.95 * likeness[0] else None
+        again = falling[0] + np.flatnonzero(likeness[falling[0] :] > _ALIKE * likeness[0])
+        if not len(again):
+            return None
+        first = likeness[again[0] : again[0] + max(2, int(again[0]) // 4)]  # the whole of the first peak
+        return float(again[0] + int(np.argmax(first))) / rate
 
     def _echo(self, fit: Fit) -> bool:
         """Whether most of the pulses' power is at harmonics of a motion that repeats."""
@@ -288,10 +306,10 @@ class Search:
 
     def worth(self, more: Fit, less: Fit) -> bool:
         """Whether the larger model is better by likelihood and in size."""
-        if less.score - more.score < ADD:
-            return False
-        # every load cell has a bias: it is named when it is there, however small beside the rest
         names = {base_name(name) for name in set(more.model) - set(less.model)}
+        # every load cell has a bias: it is named when it is there, however small beside the rest
+        if less.score - more.score < (ADD_BIAS if names == {"bias"} else ADD):
+            return False
         ratio = PRACTICAL_OF.get(next(iter(names)) if len(names) == 1 else "", PRACTICAL)
         return less.rss > more.rss * ratio**2 or self.plain_rms(less) > self.plain_rms(more) * ratio
 
