@@ -8,23 +8,18 @@ mains line is narrower than anything that a hand does.
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import median_filter, percentile_filter
 from scipy.optimize import minimize_scalar
 
 from common.error_size import Floats
 from common.recording.recording import Recording
 from diagnosis.diagnose.signals import Mask
+from diagnosis.diagnose.spikes import find_spikes
 
 MAINS_HZ = 50.0, 60.0
 _PILE = 8.0
 _LEAST_PILE = 0.002
 _WHOLE = 0.02
 _LINE = 8.0
-_OUTLIER = 12.0
-_LEAST_SPIKES = 4
-_LEAST_OF_USUAL = 0.35
-_MEDIAN_S = 0.011
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,93 +127,26 @@ def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
 
 
 def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
-    force = cleaned.force_n
-    size = max(5, 2 * int(0.5 * _MEDIAN_S * recording.rate_hz) + 1)
-    smooth = median_filter(force, size, mode="nearest")
-    off = force - smooth
-    usual = 1.4826 * float(np.median(np.abs(off)))
-    usual = max(usual, 0.3 * step if step else 0.0, float(np.quantile(np.abs(off), 0.9)) / 1.645)
-    local = percentile_filter(np.abs(off), 85, 2 * max(8, int(0.25 * recording.rate_hz)) + 1, mode="nearest")
-    out = np.abs(off) > _OUTLIER * np.maximum(np.maximum(local, usual), 1e-9 * float(np.ptp(force)))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(np.int8), [0]])))
-    firsts, lasts = _cores(off, edges[::2], edges[1::2])
-    starts, stops = _isolated(force, off, firsts, lasts, max(3, round(0.004 * recording.rate_hz)))
-    rest = _at_rest(recording)
-    if len(starts) < _LEAST_SPIKES or len(starts) > 0.02 * len(force):
+    found = find_spikes(cleaned.force_n, recording, step)
+    if found is None:
         return
-    if np.mean(rest[starts]) > 0.3 + 2.0 * np.mean(rest):  # at reversals: play, not the sensor
-        return
-    if len(starts) > 0.5 * len(
-        firsts
-    ):  # that there are spikes is certain: those that stand less alone are some, too
-        starts, stops = firsts, lasts
-    sizes = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
-    wide = np.zeros(len(force), dtype=np.bool_)
-    for start, stop in zip(starts, stops, strict=True):
-        wide[max(start - 1, 0) : stop + 1] = True
-    cleaned.force_n = np.where(wide, smooth, force)
-    certain = sizes > _LEAST_OF_USUAL * np.median(sizes)  # smaller ones are corners of the force
-    starts, sizes = starts[certain], sizes[certain]
-    cleaned.spikes |= wide
-    rate, amplitude = len(starts) / recording.duration_s, float(np.mean(sizes))
-    doubt_rate, doubt = (
-        1.96 * np.sqrt(len(starts)) / recording.duration_s,
-        1.96 * float(np.std(sizes)) / np.sqrt(len(sizes)),
-    )
+    count, sizes = len(found.sizes_n), found.sizes_n
+    rate, amplitude = count / recording.duration_s, float(np.mean(sizes))
+    rate_doubt = 1.96 * float(np.sqrt(count)) / recording.duration_s
+    doubt = 1.96 * float(np.std(sizes)) / float(np.sqrt(count))
     cleaned.faults.append(
         Fault(
             "sensor_spikes",
             {
-                "rate_hz": (rate, rate - doubt_rate, rate + doubt_rate),
+                "rate_hz": (rate, rate - rate_doubt, rate + rate_doubt),
                 "amplitude_n": (amplitude, amplitude - doubt, amplitude + doubt),
             },
-            f"{len(starts)} isolated outliers of {amplitude:.3g} N, "
-            f"{amplitude / max(usual, 1e-300):.0f} times the usual distance from their neighbours",
-            float(np.sqrt(np.mean((force - cleaned.force_n) ** 2))),
+            f"{count} isolated outliers of {amplitude:.3g} N, "
+            f"{amplitude / found.usual_n:.0f} times the usual distance from their neighbours",
+            float(np.sqrt(np.mean((cleaned.force_n - found.without_n) ** 2))),
         )
     )
-
-
-def _at_rest(recording: Recording) -> Mask:
-    """Where the speed, over about 10 ms, is below an eighth of its usual size."""
-    reach = max(1, round(0.005 * recording.rate_hz))
-    x, t = recording.position_m, recording.time_s
-    low, high = np.maximum(np.arange(len(x)) - reach, 0), np.minimum(np.arange(len(x)) + reach, len(x) - 1)
-    speed = np.abs(x[high] - x[low]) / (t[high] - t[low])
-    return np.asarray(speed < 0.125 * np.quantile(speed, 0.9))
-
-
-def _isolated(
-    force: Floats, off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64], widest: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Those that are short, and after which the force is where it was before: no step, no pulse that
-    decays."""
-    before, after = force[np.maximum(starts - 2, 0)], force[np.minimum(stops + 1, len(force) - 1)]
-    size = np.array([np.max(np.abs(off[a:b])) for a, b in zip(starts, stops, strict=True)])
-    alone = (stops - starts <= widest) & (np.abs(after - before) < 0.25 * size)
-    sharp = np.array([_sharp(force, a, b) for a, b in zip(starts, stops, strict=True)], dtype=np.bool_)
-    return starts[alone & sharp], stops[alone & sharp]
-
-
-def _cores(
-    off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Each run without its flanks: a spike bends the median beside it."""
-    first, last = starts.copy(), stops.copy()
-    for i, (start, stop) in enumerate(zip(starts, stops, strict=True)):
-        size = np.abs(off[start:stop])
-        high = np.flatnonzero(size > 0.3 * size.max())
-        first[i], last[i] = start + high[0], start + high[-1] + 1
-    return first, last
-
-
-def _sharp(force: Floats, start: int, stop: int) -> bool:
-    """Whether the force jumps there and back, three times as far as it steps beside; a corner does not."""
-    steps = np.abs(np.diff(force))
-    beside = np.concatenate([steps[max(start - 7, 0) : max(start - 1, 0)], steps[stop : stop + 6]])
-    if not 0 < start <= stop < len(force):
-        return False
-    return bool(min(steps[start - 1], steps[stop - 1]) > 3.0 * np.max(beside, initial=0.0))
+    cleaned.force_n, cleaned.spikes = found.without_n, found.where
 
 
 def _mains(cleaned: Cleaned, recording: Recording) -> None:
