@@ -210,7 +210,7 @@ def _places(extent: Extent) -> list[Shape]:
 
 
 def _modes(extent: Extent) -> list[Shape]:
-    low, high = max(0.7, 4.0 / extent.duration_s), 0.9 * extent.cutoff_hz
+    low, high = max(0.7, 4.0 / extent.duration_s), HIGHEST_MODE * extent.cutoff_hz
     return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.04, 0.15)]
 
 
@@ -223,6 +223,9 @@ _STEEPEST = 50.0
 
 DRY = frozenset({"coulomb_friction", "stribeck_friction", "presliding_hysteresis"})
 """Descriptions of one and the same contact: a model holds at most one of them."""
+
+HIGHEST_MODE = 0.85
+"""Of the cutoff: a mode above shows no side of its peak that falls."""
 
 MOST_DAMPED = 0.3
 """A mode with more damping has no peak to know it by."""

@@ -17,7 +17,7 @@ from diagnosis.diagnose.band import acceleration_noise_m_s2
 from diagnosis.diagnose.blocks import Gain, gain, gain_over, held_out_errors, numbers_at
 from diagnosis.diagnose.candidates import base_name
 from diagnosis.diagnose.faults import Fault
-from diagnosis.diagnose.flexible import flexible_gain
+from diagnosis.diagnose.flexible import flexible_gain, modulation_gain
 from diagnosis.diagnose.identifiability import (
     GENERAL_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
@@ -161,6 +161,9 @@ class _Judge:
         self.flexible = flexible_gain(self.regression, self.fit)
         if any(fault.name == "sensor_quantisation" for fault in self.faults):
             return False
+        pulsing = modulation_gain(self.regression, self.fit)
+        if pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.low > _FLEXIBLE:
+            return True
         plain = self.regression.residual(self.regression.fit({"bias": ()}))[self.regression.rows]
         left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
         return self._structured_share() * left > _STRUCTURE

@@ -37,6 +37,24 @@ def flexible_gain(regression: Regression, fit: Fit) -> Gain:
     return max(trials, key=lambda trial: trial.gain)
 
 
+def modulation_gain(regression: Regression, fit: Fit) -> Gain | None:
+    """Held-out gain of a stiffness that pulses with the found frequency; None without a pulsation.
+
+    The vocabulary's pulsation is a force of its own: one that grows with the depth is something else.
+    """
+    if "pulsation" not in fit.model:
+        return None
+    t, (frequency_hz,) = regression.signals.t, fit.model["pulsation"]
+    depth = regression.block(fit.model, "", ())[:, 2]
+    phase = 2.0 * np.pi * frequency_hz * t
+    extra = np.column_stack([depth * np.sin(phase), depth * np.cos(phase)])
+    white, plain = columns(regression, fit)
+    pieces = regression.signals.piecewise(fine=False)
+    extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
+    both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
+    return gain(regression, held_out(regression, white, plain), held_out(regression, *both))
+
+
 def _features(regression: Regression, fit: Fit) -> Floats:
     motion, signals = regression.motion(fit.model), regression.signals
     moving = _moving(motion)

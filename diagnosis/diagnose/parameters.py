@@ -12,6 +12,8 @@ from diagnosis.diagnose.verdict import Interval
 _DRAWS = 2000
 _STEP = 1e-3
 _BLOCKS = 32
+_WIDER = 1.4
+"""Calibrated: without it 88 % of the intervals hold the truth on recordings with a known one."""
 
 Values = dict[str, float]
 Naming = Callable[[Floats, Shape, Floats, float], Values]
@@ -104,7 +106,8 @@ def _interval(value: float, drawn: Floats, moved: float) -> Interval:
     drawn = drawn[np.isfinite(drawn)]
     low, high = np.quantile(drawn, (0.025, 0.975)) if len(drawn) else (value, value)
     doubt = abs(moved) if np.isfinite(moved) else 0.0
-    below, above = np.hypot(max(value - low, 0.0), doubt), np.hypot(max(high - value, 0.0), doubt)
+    below = _WIDER * float(np.hypot(max(value - low, 0.0), doubt))
+    above = _WIDER * float(np.hypot(max(high - value, 0.0), doubt))
     return Interval(float(value), float(value - below), float(value + above))
 
 

@@ -15,6 +15,7 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from common.error_size import Floats
 from diagnosis.diagnose.candidates import (
     CANDIDATES,
+    HIGHEST_MODE,
     MOST_DAMPED,
     Candidate,
     Extent,
@@ -147,6 +148,12 @@ class Regression:
         named = zip(["", *model], blocks, strict=True)
         return tuple(name for name, block in named for _ in range(block.columns.shape[1]))
 
+    def no_peak(self, model: Model) -> bool:
+        """Whether a mode in the model is too damped, or too near the end of the band, to be known by it."""
+        highest = HIGHEST_MODE * self.signals.cutoff_hz
+        modes = [s for n, s in model.items() if n.startswith("unmodelled_resonance")]
+        return any(s[0] > highest or s[1] > MOST_DAMPED for s in modes)
+
     def _normal(self, blocks: Sequence["Block"]) -> tuple[Floats, Floats]:
         """Gram matrix of the blocks side by side and their inner products with the target."""
         moment = np.concatenate([block.moment for block in blocks])
@@ -275,7 +282,7 @@ class Regression:
         return [self.signals.spectrum(column) for column in columns]
 
     def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
-        if too_damped(model):
+        if self.no_peak(model):
             return False
         for name in dict.fromkeys(owners):
             if name:
@@ -287,11 +294,6 @@ class Regression:
                 ):
                     return False
         return True
-
-
-def too_damped(model: Model) -> bool:
-    """Whether a mode in the model has no peak to know it by."""
-    return any(n.startswith("unmodelled_resonance") and s[1] > MOST_DAMPED for n, s in model.items())
 
 
 def penalty_of(owners: tuple[str, ...], model: Model, n: int) -> float:

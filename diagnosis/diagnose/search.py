@@ -10,7 +10,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from common.error_size import Floats
 from diagnosis.diagnose.candidates import CANDIDATES, DRY, Candidate, Shape, base_name
-from diagnosis.diagnose.regression import Fit, Model, Regression, too_damped
+from diagnosis.diagnose.regression import Fit, Model, Regression
 
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""
@@ -225,8 +225,6 @@ class Search:
         best = lowest = fit
         grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
         low, high = grid.min(axis=0) - _BEYOND, grid.max(axis=0) + _BEYOND
-        if base_name(name) == "unmodelled_resonance":  # damped beyond the grid: no mode; faster: out of band
-            high[0] = grid.max(axis=0)[0]
 
         def cost(z: Floats) -> float:
             nonlocal best, lowest
@@ -235,9 +233,9 @@ class Search:
             trial = self.fit({**fit.model, name: tuple(float(value) for value in np.exp(z))})
             if trial.score < best.score and trial.feasible:
                 best = trial
-            if trial.score < lowest.score and (trial.feasible or too_damped(trial.model)):
+            if trial.score < lowest.score and (trial.feasible or self.regression.no_peak(trial.model)):
                 lowest = trial
-            return trial.score + (0.0 if trial.feasible or too_damped(trial.model) else 1e3)
+            return trial.score + (0.0 if trial.feasible or self.regression.no_peak(trial.model) else 1e3)
 
         minimize(
             cost,

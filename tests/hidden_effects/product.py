@@ -2,17 +2,16 @@
 
 import json
 import time
-from importlib import import_module
 
 from common.errors import InputError
 from common.recording.recording import Recording
+from diagnosis.diagnose import diagnose
 from tests.hidden_effects.answers import Answer, from_document
 from tests.hidden_effects.generator import Hidden
 
 
 def diagnosed(hidden: Hidden) -> Answer:
     """Its answer; the verdict `refused` stands for an input error."""
-    diagnose = import_module("diagnosis.diagnose").diagnose
     recording = Recording("hidden", hidden.time_s, hidden.position_m, hidden.force_n, "hidden")
     start_s = time.perf_counter()
     try:

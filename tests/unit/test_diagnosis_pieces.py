@@ -76,7 +76,7 @@ def test_whitened_noise_is_white_and_its_size_is_known() -> None:
     coloured = lfilter([1.0], [1.0, -0.8], e)
     rows, pieces = np.ones(len(e), dtype=np.bool_), [slice(0, 9_000), slice(9_000, 20_000)]
     rows[4_000:4_300] = False
-    found = autoregression(np.where(rows, coloured, 1e3), rows, pieces, 60.0)
+    found = autoregression(np.where(rows, coloured, 1e3), rows, pieces, 200.0)
     assert found.innovation_n == pytest.approx(0.5, rel=0.03)
     assert found.taps[1] == pytest.approx(-0.8, abs=0.03)
     white = found.whiten(np.where(rows, coloured, 1e3)[:, None], pieces)[found.rows(rows, pieces)][:, 0]

@@ -70,7 +70,7 @@ def test_asymmetric_damping_has_a_coefficient_for_each_direction() -> None:
 def test_exponential_wall_is_fungs_law_without_its_linear_part() -> None:
     effect = ExponentialWall(exponential_n=0.05, length_m=0.004)
     assert effect.step(0.0, 0.01, 0.0, 0.0, DT) == pytest.approx(0.05 * (exp(2.5) - 1 - 2.5))
-    assert effect.step(0.0, -0.01, 0.0, 0.0, DT) == 0.0
+    assert effect.step(0.0, -0.01, 0.0, 0.0, DT) == pytest.approx(0.05 * (exp(-2.5) - 1 + 2.5))
     shallow = 1e-5
     square, cube = 0.05 / (2 * 0.004**2), 0.05 / (6 * 0.004**3)
     polynomial = Stiffening(quadratic_n_m2=square, cubic_n_m3=cube)

@@ -1,0 +1,16 @@
+"""The quick set: 25 short recordings, each with the demand of its group."""
+
+import pytest
+
+from tests.hidden_effects.cases import Case, quick
+from tests.hidden_effects.product import diagnosed
+from tests.hidden_effects.score import gained, scored
+
+
+@pytest.mark.parametrize("case", quick(), ids=str)
+def test_finds_what_was_hidden(case: Case) -> None:
+    outcome = scored(case, diagnosed)
+    assert outcome.right, f"{outcome.truth} {outcome.labels} in {outcome.motion}: {outcome.answer}"
+    assert all(estimate.good for estimate in outcome.estimates), outcome.estimates
+    if outcome.exact and outcome.truth:
+        assert gained(outcome), outcome.answer
