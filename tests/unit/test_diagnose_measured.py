@@ -1,0 +1,58 @@
+"""The diagnosis on measured recordings with an answer in the literature."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from common.recording.tabular import load_recording
+from diagnosis.diagnose import diagnose
+from diagnosis.diagnose.verdict import Diagnosis
+
+FRICTION = {"coulomb_friction", "stribeck_friction", "presliding_hysteresis", "position_dependent_friction"}
+
+pytestmark = pytest.mark.skipif(
+    "FOREFEEL_DATA" not in os.environ, reason="FOREFEEL_DATA names no folder with recordings"
+)
+
+
+@cache
+def diagnosed(name: str) -> Diagnosis:
+    return diagnose(load_recording(Path(os.environ["FOREFEEL_DATA"]) / f"{name}.csv")).diagnosis
+
+
+def names(name: str) -> set[str]:
+    found = diagnosed(name)
+    assert found.verdict == "cause_found"
+    assert found.held_out.gain_low > 0.0
+    return {cause.name for cause in found.causes}
+
+
+@pytest.mark.parametrize("name", ["emps_train", "emps_test"])
+def test_a_motor_axis_has_dry_friction_that_no_speed_lessens(name: str) -> None:
+    """Janot, Gautier and Brunot, 2019: Coulomb friction of 20.39 N and an offset; no Stribeck effect."""
+    found = names(name)
+    assert found <= {"coulomb_friction", "asymmetric_damping", "bias"}
+    causes = {cause.name: cause for cause in diagnosed(name).causes}
+    assert causes["coulomb_friction"].parameters["force_n"].value == pytest.approx(20.39, rel=0.05)
+    assert diagnosed(name).causes[0].name == "coulomb_friction"
+
+
+@pytest.mark.parametrize("name", ["seal_o_ring_1bar", "seal_o_ring_3bar"])
+def test_a_seal_rubs_and_relaxes(name: str) -> None:
+    found = names(name)
+    assert found & FRICTION
+    assert "stress_relaxation" in found
+
+
+def test_short_strokes_show_friction_that_builds_up_with_distance() -> None:
+    names("presliding_friction")
+    assert diagnosed("presliding_friction").causes[0].name == "presliding_hysteresis"
+
+
+def test_an_electronic_spring_stiffens() -> None:
+    """Wigren and Schoukens, 2013: a cubic stiffness; both ends of it have an electrical offset."""
+    assert names("silverbox_train") <= {"stiffening", "bias"}
+    causes = {cause.name: cause for cause in diagnosed("silverbox_train").causes}
+    assert causes["stiffening"].parameters["cubic_n_m3"].value == pytest.approx(3.9, rel=0.05)
