@@ -82,24 +82,29 @@ class Search:
         return self._backward(offset) or offset
 
     def run_from_several(self, enough_n: float | None) -> Fit:
-        """As `run` from nothing; again from the runners-up of the first step while more than `enough_n` is
-        left.
+        """As `run` from nothing; again from the runner-up of the first step, with one more cause, and from
+        others while more than `enough_n` is left.
 
         Steps one at a time can walk past a pair of causes whose mixture looks like a third.
         """
         best = self.run({})
-        if not best.model or (enough_n is not None and self.plain_rms(best) < enough_n):
+        if not best.model:
             return best
+        starts = 1 if enough_n is not None and self.plain_rms(best) < enough_n else _STARTS
         empty = self.fit({})
         scanned = [self._scan(empty, name) for name in self.names]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)
         tried = {base_name(name) for name in best.model}
+        alone = len(tried)
         for start in ranked:
             (name,) = start.model
-            if base_name(name) in tried or len(tried) > _STARTS + len(best.model):
+            if base_name(name) in tried or len(tried) >= starts + alone:
                 continue
             tried.add(base_name(name))
-            other = self.run(start.model)
+            grown = self._forward(
+                self.refined(start)
+            )  # or the first exchange would end where the other began
+            other = best if grown is None else self.run(grown.model)
             if other.score < best.score - ADD:
                 best = other
         return best
