@@ -39,6 +39,9 @@ _FLEXIBLE = 0.1
 _BEYOND_CAP = 2.0
 _OF_FORCE = 0.02
 
+_NONE_AT_ZERO = {"time_delay": "delay_s", "sensor_lag": "time_constant_s", "backlash": "width_m"}
+"""At zero of this parameter there is no such cause: with zero in its interval it is not named."""
+
 Progress = Callable[[str], None]
 
 
@@ -215,10 +218,13 @@ class _Judge:
         gain_n = own.before_n - own.after_n
         if own.low <= 0.0 or gain_n < _LEAST_GAIN_OF_FLOOR * self.floor_n:
             return None
+        plain = base_name(name)
+        doubted = _NONE_AT_ZERO.get(plain)
+        if doubted is not None and self.parameters[plain][doubted].low <= 0.0:
+            return None
         likelihood = without.score - self.fit.score
         probability = 1.0 / (1.0 + float(np.exp(-0.5 * min(likelihood, 100.0))))
         explained = float(np.sqrt(max(own.before_n**2 - own.after_n**2, 0.0)))
-        plain = base_name(name)
         evidence = _evidence(plain, likelihood, own)
         return Cause(plain, probability, self.parameters[plain], evidence, gain_n, explained)
 

@@ -178,7 +178,9 @@ class Search:
         return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
 
     def _resolved(self, name: str, shape: Shape) -> bool:
-        """Whether the motion has frequencies within the mode's width; one that repeats has harmonics only."""
+        """Whether the motion has frequencies within a mode's width; one that repeats has harmonics only."""
+        if base_name(name) != "unmodelled_resonance":
+            return True
         period_s = self._motion_period_s
         reach_hz = self.regression.signals.motion_reach_hz
         if shape[0] > (0.9 if name.endswith(":free") else _SEEN_FROM_BELOW) * reach_hz:
@@ -233,9 +235,10 @@ class Search:
 
         def cost(z: Floats) -> float:
             nonlocal best, lowest
-            if (z < low).any() or (z > high).any():
+            shape = tuple(float(value) for value in np.exp(z))
+            if (z < low).any() or (z > high).any() or not self._resolved(name, shape):
                 return fit.score + 1e3
-            trial = self.fit({**fit.model, name: tuple(float(value) for value in np.exp(z))})
+            trial = self.fit({**fit.model, name: shape})
             if trial.score < best.score and trial.feasible:
                 best = trial
             if trial.score < lowest.score and (trial.feasible or self.regression.no_peak(trial.model)):
