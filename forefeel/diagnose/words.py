@@ -111,7 +111,7 @@ def answer(recording: Recording, diagnosis: Diagnosis, across: Across | None) ->
     return [*lines, DISCLAIMER]
 
 
-def one_line(diagnosis: Diagnosis) -> str:
+def named(diagnosis: Diagnosis) -> str:
     """For the summary of a folder."""
     names = [cause.name for cause in diagnosis.causes] or [" | ".join(group) for group in diagnosis.rivals]
     return f"{diagnosis.verdict}{': ' if names else ''}{', '.join(names)}"
