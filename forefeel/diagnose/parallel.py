@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 
 import joblib
+from joblib.externals.loky import get_reusable_executor
 
 from common.errors import ConfigurationError, EndpointError, InputError, RunError
 from forefeel.diagnose.examine import Result, Task, examine
@@ -53,8 +54,11 @@ def attempt(task: Task) -> Outcome:
 
 @contextmanager
 def _local(tasks: Sequence[Task], jobs: int) -> Iterator[Iterator[Outcome]]:
-    with closing(_started(tasks, jobs)) as found:
-        yield found
+    try:
+        with closing(_started(tasks, jobs)) as found:
+            yield found
+    finally:
+        get_reusable_executor().shutdown()  # joblib would keep its workers for another five minutes
 
 
 def _started(tasks: Sequence[Task], jobs: int) -> Generator[Outcome, None, None]:

@@ -16,6 +16,7 @@ _STRETCHES = 8.0
 _HIGHEST = 3.0
 _CAPTIONS = {
     "time_delay": "A delay turns the phase evenly with the frequency and leaves the size as it is.",
+    "unmodelled_resonance:fixture": "Below the mode the force is as modelled, above it turned and smaller.",
     "sensor_lag": "A lag turns the phase by 90 degrees at most and makes a fast force smaller.",
 }
 
@@ -40,7 +41,7 @@ def phase(stem: str, regression: Regression, fit: Fit, name: str) -> Drawing:
         finish(axes, "frequency in Hz", label, legend=False)
     common_legend(figure, left)
     right.set_ylim(0.0, min(_HIGHEST, 1.2 * max(1.0, float(np.abs(law).max()), *np.abs(ratio).tolist())))
-    return drawn(figure, stem, "Phase and size over the frequency", _CAPTIONS.get(name, ""))
+    return drawn(figure, stem, "Phase and size over the frequency", _CAPTIONS[name])
 
 
 def response(regression: Regression, fit: Fit, name: str) -> tuple[Floats, Floats]:

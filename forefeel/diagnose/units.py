@@ -16,6 +16,7 @@ _UNITS = {
     "_n_m": "N/m",
     "_n_s": "N/s",
     "_m_s": "m/s",
+    "_rad": "rad",
     "_kg": "kg",
     "_hz": "Hz",
     "_n": "N",
@@ -27,8 +28,8 @@ _UNITS = {
 _PREFIXED = {"N", "m", "s", "m/s", "N/s"}
 _PREFIXES = {0: "", -1: "m", -2: "µ", -3: "n"}
 _MASSES = {0: "kg", -1: "g", -2: "mg"}
-_FEWEST, _MOST = 3, 6
-"""Digits of a value: as many as its interval deserves, within these."""
+_USUAL, _MOST = 3, 6
+"""Digits of a value without an interval, and of any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +84,12 @@ def plain_value(name: str, value: float) -> str:
 
 
 def _places(value: float, width: float) -> int:
-    """Places behind the point; negative ones are zeros before it."""
+    """Places behind the point, for two digits of the interval's width; negative ones are zeros before it."""
     if not (isfinite(value) and isfinite(width)):
         return 0
     size = floor(log10(abs(value))) if value else 0
-    by_width = 1 - floor(log10(width)) if width > 0.0 else _FEWEST - 1 - size
-    return max(min(by_width, _MOST - 1 - size), _FEWEST - 1 - size)
+    by_width = 1 - floor(log10(width)) if width > 0.0 else _USUAL - 1 - size
+    return min(by_width, _MOST - 1 - size)
 
 
 def _fixed(value: float, places: int) -> str:

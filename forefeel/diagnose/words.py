@@ -46,6 +46,7 @@ _UNEXPLAINED = (
 )
 _RIVALS = "Something is missing, and this motion can not tell which of several causes it is:"
 
+_LEFT_OUT = "The simulation leaves out, the largest first:"
 _FEW = 3
 """So many rivals fit into a sentence."""
 
@@ -90,10 +91,11 @@ def gain_text(held: HeldOut) -> str:
 def answer(recording: Recording, diagnosis: Diagnosis, across: Across | None) -> list[str]:
     """A few lines for the terminal, the last one says what this is not."""
     held = diagnosis.held_out
+    said = _LEFT_OUT if diagnosis.causes else _RIVALS if diagnosis.rivals else headline(diagnosis)
     lines = [
         f"{_printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
         f"{recording.rate_hz:.4g} Hz",
-        f"Verdict     {diagnosis.verdict}. {_RIVALS if diagnosis.rivals else headline(diagnosis)}",
+        f"Verdict     {diagnosis.verdict}. {said}",
     ]
     for group in diagnosis.rivals:
         lines += [f"{'Rivals' if i == 0 else '':<12}{name}: {plain(name)}" for i, name in enumerate(group)]
