@@ -82,7 +82,8 @@ def _examined(task: Task, tell: Tell) -> Result:
         PAGE: render_page(recording, diagnosed, across, task.given, yaml),
         JSON: _document(diagnosed, across),
     }
-    return Result(diagnosed.diagnosis, tuple(answer(recording, diagnosed.diagnosis, across)), texts)
+    given = None if task.given is None else task.given.name
+    return Result(diagnosed.diagnosis, tuple(answer(recording, diagnosed.diagnosis, across, given)), texts)
 
 
 def _title(recording: Recording, diagnosis: Diagnosis) -> str:

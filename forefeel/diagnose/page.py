@@ -1,5 +1,6 @@
 """report.html of a diagnosis."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from common.effects.model import ContactModel
@@ -73,6 +74,7 @@ def render_page(
         on_readings=on_readings(diagnosis),
         cautions=[caution(flag) for flag in diagnosis.flags],
         simulation=named(parts),
+        given=given is not None,
         causes=[_section(recording.name, parts, cause) for cause in diagnosis.causes],
         suspects=[] if diagnosis.causes else _suspects(recording.name, parts, diagnosis),
         rows=_rows(diagnosis),
@@ -133,8 +135,8 @@ def _evidence(evidence: Evidence, probability: float) -> list[tuple[str, str]]:
 
 
 def _rows(diagnosis: Diagnosis) -> list[Row]:
-    """Mass, damper, spring first, then the causes as they are listed."""
-    before, after = diagnosis.baseline.parameters, diagnosis.extended.parameters
+    """The simulation's first, then those of the causes as they are listed."""
+    before, after = (_owned(stage.parameters) for stage in (diagnosis.baseline, diagnosis.extended))
     intervals = {
         f"{cause.name}.{key}": interval
         for cause in diagnosis.causes
@@ -143,10 +145,15 @@ def _rows(diagnosis: Diagnosis) -> list[Row]:
     rows = []
     for key in dict.fromkeys([*before, *intervals, *after]):
         owner, _, name = key.rpartition(".")
-        said = "" if key not in after else plain_value(name, after[key])
+        said = plain_value(name, after[key]) if key in after else ""
         if key in intervals:
             of = shown(name, intervals[key])
-            said = f"{of.value} {of.unit} ({of.interval})".replace("  ", " ")
+            said = " ".join(f"{of.value} {of.unit} ({of.interval})".split())
         old = plain_value(name, before[key]) if key in before else ""
-        rows.append(Row(owner or "mass_damper_spring", split_unit(name)[0], old, said))
+        rows.append(Row(owner, split_unit(name)[0], old, said))
     return rows
+
+
+def _owned(parameters: Mapping[str, float]) -> dict[str, float]:
+    """By effect and name; those without an effect are of mass, damper and spring."""
+    return {key if "." in key else f"mass_damper_spring.{key}": value for key, value in parameters.items()}

@@ -88,9 +88,10 @@ def gain_text(held: HeldOut) -> str:
     return f"{abs(100.0 * held.gain):.0f} % {word} ({ends[0]:.0f} to {ends[1]:.0f} %)"
 
 
-def answer(recording: Recording, diagnosis: Diagnosis, across: Across | None) -> list[str]:
-    """A few lines for the terminal, the last one says what this is not."""
-    held = diagnosis.held_out
+def answer(
+    recording: Recording, diagnosis: Diagnosis, across: Across | None, given: str | None = None
+) -> list[str]:
+    """A few lines for the terminal, the last one says what this is not. `given`: name of the simulation."""
     said = _LEFT_OUT if diagnosis.causes else _RIVALS if diagnosis.rivals else headline(diagnosis)
     lines = [
         f"{_printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
@@ -102,13 +103,13 @@ def answer(recording: Recording, diagnosis: Diagnosis, across: Across | None) ->
     if diagnosis.suggested_motion:
         lines.append(f"Record next {diagnosis.suggested_motion}")
     lines.append(
-        f"Simulation  off by {quantity(held.rmse_before_n, 'N')} rms; "
-        f"noise is {quantity(diagnosis.noise_floor_n, 'N')}"
+        f"Simulation  {'' if given is None else f'{given!r} is '}off by "
+        f"{quantity(diagnosis.baseline.rmse_n, 'N')} rms; noise is {quantity(diagnosis.noise_floor_n, 'N')}"
     )
     for cause in diagnosis.causes:
         lines += _cause(cause)
     if diagnosis.verdict == "cause_found":
-        lines += [_extended(diagnosis), *_predicted(diagnosis, across)]
+        lines += [_extended(diagnosis, given), *_predicted(diagnosis, across)]
     lines += [f"Caution     {caution(flag)}" for flag in diagnosis.flags]
     return [*lines, DISCLAIMER]
 
@@ -127,13 +128,13 @@ def _cause(cause: Cause) -> list[str]:
     ]
 
 
-def _extended(diagnosis: Diagnosis) -> str:
+def _extended(diagnosis: Diagnosis, given: str | None) -> str:
     held = diagnosis.held_out
     if on_readings(diagnosis):
         return "Extended    the readings were freed of it before the rest was compared"
     return (
         f"Extended    off by {quantity(held.rmse_after_n, 'N')} rms on stretches it was not fitted to, "
-        f"{gain_text(held)}"
+        f"{gain_text(held)}{'' if given is None else ' than a fitted mass, damper, spring'}"
     )
 
 

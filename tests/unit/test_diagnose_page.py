@@ -17,6 +17,7 @@ from forefeel.diagnose.parts import Parts, share_of, strokes
 from forefeel.diagnose.phase import response
 from forefeel.diagnose.pictures import Component, picture
 from forefeel.diagnose.sensor_pictures import sensor_picture
+from forefeel.diagnose.units import plain_value
 from forefeel.diagnose.words import PLAIN
 from tests.unit.diagnosis_samples import FRICTION_N, made
 
@@ -179,6 +180,14 @@ def test_a_given_simulation_is_what_the_force_is_compared_with(rubbing: Diagnose
     size = np.abs(parts.before[parts.rows][fast])
     assert size == pytest.approx(np.full(len(size), FRICTION_N), abs=0.03)
     assert "the given model" in render_page(rubbing.analysis.recording, rubbing, None, given)
+
+
+def test_a_parameter_of_both_models_is_one_row(rubbing: Diagnosed) -> None:
+    page = render_page(rubbing.analysis.recording, rubbing, None)
+    before, after = rubbing.diagnosis.baseline.parameters, rubbing.diagnosis.extended.parameters
+    said = [plain_value("stiffness_n_m", p["stiffness_n_m"]) for p in (before, after)]
+    cells = "".join(f'<td class="n">{text}</td>' for text in said)
+    assert f"<td>mass_damper_spring</td><td>stiffness</td>{cells}" in page
 
 
 def test_means_are_those_of_their_bins() -> None:
