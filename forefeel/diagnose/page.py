@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from common.effects.model import ContactModel
-from common.effects.registry import OWN
+from common.effects.registry import effect_class
 from common.recording.recording import Recording
 from diagnosis.diagnose import Diagnosed
 from diagnosis.diagnose.candidates import base_name
@@ -30,6 +30,8 @@ _FORMS = {
     "fixture": "It swings between stage and load cell, with the whole instrument.",
 }
 """What a form of a cause says beyond its name."""
+
+ON_READINGS = "Seen on the readings"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,7 @@ def render_page(
         headline=headline(diagnosis),
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),
+        on_readings_label=ON_READINGS,
         cautions=[caution(flag) for flag in diagnosis.flags],
         simulation=named(parts),
         given=given is not None,
@@ -96,8 +99,7 @@ def _section(stem: str, parts: Parts, cause: Cause) -> Section:
 
 def _suspects(stem: str, parts: Parts, diagnosis: Diagnosis) -> list[Section]:
     """What the search put into its model while the verdict names nothing."""
-    names = [name for name in diagnosis.suspected if name in OWN]
-    found = [(name, *_drawn(stem, parts, name)) for name in names]
+    found = [(name, *_drawn(stem, parts, name)) for name in diagnosis.suspected]
     return [
         Section(name, plain(name), _fingerprint(name), form, [], [], drawing) for name, form, drawing in found
     ]
@@ -115,22 +117,27 @@ def _drawn(stem: str, parts: Parts, name: str) -> tuple[str, Drawing | None]:
 
 
 def _fingerprint(name: str) -> str:
-    text = OWN[name].fingerprint if name in OWN else ""
+    """What the effect says of itself, ours or of another distribution."""
+    try:
+        text = effect_class(name).fingerprint
+    except ValueError:
+        return ""
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
 def _evidence(evidence: Evidence, probability: float) -> list[tuple[str, str]]:
-    """Likelihood, held-out gain, probability; a fault of the sensor is seen on the readings themselves."""
-    if evidence.likelihood == 0.0 and evidence.gain == 0.0:
-        return [("Seen on the readings", evidence.words)]
-    gain = f"{100 * evidence.gain:.0f} % ({100 * evidence.gain_low:.0f} to {100 * evidence.gain_high:.0f} %)"
+    """Held-out gain, likelihood, probability; a fault of the sensor is seen on the readings themselves."""
+    found = []
+    if evidence.gain:
+        ends = f"{100 * evidence.gain_low:.0f} to {100 * evidence.gain_high:.0f} %"
+        found.append(("Error on held-out blocks, less by", f"{100 * evidence.gain:.0f} % ({ends})"))
+    if not evidence.likelihood:
+        return [*found, (ON_READINGS, evidence.words.partition(";")[0])]
+    likely = "over 99.9 %" if probability > 0.999 else f"{100 * probability:.1f} %"
     return [
-        ("Error on held-out blocks, less by", gain),
+        *found,
         ("Penalised -2 log likelihood, less by", f"{evidence.likelihood:.0f}"),
-        (
-            "Probability, against leaving it out",
-            "over 99.9 %" if probability > 0.999 else f"{100 * probability:.1f} %",
-        ),
+        ("Probability, against leaving it out", likely),
     ]
 
 

@@ -49,11 +49,9 @@ class Component:
         return np.asarray(values[self.parts.rows])
 
 
-def picture(stem: str, parts: Parts, name: str) -> Drawing | None:
-    """Of a cause of the model, by the name of its form; None where no picture suits it."""
-    draw = _PICTURES.get(name, _PICTURES.get(base_name(name)))
-    if draw is None:
-        return None
+def picture(stem: str, parts: Parts, name: str) -> Drawing:
+    """Of a cause of the model, by the name of its form; over time where no other picture suits it."""
+    draw = _PICTURES.get(name, _PICTURES.get(base_name(name), _time))
     with styled():
         return draw(f"{stem} {name}", Component.of(parts, name))
 
