@@ -58,7 +58,8 @@ class Parts:
         """From an analysis and the simulation that it was compared with, if one was given."""
         regression = analysis.regression
         signals, motion = regression.signals, regression.motion({})
-        moving = motion.x, motion.v, since_reversal(motion), motion.direction()
+        way = np.clip(motion.v / motion.speed_band, -1.0, 1.0)
+        moving = motion.x, motion.v, since_reversal(motion), way
         x, v, since, direction = (np.interp(signals.t, signals.fine_t, fine) for fine in moving)
         simulated = (
             regression.predicted(regression.fit({}))
