@@ -84,12 +84,12 @@ def plain_value(name: str, value: float) -> str:
 
 
 def _places(value: float, width: float) -> int:
-    """Places behind the point, for two digits of the interval's width; negative ones are zeros before it."""
+    """Places behind the point, for two digits of the interval's width and of the value; may be negative."""
     if not (isfinite(value) and isfinite(width)):
         return 0
     size = floor(log10(abs(value))) if value else 0
     by_width = 1 - floor(log10(width)) if width > 0.0 else _USUAL - 1 - size
-    return min(by_width, _MOST - 1 - size)
+    return min(max(by_width, 1 - size), _MOST - 1 - size)
 
 
 def _fixed(value: float, places: int) -> str:

@@ -47,7 +47,7 @@ FOUND = Diagnosis(
         ("drag_n_s2_m2", Interval(12.0, 11.0, 13.0), "drag 12.0 N s²/m² (11.0 to 13.0)"),
         ("damping_ratio", Interval(0.0512, 0.04, 0.06), "damping ratio 0.051 (0.040 to 0.060)"),
         ("cubic_n_m3", Interval(3.412e6, 3.3e6, 3.5e6), "cubic 3.41e+06 N/m³ (3.3e+06 to 3.5e+06)"),
-        ("stiffness_n_m", Interval(0.84, -3.0, 4.7), "stiffness 0.8 N/m (-3.0 to 4.7)"),
+        ("stiffness_n_m", Interval(0.84, -3.0, 4.7), "stiffness 0.84 N/m (-3.00 to 4.70)"),
         ("force_n", Interval(0.0, 0.0, 0.0), "force 0.00 N (0.00 to 0.00)"),
         ("ratio", Interval(float("inf"), 1.0, 2.0), "ratio unknown (1 to 2)"),
     ],
