@@ -2,10 +2,12 @@
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from common.errors import ConfigurationError, RunError
+from forefeel.interrupt import postponed
 
 
 def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> Path:
@@ -37,6 +39,38 @@ def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) 
             f"--out {folder}: {error.strerror}; expected a folder that can be written"
         ) from error
     return folder
+
+
+@contextmanager
+def results_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> Iterator[None]:
+    """As `fresh_folder`, for results that are written at the end of the body: earlier ones stay until then.
+
+    When the body fails, folders that were made for it and hold nothing go again.
+
+    Raises:
+        ConfigurationError: see `fresh_folder`.
+    """
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        fresh_folder(folder, () if overwrite else ours, what, overwrite)
+        yield
+    except BaseException:
+        for path in made:
+            with suppress(OSError):  # not empty, or not made yet
+                path.rmdir()
+        raise
+
+
+def write_all(folder: Path, texts: Mapping[str, str], written: list[str]) -> None:
+    """Every text to its file, in order, and its name to `written`; a signal waits until all are there.
+
+    Raises:
+        RunError: one can not be written.
+    """
+    with postponed():
+        for name, text in texts.items():
+            write_whole(folder / name, text)
+            written.append(name)
 
 
 def _prove_writable(folder: Path) -> None:

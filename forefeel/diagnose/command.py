@@ -8,7 +8,8 @@ import typer
 EPILOG = (
     "Example: forefeel diagnose run.csv --out out/run   "
     "Example: forefeel diagnose seal.csv --time ms:t --position mm:laser --force N:load --out out/seal   "
-    "Example: forefeel diagnose recordings --jobs 4 --out out/all"
+    "Example: forefeel diagnose recordings --jobs 4 --out out/all   "
+    "Example: forefeel diagnose recordings --scheduler tcp://10.0.0.2:8786 --out out/all"
 )
 
 
@@ -22,6 +23,11 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
         Path | None, typer.Option(metavar="FILE", help="model.yaml of the simulation that is compared.")
     ] = None,
     jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Recordings of DIR at a time.")] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Of a dask cluster that does DIR (forefeel[cluster])."),
+    ] = None,
+    axis: Annotated[str | None, typer.Option(metavar="NAME", help="Of an MCAP file with several.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier diagnosis in DIR.")] = False,
     time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
@@ -33,4 +39,4 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.diagnose.run import Wish, run_diagnosis  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column
-    run_diagnosis(Wish(file, out, model, jobs, overwrite, columns))
+    run_diagnosis(Wish(file, out, model, jobs, scheduler, overwrite, columns, axis))

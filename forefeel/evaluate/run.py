@@ -11,11 +11,12 @@ from rich.progress import BarColumn, Progress, TextColumn
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError, InputError, RecordingError
 from common.model_file import load_model
-from common.recording.tabular import Mapping, load_recording
+from common.recording.tabular import load_recording
 from diagnosis.evaluation.arrivals import Link
 from diagnosis.evaluation.evaluate import Evaluated, Prepared, checked_model, evaluate, prepare, rules
 from diagnosis.evaluation.methods import METHODS
 from diagnosis.evaluation.results import to_json
+from forefeel.columns import Columns, mapping_of
 from forefeel.evaluate.page import render_page
 from forefeel.evaluate.table import print_table
 from forefeel.files import fresh_folder, write_whole
@@ -34,7 +35,7 @@ class Wish:
     loss: float = 0.0
     seed: int = 0
     model: Path | None = None
-    columns: tuple[str | None, str | None, str | None] = (None, None, None)
+    columns: Columns = (None, None, None)
 
 
 def run_evaluation(wish: Wish, out: Path, overwrite: bool) -> dict[str, Evaluated]:
@@ -77,7 +78,7 @@ def _read(wish: Wish, link: Link) -> tuple[dict[str, Prepared], dict[str, str]]:
     for stem, count in stems.items():
         if count > 1:
             raise ConfigurationError(f"{count} files are named {stem!r}; expected one of each name")
-    mapping = _mapping(*wish.columns)
+    mapping = mapping_of(wish.columns)
     prepared: dict[str, Prepared] = {}
     skipped: dict[str, str] = {}
     for path in wish.files:
@@ -95,13 +96,6 @@ def _refuse(reasons: list[str]) -> None:
     for reason in reasons[:-1]:
         print(f"forefeel: {reason}", file=sys.stderr)
     raise InputError(reasons[-1])
-
-
-def _mapping(time: str | None, position: str | None, force: str | None) -> Mapping | None:
-    """A mapping when the user named any column; the others have their canonical names."""
-    if time is None and position is None and force is None:
-        return None
-    return Mapping(time or "s:time_s", position or "m:position_m", force or "N:force_n")
 
 
 def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict[str, Evaluated]:

@@ -67,9 +67,9 @@ def styled() -> AbstractContextManager[None]:
     return mpl.rc_context(_STYLE)
 
 
-def new_figure(height_in: float) -> Figure:
-    """A figure of the page's width, transparent."""
-    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained", facecolor="none")
+def new_figure(height_in: float, width_in: float = _WIDTH_IN) -> Figure:
+    """A figure, transparent; by default of the page's width."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="none")
     FigureCanvasSVG(figure)
     return figure
 

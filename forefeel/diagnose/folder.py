@@ -1,0 +1,194 @@
+"""The diagnoses of a folder: each recording for itself, past bad ones, and a summary."""
+
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from common.errors import ConfigurationError, InputError, RunError
+from diagnosis.diagnose.verdict import Diagnosis
+from forefeel.diagnose.examine import FILES, JSON, Task
+from forefeel.diagnose.parallel import Outcome, outcomes
+from forefeel.diagnose.stages import console
+from forefeel.diagnose.words import named
+from forefeel.files import results_folder, write_all
+from forefeel.interrupt import ends_in_order
+from forefeel.report.text import DISCLAIMER
+from forefeel.report.wording import quantity
+
+SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"
+EARLIER = "an earlier diagnosis"
+SUFFIXES = ".csv", ".mcap", ".parquet"
+_PLAIN_WIDTH = 140
+
+
+@dataclass(slots=True)
+class Summary:
+    """Diagnoses by the recording's stem; reasons by the file's name."""
+
+    diagnosed: dict[str, Diagnosis] = field(default_factory=dict)
+    skipped: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """As summary.json holds it; the whole diagnosis of each is beside it."""
+        recordings = {stem: _brief(diagnosis) for stem, diagnosis in sorted(self.diagnosed.items())}
+        document = {
+            "schema": SCHEMA,
+            "recordings": recordings,
+            "skipped": dict(sorted(self.skipped.items())),
+            "failed": dict(sorted(self.failed.items())),
+        }
+        return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrite: bool) -> None:
+    """Diagnoses every recording in the folder `task.file` into `out`/<stem>/, and prints the summary.
+
+    Raises:
+        InputError: no recording in the folder, or none that can be diagnosed.
+        RunError: interrupted, a diagnosis failed, or a result can not be written.
+    """
+    files = recordings_in(task.file)
+    summary = Summary()
+    with (
+        ends_in_order("diagnosis", out) as written,
+        results_folder(out, (SUMMARY,), EARLIER, overwrite),
+    ):
+        tasks = [replace(task, file=file) for file in _free(files, out, overwrite, summary)]
+        with outcomes(tasks, jobs, scheduler) as found:
+            for outcome in _shown(found, len(tasks), task.file.name):
+                _take(outcome, out, overwrite, summary, written)
+        if not summary.diagnosed and not summary.failed:
+            raise InputError(list(summary.skipped.values())[-1])
+        write_all(out, {SUMMARY: summary.to_json()}, written)
+    _print(summary, out)
+    if summary.failed:
+        raise RunError(
+            f"{len(summary.failed)} of {len(files)} recordings failed; {SUMMARY} in {out} says why"
+        )
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """The recordings in a folder, by name; hidden files are none.
+
+    Raises:
+        ConfigurationError: none, or the folder can not be read.
+    """
+    try:
+        files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    except OSError as error:
+        raise ConfigurationError(f"{folder}: {error.strerror}; expected a folder that can be read") from error
+    files = [path for path in files if not path.name.startswith(".")]
+    if not files:
+        raise ConfigurationError(f"{folder}: no recording; expected {', '.join(SUFFIXES)} files")
+    return files
+
+
+def _free(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -> Iterator[Path]:
+    """The files whose results have a place; the others are skipped at once, each with its line."""
+    taken: dict[str, Path] = {}
+    for file in files:
+        folder = out / file.stem
+        if file.stem in taken:
+            reason = f"{file}: {taken[file.stem].name} has the same stem; expected one recording of each stem"
+        elif (folder / JSON).exists() and not overwrite:
+            reason = f"{file}: {folder} holds {EARLIER}; expected another --out, or --overwrite"
+        else:
+            taken[file.stem] = file
+            yield file
+            continue
+        _skip(file, reason, summary)
+
+
+def _skip(file: Path, reason: str, summary: Summary) -> None:
+    summary.skipped[file.name] = reason
+    print(f"skipped: {reason}", file=sys.stderr, flush=True)
+
+
+def _take(outcome: Outcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
+    """Writes what was found, or says why there is nothing."""
+    file = outcome.task.file
+    if outcome.result is None:
+        if outcome.failed is not None:
+            summary.failed[file.name] = outcome.failed
+            print(f"failed: {outcome.failed}", file=sys.stderr, flush=True)
+        else:
+            _skip(file, outcome.skipped or "", summary)
+        return
+    folder = out / file.stem
+    try:
+        with results_folder(folder, FILES, EARLIER, overwrite):
+            write_all(folder, outcome.result.texts, [])
+    except InputError as error:
+        _skip(file, f"{file}: {error}", summary)
+        return
+    written.append(f"{file.stem}/")
+    summary.diagnosed[file.stem] = outcome.result.diagnosis
+
+
+def _shown(found: Iterable[Outcome], total: int, name: str) -> Iterator[Outcome]:
+    """A bar on a terminal, elsewhere a line for each recording that is done."""
+    shown = console()
+    columns = (
+        TextColumn(name, markup=False),
+        BarColumn(bar_width=40),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal) as bar:
+        task = bar.add_task("", total=total)
+        for number, outcome in enumerate(found, 1):
+            yield outcome
+            bar.update(task, completed=number)
+            if outcome.result is not None:
+                text = f"{number} of {total}: {outcome.task.file.stem}: {named(outcome.result.diagnosis)}"
+                shown.print(Text(text), soft_wrap=True)
+
+
+def _brief(diagnosis: Diagnosis) -> dict[str, object]:
+    return {
+        "verdict": diagnosis.verdict,
+        "causes": [cause.name for cause in diagnosis.causes],
+        "rivals": [list(group) for group in diagnosis.rivals],
+        "flags": list(diagnosis.flags),
+        "noise_floor_n": diagnosis.noise_floor_n,
+        "held_out": asdict(diagnosis.held_out),
+    }
+
+
+def _print(summary: Summary, out: Path) -> None:
+    """The table to stdout; plain text when that is not a terminal."""
+    terminal = sys.stdout.isatty()
+    shown = Console(highlight=False, markup=False, width=None if terminal else _PLAIN_WIDTH)
+    if summary.diagnosed:
+        shown.print(_table(summary, terminal))
+    count, all_of = (
+        len(summary.diagnosed),
+        len(summary.diagnosed) + len(summary.skipped) + len(summary.failed),
+    )
+    left = f", {len(summary.skipped)} skipped, {len(summary.failed)} failed" if count < all_of else ""
+    shown.print(
+        Text(f"{count} of {all_of} diagnosed{left}; {SUMMARY} and a folder for each in {out}"), soft_wrap=True
+    )
+    shown.print(DISCLAIMER)
+
+
+def _table(summary: Summary, terminal: bool) -> Table:
+    table = Table(box=box.SIMPLE_HEAD if terminal else box.ASCII2)
+    table.add_column("recording", overflow="fold")
+    table.add_column("verdict", overflow="fold")
+    for name in ("simulation off by", "extended", "noise"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for stem, diagnosis in sorted(summary.diagnosed.items()):
+        held = diagnosis.held_out
+        sizes = held.rmse_before_n, held.rmse_after_n, diagnosis.noise_floor_n
+        table.add_row(Text(stem), Text(named(diagnosis)), *(quantity(size, "N") for size in sizes))
+    return table

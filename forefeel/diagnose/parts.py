@@ -1,0 +1,127 @@
+"""What the figures of a diagnosis draw: forces in the band in which motion and force are compared."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.effects.model import ContactModel
+from common.error_size import Floats
+from diagnosis.diagnose.analysis import Analysis
+from diagnosis.diagnose.candidates import CANDIDATES, Motion
+from diagnosis.diagnose.flexible import since_reversal
+from diagnosis.diagnose.regression import Fit, Regression
+
+Rows = NDArray[np.intp]
+
+_OF_ALL_COLUMNS = "motion", "contact", "alignment"
+"""Kinds of causes without columns of their own: they change those of all others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parts:
+    """Forces in N and motion in SI on the coarse grid, all of one shape; `rows` are the samples that count.
+
+    `simulated` is the given model's force or that of the fitted mass, damper and spring; `since` is the
+    distance travelled since the last reversal.
+    """
+
+    analysis: Analysis
+    given: bool
+    t: Floats
+    x: Floats
+    v: Floats
+    since: Floats
+    direction: Floats
+    force: Floats
+    simulated: Floats
+    extended: Floats
+
+    @property
+    def rows(self) -> Rows:
+        """As an index of the other columns."""
+        return np.flatnonzero(self.analysis.regression.signals.rows)
+
+    @property
+    def before(self) -> Floats:
+        """What the simulation leaves."""
+        return self.force - self.simulated
+
+    @property
+    def after(self) -> Floats:
+        """What the extended model leaves."""
+        return self.force - self.extended
+
+    @classmethod
+    def of(cls, analysis: Analysis, given: ContactModel | None) -> "Parts":
+        """From an analysis and the simulation that it was compared with, if one was given."""
+        regression = analysis.regression
+        signals, motion = regression.signals, regression.motion({})
+        way = np.clip(motion.v / motion.speed_band, -1.0, 1.0)
+        moving = motion.x, motion.v, since_reversal(motion), way
+        x, v, since, direction = (np.interp(signals.t, signals.fine_t, fine) for fine in moving)
+        simulated = (
+            regression.predicted(regression.fit({}))
+            if given is None
+            else _force_of(given, regression, motion)
+        )
+        extended = regression.predicted(analysis.fit)
+        return cls(
+            analysis, given is not None, signals.t, x, v, since, direction, signals.force, simulated, extended
+        )
+
+
+def _force_of(given: ContactModel, regression: Regression, motion: Motion) -> Floats:
+    """The given model's force along the recorded motion; a model's positive force resists."""
+    signals = regression.signals
+    forces = [
+        given.runtime().forces_n(motion.t[p] + signals.origin_s, motion.x[p], motion.v[p], motion.a[p])
+        for p in motion.pieces
+    ]
+    return regression.sense * signals.column(signals.spectrum(np.concatenate(forces)))
+
+
+def share_of(regression: Regression, fit: Fit, name: str) -> Floats:
+    """What a cause adds to the model's force in N, the other parameters as they are; on the coarse grid."""
+    whole = regression.predicted(fit)
+    if CANDIDATES[name].kind not in _OF_ALL_COLUMNS:
+        return np.asarray(whole - regression.predicted(fit, leave=name))
+    rest = {other: shape for other, shape in fit.model.items() if other != name}
+    return np.asarray(whole - regression.predicted(replace(fit, model=rest)))
+
+
+def strokes(parts: Parts, least_m: float) -> tuple[Floats, Floats]:
+    """(direction, distance in m since the last reversal); a way back of up to `least_m` is no reversal.
+
+    Both on the coarse grid; 0 before the first reversal of a stretch without gaps.
+    """
+    direction, since = np.zeros_like(parts.x), np.zeros_like(parts.x)
+    for piece in parts.analysis.regression.signals.piecewise(fine=False):
+        x = parts.x[piece]
+        turns = _turns(x.tolist(), least_m)
+        for (start, way), (stop, _) in pairwise([*turns, (len(x), 0.0)]):
+            direction[piece.start + start : piece.start + stop] = way
+            since[piece.start + start : piece.start + stop] = np.abs(x[start:stop] - x[start])
+    return direction, since
+
+
+def _turns(x: list[float], least: float) -> list[tuple[int, float]]:
+    """(index of the extreme, direction from there on) of each reversal."""
+    turns: list[tuple[int, float]] = []
+    low = high = 0
+    for i, now in enumerate(x):
+        way = turns[-1][1] if turns else 0.0
+        high, low = (i if now > x[high] else high), (i if now < x[low] else low)
+        if way >= 0.0 and x[high] - now > least:
+            turns.append((high, -1.0))
+            low = i
+        elif way <= 0.0 and now - x[low] > least:
+            turns.append((low, 1.0))
+            high = i
+    return turns
+
+
+def rms(values: Floats) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,101 @@
+"""Parameters as a reader knows them: a name without its unit, a value with a prefix, an interval in few
+digits.
+"""
+
+from dataclasses import dataclass
+from math import floor, isfinite, log10
+
+from diagnosis.diagnose.verdict import Interval
+
+_UNITS = {
+    "_n_s2_m2": "N s²/m²",
+    "_n_s_m2": "N s/m²",
+    "_n_s_m": "N s/m",
+    "_n_m3": "N/m³",
+    "_n_m2": "N/m²",
+    "_n_m": "N/m",
+    "_n_s": "N/s",
+    "_m_s": "m/s",
+    "_rad": "rad",
+    "_kg": "kg",
+    "_hz": "Hz",
+    "_n": "N",
+    "_m": "m",
+    "_s": "s",
+}
+"""By the end of a parameter's name, the longest first."""
+
+_PREFIXED = {"N", "m", "s", "m/s", "N/s"}
+_PREFIXES = {0: "", -1: "m", -2: "µ", -3: "n"}
+_MASSES = {0: "kg", -1: "g", -2: "mg"}
+_USUAL, _MOST = 3, 6
+"""Digits of a value without an interval, and of any."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One parameter in words."""
+
+    label: str
+    value: str
+    interval: str
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.label} {self.value} {self.unit}".rstrip() + f" ({self.interval})"
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """(label, unit) of a parameter: `damping_n_s_m` is `damping` in `N s/m`; no unit, no unit."""
+    for end, unit in _UNITS.items():
+        if name.endswith(end) and len(name) > len(end):
+            return name.removesuffix(end).replace("_", " "), unit
+    return name.replace("_", " "), ""
+
+
+def scale(unit: str, largest: float) -> tuple[float, str]:
+    """(factor, unit with prefix) so that `largest` reads between 1 and 1000 where a prefix can do that."""
+    known = _MASSES if unit == "kg" else {p: f"{word}{unit}" for p, word in _PREFIXES.items()}
+    if (unit not in _PREFIXED and unit != "kg") or largest == 0.0 or not isfinite(largest):
+        return 1.0, unit
+    power = min(0, max(min(known), floor(log10(abs(largest)) / 3.0 + 1e-9)))
+    return 1000.0**-power, known[power]
+
+
+def shown(name: str, interval: Interval) -> Shown:
+    """A parameter with its 95 % interval."""
+    label, plain = split_unit(name)
+    largest = interval.value or max(abs(interval.low), abs(interval.high))
+    factor, unit = scale(plain, largest)
+    value, low, high = (factor * x for x in (interval.value, interval.low, interval.high))
+    places = _places(value, high - low)
+    ends = f"{_fixed(low, places)} to {_fixed(high, places)}"
+    return Shown(label, _fixed(value, places), ends, unit)
+
+
+def plain_value(name: str, value: float) -> str:
+    """A parameter without interval, such as `20 g`."""
+    unit = split_unit(name)[1]
+    factor, prefixed = scale(unit, value)
+    text = _fixed(factor * value, _places(factor * value, 0.0))
+    if "." in text and "e" not in text:
+        text = text.rstrip("0").rstrip(".")
+    return f"{text} {prefixed}".rstrip()
+
+
+def _places(value: float, width: float) -> int:
+    """Places behind the point, for two digits of the interval's width and of the value; may be negative."""
+    if not (isfinite(value) and isfinite(width)):
+        return 0
+    size = floor(log10(abs(value))) if value else 0
+    by_width = 1 - floor(log10(width)) if width > 0.0 else _USUAL - 1 - size
+    return min(max(by_width, 1 - size), _MOST - 1 - size)
+
+
+def _fixed(value: float, places: int) -> str:
+    if not isfinite(value):
+        return "unknown"
+    rounded = round(value, places) + 0.0  # no minus zero
+    if rounded and not 1e-4 <= abs(rounded) < 1e6:
+        return f"{rounded:.3g}"
+    return f"{rounded:.{max(0, places)}f}"

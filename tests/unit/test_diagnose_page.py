@@ -1,0 +1,178 @@
+"""The page of a diagnosis, and the curves that its pictures show."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.diagnose import Diagnosed, diagnose
+from diagnosis.diagnose.analysis import Analysis
+from diagnosis.diagnose.candidates import CANDIDATES, base_name
+from diagnosis.diagnose.faults import Fault
+from forefeel.diagnose.drawing import means
+from forefeel.diagnose.figures import worst_stretch
+from forefeel.diagnose.page import render_page
+from forefeel.diagnose.parts import Parts, share_of, strokes
+from forefeel.diagnose.phase import response
+from forefeel.diagnose.pictures import Component, picture
+from forefeel.diagnose.sensor_pictures import sensor_picture
+from forefeel.diagnose.units import plain_value
+from forefeel.diagnose.words import PLAIN
+from tests.unit.diagnosis_samples import FRICTION_N, made
+
+FAULTS = {
+    "sensor_quantisation": {"step_n": (0.01, 0.01, 0.01)},
+    "sensor_saturation": {"limit_n": (0.3, 0.3, 0.3)},
+    "sensor_spikes": {"rate_hz": (1.0, 0.5, 1.5), "amplitude_n": (0.5, 0.4, 0.6)},
+    "mains_hum": {"frequency_hz": (50.0, 49.9, 50.1), "amplitude_n": (0.1, 0.1, 0.1)},
+}
+
+
+@pytest.fixture(scope="module")
+def rubbing() -> Diagnosed:
+    """Dry friction, and a name that a page must not take for its own."""
+    return diagnose(made(8.0, friction_n=FRICTION_N, name="<b>rub & run</b>"))
+
+
+def with_model(analysis: Analysis, name: str) -> Parts:
+    """The analysis as if the search had ended at that one cause."""
+    grid = [(1.3,)] if name == "pulsation" else CANDIDATES[name].grid(analysis.regression.extent)
+    fit = analysis.regression.fit({name: grid[len(grid) // 2]})
+    return Parts.of(replace(analysis, fit=fit), None)
+
+
+def test_the_page_says_the_verdict_first_and_shows_the_cause(rubbing: Diagnosed) -> None:
+    recording = rubbing.analysis.recording
+    page = render_page(recording, rubbing, None, None, "schema: forefeel.model/1\n")
+    words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    assert words.index("The simulation leaves out dry friction.") < words.index("Causes, the largest first")
+    assert "<h3>coulomb_friction" in words
+    assert "a jump at each reversal, no growth with speed" in words
+    assert "95 % interval" in words
+    assert "Research software, not a medical device." in words
+    assert "schema: forefeel.model/1" in words
+    assert page.count("<svg ") == 7
+    assert "&lt;b&gt;rub &amp; run&lt;/b&gt;" in words
+    assert "<b>rub" not in page
+
+
+def test_the_page_needs_nothing_else_and_is_the_same_for_the_same(rubbing: Diagnosed) -> None:
+    first, second = (render_page(rubbing.analysis.recording, rubbing, None) for _ in range(2))
+    assert first == second
+    addresses = set(re.findall(r"(?:src|href)=[\"']?([^\"' >]+)", first))
+    assert all(address.startswith("#") for address in addresses)
+    assert "<script" not in first
+
+
+def test_a_page_without_a_cause_shows_what_was_tried_and_names_nothing(rubbing: Diagnosed) -> None:
+    less = replace(
+        rubbing.diagnosis, verdict="not_separable", causes=(), rivals=(("coulomb_friction", "backlash"),),
+        suggested_motion="strokes of several amplitudes", flags=("motion_driven_by_force",),
+    )  # fmt: skip
+    page = render_page(rubbing.analysis.recording, Diagnosed(less, rubbing.analysis), None)
+    assert "Causes, the largest first" not in page
+    assert "What the search tried" in page
+    assert "strokes of several amplitudes" in page
+    assert "Caution: the motion answers the force" in page
+    assert "dry friction or play between stage and instrument" in page
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_every_cause_of_the_motion_has_its_picture(rubbing: Diagnosed, name: str) -> None:
+    drawing = picture("made", with_model(rubbing.analysis, name), name)
+    assert drawing.svg.startswith("<svg ")
+    assert drawing.title
+    assert drawing.caption
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_of_the_sensor_has_its_picture(rubbing: Diagnosed, name: str) -> None:
+    drawing = sensor_picture("made", rubbing.analysis, Fault(name, FAULTS[name], "words", 0.01))
+    assert drawing is not None
+    assert drawing.svg.startswith("<svg ")
+
+
+def test_pictures_cover_the_vocabulary() -> None:
+    assert {base_name(name) for name in CANDIDATES} | set(FAULTS) == set(PLAIN)
+
+
+def test_what_the_picture_of_friction_shows_is_its_jump(rubbing: Diagnosed) -> None:
+    parts = Parts.of(rubbing.analysis, None)
+    of = Component.of(parts, "coulomb_friction")
+    v, fast = of.column(parts.v), np.abs(of.column(parts.v)) > 5e-3
+    assert of.own[fast] == pytest.approx(FRICTION_N * np.sign(v[fast]), rel=0.2)
+    assert of.left[fast] == pytest.approx(of.own[fast], abs=0.02)
+
+
+def test_the_shares_of_the_causes_and_mass_damper_spring_are_the_whole_model(rubbing: Diagnosed) -> None:
+    regression = rubbing.analysis.regression
+    fit = regression.fit({"coulomb_friction": (), "bias": (), "stress_relaxation": (0.3,)})
+    base = regression.block(fit.model, "", ()) @ fit.of("")
+    shares = [share_of(regression, fit, name) for name in fit.model]
+    assert base + sum(shares) == pytest.approx(regression.predicted(fit), abs=1e-9)
+
+
+def test_the_share_of_a_delay_is_what_it_changes(rubbing: Diagnosed) -> None:
+    regression = rubbing.analysis.regression
+    fit = regression.fit({"time_delay": (0.02,)})
+    alone = regression.block({}, "", ()) @ fit.of("")
+    assert share_of(regression, fit, "time_delay") == pytest.approx(
+        regression.predicted(fit) - alone, abs=1e-9
+    )
+
+
+def test_a_late_force_turns_the_phase_evenly(rubbing: Diagnosed, monkeypatch: pytest.MonkeyPatch) -> None:
+    regression = rubbing.analysis.regression
+    fit = regression.fit({"time_delay": (0.02,)})
+    monkeypatch.setattr(regression.signals, "force", regression.predicted(fit))
+    frequency, ratio = response(regression, fit, "time_delay")
+    slow = frequency < 5.0
+    assert np.count_nonzero(slow) > 3
+    slope = float(frequency[slow] @ np.angle(ratio[slow])) / float(frequency[slow] @ frequency[slow])
+    assert slope == pytest.approx(-2.0 * np.pi * 0.02, rel=0.2)
+
+
+def test_a_tremor_is_no_reversal_and_a_stroke_is(rubbing: Diagnosed) -> None:
+    t = rubbing.analysis.regression.signals.t
+    x = 0.01 * np.abs((0.5 * t) % 2.0 - 1.0) + 2e-4 * np.sin(40.0 * t)
+    direction, since = strokes(replace(Parts.of(rubbing.analysis, None), x=x), 1e-3)
+    turns = np.flatnonzero(np.diff(direction) != 0.0)
+    assert t[turns[1:4]] == pytest.approx([2.0, 4.0, 6.0], abs=0.2)
+    assert since.max() == pytest.approx(0.01, rel=0.1)
+    assert np.all(since >= 0.0)
+
+
+def test_the_worst_stretch_is_where_the_error_is(rubbing: Diagnosed) -> None:
+    parts = Parts.of(rubbing.analysis, None)
+    bad = parts.extended + np.where((parts.t > 5.0) & (parts.t < 5.8), 1.0, 0.0)
+    start, end = worst_stretch(replace(parts, simulated=bad), 1.0)
+    assert start < 5.5 < end
+
+
+def test_a_given_simulation_is_what_the_force_is_compared_with(rubbing: Diagnosed) -> None:
+    from common.effects.model import ContactModel
+
+    parameters = {"mass_kg": 0.02, "damping_n_s_m": 0.8, "stiffness_n_m": 40.0}
+    effects = [{"effect": "mass_damper_spring", "parameters": parameters}]
+    given = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "given", "effects": effects})
+    parts = Parts.of(rubbing.analysis, given)
+    fast = np.abs(parts.v[parts.rows]) > 5e-3
+    size = np.abs(parts.before[parts.rows][fast])
+    assert size == pytest.approx(np.full(len(size), FRICTION_N), abs=0.03)
+    assert "the given model" in render_page(rubbing.analysis.recording, rubbing, None, given)
+
+
+def test_a_parameter_of_both_models_is_one_row(rubbing: Diagnosed) -> None:
+    page = render_page(rubbing.analysis.recording, rubbing, None)
+    before, after = rubbing.diagnosis.baseline.parameters, rubbing.diagnosis.extended.parameters
+    said = [plain_value("stiffness_n_m", p["stiffness_n_m"]) for p in (before, after)]
+    cells = "".join(f'<td class="n">{text}</td>' for text in said)
+    assert f"<td>mass_damper_spring</td><td>stiffness</td>{cells}" in page
+
+
+def test_means_are_those_of_their_bins() -> None:
+    x = np.linspace(0.0, 1.0, 1001)
+    along, up = means(x, 3.0 * x + 1.0, 20)
+    assert up == pytest.approx(3.0 * along + 1.0)
+    assert np.all(np.diff(along) > 0.0)
