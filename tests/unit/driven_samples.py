@@ -57,3 +57,20 @@ def driven(
     t = np.arange(len(x)) * every / _FINE_HZ
     noisy = f + noise_n * rng.standard_normal(len(f))
     return Recording("driven", t, x + noise_m * rng.standard_normal(len(x)), noisy, "test")
+
+
+def held_in_place(body: Body, disturbance_n: Floats, rate_hz: float) -> Recording:
+    """A spring and damper by control follow a slow reference against a disturbance that is not measured."""
+    count = len(disturbance_n)
+    slow = 2.0 * np.pi * np.arange(count) / _FINE_HZ
+    reference = 4e-3 * np.sin(0.31 * slow) + 2e-3 * np.sin(0.83 * slow + 1.0)
+    gain, rate = 60.0, 2.0
+    whole = Body(body.mass_kg, body.damping_n_s_m + rate, body.stiffness_n_m + gain)
+    x = moved(whole, gain * reference + disturbance_n, 1.0 / _FINE_HZ)
+    force = gain * (reference - x) - rate * np.gradient(x) * _FINE_HZ
+    every = round(_FINE_HZ / rate_hz)
+    rng = np.random.default_rng(9)
+    seen, f = x[::every], force[::every]
+    t = np.arange(len(seen)) * every / _FINE_HZ
+    noisy = seen + 1e-6 * rng.standard_normal(len(seen))
+    return Recording("held", t, noisy, f + 2e-3 * rng.standard_normal(len(f)), "test")
