@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from common.effects.base import Effect
 from common.effects.model import ContactModel
-from common.effects.registry import OWN
 from common.errors import RecordingError
 from common.recording.recording import Recording
 from diagnosis.diagnose.analysis import Analysis, analyse
@@ -26,6 +24,7 @@ from diagnosis.diagnose.identifiability import (
 from diagnosis.diagnose.parameters import intervals
 from diagnosis.diagnose.regression import Fit
 from diagnosis.diagnose.structure import foretold_share, noise_cap_n
+from diagnosis.diagnose.third_party import fingerprint, take_in
 from diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
 
 LEAST_S = 3.0
@@ -62,6 +61,7 @@ def diagnose(
         RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row.
     """
     check(recording)
+    take_in()
     try:
         analysis = analyse(recording, progress)
     except ValueError as error:
@@ -253,10 +253,8 @@ class _Judge:
 
 
 def _evidence(name: str, likelihood: float, own: Gain) -> Evidence:
-    kind: type[Effect] | None = OWN.get(name)
-    fingerprint = kind.fingerprint if kind is not None else ""
     words = (
         f"without it the penalised -2 log likelihood is {likelihood:.0f} worse and the error on held-out "
         f"blocks {100 * own.gain:.0f} % larger ({100 * own.low:.0f} to {100 * own.high:.0f} %)"
     )
-    return Evidence(fingerprint, likelihood, own.gain, own.low, own.high, words)
+    return Evidence(fingerprint(name), likelihood, own.gain, own.low, own.high, words)
