@@ -21,6 +21,7 @@ from diagnosis.diagnose.identifiability import (
     rivals_of_a_line,
     separating_motion,
 )
+from diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
 from diagnosis.diagnose.parameters import intervals
 from diagnosis.diagnose.regression import Fit
 from diagnosis.diagnose.structure import foretold_share, noise_cap_n
@@ -63,11 +64,15 @@ def diagnose(
     check(recording)
     take_in()
     try:
-        analysis = analyse(recording, progress)
+        whole = analyse_long(recording, progress) if is_long(recording) else None
+        analysis = analyse(recording, progress) if whole is None else whole.analysis
     except ValueError as error:
         raise RecordingError(f"{recording.source}: {error}") from error
     progress("trust")
-    found = _Judge(analysis).diagnosis()
+    if whole is None:
+        found = _Judge(analysis).diagnosis()
+    else:
+        found, analysis = diagnose_long(whole, lambda part: _Judge(part).diagnosis())
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis)
 
 

@@ -72,14 +72,17 @@ def intervals(regression: Regression, fit: Fit) -> dict[str, dict[str, Interval]
     with the
     derivatives by the shapes; percentiles of the named parameters follow (propagation by draws).
     """
+    return intervals_by(fit, _covariance(regression, fit), regression.signals.origin_s, regression.sense)
+
+
+def intervals_by(fit: Fit, covariance: Floats, start: float, sense: float) -> dict[str, dict[str, Interval]]:
+    """As `intervals`, by a known covariance of coefficients and shapes; `start`: stamp of the start."""
     theta, sizes = _point(fit)
-    covariance = _covariance(regression, fit)
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(theta, covariance, size=_DRAWS, method="eigh")
     found: dict[str, dict[str, Interval]] = {"": {}}
-    start = regression.signals.origin_s
-    values = _named(fit, theta, sizes, start, regression.sense)
-    drawn = [_named(fit, draw, sizes, start, regression.sense) for draw in draws]
+    values = _named(fit, theta, sizes, start, sense)
+    drawn = [_named(fit, draw, sizes, start, sense) for draw in draws]
     for name, parameters in values.items():
         found[name] = {
             key: _interval(value, np.array([d[name][key] for d in drawn]))
@@ -117,11 +120,7 @@ def _named(
 
 
 def _covariance(regression: Regression, fit: Fit) -> Floats:
-    design, _ = regression.design(fit.model)
-    slopes = [
-        _slope(regression, fit, name, i) for name, shape in fit.model.items() for i in range(len(shape))
-    ]
-    jacobian = np.column_stack([design, *slopes])
+    jacobian = jacobian_of(regression, fit)
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
     scale[scale == 0.0] = 1.0
     gram = (jacobian / scale).T @ (jacobian / scale)
@@ -129,6 +128,15 @@ def _covariance(regression: Regression, fit: Fit) -> Floats:
     variance = fit.rss / max(1, fit.n - len(scale))
     inverse = np.linalg.inv(gram) * variance
     return np.asarray(inverse / np.outer(scale, scale))
+
+
+def jacobian_of(regression: Regression, fit: Fit) -> Floats:
+    """Derivatives of the whitened prediction by coefficients and shapes, at the rows that count."""
+    design, _ = regression.design(fit.model)
+    slopes = [
+        _slope(regression, fit, name, i) for name, shape in fit.model.items() for i in range(len(shape))
+    ]
+    return np.column_stack([design, *slopes])
 
 
 def _slope(regression: Regression, fit: Fit, name: str, index: int) -> Floats:

@@ -28,7 +28,7 @@ from diagnosis.diagnose.signals import Mask, Signals, Spectrum
 Model = Mapping[str, Shape]
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
-_KEPT = 400
+_KEPT, _KEPT_SAMPLES = 400, 5e6
 _DEPENDENT = 1e-7
 
 
@@ -72,6 +72,7 @@ class Regression:
         self.signals = signals
         self.extent = Extent.of(signals, speed_band)
         s = signals
+        self._kept = int(np.clip(_KEPT_SAMPLES / len(s.t), 16, _KEPT))
         self._motion = Motion(
             s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band
         )
@@ -160,7 +161,7 @@ class Regression:
     def _white_block(self, model: Model, name: str, shape: Shape) -> Floats:
         key = (_frame(model, ("motion", "contact", "alignment")), name, shape)
         if key not in self._whitened:
-            _keep(self._whitened, key, self._white(self.block(model, name, shape)), _KEPT)
+            _keep(self._whitened, key, self._white(self.block(model, name, shape)), self._kept)
         return self._whitened[key]
 
     def _white(self, columns: Floats) -> Floats:
@@ -174,7 +175,7 @@ class Regression:
             return self._base
         key = (moved, name, shape)
         if key not in self._spectra:
-            _keep(self._spectra, key, self._fresh(model, shape, candidate), _KEPT)
+            _keep(self._spectra, key, self._fresh(model, shape, candidate), self._kept)
         return self._spectra[key]
 
     def _fresh(self, model: Model, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
