@@ -4,10 +4,12 @@ A kernel holds the interpreter lock from its first to its last instruction, so t
 one call is one indivisible step.
 
 Numba takes what it kept for fresh as long as the kernel's own file is unchanged, though the code of every
-kernel that it calls is in there. Here it is fresh as long as no source file of this package has changed.
+kernel that it calls is in there. Here it is fresh as long as neither a source file of this package nor the
+kernel's own has changed.
 """
 
 import hashlib
+import linecache
 from collections.abc import Callable, Iterator
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -27,7 +29,7 @@ def _sources(folder: Traversable) -> Iterator[bytes]:
             yield entry.read_bytes()
 
 
-_STAMP = hashlib.sha256(b"\0".join(_sources(files(__package__ or "")))).hexdigest()
+_SOURCES = hashlib.sha256(b"\0".join(_sources(files(__package__ or "")))).hexdigest()
 
 
 def kernel(function: F) -> F:
@@ -42,5 +44,7 @@ def fast_kernel(function: F) -> F:
 
 def _kept(compiled: F) -> F:
     """`compiled`, with the stamp of all sources instead of its own; numba has no public way to say so."""
-    cast(Any, compiled)._cache._cache_file._source_stamp = _STAMP
+    own = "".join(linecache.getlines(cast(Any, compiled).py_func.__code__.co_filename))
+    stamp = hashlib.sha256((_SOURCES + own).encode()).hexdigest()
+    cast(Any, compiled)._cache._cache_file._source_stamp = stamp
     return compiled

@@ -5,7 +5,7 @@ searched
 between bounds that the recording itself sets: nothing shorter than its bandwidth or longer than itself.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -231,7 +231,7 @@ MOST_DAMPED = 0.3
 """A mode with more damping has no peak to know it by."""
 
 
-CANDIDATES: Mapping[str, Candidate] = {
+CANDIDATES: dict[str, Candidate] = {
     candidate.name: candidate
     for candidate in (
         Candidate("bias", "sensor", (0,), lambda m, s: [np.ones_like(m.t)]),

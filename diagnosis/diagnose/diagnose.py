@@ -6,9 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from common.effects.base import Effect
 from common.effects.model import ContactModel
-from common.effects.registry import OWN
 from common.errors import RecordingError
 from common.recording.recording import Recording
 from diagnosis.diagnose.analysis import Analysis, analyse
@@ -25,9 +23,11 @@ from diagnosis.diagnose.identifiability import (
     rivals_of_a_line,
     separating_motion,
 )
+from diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
 from diagnosis.diagnose.parameters import intervals
 from diagnosis.diagnose.regression import Fit
 from diagnosis.diagnose.structure import foretold_share, noise_cap_n
+from diagnosis.diagnose.third_party import fingerprint, take_in
 from diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
 
 LEAST_S = 3.0
@@ -67,12 +67,17 @@ def diagnose(
         RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row.
     """
     check(recording)
+    take_in()
     try:
-        analysis = analyse(recording, progress)
+        whole = analyse_long(recording, progress) if is_long(recording) else None
+        analysis = analyse(recording, progress) if whole is None else whole.analysis
     except ValueError as error:
         raise RecordingError(f"{recording.source}: {error}") from error
     progress("trust")
-    found = _Judge(analysis).diagnosis()
+    if whole is None:
+        found = _Judge(analysis).diagnosis()
+    else:
+        found, analysis = diagnose_long(whole, lambda part: _Judge(part).diagnosis())
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis)
 
 
@@ -238,7 +243,7 @@ class _Judge:
             f"{fault.evidence}; without it the error on held-out blocks is {100 * own.gain:.0f} % larger "
             f"({100 * own.low:.0f} to {100 * own.high:.0f} %)"
         )
-        evidence = Evidence(OWN[fault.name].fingerprint, 0.0, own.gain, own.low, own.high, words)
+        evidence = Evidence(fingerprint(fault.name), 0.0, own.gain, own.low, own.high, words)
         return Cause(fault.name, 1.0, parameters, evidence, own.before_n - own.after_n, float(fault.rms_n))
 
     def _without_cause(
@@ -286,10 +291,8 @@ class _Judge:
 
 
 def _evidence(name: str, likelihood: float, own: Gain) -> Evidence:
-    kind: type[Effect] | None = OWN.get(name)
-    fingerprint = kind.fingerprint if kind is not None else ""
     words = (
         f"without it the penalised -2 log likelihood is {likelihood:.0f} worse and the error on held-out "
         f"blocks {100 * own.gain:.0f} % larger ({100 * own.low:.0f} to {100 * own.high:.0f} %)"
     )
-    return Evidence(fingerprint, likelihood, own.gain, own.low, own.high, words)
+    return Evidence(fingerprint(name), likelihood, own.gain, own.low, own.high, words)

@@ -4,7 +4,7 @@ Times are the recording's own stamps. Where the recording shows the reaction the
 resists.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def _change(c: Floats, s: Shape, base: Floats, start: float) -> list[Entry]:
     return [entry("stiffness_change", **values)]
 
 
-MAKERS: Mapping[str, Make] = {
+MAKERS: dict[str, Make] = {
     "bias": lambda c, s, b, t: [entry("bias", force_n=c[0])],
     "coulomb_friction": lambda c, s, b, t: [entry("coulomb_friction", forward_n=c[0], backward_n=c[0])],
     "coulomb_friction:asymmetric": lambda c, s, b, t: [

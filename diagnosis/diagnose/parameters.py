@@ -83,17 +83,28 @@ def intervals(
     How far a value moves when the same model is fitted `elsewhere`, in another band, is added in square:
     what the choice of the band does is no less a doubt than the noise.
     """
+    moved = None if elsewhere is None else _named_by(*elsewhere)
+    return intervals_by(
+        fit, _covariance(regression, fit), regression.signals.origin_s, regression.sense, moved
+    )
+
+
+def intervals_by(
+    fit: Fit, covariance: Floats, start: float, sense: float, moved: dict[str, Values] | None = None
+) -> dict[str, dict[str, Interval]]:
+    """As `intervals`, by a known covariance of coefficients and shapes; `start`: stamp of the start.
+
+    `moved`: the values elsewhere.
+    """
     theta, sizes = _point(fit)
-    covariance = _covariance(regression, fit)
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(
         theta, 0.5 * (covariance + covariance.T), size=_DRAWS, method="eigh", check_valid="ignore"
     )
     found: dict[str, dict[str, Interval]] = {"": {}}
-    start = regression.signals.origin_s
-    values = _named(fit, theta, sizes, start, regression.sense)
-    drawn = [_named(fit, draw, sizes, start, regression.sense) for draw in draws]
-    moved = values if elsewhere is None else _named_by(*elsewhere)
+    values = _named(fit, theta, sizes, start, sense)
+    drawn = [_named(fit, draw, sizes, start, sense) for draw in draws]
+    moved = values if moved is None else moved
     for name, parameters in values.items():
         found[name] = {
             key: _interval(value, np.array([d[name][key] for d in drawn]), moved[name][key] - value)
@@ -138,11 +149,8 @@ def _named(
 
 
 def _covariance(regression: Regression, fit: Fit) -> Floats:
-    design, _ = regression.design(fit.model)
-    slopes = [
-        _slope(regression, fit, name, i) for name, shape in fit.model.items() for i in range(len(shape))
-    ]
-    jacobian = np.column_stack([design, *slopes])
+    jacobian = jacobian_of(regression, fit)
+    design = jacobian[:, : len(fit.coefficients)]
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
     scale[scale == 0.0] = 1.0
     gram = (jacobian / scale).T @ (jacobian / scale)
@@ -164,6 +172,15 @@ def _robust(jacobian: Floats, residual: Floats, inverse: Floats) -> Floats:
     ]
     moved = np.array(scores) @ inverse
     return np.asarray(np.sum(moved**2, axis=0) * _BLOCKS / (_BLOCKS - 1))
+
+
+def jacobian_of(regression: Regression, fit: Fit) -> Floats:
+    """Derivatives of the whitened prediction by coefficients and shapes, at the rows that count."""
+    design, _ = regression.design(fit.model)
+    slopes = [
+        _slope(regression, fit, name, i) for name, shape in fit.model.items() for i in range(len(shape))
+    ]
+    return np.column_stack([design, *slopes])
 
 
 def _slope(regression: Regression, fit: Fit, name: str, index: int) -> Floats:

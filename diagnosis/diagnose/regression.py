@@ -95,7 +95,7 @@ class Regression:
         self._whitened: OrderedDict[object, Block] = OrderedDict()
         self._made = 0
         self._aligning: tuple[object, Spectrum | None] = (), None
-        self._kept = int(np.clip(_KEPT_BYTES / (16.0 * len(s.t)), 60, 4000))
+        self._kept = int(np.clip(_KEPT_BYTES / (16.0 * len(s.t)), 16, 4000))
         self._base = [s.linear_spectrum(d) for d in (2, 1, 0)]
         self.sense = 1.0
         self.whiten_by(white())

@@ -42,12 +42,12 @@ class Search:
 
     Args:
         regression: the recording.
-        names: the candidates that may be used.
+        names: the candidates that may be used; by default all that are known now.
     """
 
-    def __init__(self, regression: Regression, names: Iterable[str] = tuple(CANDIDATES)) -> None:
+    def __init__(self, regression: Regression, names: Iterable[str] | None = None) -> None:
         self.regression = regression
-        self.names = [name for name in names if name in CANDIDATES]
+        self.names = [name for name in (CANDIDATES if names is None else names) if name in CANDIDATES]
         self.evaluations = 0
 
     def run(self, start: Model) -> Fit:

@@ -125,6 +125,11 @@ class Signals:
         """Of each frequency of a spectrum, in rad per coarse sample."""
         return np.concatenate([2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.coarse for p in self.pieces])
 
+    def moved_to(self, origin_s: float) -> None:
+        """Times count from that stamp from now on; before any regression is made of it."""
+        later = self.origin_s - origin_s
+        self.fine_t, self.t, self.origin_s = self.fine_t + later, self.t + later, origin_s
+
     def linear_spectrum(self, derivative: int) -> Spectrum:
         """Filtered spectrum of the position's derivative, straight from the raw samples."""
         parts = [

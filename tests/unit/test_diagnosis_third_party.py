@@ -1,0 +1,161 @@
+"""Effects of other distributions as causes: the example package, hidden, named, and not known."""
+
+import tomllib
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from common.effects import registry
+from common.effects.base import ForceEffect, MotionEffect, Parameter
+from common.error_size import Floats
+from common.recording.recording import Recording
+from diagnosis.diagnose import diagnose
+from diagnosis.diagnose.candidates import CANDIDATES
+from diagnosis.diagnose.extended import MAKERS, extended_model
+from diagnosis.diagnose.parameters import NAMINGS
+from diagnosis.diagnose.regression import Regression
+from diagnosis.diagnose.search import Search
+from diagnosis.diagnose.signals import Signals
+from diagnosis.diagnose.third_party import fingerprint, take_in, third_party_candidates
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
+GROUP = "forefeel.effects"
+RATE_HZ = 250.0
+PITCH_M, SINE_N, COSINE_N = 0.00371, 0.043, -0.021
+
+Install = Callable[..., None]
+
+
+@pytest.fixture
+def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Makes entry points known, as `name=module:object`, as if their distributions were installed."""
+    known = EntryPoints()
+
+    def entry_points(group: str, name: str | None = None) -> EntryPoints:
+        return known.select(group=group) if name is None else known.select(group=group, name=name)
+
+    def install(*points: tuple[str, str]) -> None:
+        nonlocal known
+        known = EntryPoints(EntryPoint(name, value, GROUP) for name, value in points)
+        registry.effect_class.cache_clear()
+
+    monkeypatch.setattr(registry, "entry_points", entry_points)
+    monkeypatch.syspath_prepend(EXAMPLE)
+    yield install
+    install()
+    take_in()
+    registry.effect_class.cache_clear()
+
+
+@pytest.fixture
+def example() -> tuple[str, str]:
+    """The entry point that the package's own pyproject.toml declares."""
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())
+    ((name, value),) = project["project"]["entry-points"][GROUP].items()
+    return name, value
+
+
+def _rippled(seconds: float = 12.0) -> tuple[Recording, Floats]:
+    """Strokes over eight pitches, with the force's noise of a load cell; and the force without it."""
+    t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    w, size = 2.0 * np.pi * np.array([0.23, 0.71, 1.9, 5.3]), np.array([9e-3, 4e-3, 1e-3, 1e-4])
+    phase = np.outer(t, w) + np.array([0.0, 1.0, 2.0, 3.0])
+    x, v, a = np.sin(phase) @ size, np.cos(phase) @ (size * w), -np.sin(phase) @ (size * w * w)
+    turn = 2.0 * np.pi * x / PITCH_M
+    force = 0.03 * a + 0.9 * v + 25.0 * x + SINE_N * np.sin(turn) + COSINE_N * np.cos(turn)
+    noise = lfilter([1.0], [1.0, -0.7], np.random.default_rng(1).standard_normal(len(t)))
+    return Recording("made", t, x, force + 2e-3 * noise / np.std(noise), "test"), force
+
+
+def test_a_cause_of_the_example_package_is_named_and_unexplained_without_it(
+    install: Install, example: tuple[str, str]
+) -> None:
+    recording, force = _rippled()
+    install(example)
+    found = diagnose(recording)
+    assert found.diagnosis.verdict == "cause_found"
+    (cause,) = found.diagnosis.causes
+    assert cause.name == "cogging"
+    assert cause.parameters["pitch_m"].value == pytest.approx(PITCH_M, rel=2e-3)
+    assert cause.parameters["sine_n"].value == pytest.approx(SINE_N, rel=0.1)
+    assert cause.parameters["cosine_n"].value == pytest.approx(COSINE_N, rel=0.1)
+    assert "ripple" in cause.evidence.fingerprint
+    model = extended_model(found.analysis, "motor")
+    assert [entry.effect for entry in model.effects] == ["mass_damper_spring", "cogging"]
+    x, t = recording.position_m, recording.time_s
+    v = np.gradient(x, t)
+    said = model.runtime().forces_n(t, x, v, np.gradient(v, t))
+    assert np.std((said - force)[100:-100]) < 2e-3
+    install()
+    assert diagnose(recording).diagnosis.verdict == "unexplained"
+    assert "cogging" not in {*CANDIDATES, *NAMINGS, *MAKERS}
+
+
+class Threshold(ForceEffect):
+    """A smoothed step of the force at a position that may have either sign."""
+
+    name = "threshold"
+    site = "shaft"
+    parameters = (
+        Parameter("step_n", "N", 0.0, 0.0, 10.0),
+        Parameter("position_m", "m", 0.0, -1.0, 1.0, linear=False),
+        Parameter("width_m", "m", 1e-3, 1e-5, 1e-1, linear=False),
+    )
+    reference = "test"
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        return (float(np.tanh((x - self.values["position_m"]) / self.values["width_m"])),)
+
+    def _columns(self, t: Floats, x: Floats, v: Floats, a: Floats, dt: Floats) -> Floats:
+        depth = (x - self.values["position_m"]) / self.values["width_m"]
+        return np.asarray(np.tanh(depth))[:, None]
+
+
+class Turned(MotionEffect):
+    name = "turned"
+    parameters = ()
+    reference = "test"
+
+    def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
+        return -x, -v, -a
+
+
+def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) -> None:
+    install(("threshold", f"{__name__}:Threshold"))
+    take_in()
+    recording, _ = _rippled()
+    x = recording.position_m
+    v = np.gradient(x, recording.time_s)
+    force = 0.9 * v + 25.0 * x + 0.08 * np.tanh((x + 2.3e-3) / 7e-4)
+    signals = Signals(
+        Recording("made", recording.time_s, x, force, "test"), force, 30.0, np.zeros(len(x), dtype=np.bool_)
+    )
+    search = Search(Regression(signals, 1e-5))
+    assert "threshold" in search.names
+    found = search.best_with(search.fit({}), "threshold")
+    assert found is not None
+    named = NAMINGS["threshold"](found.of("threshold"), found.model["threshold"], found.coefficients[:3], 0.0)
+    assert named["position_m"] == pytest.approx(-2.3e-3, abs=1e-4)
+    assert named["width_m"] == pytest.approx(7e-4, rel=0.1)
+    assert named["step_n"] == pytest.approx(0.08, rel=0.05)
+    assert CANDIDATES["threshold"].signs == (1,)
+
+
+def test_what_can_not_be_searched_is_said_and_breaks_nothing(install: Install) -> None:
+    install(("turned", f"{__name__}:Turned"), ("missing", f"{__name__}:Missing"))
+    lines: list[str] = []
+    assert third_party_candidates(lines.append) == {}
+    assert any("turned adds no force" in line for line in lines)
+    assert any("missing" in line and "can not be loaded" in line for line in lines)
+
+
+def test_the_fingerprint_of_any_cause_is_told(install: Install, example: tuple[str, str]) -> None:
+    install(example)
+    take_in()
+    assert "ripple" in fingerprint("cogging")
+    assert "velocity" in fingerprint("coulomb_friction")
+    assert fingerprint("no such cause") == ""
