@@ -2,45 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from common.effects.model import ContactModel
+from common.error_size import Floats
 from common.errors import RecordingError
 from common.recording.recording import Recording
 from diagnosis.diagnose.analysis import Analysis, analyse
-from diagnosis.diagnose.as_recorded import AsRecorded
-from diagnosis.diagnose.band import acceleration_noise_m_s2
-from diagnosis.diagnose.blocks import Gain, gain, gain_over, held_out_errors, numbers_at
-from diagnosis.diagnose.candidates import base_name
-from diagnosis.diagnose.faults import Fault
-from diagnosis.diagnose.flexible import flexible_gain, modulation_gain
-from diagnosis.diagnose.identifiability import (
-    GENERAL_MOTION,
-    RIVALS_AT_CONSTANT_SPEED,
-    motion_kind,
-    rivals_of_a_line,
-    separating_motion,
-)
+from diagnosis.diagnose.judge import Judge
 from diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
-from diagnosis.diagnose.parameters import intervals
-from diagnosis.diagnose.regression import Fit
-from diagnosis.diagnose.structure import foretold_share, noise_cap_n
-from diagnosis.diagnose.third_party import fingerprint, take_in
-from diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
+from diagnosis.diagnose.structure import foretold_share
+from diagnosis.diagnose.third_party import take_in
+from diagnosis.diagnose.verdict import Diagnosis, Stage
 
 LEAST_S = 3.0
-_LEAST_GAIN_OF_FLOOR = 0.01
-_RIVAL = 6.0
-_FORETOLD = 0.3
-_STRUCTURE = 0.135
-_FLEXIBLE = 0.1
-_BEYOND_CAP = 2.0
-_OF_FORCE = 0.02
-
-_NONE_AT_ZERO = {"time_delay": "delay_s", "sensor_lag": "time_constant_s", "backlash": "width_m"}
-"""At zero of this parameter there is no such cause: with zero in its interval it is not named."""
+_LIKE_NOISE = 0.3
+_NO_ANSWER = 0.98
 
 Progress = Callable[[str], None]
 
@@ -73,11 +51,15 @@ def diagnose(
         analysis = analyse(recording, progress) if whole is None else whole.analysis
     except ValueError as error:
         raise RecordingError(f"{recording.source}: {error}") from error
+    if _says_nothing(analysis):
+        raise RecordingError(
+            f"{recording.source}: the force is flat but for noise, expected an answer to the motion"
+        )
     progress("trust")
     if whole is None:
-        found = _Judge(analysis).diagnosis()
+        found = Judge(analysis).diagnosis()
     else:
-        found, analysis = diagnose_long(whole, lambda part: _Judge(part).diagnosis())
+        found, analysis = diagnose_long(whole, lambda part: Judge(part).diagnosis())
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis)
 
 
@@ -91,7 +73,7 @@ def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagno
         )
         for p in motion.pieces
     ]
-    said = regression.signals.column(regression.signals.spectrum(np.concatenate(forces)))
+    said = regression.sense * regression.signals.column(regression.signals.spectrum(np.concatenate(forces)))
     error = (regression.signals.force - said)[regression.signals.rows]
     parameters = {f"{e.effect}.{key}": value for e in given.effects for key, value in e.parameters}
     return replace(found, baseline=Stage(float(np.sqrt(np.mean(error**2))), parameters))
@@ -108,191 +90,24 @@ def check(recording: Recording) -> None:
         raise RecordingError(f"{place}: no force, expected a column with the measured force")
     if recording.duration_s < LEAST_S:
         raise RecordingError(f"{place}: {recording.duration_s:.3g} s long, expected at least {LEAST_S:g} s")
-    if float(np.ptp(recording.position_m)) == 0.0:
+    if float(np.ptp(recording.position_m)) == 0.0 or _is_noise(recording.position_m):
         raise RecordingError(f"{place}: the position never changes, expected motion")
     if float(np.ptp(recording.force_n)) == 0.0:
         raise RecordingError(f"{place}: the force never changes, expected a measured force")
 
 
-class _Judge:
-    """Weighs one analysis."""
-
-    def __init__(self, analysis: Analysis) -> None:
-        self.analysis = analysis
-        self.regression, self.search, self.fit = analysis.regression, analysis.search, analysis.fit
-        self.faults = analysis.faults
-        self.base = self.regression.fit({})
-        self.before = held_out_errors(self.regression, self.base)
-        self.after = held_out_errors(self.regression, self.fit)
-        self.held_out = self._gain()
-        self.parameters = intervals(self.regression, self.fit, analysis.narrower)
-        self.residual_n = float(np.sqrt(np.mean(self.after**2)))
-        self.floor_n = analysis.noise_floor_n()
-
-    def _gain(self) -> Gain:
-        """In the compared band; on the force as recorded when the sensor has faults."""
-        if not self.faults:
-            return gain(self.regression, self.before, self.after)
-        names = {fault.name for fault in self.faults}
-        return self._as_recorded.gain(self.base, self.fit, names)
-
-    @cached_property
-    def _as_recorded(self) -> AsRecorded:
-        return AsRecorded(self.regression, self.analysis.recording, self.analysis.cleaned)
-
-    def diagnosis(self) -> Diagnosis:
-        """The verdict by the rules of the design: named only when three pieces of evidence agree."""
-        kind = motion_kind(self.regression.signals)
-        names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
-        if kind == "constant_speed":
-            return self._without_cause("not_separable", (RIVALS_AT_CONSTANT_SPEED,), GENERAL_MOTION, names)
-        physical = {base_name(name) for name in self.fit.model}
-        if kind == "single_frequency" and physical:
-            rivals = rivals_of_a_line(physical)
-            return self._without_cause("not_separable", (rivals,), separating_motion(set(rivals)), names)
-        if self._structure_left():
-            return self._without_cause("unexplained", (), GENERAL_MOTION, names)
-        groups = self._rival_groups()
-        if groups:
-            together = {name for group in groups for name in group}
-            return self._without_cause("not_separable", groups, separating_motion(together), names)
-        causes = self._causes()
-        if causes:
-            return self._result("cause_found", causes, (), None, names)
-        return self._without_cause("nothing_missing", (), None, set())
-
-    def _structure_left(self) -> bool:
-        """Whether much of what a spring, a damper, a mass and a bias leave is left by the causes, too, and is
-        no noise.
-        """
-        self.foretold = foretold_share(self.regression, self.fit)
-        self.flexible = flexible_gain(self.regression, self.fit)
-        if any(fault.name == "sensor_quantisation" for fault in self.faults):
-            return False
-        pulsing = modulation_gain(self.regression, self.fit)
-        if pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.low > _FLEXIBLE:
-            return True
-        plain = self.regression.residual(self.regression.fit({"bias": ()}))[self.regression.rows]
-        left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
-        return self._structured_share() * left > _STRUCTURE
-
-    def _structured_share(self) -> float:
-        """Share of what is left that is no noise: by its memory, by a flexible model, by its size."""
-        shares = [self.foretold if self.foretold > _FORETOLD else 0.0]
-        if self.flexible.low > _FLEXIBLE and self.flexible.gain > 2.0 * _FLEXIBLE:
-            shares.append(1.0 - (1.0 - self.flexible.gain) ** 2)
-        cap = noise_cap_n(self.analysis.recording, self.analysis.cleaned.force_n)
-        signals = self.regression.signals
-        if cap is not None and self.residual_n > _OF_FORCE * float(np.std(signals.force[signals.rows])):
-            speed_up = acceleration_noise_m_s2(signals.even_m, signals.even_hz, signals.cutoff_hz)
-            most = _BEYOND_CAP * float(np.hypot(cap, abs(self.parameters[""]["mass_kg"].value) * speed_up))
-            shares.append(1.0 - (most / self.residual_n) ** 2)
-        return max(shares)
-
-    def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
-        """For each cause the names that would do as well in its place."""
-        groups: list[tuple[str, ...]] = []
-        for name in self.fit.model:
-            rest = self.search.without(self.fit, name)
-            equals = {
-                base_name(other)
-                for other in self.search.names
-                if base_name(other) not in {base_name(taken) for taken in self.fit.model}
-                and self._as_good(rest, other)
-            }
-            if equals:
-                groups.append((base_name(name), *sorted(equals)))
-        return tuple(groups)
-
-    def _as_good(self, rest: Fit, other: str) -> bool:
-        trial = self.search.best_with(rest, other)
-        return trial is not None and trial.score < self.fit.score + _RIVAL
-
-    def _causes(self) -> tuple[Cause, ...]:
-        causes = [self._fault_cause(fault) for fault in self.faults]
-        for name in self.fit.model:
-            cause = self._cause(name)
-            if cause is not None:
-                causes.append(cause)
-        return tuple(sorted(causes, key=lambda cause: -cause.explained_n))
-
-    def _cause(self, name: str) -> Cause | None:
-        without = self.search.without(self.fit, name)
-        errors = held_out_errors(self.regression, without)
-        own = gain(self.regression, errors, self.after)
-        gain_n = own.before_n - own.after_n
-        if own.low <= 0.0 or gain_n < _LEAST_GAIN_OF_FLOOR * self.floor_n:
-            return None
-        plain = base_name(name)
-        doubted = _NONE_AT_ZERO.get(plain)
-        if doubted is not None and self.parameters[plain][doubted].low <= 0.0:
-            return None
-        likelihood = without.score - self.fit.score
-        probability = 1.0 / (1.0 + float(np.exp(-0.5 * min(likelihood, 100.0))))
-        explained = float(np.sqrt(max(own.before_n**2 - own.after_n**2, 0.0)))
-        evidence = _evidence(plain, likelihood, own)
-        return Cause(plain, probability, self.parameters[plain], evidence, gain_n, explained)
-
-    def _fault_cause(self, fault: Fault) -> Cause:
-        parameters = {key: Interval(*map(float, values)) for key, values in fault.parameters.items()}
-        names = {other.name for other in self.faults}
-        numbers = numbers_at(self.regression, self._as_recorded.t[self._as_recorded.rows])
-        without = self._as_recorded.errors(self.fit, names - {fault.name})
-        own = gain_over(numbers, without, self._as_recorded.errors(self.fit, names))
-        words = (
-            f"{fault.evidence}; without it the error on held-out blocks is {100 * own.gain:.0f} % larger "
-            f"({100 * own.low:.0f} to {100 * own.high:.0f} %)"
-        )
-        evidence = Evidence(fingerprint(fault.name), 0.0, own.gain, own.low, own.high, words)
-        return Cause(fault.name, 1.0, parameters, evidence, own.before_n - own.after_n, float(fault.rms_n))
-
-    def _without_cause(
-        self, verdict: str, rivals: tuple[tuple[str, ...], ...], motion: str | None, names: set[str]
-    ) -> Diagnosis:
-        return self._result(verdict, (), rivals, motion, names)
-
-    def _result(
-        self,
-        verdict: str,
-        causes: tuple[Cause, ...],
-        rivals: tuple[tuple[str, ...], ...],
-        motion: str | None,
-        names: set[str],
-    ) -> Diagnosis:
-        held = HeldOut(
-            self.held_out.before_n,
-            self.held_out.after_n,
-            self.held_out.gain,
-            self.held_out.low,
-            self.held_out.high,
-        )
-        linear = {key: interval.value for key, interval in self.parameters[""].items()}
-        extended = {
-            f"{name}.{key}": interval.value
-            for name, values in self.parameters.items()
-            if name
-            for key, interval in values.items()
-        }
-        base = dict(zip(linear, map(float, self.base.coefficients), strict=True))
-        return Diagnosis(
-            verdict,  # type: ignore[arg-type]
-            causes,
-            rivals,
-            motion,
-            self.analysis.flags(),
-            self.floor_n,
-            Stage(self.held_out.before_n, base),
-            Stage(self.held_out.after_n, {**linear, **extended}),
-            {"before_m": None, "after_m": None},
-            held,
-            (),
-            tuple(sorted(names)),
-        )
+def _is_noise(values: Floats) -> bool:
+    """Whether no value has to do with one of the five before it."""
+    v = values - np.mean(values)
+    own = float(v @ v)
+    return all(abs(float(v[k:] @ v[:-k])) < _LIKE_NOISE * own for k in range(1, 6))
 
 
-def _evidence(name: str, likelihood: float, own: Gain) -> Evidence:
-    words = (
-        f"without it the penalised -2 log likelihood is {likelihood:.0f} worse and the error on held-out "
-        f"blocks {100 * own.gain:.0f} % larger ({100 * own.low:.0f} to {100 * own.high:.0f} %)"
-    )
-    return Evidence(fingerprint(name), likelihood, own.gain, own.low, own.high, words)
+def _says_nothing(analysis: Analysis) -> bool:
+    """Whether the motion tells nothing of the force, nor the force of itself."""
+    regression = analysis.regression
+    rows = regression.signals.rows
+    left = regression.fit({"bias": ()})
+    share = float(np.var(regression.residual(left)[rows]) / np.var(regression.signals.force[rows]))
+    named = set(analysis.fit.model) - {"bias"} or analysis.faults
+    return not named and share > _NO_ANSWER and foretold_share(regression, left) < _LIKE_NOISE

@@ -124,8 +124,8 @@ class ForwardModel:
             a[2 + i, 1], a[2 + i, 2 + i] = 1.0, -1.0 / tau
         if _MODE in model:
             w, zeta = 2.0 * np.pi * model[_MODE][0], model[_MODE][1]
-            (held,) = self.coefficients(_MODE)
-            rubbed = 2.0 * zeta * held
+            held, *own = self.coefficients(_MODE)
+            rubbed = own[0] if own else 2.0 * zeta * held
             force[-2:] = held * w * w, rubbed * w
         a[1], push[1] = -force / m, 1.0 / m
         if _MODE in model:
