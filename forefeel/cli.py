@@ -99,7 +99,8 @@ def record(
 
 @app.command(
     epilog="Example: forefeel loopback --impairment paper --duration 20 --out out/run   "
-    "Example: forefeel loopback --recording seal_o_ring_1bar.csv --impairment paper"
+    "Example: forefeel loopback --recording seal_o_ring_1bar.csv --impairment paper   "
+    "Example: forefeel loopback --slave-model world.yaml --hide friction.yaml --hide-at 5 --out out/run"
 )
 def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     recording: Annotated[
@@ -124,6 +125,13 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     master_model: Annotated[
         Path | None, typer.Option(metavar="FILE", help="model.yaml of the predictor.")
     ] = None,
+    hide: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="model.yaml of effects that are added to the simulated world."),
+    ] = None,
+    hide_at: Annotated[
+        float, typer.Option(metavar="S", help="When they are switched on, by the world's time.")
+    ] = 0.0,
     time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
@@ -141,6 +149,8 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         columns=_columns(recording, time_column, position_column, force_column),
         slave_model=slave_model,
         master_model=master_model,
+        hide=hide,
+        hide_at_s=hide_at,
     )
     run_loopback(wish, out, overwrite, virtual_time)
 

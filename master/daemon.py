@@ -9,6 +9,7 @@ from common.errors import ConfigurationError
 from common.estimation.default_model import default_model
 from common.estimation.forecast import compile_kernels
 from common.estimation.identification import ContactIdentifier, IdentificationSettings
+from common.estimation.transfer import lasting
 from common.model_file import load_model
 from common.recording.tabular import load_recording
 from common.runtime.port import Runtime
@@ -114,7 +115,9 @@ def _axis(cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[]
     wanted = settings.prediction
     model = None if wanted.model is None else load_model(wanted.model)
     prediction = ForcePrediction(settings.limits, model, wanted.velocity_cutoff_hz)
-    identification = IdentificationTask(_identifier(model or default_model(), wanted), prediction.learn)
+    identification = IdentificationTask(
+        _identifier(default_model() if model is None else lasting(model), wanted), prediction.learn
+    )
     loop = HapticLoop(prediction, settings.rendering)
     return MasterAxis(cell, settings, make_handle(settings.handle), loop, identification, bus, new_id)
 

@@ -25,13 +25,14 @@ class IdentificationTask:
 
     Args:
         identifier: of the contact model's parameters.
-        learn: takes each sample, for what else learns from it.
+        learn: takes each sample, for what else learns from it, and gives what of its force in N the motion
+            may explain.
 
     Attributes:
         estimate: newest estimate; queue: filled by the transport's thread.
     """
 
-    def __init__(self, identifier: ContactIdentifier, learn: Callable[[ForceSample], None]) -> None:
+    def __init__(self, identifier: ContactIdentifier, learn: Callable[[ForceSample], float]) -> None:
         self.queue: BoundedQueue[ForceSample] = BoundedQueue(_QUEUE)
         self.estimate: ContactEstimate | None = None
         self._identifier = identifier
@@ -48,15 +49,15 @@ class IdentificationTask:
             for sample in sorted(batch, key=lambda sample: sample.stamp_ns):
                 held = sample.gripper is Grip.CLOSED
                 if held and sample.valid and sample.answers_sequence is not None:
-                    self._learn(sample)
-                    self._identify(self._stamp_ns(sample), sample)
+                    force_n = self._learn(sample)
+                    self._identify(self._stamp_ns(sample), sample.position_m, force_n)
                 else:
                     self.unused += 1
 
-    def _identify(self, stamp_ns: int, sample: ForceSample) -> None:
+    def _identify(self, stamp_ns: int, position_m: float, force_n: float) -> None:
         if self._identified_ns is None or stamp_ns - self._identified_ns >= _EVERY_NS:
             self._identified_ns = stamp_ns
-            self._identifier.observe(stamp_ns, sample.position_m, sample.force_n)
+            self._identifier.observe(stamp_ns, position_m, force_n)
 
     def _stamp_ns(self, sample: ForceSample) -> int:
         """The sample's stamp; where a new session begins behind the old one (the slave's host was started

@@ -4,16 +4,15 @@ One stamp joins everything: that of the command. The forecaster moves with the s
 of the command, and learns from the force that the slave measured while it executed that command. So the
 delay, its jitter and the two clocks stay out of it, and it is asked for just what it has learned on: the
 drive's lag is part of what it learns. A model of a model.yaml was learned on positions of the stage: it gets
-those that are expected, see docs/decisions/0009.
+those that are expected, see docs/decisions/0009, and takes part in two forms, see `common.estimation.loaded`.
 """
 
-from math import nan
 from typing import NamedTuple, Protocol
 
 from common.effects.model import ContactModel
 from common.estimation.forecast import Estimate, Forecaster
 from common.estimation.identification import ContactEstimate
-from common.estimation.prediction import ContactPredictor
+from common.estimation.loaded import NOTHING, LoadedContact
 from common.messages import ForceSample, Grip
 from common.settings import AxisLimits
 from master.stage import ExpectedStage
@@ -47,14 +46,14 @@ class ForcePrediction:
 
     Args:
         limits: of the axis, as both ends share them.
-        model: of a model.yaml, which then takes part as an expert of its own; None without one.
+        model: of a model.yaml, which then takes part with experts of its own; None without one.
         velocity_cutoff_hz: of the filter of the model's velocity.
     """
 
     def __init__(self, limits: AxisLimits, model: ContactModel | None, velocity_cutoff_hz: float) -> None:
         self._stage = ExpectedStage(limits)
-        self._forecaster = Forecaster(outside=model is not None)
-        self._model = None if model is None else ContactPredictor(model, velocity_cutoff_hz)
+        self._forecaster = Forecaster(outside=0 if model is None else len(NOTHING))
+        self._model = None if model is None else LoadedContact(model, velocity_cutoff_hz)
         self._origin_ns: int | None = None
         self._newest: ForceSample | None = None
 
@@ -64,22 +63,27 @@ class ForcePrediction:
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         setpoint_m = self._stage.setpoint_m(stamp_ns, position_m, velocity_m_s, deadman)
-        model_n = None
+        forces = NOTHING
         if self._model is not None:
             expected_m = self._stage.position_m(stamp_ns, setpoint_m)
-            model_n = self._model.predict(stamp_ns, expected_m, velocity_m_s, estimate)
+            forces = self._model.move(stamp_ns, expected_m, velocity_m_s, estimate)
         if newest is not None and newest is not self._newest:
             self._newest = newest
             self._observe(newest)
         t_s = (stamp_ns - self._origin_ns) * 1e-9
-        self._forecaster.move(t_s, setpoint_m, nan if model_n is None else model_n)
+        self._forecaster.move(t_s, setpoint_m, *forces)
         return self._forecaster.predict()
 
-    def learn(self, sample: ForceSample) -> None:
-        """A force that has arrived, with the readback of the same instant."""
-        if sample.answers_stamp_ns is not None and self._model is not None:
-            self._stage.observe(sample.answers_stamp_ns, sample.position_m)
+    def learn(self, sample: ForceSample) -> float:
+        """A force that has arrived, with the readback of the same instant; what of it, in N, is a matter of
+        the motion."""
         self._observe(sample)
+        stamp_ns = sample.answers_stamp_ns
+        if stamp_ns is None or self._model is None:
+            return sample.force_n
+        self._stage.observe(stamp_ns, sample.position_m)
+        self._model.learn(stamp_ns, sample.force_n)
+        return self._model.of_motion_n(stamp_ns, sample.force_n)
 
     def _observe(self, sample: ForceSample) -> None:
         stamp_ns = sample.answers_stamp_ns

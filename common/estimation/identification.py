@@ -2,7 +2,7 @@
 
 Pairs are formed by the slave's own time stamps: position and force of one instant pass the same filter (see
 `state_filter`), the model's regressors see the filtered motion, and the delay of the network has no part in
-it.
+it. A sensor that lags or delays does so to each regressor; at the end of its range nothing is learned.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,7 @@ from common.estimation.identifiability import (
 )
 from common.estimation.rls import RecursiveLeastSquares
 from common.estimation.state_filter import StateFilter
+from common.estimation.transfer import Sensor
 
 _NOISE_BANDWIDTH = (pi / 6.0) / sin(pi / 6.0)
 """Noise bandwidth of a third-order Butterworth low-pass, in units of its cutoff."""
@@ -106,11 +107,13 @@ class ContactIdentifier:
         )
         self._position = StateFilter(settings.cutoff_hz)
         self._force = StateFilter(settings.cutoff_hz)
+        self._sensor = Sensor(model)
+        self._lines = self._sensor.lines(len(self.names) if self._sensor.delays else 0)
         self._settling_s = _SETTLING_PERIODS / settings.cutoff_hz
         self.samples = self.ignored = self.refused = 0
         self._origin_ns = 0
         self._last_ns: int | None = None
-        self._since_restart_s = 0.0
+        self._undisturbed_s = 0.0
         self._period_s = 0.0
         self._innovation_variance = 0.0
 
@@ -135,17 +138,20 @@ class ContactIdentifier:
 
     def _restart(self, position_m: float, force_n: float) -> None:
         self._runtime.reset()
+        self._lines = self._sensor.lines(len(self._lines))
         for state, value in ((self._position, position_m), (self._force, force_n)):
             state.reset()
             state.step(value, 0.0)
-        self._since_restart_s = 0.0
+        self._undisturbed_s = 0.0
 
     def _advance(self, t: float, position_m: float, force_n: float, dt: float) -> None:
         x, v, a = self._position.step(position_m, dt)
         y, _, _ = self._force.step(force_n, dt)
         phi = self._runtime.regressors(t, x, v, a, dt)
-        self._since_restart_s += dt
-        if self._since_restart_s < self._settling_s:
+        if self._lines:
+            phi = [sense(t, value, dt) for sense, value in zip(self._lines, phi, strict=True)]
+        self._undisturbed_s = 0.0 if self._sensor.at_limit(force_n) else self._undisturbed_s + dt
+        if self._undisturbed_s < self._settling_s:
             return
         e = self._rls.update(phi, y, dt)
         if e is None:

@@ -41,6 +41,8 @@ class Wish:
     columns: Mapping | None = None
     slave_model: Path | None = None
     master_model: Path | None = None
+    hide: Path | None = None
+    hide_at_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +136,7 @@ def _metadata(wish: Wish) -> dict[str, str]:
         "recording": wish.recording.name if wish.recording else "none: synthetic operator",
         "slave_model": wish.slave_model.name if wish.slave_model else "preset",
         "master_model": wish.master_model.name if wish.master_model else "m, b, k, bias and friction",
+        "hidden": f"{wish.hide.name} from {wish.hide_at_s:g} s on" if wish.hide else "nothing",
     }
 
 
@@ -141,10 +144,24 @@ def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, 
     if wish.slave_model is not None:
         load_model(wish.slave_model)  # for an error that names the file and nothing around it
         slave_axis["simulation"]["model"] = str(wish.slave_model.resolve())
+    _hide(wish, slave_axis)
     if wish.master_model is not None:
         if not load_model(wish.master_model).runtime().linear_names:
             raise ConfigurationError(f"{wish.master_model}: no linear parameter; expected one to identify")
         master_axis.setdefault("prediction", {})["model"] = str(wish.master_model.resolve())
+
+
+def _hide(wish: Wish, slave_axis: dict[str, Any]) -> None:
+    """Adds the effects of `--hide` to the simulated world; the master hears nothing of them."""
+    if wish.hide is None:
+        if wish.hide_at_s:
+            raise ConfigurationError(f"--hide-at {wish.hide_at_s:g}: expected only with --hide")
+        return
+    if not 0.0 <= wish.hide_at_s <= 86_400:
+        raise ConfigurationError(f"--hide-at {wish.hide_at_s:g}: expected 0 to 86400 s")
+    load_model(wish.hide)
+    hidden = {"model": str(wish.hide.resolve()), "from_s": wish.hide_at_s}
+    slave_axis["simulation"]["hidden"] = hidden
 
 
 def _play(
@@ -197,7 +214,11 @@ def _play(
 
 def _refuse_world_options(wish: Wish) -> None:
     """Recorded forces take the place of the simulated instrument."""
-    for option, value in (("--preset", wish.preset), ("--slave-model", wish.slave_model)):
+    for option, value in (
+        ("--preset", wish.preset),
+        ("--slave-model", wish.slave_model),
+        ("--hide", wish.hide),
+    ):
         if value is not None:
             raise ConfigurationError(
                 f"{option} {value}: the recording has forces, nothing is simulated; "

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from common.effects.conversion import at_conversion
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError
 from common.model_file import load_model
@@ -15,7 +16,7 @@ from common.recording.recording import Array
 from common.recording.tabular import load_recording
 from forefeel.simulate.motion import Hand, Piece, Recorded, multisine, sine
 from forefeel.simulate.sensor import SensorWish, counted, encoded, noise
-from forefeel.simulate.world import integrate, split
+from forefeel.simulate.world import integrate
 from forefeel.simulate.write import check_target, write_table
 
 MOTIONS = ("hand", "multisine", "sine")
@@ -75,7 +76,7 @@ def _simulated(model: ContactModel, wish: Wish, console: Console) -> dict[str, A
     random = np.random.default_rng(wish.seed)
     pieces = _pieces(wish, random)
     stamps_s = np.concatenate([piece.stamps_s for piece in pieces])
-    continuous, converts = split(model)
+    continuous, converts = at_conversion(model)
     bar = Progress(
         TextColumn("simulating"),
         BarColumn(bar_width=40),

@@ -5,9 +5,7 @@ from math import ceil
 
 import numpy as np
 
-from common.effects.base import SensorEffect
-from common.effects.model import ContactModel, EffectEntry
-from common.effects.registry import effect_class
+from common.effects.model import ContactModel
 from common.errors import ConfigurationError
 from common.recording.recording import Array
 from forefeel.simulate.motion import Piece
@@ -15,27 +13,6 @@ from forefeel.simulate.motion import Piece
 PHYSICS_HZ = 10_000
 _CHUNK = 1000
 """Stamps per stretch of integration: bounds the memory and paces the progress."""
-
-
-def split(model: ContactModel) -> tuple[ContactModel, list[SensorEffect]]:
-    """What acts in continuous time, and the sensor effects that act at each conversion, in their order.
-
-    A linear sensor effect, such as a lag, acts in continuous time; one that rounds, clips or disturbs single
-    readings does so when the load cell converts, and sees its noise.
-    """
-    converts, continuous = [], []
-    for entry in model.effects:
-        effect = _sensor(entry)
-        if effect is None or effect.linear:
-            continuous.append(entry)
-        else:
-            converts.append(effect)
-    return ContactModel(model.name, tuple(continuous)), converts
-
-
-def _sensor(entry: EffectEntry) -> SensorEffect | None:
-    kind = effect_class(entry.effect)
-    return kind(**dict(entry.parameters)) if issubclass(kind, SensorEffect) else None
 
 
 def integrate(

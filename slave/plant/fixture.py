@@ -1,7 +1,7 @@
 """The simulated fixture: what holds the instrument, and what the instrument feels in the vessel."""
 
-from common.effects.model import ContactModel
 from common.messages import Grip
+from slave.plant.contact import PlantContact
 
 
 class PlantFixture:
@@ -10,8 +10,8 @@ class PlantFixture:
     Each closing is a new contact (its memory is forgotten) at the inserted length that the last opening left.
     """
 
-    def __init__(self, contact: ContactModel, inserted_m: float, carriage_m: float) -> None:
-        self._contact = contact.runtime()
+    def __init__(self, contact: PlantContact, inserted_m: float, carriage_m: float) -> None:
+        self._contact = contact
         self._offset_m = inserted_m - carriage_m
         self.grip = Grip.CLOSED
         self.inserted_m = inserted_m

@@ -1,5 +1,6 @@
-"""The simulated load cell: filter, offset, drift, noise, counts, saturation."""
+"""The simulated load cell: filter, offset, drift, noise, the model's own sensor, counts, saturation."""
 
+from collections.abc import Callable
 from math import pi
 from random import Random
 
@@ -7,12 +8,23 @@ from common.effects.first_order import FirstOrderLag
 from slave.load_cells.port import LoadCellReading
 from slave.plant.settings import VALID_SHARE, LoadCellSettings
 
+_PERIOD_S = 1e-3
+
 
 class PlantLoadCell:
-    """A first-order anti-alias filter at the integration rate, one conversion per ms with white noise."""
+    """A first-order anti-alias filter at the integration rate, one conversion per ms with white noise.
 
-    def __init__(self, settings: LoadCellSettings, seed: int) -> None:
+    `sense`: what else becomes of a reading: (t s, force N, dt s) -> N.
+    """
+
+    def __init__(
+        self,
+        settings: LoadCellSettings,
+        seed: int,
+        sense: Callable[[float, float, float], float] = lambda t, force_n, dt: force_n,
+    ) -> None:
         self._settings = settings
+        self._sense = sense
         self._random = Random(seed)
         self._most_counts = 2 ** (settings.bits - 1) - 1
         self._newton_per_count = settings.full_scale_n / self._most_counts
@@ -25,6 +37,7 @@ class PlantLoadCell:
         settings = self._settings
         noise_n = self._random.gauss(0.0, settings.noise_n)
         seen_n = self.filtered.value + settings.bias_n + settings.drift_n_s * t + noise_n
+        seen_n = self._sense(t, seen_n, _PERIOD_S)
         most = self._most_counts
         raw = max(-most, min(most, round(seen_n / self._newton_per_count)))
         self.reading = LoadCellReading(raw * self._newton_per_count, raw, abs(raw) <= VALID_SHARE * most)

@@ -76,11 +76,28 @@ class LoadCellSettings(Settings):
         return VALID_SHARE * self.full_scale_n
 
 
+class HiddenSettings(Settings):
+    """Effects that are switched on in the world at `from_s` of its time, beside its contact's own.
+
+    `model`: a model.yaml that is read as the effects; the effective settings then show what stood in it.
+    """
+
+    effects: Contact
+    from_s: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    model: Path | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _load(cls, data: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - raw input of pydantic
+        return _with_model(data, "effects", info) if isinstance(data, dict) else data
+
+
 class WorldSettings(Settings):
     """The simulated world of one axis. What a mapping leaves out comes from its preset, value by value.
 
     A list is replaced as a whole: `contact: {effects: [...]}` gives all effects. `model`: a model.yaml that
-    is read as the contact; the effective settings then show what stood in it.
+    is read as the contact; the effective settings then show what stood in it. `hidden`: what is switched on
+    during the run.
     """
 
     preset: PresetName = "catheter"
@@ -90,29 +107,38 @@ class WorldSettings(Settings):
     contact: Contact
     load_cell: LoadCellSettings
     model: Path | None = None
+    hidden: HiddenSettings | None = None
+
+    @model_validator(mode="after")
+    def _one_contact(self) -> Self:
+        if self.hidden is not None:
+            together = self.contact.effects + self.hidden.effects.effects
+            _contact(ContactModel(self.contact.name, together).to_mapping())
+        return self
 
     @model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, data: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - raw input of pydantic
         if not isinstance(data, dict):
             return data
-        data = _with_model(data, (info.context or {}).get("directory", Path()))
+        data = _with_model(data, "contact", info)
         values = PRESETS.get(data.get("preset", "catheter"))  # an unknown name is refused by its field
         return data if values is None else deep_merge(values, data)
 
 
-def _with_model(data: dict[str, Any], directory: Path) -> dict[str, Any]:
-    """`data` with the model that `model` names as its contact."""
+def _with_model(data: dict[str, Any], key: str, info: ValidationInfo) -> dict[str, Any]:
+    """`data` with what the file `model` holds under `key`."""
     model = data.get("model")
     if not isinstance(model, str | Path):
         return data
-    if "contact" in data:
-        raise ValueError("model and contact: expected one of them, both say what is touched")
+    if key in data:
+        raise ValueError(f"model and {key}: expected one of them, both say what is touched")
+    directory = (info.context or {}).get("directory", Path())
     try:
         contact = load_model(directory / model)
     except ConfigurationError as error:
         raise ValueError(str(error)) from error
-    return {**data, "model": None, "contact": contact.to_mapping()}
+    return {**data, "model": None, key: contact.to_mapping()}
 
 
 def world_settings(mapping: Mapping[str, Any]) -> WorldSettings:

@@ -2,6 +2,7 @@
 
 from common.messages import Grip
 from slave.load_cells.port import LoadCellReading
+from slave.plant.contact import plant_contact
 from slave.plant.fixture import PlantFixture
 from slave.plant.load_cell import PlantLoadCell
 from slave.plant.settings import WorldSettings
@@ -25,8 +26,9 @@ class SimulatedWorld:
         self._rate_hz = settings.integration_rate_hz
         self._dt = 1.0 / self._rate_hz
         self._stage = PlantStage(settings.stage, self._dt)
-        self._fixture = PlantFixture(settings.contact, settings.fixture.inserted_m, settings.stage.start_m)
-        self._load_cell = PlantLoadCell(settings.load_cell, seed)
+        contact, converter = plant_contact(settings.contact, settings.hidden)
+        self._fixture = PlantFixture(contact, settings.fixture.inserted_m, settings.stage.start_m)
+        self._load_cell = PlantLoadCell(settings.load_cell, seed, converter.sense)
         self._start_ns: int | None = None
         self._steps = 0
 

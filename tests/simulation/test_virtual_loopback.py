@@ -296,7 +296,8 @@ def test_the_model_files_of_both_ends_are_used(tmp_path: Path) -> None:
         assert sample.force_n == pytest.approx(20.0 * sample.position_m, abs=0.03)
     parameters = heard.messages(PARAMETERS)[-1]
     found = {name.rpartition(".")[2]: v for name, v in zip(parameters.names, parameters.values, strict=True)}
-    assert len(found) == 3
+    assert found.keys() == {"force_n", "mass_kg", "damping_n_s_m", "stiffness_n_m"}
+    assert found["force_n"] == pytest.approx(0.01, abs=0.002), "the bias that no file can know"
     assert found["stiffness_n_m"] == pytest.approx(20.0, rel=0.05)
     assert found["damping_n_s_m"] == pytest.approx(2.0, rel=0.2)
     assert parameters.valid

@@ -37,11 +37,11 @@ class TestLeastSquares:
     def learned(self) -> tuple[NDArray[np.void], Array, Array]:
         """(state, phi of every learned force, force less f0), from when the ranges are known on."""
         sample = contact(16.0)
-        states = new_state(False)
+        states = new_state(0)
         regression = states[0]["regression"]
         first = 1200
         for n in range(len(sample.t)):
-            steps.move(states, sample.t[n], sample.x[n], np.nan)
+            steps.move(states, sample.t[n], sample.x[n], np.nan, np.nan)
             if n == first:
                 for name in ("information", "moments"):
                     regression[name][:] = 0.0
@@ -110,11 +110,11 @@ class TestLeastSquares:
 
 def test_standing_still_neither_adds_nor_forgets() -> None:
     sample = contact(6.0)
-    states = new_state(False)
+    states = new_state(0)
     still = np.concatenate((sample.x, np.full(2000, sample.x[-1])))
     for n, x in enumerate(still.tolist()):
         t = n * 5e-3
-        steps.move(states, t, x, np.nan)
+        steps.move(states, t, x, np.nan, np.nan)
         steps.observe(states, t, float(sample.f[min(n, 1199)]))
         if n == 1199 + 500:
             before = np.array(states[0]["regression"]["information"])
@@ -124,7 +124,7 @@ def test_standing_still_neither_adds_nor_forgets() -> None:
 def test_weights_are_the_fourth_power_of_the_errors_seen() -> None:
     rng = np.random.default_rng(0)
     record = zeros(crowd.DTYPE)
-    crowd.begin(record, True)
+    crowd.begin(record, crowd.MODELS)
     experts, count, w, range_n = record[0], crowd.COUNT, 0.01, 5.0
     errors = rng.standard_normal((300, count)) * np.linspace(0.1, 2.0, count)
     for n in range(300):
@@ -136,7 +136,8 @@ def test_weights_are_the_fourth_power_of_the_errors_seen() -> None:
         fading = np.exp(-ages * w / memory_s)
         mse += share * (fading @ errors**2) / fading.sum()
     mse += (0.005 * range_n) ** 2
-    mse += (0.1 * range_n) ** 2 / (1 + 300 * w * 0.5**2 / (0.02 * range_n**2))
+    cold = np.arange(count) < crowd.TAUGHT  # who was taught by another run is not new to it
+    mse += cold * (0.1 * range_n) ** 2 / (1 + 300 * w * 0.5**2 / (0.02 * range_n**2))
     expected = mse**-4 / np.sum(mse**-4)
     np.testing.assert_allclose(experts["weights"], expected, rtol=1e-9)
     force_n, leading = crowd.blend(experts, 299)
@@ -160,22 +161,29 @@ class TestGain:
         deviations = np.stack((small, large), axis=1).ravel()
         needed = np.stack((0.01 * rng.standard_normal(3000), large), axis=1).ravel()
         gain = self.learned(deviations, needed)[0]
-        assert holds.applied(gain, 4.0, 0.02, 10.0) == pytest.approx(4.0, rel=0.01)
-        assert abs(holds.applied(gain, 0.01, 0.02, 10.0)) < 0.003
+        assert holds.applied(gain, 4.0, 0.02, 10.0, 0.0) == pytest.approx(4.0, rel=0.01)
+        assert abs(holds.applied(gain, 0.01, 0.02, 10.0, 0.0)) < 0.003
 
     @pytest.mark.parametrize("share", [0.25, 0.6])
     def test_the_share_is_the_regression_of_what_was_needed(self, share: float) -> None:
         d = np.random.default_rng(2).uniform(0.9, 1.1, 4000)
         gain = self.learned(d, share * d)[0]
-        assert holds.applied(gain, 1.0, 0.02, 10.0) == pytest.approx(share, abs=0.05)
+        assert holds.applied(gain, 1.0, 0.02, 10.0, 0.0) == pytest.approx(share, abs=0.05)
+
+    def test_what_another_run_has_taught_goes_as_far_as_it_says_at_once(self) -> None:
+        gain = zeros(holds.DTYPE)[0]
+        gain["largest_error_n"] = 0.1
+        capped, free = (holds.applied(gain, 2.0, 0.3, 0.1, taught) for taught in (0.0, 1.0))
+        assert capped == pytest.approx(0.1)
+        assert free == pytest.approx(2.0)
 
     def test_a_wrong_sign_is_not_turned_round(self) -> None:
         d = np.random.default_rng(2).uniform(0.9, 1.1, 4000)
-        assert holds.applied(self.learned(d, -d)[0], 1.0, 0.02, 10.0) == pytest.approx(0.0, abs=1e-9)
+        assert holds.applied(self.learned(d, -d)[0], 1.0, 0.02, 10.0, 0.0) == pytest.approx(0.0, abs=1e-9)
 
     def test_before_anything_was_seen_an_old_force_is_left_for_the_blend(self) -> None:
         gain = zeros(holds.DTYPE)[0]
-        assert holds.applied(gain, 1.0, 0.3, 10.0) == pytest.approx(1.0)
+        assert holds.applied(gain, 1.0, 0.3, 10.0, 0.0) == pytest.approx(1.0)
 
 
 class TestBand:

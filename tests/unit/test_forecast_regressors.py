@@ -25,9 +25,9 @@ TIME_S = np.cumsum(RNG.uniform(0.8e-3, 1.2e-3, 3000))
 
 
 def moved(t: Array, x: Array) -> NDArray[np.void]:
-    states = new_state(False)
+    states = new_state(0)
     for stamp, position in zip(t.tolist(), x.tolist(), strict=True):
-        assert steps.move(states, stamp, position, np.nan)
+        assert steps.move(states, stamp, position, np.nan, np.nan)
     return states
 
 

@@ -107,7 +107,7 @@ class Rig:
             MasterAxisSettings(),
             self.handle,
             HapticLoop(self.predictor, RenderingSettings()),
-            IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings()), self.learned.append),
+            IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings()), self._learn),
             Bus(network.session(self.clock), "cell", "insertion", self.clock),
             ids.__next__,
         )
@@ -128,6 +128,10 @@ class Rig:
         bus.subscribe(topics.MASTER_HEARTBEAT, lambda m, _: self.beats.append(m))
         bus.subscribe(topics.EMERGENCY_STOP, lambda m, _: self.stops.append(m))
         self.slave_ns = 0  # the slave's clock minus the master's
+
+    def _learn(self, sample: ForceSample) -> float:
+        self.learned.append(sample)
+        return sample.force_n
 
     @property
     def now_ns(self) -> int:

@@ -56,7 +56,7 @@ def sample(stamp_ns: int, session_id: int = 1, valid: bool = True, answers: int 
 
 def task() -> tuple[IdentificationTask, Notes]:
     notes = Notes()
-    return IdentificationTask(notes, lambda sample: None), notes
+    return IdentificationTask(notes, lambda sample: sample.force_n), notes
 
 
 def known(identification: IdentificationTask) -> ContactEstimate:

@@ -5,10 +5,11 @@ With phi(t) the regressors now, f(s) the newest force that has arrived and phi(s
     plain         f0 + phi(t)' theta                           knows the contact
     incremental   f(s) + (phi(t) - phi(s))' theta              knows what has changed since the newest force
 
-for each set of regressors and memory, and both again for a model from outside (the one of a model.yaml). What
-each has predicted is kept until the force of that stamp arrives: only errors that have been seen count. The
-weights are mse^-4 of the mean squared errors of the last 2 s and 8 s, above a floor that is large until the
-motion has told something.
+for each set of regressors and memory, and both again for each model from outside (the one of a model.yaml, as
+it has been identified and as it was loaded). What each has predicted is kept until the force of that stamp
+arrives: only errors that have been seen count. The weights are mse^-4 of the mean squared errors of the last
+2 s and 8 s, above a floor that is large until the motion has told something; it is not for a model as it was
+loaded, which another run has taught.
 """
 
 from typing import Protocol
@@ -27,7 +28,10 @@ TABLE = np.array([[LONG, k] for k in range(len(SETS))] + [[SHORT, k] for k in SH
 """(memory, set) of each pair of a plain and an incremental expert."""
 
 OUTSIDE = 2 * len(TABLE)
-COUNT = OUTSIDE + 2
+MODELS = 2
+TAUGHT = OUTSIDE + 2
+"""Models from outside, at most; the second one is as it was loaded, which another run has taught."""
+COUNT = OUTSIDE + 2 * MODELS
 NAMES = (
     *(
         f"{_WORDS[k]}{'' if memory == LONG else ', recent'}{kind}"
@@ -36,6 +40,8 @@ NAMES = (
     ),
     "model",
     "model, incremental",
+    "model as loaded",
+    "model as loaded, incremental",
 )
 
 _MEMORIES_S = (2.0, 8.0)
@@ -48,15 +54,15 @@ DTYPE = record(
     floats("predicted_n", RING, COUNT),
     floats("squares", 2, COUNT),
     floats("weights", COUNT),
-    floats("outside_n", RING),
+    floats("outside_n", RING, MODELS),
 )
 
 
 class Experts(Protocol):
     """A record of `DTYPE`: predictions by sample, NaN where none; sums of squared errors by memory; weights.
 
-    seen_*: sums of the weights of the errors. informed: sum of the hold's squared errors. outside: 1 when a
-    model from outside takes part, whose force by sample is `outside_n`.
+    seen_*: sums of the weights of the errors. informed: sum of the hold's squared errors. outside: how many
+    models from outside take part, whose forces by sample are `outside_n`.
     """
 
     seen_fast: float
@@ -69,7 +75,7 @@ class Experts(Protocol):
     outside_n: Array
 
 
-def begin(experts: NDArray[np.void], outside: bool) -> None:
+def begin(experts: NDArray[np.void], outside: int) -> None:
     """Makes a record of zeros one in which nobody has been wrong yet."""
     experts["outside"] = float(outside)
     experts["predicted_n"] = experts["outside_n"] = np.nan
@@ -78,7 +84,7 @@ def begin(experts: NDArray[np.void], outside: bool) -> None:
 @kernel
 def count(experts: Experts) -> int:
     """How many experts take part."""
-    return COUNT if experts.outside > 0.0 else OUTSIDE
+    return OUTSIDE + 2 * int(experts.outside)
 
 
 @kernel
@@ -93,16 +99,17 @@ def predict(
         here = _dot(bank.phi[i], theta, n)
         said[2 * e] = force0_n + here
         said[2 * e + 1] = held_n + here - _dot(bank.phi[j], theta, n)
-    model_n, then_n = experts.outside_n[i], experts.outside_n[j]
-    said[OUTSIDE] = held_n if np.isnan(model_n) else model_n
-    said[OUTSIDE + 1] = held_n if np.isnan(model_n - then_n) else held_n + model_n - then_n
+    for k in range(int(experts.outside)):
+        model_n, then_n = experts.outside_n[i, k], experts.outside_n[j, k]
+        said[OUTSIDE + 2 * k] = held_n if np.isnan(model_n) else model_n
+        said[OUTSIDE + 2 * k + 1] = held_n if np.isnan(model_n - then_n) else held_n + model_n - then_n
 
 
 @kernel
 def clip(experts: Experts, now: int, low_n: float, high_n: float) -> None:
-    """Keeps every expert's force for sample `now` within bounds."""
+    """Keeps every expert's force for sample `now` within bounds, but of those that were taught before."""
     said = experts.predicted_n[now % RING]
-    for e in range(COUNT):
+    for e in range(min(TAUGHT, count(experts))):
         said[e] = min(high_n, max(low_n, said[e]))
 
 
@@ -121,7 +128,7 @@ def judge(experts: Experts, n: int, force_n: float, held_error_n: float, range_n
     experts.seen_fast = experts.seen_fast * keep_fast + w
     experts.seen_slow = experts.seen_slow * keep_slow + w
     experts.informed += w * held_error_n * held_error_n
-    for e in range(COUNT):
+    for e in range(count(experts)):
         error_n = experts.predicted_n[n % RING, e] - force_n
         experts.squares[0, e] = experts.squares[0, e] * keep_fast + w * error_n * error_n
         experts.squares[1, e] = experts.squares[1, e] * keep_slow + w * error_n * error_n
@@ -132,13 +139,13 @@ def judge(experts: Experts, n: int, force_n: float, held_error_n: float, range_n
 def _weigh(experts: Experts, range_n: float) -> None:
     weights = experts.weights
     range2 = range_n * range_n
-    floor = _FLOOR**2 * range2 + _COLD_FLOOR**2 * range2 / (
-        1.0 + experts.informed / (_COLD * range2 + 1e-200)
-    )
+    floor = _FLOOR**2 * range2
+    cold = _COLD_FLOOR**2 * range2 / (1.0 + experts.informed / (_COLD * range2 + 1e-200))
     fast, slow = _SHARES[0] / experts.seen_fast, _SHARES[1] / experts.seen_slow
     least, members = np.inf, count(experts)
     for e in range(members):
         weights[e] = fast * experts.squares[0, e] + slow * experts.squares[1, e] + floor + 1e-200
+        weights[e] += cold if e < TAUGHT else 0.0
         least = min(least, weights[e])
     total = 0.0
     for e in range(members):
@@ -158,6 +165,12 @@ def blend(experts: Experts, now: int) -> tuple[float, int]:
         if weights[e] > weights[leading]:
             leading = e
     return force_n, leading
+
+
+@kernel
+def taught(experts: Experts) -> float:
+    """Weight of the model as it was loaded, 0 to 1."""
+    return float(experts.weights[TAUGHT] + experts.weights[TAUGHT + 1])
 
 
 @kernel

@@ -31,22 +31,23 @@ class Forecaster:
     `predict` may run in a loop while `observe` runs beside it. Costs some 10 us a tick and as much a force.
 
     Args:
-        outside: whether a model from outside takes part; its force is given to `move`.
+        outside: how many models from outside take part, whose forces are given to `move`: one that is
+            identified, and one as it was loaded, which is trusted until its errors say otherwise.
     """
 
-    def __init__(self, outside: bool = False) -> None:
+    def __init__(self, outside: int = 0) -> None:
         self._state = new_state(outside)
         self._out = np.zeros(3)
         self._early: list[tuple[float, float]] = []
         self._moved_s = -np.inf
 
-    def move(self, t_s: float, position_m: float, outside_n: float = nan) -> None:
+    def move(self, t_s: float, position_m: float, identified_n: float = nan, loaded_n: float = nan) -> None:
         """The own motion at stamp `t_s`. What is not finite, or no later than the last, is left out.
 
         A pause over 0.1 s begins a new piece: what was learned stays, what the motion has left behind
         (hysteresis, relaxation) does not, and derivatives are taken on either side of it.
         """
-        if steps.move(self._state, t_s, position_m, outside_n):
+        if steps.move(self._state, t_s, position_m, identified_n, loaded_n):
             self._moved_s = t_s
             while self._early and self._early[0][0] <= t_s:
                 steps.observe(self._state, *heappop(self._early))

@@ -6,7 +6,8 @@ linear between their centres). So a slow push that learns "small deviations are 
 large reversal. Before anything of that size has been seen, the prior trusts d, more for an older held force.
 
 The deviation is capped by the largest that proved right, at first by the largest error that the hold has
-made; and the prediction changes from sample to sample no faster than forces have been seen to change.
+made, but not as far as it comes from a model that was taught before; and the prediction changes from sample
+to sample no faster than forces have been seen to change.
 """
 
 import math
@@ -58,8 +59,9 @@ def learn(gain: Gain, deviation_n: float, needed_n: float, w: float) -> None:
 
 
 @kernel
-def applied(gain: Gain, deviation_n: float, age_s: float, range_n: float) -> float:
-    """The deviation to apply in N; `age_s`: of the held force, `range_n`: of the forces seen."""
+def applied(gain: Gain, deviation_n: float, age_s: float, range_n: float, taught: float) -> float:
+    """The deviation to apply in N; `age_s`: of the held force, `range_n`: of the forces seen, `taught`: the
+    weight of what another run has taught, which is not capped."""
     place = _bin(deviation_n)
     low, share = int(place), 0.0
     for b, part in ((low, 1.0 - place + low), (low + 1, place - low)):
@@ -67,7 +69,7 @@ def applied(gain: Gain, deviation_n: float, age_s: float, range_n: float) -> flo
         needed = gain.sums[0, b] + _SIDE * (gain.sums[0, b - 1] + gain.sums[0, b + 1]) + prior
         proposed = gain.sums[1, b] + _SIDE * (gain.sums[1, b - 1] + gain.sums[1, b + 1]) + prior
         share += part * min(1.0, max(0.0, needed / proposed))
-    cap_n = _cap_n(gain, age_s, range_n)
+    cap_n = max(_cap_n(gain, age_s, range_n), taught * abs(deviation_n))
     return min(cap_n, max(-cap_n, share * deviation_n))
 
 

@@ -75,8 +75,8 @@ class State(Protocol):
     memory: Memory
 
 
-def new_state(outside: bool) -> NDArray[np.void]:
-    """One state that knows nothing, in an array. `outside`: whether a model from outside takes part."""
+def new_state(outside: int) -> NDArray[np.void]:
+    """One state that knows nothing, in an array. `outside`: how many models from outside take part."""
     state = zeros(DTYPE)
     banks.begin(state["bank"])
     fits.begin(state["regression"])

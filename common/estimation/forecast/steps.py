@@ -29,12 +29,12 @@ States = NDArray[np.void]
 
 
 @kernel
-def move(states: States, t: float, x: float, outside_n: float) -> bool:
-    """One sample of the own motion, and what the model from outside says of it (NaN without one).
+def move(states: States, t: float, x: float, identified_n: float, loaded_n: float) -> bool:
+    """One sample of the own motion, and what the models from outside say of it (NaN without one).
 
     False when it is not finite, or not later than the last.
     """
-    return _move(states[0], t, x, outside_n)
+    return _move(states[0], t, x, identified_n, loaded_n)
 
 
 @kernel
@@ -59,7 +59,7 @@ def restart(states: States) -> None:
 
 
 @kernel
-def _move(state: State, t: float, x: float, outside_n: float) -> bool:
+def _move(state: State, t: float, x: float, identified_n: float, loaded_n: float) -> bool:
     bank, memory = state.bank, state.memory
     if not banks.advance(bank, t, x):
         return False
@@ -67,7 +67,7 @@ def _move(state: State, t: float, x: float, outside_n: float) -> bool:
     n = int(bank.count) - 1
     i = n % RING
     memory.forces_n[i] = memory.sayings_n[i] = np.nan
-    state.experts.outside_n[i] = outside_n
+    state.experts.outside_n[i, 0], state.experts.outside_n[i, 1] = identified_n, loaded_n
     if memory.newest >= 0.0 and n - memory.newest >= RING:
         memory.newest = -1.0
     fits.forget_renewed(state.regression, bank)
@@ -183,7 +183,8 @@ def _predict(state: State, out: Array) -> bool:
     paired = memory.newest >= 0.0
     if paired:
         blend_n, leading = _blend(state, n)
-        deviation_n = holds.applied(state.gain, blend_n - held_n, t - memory.newest_s, range_n)
+        age_s, taught = t - memory.newest_s, crowd.taught(state.experts)
+        deviation_n = holds.applied(state.gain, blend_n - held_n, age_s, range_n, taught)
     force_n = _without_a_jump(memory, t, held_n + deviation_n)
     if paired:
         spread_n2 = crowd.spread(state.experts, n, force_n)

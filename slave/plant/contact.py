@@ -1,0 +1,90 @@
+"""What the instrument feels in the simulated world, and what is switched on in it during a run."""
+
+from math import inf
+from typing import Protocol
+
+from common.effects.base import SensorEffect
+from common.effects.conversion import at_conversion
+from common.effects.model import ContactModel
+from slave.plant.settings import HiddenSettings
+
+
+class PlantContact(Protocol):
+    """The contact of the instrument, before the load cell converts; see `ContactRuntime`."""
+
+    instrument_m: float
+
+    def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
+        """The force in N, given the motion of the held instrument after dt at time t."""
+        ...
+
+    def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
+        """As `step`, while the fixture does not hold the instrument."""
+        ...
+
+    def reset_contact(self) -> None:
+        """Forgets the state of motion and contact, as after a new grip."""
+        ...
+
+
+class SwitchedContact:
+    """A contact that becomes another at `from_s` of the world's time.
+
+    Both are in motion from the start: what is switched on knows the motion so far, and the rest stays as it
+    was.
+    """
+
+    def __init__(self, before: PlantContact, after: PlantContact, from_s: float) -> None:
+        self._now, self._after, self._from_s = before, after, from_s
+        self.instrument_m = 0.0
+
+    def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
+        """See `PlantContact`."""
+        self._switch(t)
+        force_n = self._now.step(t, x, v, a, dt)
+        if self._after is not self._now:
+            self._after.step(t, x, v, a, dt)
+        self.instrument_m = self._now.instrument_m
+        return force_n
+
+    def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
+        """See `PlantContact`."""
+        self._switch(t)
+        force_n = self._now.step_unheld(t, x, v, a, dt)
+        if self._after is not self._now:
+            self._after.step_unheld(t, x, v, a, dt)
+        return force_n
+
+    def reset_contact(self) -> None:
+        """See `PlantContact`."""
+        self._now.reset_contact()
+        self._after.reset_contact()
+
+    def _switch(self, t: float) -> None:
+        if t >= self._from_s:
+            self._now, self._from_s = self._after, inf
+
+
+class Converter:
+    """What of a model acts on readings: from the start, and from `from_s` on."""
+
+    def __init__(self, effects: list[SensorEffect], hidden: list[SensorEffect], from_s: float) -> None:
+        self._effects = [*((0.0, effect) for effect in effects), *((from_s, effect) for effect in hidden)]
+
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The reading in N of a force at time t in s, dt after the last."""
+        for from_s, effect in self._effects:
+            if t >= from_s:
+                force_n = effect.sense(t, force_n, dt)
+        return force_n
+
+
+def plant_contact(contact: ContactModel, hidden: HiddenSettings | None) -> tuple[PlantContact, Converter]:
+    """The contact of the world with what is hidden in it, and what becomes of its readings."""
+    continuous, converts = at_conversion(contact)
+    if hidden is None:
+        return continuous.runtime(), Converter(converts, [], 0.0)
+    added, later = at_conversion(hidden.effects)
+    both = ContactModel(contact.name, continuous.effects + added.effects)
+    switched = SwitchedContact(continuous.runtime(), both.runtime(), hidden.from_s)
+    return switched, Converter(converts, later, hidden.from_s)
