@@ -122,7 +122,7 @@ def test_an_effect_is_switched_on_during_the_run_and_changes_nothing_before(tmp_
     world = write_model(tmp_path / "world.yaml", WALL)
     hide = write_model(tmp_path / "hidden.yaml", {"bias": {"force_n": 0.2}})
     wish = {"seed": 1, "slave_model": world, "duration_s": 4.0}
-    forces: list[float] = []
+    forces: list[Any] = []
     for hidden in ({}, {"hide": hide, "hide_at_s": 3.0}):
         loop = VirtualLoopback(make_plan(Wish(**wish, **hidden)), 1)  # type: ignore[arg-type]
         loop.run(lambda _done_s: None)
