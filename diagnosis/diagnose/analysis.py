@@ -34,7 +34,8 @@ class Analysis:
     @property
     def faults(self) -> tuple[Fault, ...]:
         """Of the sensor, but for glitches that a play makes at reversals and steps that are finer than the
-        noise."""
+        noise.
+        """
         kept = []
         for fault in self.cleaned.faults:
             if fault.name == "sensor_spikes" and "backlash" in self.fit.model and _few(fault, self):
@@ -45,8 +46,7 @@ class Analysis:
         return tuple(kept)
 
     def noise_floor_n(self) -> float:
-        """rms in the band of the noise that the autoregression of the residual allows: not more than is
-        left."""
+        """rms in the band of the noise that the autoregression of the residual allows: not more than is left."""
         return residual_rms_n(self)
 
     def flags(self) -> tuple[str, ...]:

@@ -14,7 +14,8 @@ _BEYOND = 1.2
 
 def cutoff_hz(recording: Recording, force_n: Floats) -> float:
     """1.2 times the frequency below which lies 90 % of the force's power that goes with the motion; at
-    least 30 Hz."""
+    least 30 Hz.
+    """
     rate = recording.rate_hz
     most, least = _MOST * rate, min(_LEAST_HZ, _MOST * rate)
     x, f = _longest(recording, recording.position_m), _longest(recording, force_n)
@@ -34,7 +35,8 @@ def cutoff_hz(recording: Recording, force_n: Floats) -> float:
 
 def speed_band_m_s(position_m: Floats, rate_hz: float, reach_hz: float) -> float:
     """1.5 times the standard deviation of the speed at rest, in the band up to `reach_hz`, of evenly sampled
-    positions."""
+    positions.
+    """
     band = min(reach_hz, 0.5 * rate_hz)
     noise = position_noise_m(position_m, rate_hz)
     speed = noise * float(np.sqrt(2.0 / rate_hz)) * 2.0 * np.pi * band**1.5 / float(np.sqrt(3.0))

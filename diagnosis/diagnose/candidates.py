@@ -1,8 +1,8 @@
 """The causes that can be named, each as columns of a regression at given shape parameters.
 
 A shape parameter is one that the force is not linear in (a width, a time constant, a frequency). It is
-searched
-between bounds that the recording itself sets: nothing shorter than its bandwidth or longer than itself.
+searched between bounds that the recording itself sets: nothing shorter than its bandwidth or longer than
+itself.
 """
 
 from collections.abc import Callable
@@ -88,8 +88,8 @@ class Candidate:
     """One name of the vocabulary, or `name:form` where it has several forms.
 
     `dissipative`: signs that its coefficients must have when positive force resists: +1, or 0 for either.
-    `smooth`: whether the fit depends smoothly on the shape, so that Gauss-Newton may be used.
-    `logarithmic`: whether the shape is searched on a logarithmic scale.
+    `smooth`: whether the fit depends smoothly on the shape, so that Gauss-Newton may be used. `logarithmic`:
+    whether the shape is searched on a logarithmic scale.
     """
 
     name: str
@@ -145,8 +145,7 @@ def _bristles(motion: Motion, shape: Shape) -> list[Floats]:
 
 
 def _two_lengths(motion: Motion, shape: Shape) -> list[Floats]:
-    """Two elements of a generalised Maxwell slip (Al-Bender, Lampaert and Swevers, IEEE T-AC 50(11),
-    2005)."""
+    """Two elements of a generalised Maxwell slip (Al-Bender, Lampaert and Swevers, IEEE T-AC 50(11), 2005)."""
     return _presliding(motion, shape[:1]) + _presliding(motion, shape[1:])
 
 
@@ -157,7 +156,8 @@ def _two(grid: list[Shape]) -> list[Shape]:
 
 def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
     """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left,
-    exp(-t/tau)."""
+    exp(-t/tau).
+    """
     from scipy.signal import lfilter  # noqa: PLC0415
 
     q = np.empty_like(motion.x)

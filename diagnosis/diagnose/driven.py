@@ -41,7 +41,8 @@ _FASTEST_STAGE_HZ = 20.0
 @dataclass(frozen=True, slots=True, eq=False)
 class Bands:
     """Spectra of a stretch in narrow bands: frequency in Hz, power of x and f, their coherence, f over x,
-    standard deviation of its phase in rad."""
+    standard deviation of its phase in rad.
+    """
 
     frequency_hz: Floats
     motion: Floats

@@ -1,8 +1,7 @@
 """Faults of the sensor, found on the force as recorded, before any filter.
 
-A flat top piles samples up at one value; a comb has values only at multiples of a step; a spike stands
-alone; a
-mains line is narrower than anything that a hand does.
+A flat top piles samples up at one value; a comb has values only at multiples of a step; a spike stands alone;
+a mains line is narrower than anything that a hand does.
 """
 
 from dataclasses import dataclass, field

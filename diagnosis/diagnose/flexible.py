@@ -2,10 +2,8 @@
 explain.
 
 Bumps over position, speed and acceleration, over pairs of them, over the distance since the last reversal,
-over
-time, and lagged motion; ridge regression, scored on held-out blocks. Where it gains clearly, something is
-there
-that no named cause explains.
+over time, and lagged motion; ridge regression, scored on held-out blocks. Where it gains clearly, something
+is there that no named cause explains.
 """
 
 import numpy as np

@@ -79,9 +79,9 @@ def intervals(
     """95 % intervals of each cause's parameters, and of mass, damping, stiffness under "".
 
     Coefficients and shapes are drawn from the Gauss-Newton covariance `s^2 (J' J)^-1` on whitened data, J
-    with the derivatives by the shapes; percentiles of the named parameters follow (propagation by draws).
-    How far a value moves when the same model is fitted `elsewhere`, in another band, is added in square:
-    what the choice of the band does is no less a doubt than the noise.
+    with the derivatives by the shapes; percentiles of the named parameters follow (propagation by draws). How
+    far a value moves when the same model is fitted `elsewhere`, in another band, is added in square: what the
+    choice of the band does is no less a doubt than the noise.
     """
     moved = None if elsewhere is None else _named_by(*elsewhere)
     return intervals_by(

@@ -1,8 +1,7 @@
 """Variable projection: for given shape parameters the force is linear in the rest, which is solved for.
 
 Golub and Pereyra, SIAM J. Numer. Anal. 10(2), 1973. A model is a mapping from the names of its causes to
-their
-shape parameters; mass, damping and stiffness always take part.
+their shape parameters; mass, damping and stiffness always take part.
 """
 
 from collections import OrderedDict
@@ -42,8 +41,7 @@ class Fit:
     """A model's linear parameters and what it leaves.
 
     `rss` is that of the whitened residual over `n` rows, in units of the noise's innovation; `owners` names
-    the
-    cause of each coefficient ("" for mass, damping, stiffness).
+    the cause of each coefficient ("" for mass, damping, stiffness).
     """
 
     model: Model
@@ -359,8 +357,7 @@ def harmonics(t: Floats, frequency_hz: float, count: int = 3) -> Floats:
 
 
 def alignment(omega: Floats, model: Model) -> Spectrum | None:
-    """What late stamps, a slow load cell and a weak fixture do to a spectrum; None when the model has
-    none."""
+    """What late stamps, a slow load cell and a weak fixture do to a spectrum; None when the model has none."""
     if not _frame(model, ("alignment",)):
         return None
     factor = np.ones(len(omega), dtype=np.complex128)

@@ -16,8 +16,8 @@ _OF_FORCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """`force_n` and `inertia_n`: jumps of the force and of mass times acceleration per change of
-    direction; 95 % interval of the force's share in their difference; whether it is clearly the acceleration.
+    """`force_n` and `inertia_n`: jumps of the force and of mass times acceleration per change of direction;
+    95 % interval of the force's share in their difference; whether it is clearly the acceleration.
     """
 
     count: int

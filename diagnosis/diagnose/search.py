@@ -1,5 +1,6 @@
 """Which causes: forward, backward and exchange steps over groups by penalised likelihood, shapes refined
-jointly."""
+jointly.
+"""
 
 from collections.abc import Iterable
 from functools import cached_property
@@ -72,7 +73,8 @@ class Search:
 
     def _symmetric(self, fit: Fit) -> Fit:
         """Levels that differ by direction are an offset of the cell where the recording can not tell them
-        apart."""
+        apart.
+        """
         if ASYMMETRIC not in fit.model or "bias" in fit.model:
             return fit
         rest = {name: shape for name, shape in fit.model.items() if name != ASYMMETRIC}
@@ -116,7 +118,8 @@ class Search:
 
     def refined(self, fit: Fit, only: str | None = None, sweeps: int = 2, most: int = 70) -> Fit:
         """Shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes of one
-        cause jointly, in at most `most` trials."""
+        cause jointly, in at most `most` trials.
+        """
         names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
         for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
             before = fit.score
@@ -306,7 +309,8 @@ class Search:
 
     def _open(self, fit: Fit, name: str) -> bool:
         """Whether neither a form of that name nor another description of the same contact is in the model
-        yet."""
+        yet.
+        """
         taken = {base_name(other) for other in fit.model}
         return base_name(name) not in taken and not (base_name(name) in DRY and taken & DRY)
 

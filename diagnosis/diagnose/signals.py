@@ -1,11 +1,9 @@
 """Motion and force through one and the same low-pass, on a grid that is just fine enough for it.
 
-Every column of the model and the force pass the same zero-phase filter H, so that the regression
-`H f = sum theta_i H phi_i` is that of the unfiltered signals and theta is not biased by it (matched
-filtering,
-Gautier and Poignet, Control Engineering Practice 9, 2001). Derivatives are taken in the spectrum: `(j w)^d
-H X`.
-Two grids: the fine one carries the motion that nonlinear columns are computed from, the coarse one, with its
+Every column of the model and the force pass the same zero-phase filter H, so that the regression `H f = sum
+theta_i H phi_i` is that of the unfiltered signals and theta is not biased by it (matched filtering, Gautier
+and Poignet, Control Engineering Practice 9, 2001). Derivatives are taken in the spectrum: `(j w)^d H X`. Two
+grids: the fine one carries the motion that nonlinear columns are computed from, the coarse one, with its
 Nyquist frequency at the end of the pass-band, the regression.
 """
 
@@ -283,7 +281,8 @@ def _band(power: Floats, low: float, high: float) -> float:
 
 def _unsettled(x: Floats) -> Mask:
     """The start, up to a tenth, until half the stroke was seen: plays and frictions begin in an unknown
-    state."""
+    state.
+    """
     stroke = float(np.quantile(x, 0.95) - np.quantile(x, 0.05))
     seen = np.maximum.accumulate(x) - np.minimum.accumulate(x)
     first = int(np.argmax(seen >= 0.5 * stroke))

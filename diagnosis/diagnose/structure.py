@@ -1,5 +1,4 @@
-"""Whether what is left is noise: noise of a measuring chain is forgotten within a few hundredths of a
-second."""
+"""Whether what is left is noise: noise of a measuring chain is forgotten within a few hundredths of a second."""
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -39,8 +38,7 @@ def noise_cap_n(recording: Recording, force_n: Floats) -> float | None:
     """The most that noise with a corner of 5 Hz or more can be, from what the force's own past does not tell.
 
     First-order noise of rms s and corner c has innovations of `s sqrt(1 - exp(-4 pi c / rate))` from sample
-    to sample;
-    motion is smooth at that rate and hardly adds. None where samples are too far apart to tell.
+    to sample; motion is smooth at that rate and hardly adds. None where samples are too far apart to tell.
     """
     if recording.rate_hz < _LEAST_RATE_HZ:
         return None
