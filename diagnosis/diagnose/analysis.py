@@ -46,7 +46,7 @@ class Analysis:
         return tuple(kept)
 
     def noise_floor_n(self) -> float:
-        """rms in the band of the noise that the autoregression of the residual allows: not more than is left."""
+        """rms in the band of the noise: not more than is left."""
         return residual_rms_n(self)
 
     def flags(self) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ def numbers_at(regression: Regression, t: Floats) -> NDArray[np.int64]:
 
 
 def held_out_errors(regression: Regression, fit: Fit) -> Floats:
-    """Error in N at the rows that count, each block predicted by the fit to all others, at the fit's shapes."""
+    """Error in N at the rows that count, each block predicted by the fit, at its shapes, to all others."""
     return held_out(regression, *columns(regression, fit))
 
 

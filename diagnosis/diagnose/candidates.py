@@ -5,7 +5,7 @@ searched between bounds that the recording itself sets: nothing shorter than its
 itself.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -23,6 +23,9 @@ Kind = Literal["force", "sensor", "motion", "contact", "alignment", "mode"]
 columns."""
 
 Shape = tuple[float, ...]
+
+Model = Mapping[str, Shape]
+"""Names of causes and their shape parameters; mass, damping and stiffness always take part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +90,9 @@ Grid = Callable[[Extent], list[Shape]]
 class Candidate:
     """One name of the vocabulary, or `name:form` where it has several forms.
 
-    `dissipative`: signs that its coefficients must have when positive force resists: +1, or 0 for either.
-    `smooth`: whether the fit depends smoothly on the shape, so that Gauss-Newton may be used. `logarithmic`:
-    whether the shape is searched on a logarithmic scale.
+    `signs`: of its coefficients when positive force resists, +1, or 0 for either. `columns`: at a shape.
+    `grid`: shapes that are tried first; `logarithmic`: whether they are searched on a logarithmic scale.
+    `at_wall`: whether it acts in contact only.
     """
 
     name: str
@@ -145,7 +148,7 @@ def _bristles(motion: Motion, shape: Shape) -> list[Floats]:
 
 
 def _two_lengths(motion: Motion, shape: Shape) -> list[Floats]:
-    """Two elements of a generalised Maxwell slip (Al-Bender, Lampaert and Swevers, IEEE T-AC 50(11), 2005)."""
+    """Two elements of a generalised Maxwell slip (Al-Bender, Lampaert, Swevers, IEEE T-AC 50(11), 2005)."""
     return _presliding(motion, shape[:1]) + _presliding(motion, shape[1:])
 
 

@@ -25,8 +25,9 @@ from scipy.signal import csd, periodogram, welch
 from common.error_size import Floats
 from common.recording.recording import Recording
 from diagnosis.diagnose.forward import even
-from diagnosis.diagnose.regression import Fit, Regression, alignment
+from diagnosis.diagnose.regression import Fit, Regression
 from diagnosis.diagnose.reversals import Jump, jump_at_reversals
+from diagnosis.diagnose.transfer import alignment
 
 FLAG = "motion_driven_by_force"
 

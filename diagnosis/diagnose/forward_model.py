@@ -7,7 +7,8 @@ from scipy.linalg import expm
 
 from common.error_size import Floats
 from diagnosis.diagnose.candidates import CANDIDATES, Motion, Shape, base_name
-from diagnosis.diagnose.regression import Fit, Regression, harmonics
+from diagnosis.diagnose.regression import Fit, Regression
+from diagnosis.diagnose.transfer import harmonics
 
 _SETTLED = 1e-3
 _SMOOTH = {

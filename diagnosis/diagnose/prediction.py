@@ -19,7 +19,7 @@ _LONGEST = 60_000
 
 @dataclass(frozen=True, slots=True)
 class Across:
-    """rms errors in N of forefeel's forecaster across `delay_s`: of a hold, with m, b, k, bias, and extended."""
+    """rms errors in N across `delay_s`: of a hold, of the forecaster with m, b, k, bias, and extended."""
 
     delay_s: float
     hold_n: float

@@ -5,11 +5,10 @@ their shape parameters; mass, damping and stiffness always take part.
 """
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
 
 from common.error_size import Floats
 from diagnosis.diagnose.candidates import (
@@ -18,21 +17,20 @@ from diagnosis.diagnose.candidates import (
     MOST_DAMPED,
     Candidate,
     Extent,
+    Model,
     Motion,
     Shape,
     play,
     touch,
 )
+from diagnosis.diagnose.least_squares import solve, solve_passive
 from diagnosis.diagnose.noise import Noise, white
 from diagnosis.diagnose.signals import Mask, Signals, Spectrum
-
-Model = Mapping[str, Shape]
+from diagnosis.diagnose.transfer import alignment, frame, harmonics, mode_spectra
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
 _KEPT_BYTES = 7e7
 _MOST_PRODUCTS = 40_000
-_DEPENDENT = 1e-7
-_DEPENDENT_NORMAL = 1e-6  # inner products hold half of the digits
 _CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
 
 
@@ -119,7 +117,7 @@ class Regression:
         blocks = [self._white_block(model, name, shape) for name, shape in [("", ()), *model.items()]]
         owners = self._owners(model, blocks)
         gram, moment = self._normal(blocks)
-        coefficients, explained = solve_passive(gram, moment, self.sense)
+        coefficients, explained = solve_passive(gram, moment, self.sense, len(BASE))
         rss = self._power - explained
         if rss < _CANCELLED * self._power:
             kept = coefficients != 0.0
@@ -193,9 +191,9 @@ class Regression:
         return spectra if factor is None else [spectrum * factor for spectrum in spectra]
 
     def _alignment(self, model: Model) -> Spectrum | None:
-        frame = _frame(model, ("alignment",))
-        if self._aligning[0] != frame:
-            self._aligning = frame, alignment(self.signals.omega, model)
+        key = frame(model, ("alignment",))
+        if self._aligning[0] != key:
+            self._aligning = key, alignment(self.signals.omega, model)
         return self._aligning[1]
 
     def predicted(self, fit: Fit, leave: str | None = None) -> Floats:
@@ -213,7 +211,7 @@ class Regression:
 
     def motion(self, model: Model) -> Motion:
         """The motion that the wall sees in this model."""
-        key = _frame(model, ("motion", "contact"))
+        key = frame(model, ("motion", "contact"))
         if key not in self._motions:
             motion = self._motion
             for name, shape in key:
@@ -226,7 +224,7 @@ class Regression:
         return self._white_block(model, name, shape).columns
 
     def _white_block(self, model: Model, name: str, shape: Shape) -> "Block":
-        key = (_frame(model, ("motion", "contact", "alignment")), name, shape)
+        key = (frame(model, ("motion", "contact", "alignment")), name, shape)
         if key not in self._whitened:
             columns = self._white_columns(model, name, shape)
             self._made += 1
@@ -252,7 +250,7 @@ class Regression:
         return self.noise.whiten(columns, self._pieces)[self.rows] / self.noise.innovation_n
 
     def _columns(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
-        moved = _frame(model, ("motion", "contact"))
+        moved = frame(model, ("motion", "contact"))
         if candidate is None and not moved:
             return self._base
         key = (moved, name, shape)
@@ -297,95 +295,6 @@ class Regression:
 def penalty_of(owners: tuple[str, ...], model: Model, n: int) -> float:
     """Bayesian information criterion; a searched shape costs twice a linear parameter."""
     return float(np.log(n)) * (len(owners) + 2.0 * sum(len(shape) for shape in model.values()))
-
-
-def solve(design: Floats, target: Floats) -> tuple[Floats, float]:
-    """(coefficients, residual sum of squares); of dependent columns the later ones get zero."""
-    scale = np.sqrt(np.einsum("ij,ij->j", design, design))
-    scale[scale == 0.0] = 1.0
-    q, r = np.linalg.qr(design / scale)
-    diagonal = np.abs(np.diag(r))
-    free = diagonal > _DEPENDENT
-    if not free.all():
-        inner, rss = solve(design[:, free], target)
-        coefficients = np.zeros(design.shape[1])
-        coefficients[free] = inner
-        return coefficients, rss
-    along = q.T @ target
-    rest = target - q @ along
-    return np.linalg.solve(r, along) / scale, float(rest @ rest)
-
-
-def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
-    """(coefficients, explained sum of squares); of dependent columns the later ones get zero."""
-    if not len(moment):
-        return np.empty(0), 0.0
-    scale = np.sqrt(np.diag(gram))
-    scale[scale == 0.0] = 1.0
-    factor, stopped = dpotrf(gram / np.outer(scale, scale), lower=1)
-    diagonal = np.diag(factor)[: stopped - 1] if stopped else np.diag(factor)
-    if stopped or diagonal.min(initial=1.0) < _DEPENDENT_NORMAL:
-        free = np.ones(len(moment), dtype=np.bool_)
-        weak = np.flatnonzero(diagonal < _DEPENDENT_NORMAL)
-        free[weak[0] if len(weak) else stopped - 1] = False
-        inner, explained = solve_normal(gram[np.ix_(free, free)], moment[free])
-        coefficients = np.zeros(len(moment))
-        coefficients[free] = inner
-        return coefficients, explained
-    scaled = moment / scale
-    coefficients, _ = dpotrs(factor, scaled, lower=1)
-    return coefficients / scale, float(scaled @ coefficients)
-
-
-def solve_passive(gram: Floats, moment: Floats, sense: float) -> tuple[Floats, float]:
-    """As `solve_normal`, mass, damping and stiffness not below zero: a contact gives no energy."""
-    free = np.ones(len(moment), dtype=np.bool_)
-    for _ in range(1 + len(BASE)):
-        coefficients = np.zeros(len(moment))
-        coefficients[free], explained = solve_normal(gram[np.ix_(free, free)], moment[free])
-        negative = coefficients[: len(BASE)] * sense < 0.0
-        if not negative.any():
-            break
-        free[: len(BASE)] &= ~negative
-    return coefficients, explained
-
-
-def harmonics(t: Floats, frequency_hz: float, count: int = 3) -> Floats:
-    """sin and cos of the frequency and its multiples."""
-    phase = 2.0 * np.pi * frequency_hz * t[:, None] * np.arange(1, count + 1)
-    return np.hstack([np.sin(phase), np.cos(phase)])
-
-
-def alignment(omega: Floats, model: Model) -> Spectrum | None:
-    """What late stamps, a slow load cell and a weak fixture do to a spectrum; None when the model has none."""
-    if not _frame(model, ("alignment",)):
-        return None
-    factor = np.ones(len(omega), dtype=np.complex128)
-    if "time_delay" in model:
-        factor *= np.exp(-1j * omega * model["time_delay"][0])
-    if "sensor_lag" in model:
-        factor /= 1.0 + 1j * omega * model["sensor_lag"][0]
-    if "unmodelled_resonance:fixture" in model:
-        frequency_hz, zeta = model["unmodelled_resonance:fixture"]
-        w = 2.0 * np.pi * frequency_hz
-        factor *= w * w / (w * w - omega**2 + 2j * zeta * w * omega)
-    return factor
-
-
-def mode_spectra(omega: Floats, driven: Spectrum, shape: Shape, free: bool) -> list[Spectrum]:
-    """A hanging mass, `y'' + 2 zeta w y' + w^2 y = a`: what it pulls with, `w^2 y + 2 zeta w y'`.
-
-    Free: spring and damper to the moving part apart, `w^2 y` and `w y'`.
-    """
-    w, zeta = 2.0 * np.pi * shape[0], shape[1]
-    y = driven / (w * w - omega**2 + 2j * zeta * w * omega)
-    spring, damper = w * w * y, 1j * w * omega * y
-    return [spring, damper] if free else [spring + 2.0 * zeta * damper]
-
-
-def _frame(model: Model, kinds: tuple[str, ...]) -> tuple[tuple[str, Shape], ...]:
-    """What in a model changes the columns of all others; sorted, so that it can be a key."""
-    return tuple(sorted((n, shape) for n, shape in model.items() if CANDIDATES[n].kind in kinds))
 
 
 def _as_slice(rows: Mask) -> Mask | slice:

@@ -10,8 +10,8 @@ from scipy.fft import rfft, rfftfreq
 from scipy.optimize import minimize, minimize_scalar
 
 from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, DRY, Candidate, Shape, base_name
-from diagnosis.diagnose.regression import Fit, Model, Regression
+from diagnosis.diagnose.candidates import CANDIDATES, DRY, Candidate, Model, Shape, base_name
+from diagnosis.diagnose.regression import Fit, Regression
 
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""

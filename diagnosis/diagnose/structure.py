@@ -1,4 +1,4 @@
-"""Whether what is left is noise: noise of a measuring chain is forgotten within a few hundredths of a second."""
+"""Whether what is left is noise: that of a measuring chain is forgotten within hundredths of a second."""
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view

@@ -31,7 +31,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """One named cause; `gain_n` is the fall of the held-out rms that it brings, in N; `explained_n` its rms."""
+    """One named cause; `gain_n`: by how much the held-out rms falls with it, in N; `explained_n`: its rms."""
 
     name: str
     probability: float
@@ -51,7 +51,7 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """rms on held-out blocks in N before and after, and 1 - after / before with its block-bootstrap interval."""
+    """rms on held-out blocks in N before and after; 1 - after / before with its block-bootstrap interval."""
 
     rmse_before_n: float
     rmse_after_n: float

@@ -7,7 +7,8 @@ from scipy.signal import csd, welch
 
 from common.error_size import Floats
 from diagnosis.diagnose.candidates import CANDIDATES
-from diagnosis.diagnose.regression import Fit, Regression, alignment
+from diagnosis.diagnose.regression import Fit, Regression
+from diagnosis.diagnose.transfer import alignment
 from forefeel.diagnose.drawing import common_legend, drawn, finish
 from forefeel.report.svg import BLUE, ORANGE, Drawing, new_figure
 

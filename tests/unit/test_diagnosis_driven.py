@@ -9,10 +9,10 @@ import pytest
 from common.recording.recording import Recording
 from common.recording.tabular import load_recording
 from diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
-from diagnosis.diagnose.candidates import CANDIDATES
+from diagnosis.diagnose.candidates import CANDIDATES, Model
 from diagnosis.diagnose.driven import lowered_trust, signs_of_driving
 from diagnosis.diagnose.faults import clean
-from diagnosis.diagnose.regression import Model, Regression
+from diagnosis.diagnose.regression import Regression
 from diagnosis.diagnose.signals import Signals
 from tests.hidden_effects.generator import VOCABULARY, draw
 from tests.unit.driven_samples import Body, broad_force, driven, held_in_place

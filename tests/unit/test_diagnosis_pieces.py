@@ -12,8 +12,9 @@ from diagnosis.diagnose.analysis import analyse
 from diagnosis.diagnose.blocks import block_numbers, gain
 from diagnosis.diagnose.extended import extended_model
 from diagnosis.diagnose.faults import clean, comb_step
+from diagnosis.diagnose.least_squares import solve
 from diagnosis.diagnose.noise import autoregression
-from diagnosis.diagnose.regression import Regression, solve
+from diagnosis.diagnose.regression import Regression
 from diagnosis.diagnose.search import Search
 from diagnosis.diagnose.signals import Signals
 
