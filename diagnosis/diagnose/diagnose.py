@@ -12,6 +12,7 @@ from diagnosis.diagnose.analysis import Analysis, analyse
 from diagnosis.diagnose.band import acceleration_noise_m_s2
 from diagnosis.diagnose.blocks import Gain, gain, held_out_errors
 from diagnosis.diagnose.candidates import base_name
+from diagnosis.diagnose.driven import with_driving
 from diagnosis.diagnose.faults import Fault
 from diagnosis.diagnose.flexible import flexible_gain
 from diagnosis.diagnose.identifiability import (
@@ -73,6 +74,7 @@ def diagnose(
         found = _Judge(analysis).diagnosis()
     else:
         found, analysis = diagnose_long(whole, lambda part: _Judge(part).diagnosis())
+    found = with_driving(found, analysis)
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis)
 
 

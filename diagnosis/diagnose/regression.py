@@ -28,7 +28,7 @@ from diagnosis.diagnose.signals import Mask, Signals, Spectrum
 Model = Mapping[str, Shape]
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
-_KEPT, _KEPT_SAMPLES = 400, 5e6
+_KEPT, _KEPT_SAMPLES = 400, 2e6
 _DEPENDENT = 1e-7
 
 
