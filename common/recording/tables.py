@@ -1,9 +1,10 @@
 """CSV and Parquet files as tables of named columns of numbers."""
 
 import csv
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from common.errors import RecordingError
 from common.recording.recording import Array, opened
 
 _SHOWN_CHARACTERS = 40
+_LONGEST_HEADER = 65_536
 
 
 class Table(Protocol):
@@ -33,7 +35,7 @@ class Table(Protocol):
 class CsvTable:
     """A CSV file: UTF-8 with or without BOM, any line end, comma, semicolon or tab, one header line.
 
-    Blank lines are skipped.
+    Blank lines are skipped. A file of nothing but numbers is parsed as a block; any other, cell by cell.
 
     Raises:
         RecordingError: unreadable, not UTF-8, no header, or a line with more or fewer cells than the header.
@@ -41,11 +43,19 @@ class CsvTable:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._block = _block(path)
+        if self._block is None:
+            self._read_cells()
+        else:
+            self.names: Sequence[str] = self._block[0]
+
+    def _read_cells(self) -> None:
+        path = self._path
         lines = [(number, line) for number, line in enumerate(_lines(path), 1) if line.strip()]
         if not lines:
             raise RecordingError(f"{path}: only blank lines, expected a header line with column names")
         self._line_numbers, rows = _split(path, lines)
-        self.names: Sequence[str] = [cell.strip() for cell in rows[0]]
+        self.names = [cell.strip() for cell in rows[0]]
         self._rows = rows[1:]
         if all(_is_number(cell) for cell in self.names):
             raise RecordingError(f"{self.where(-1)}: numbers, expected a header line with column names")
@@ -54,6 +64,8 @@ class CsvTable:
     def numbers(self, name: str) -> Array:
         """One column as float64."""
         column = self.names.index(name)
+        if self._block is not None:
+            return np.asarray(self._block[1][column])
         try:
             return np.array([float(row[column]) for row in self._rows], dtype=np.float64)
         except ValueError:
@@ -65,6 +77,9 @@ class CsvTable:
 
     def where(self, index: int) -> str:
         """The file and the line; -1 is the header."""
+        if self._block is not None:
+            self._block = None
+            self._read_cells()
         return f"{self._path}: line {self._line_numbers[index + 1]}"
 
     def _check_widths(self) -> None:
@@ -91,26 +106,58 @@ class ParquetTable:
             raise RecordingError(
                 f"{path}: reading Parquet needs pyarrow: pip install forefeel[parquet]"
             ) from error
-        self._path = path
-        with opened(path) as file:
-            try:
-                self._table: Any = pyarrow.parquet.read_table(file)
-            except (pyarrow.ArrowException, OSError) as error:
-                reason = str(error).splitlines()[0]
-                raise RecordingError(f"{path}: {reason}, expected a Parquet file") from error
-        self.names: Sequence[str] = self._table.column_names
+        self._path, self._arrow = path, pyarrow
+        self._schema: Any = self._read(pyarrow.parquet.read_schema)
+        self.names: Sequence[str] = self._schema.names
 
     def numbers(self, name: str) -> Array:
-        """One column as float64, nulls as NaN."""
-        column = self._table.column(name).to_numpy()
+        """One column as float64, nulls as NaN. Read when asked for, so that one column is held at a time."""
+        table = self._read(lambda file: self._arrow.parquet.read_table(file, columns=[name]))
+        column = table.column(name).to_numpy()
         if column.dtype.kind not in "iuf":
-            kind = self._table.schema.field(name).type
+            kind = self._schema.field(name).type
             raise RecordingError(f"{self._path}, column {name!r}: holds {kind}, expected numbers")
-        return np.asarray(column, dtype=np.float64)
+        values = np.array(column, dtype=np.float64)
+        del table, column
+        self._arrow.default_memory_pool().release_unused()
+        values.flags.writeable = False
+        return values
+
+    def _read(self, read: Callable[[BinaryIO], Any]) -> Any:  # noqa: ANN401 - of pyarrow, which has no types
+        with opened(self._path) as file:
+            try:
+                return read(file)
+            except (self._arrow.ArrowException, OSError) as error:
+                reason = str(error).splitlines()[0]
+                raise RecordingError(f"{self._path}: {reason}, expected a Parquet file") from error
 
     def where(self, index: int) -> str:
         """The file and the row, counted from 1."""
         return f"{self._path}: row {index + 1}"
+
+
+def _block(path: Path) -> tuple[list[str], Array] | None:
+    """Names and columns, shape (columns, n), of a file that starts with its header and holds numbers only.
+
+    None for any other, which is then read cell by cell, so that an error can name its place.
+    """
+    try:
+        with opened(path) as file:
+            header = file.readline(_LONGEST_HEADER).decode("utf-8-sig")
+            delimiter = max(",;\t", key=header.count)
+            names = [cell.strip() for cell in header.split(delimiter)]
+            if '"' in header or "\r" in header[:-2] or any(map(_is_number, names)) or "" in names:
+                return None
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # no rows: said by who needs them
+                rows = np.loadtxt(file, np.float64, None, delimiter, ndmin=2, encoding="utf-8")
+    except (ValueError, UnicodeDecodeError):
+        return None
+    if not len(rows) or rows.shape[1] != len(names):
+        return None
+    columns = np.ascontiguousarray(rows.T)
+    columns.flags.writeable = False
+    return names, columns
 
 
 def _lines(path: Path) -> list[str]:

@@ -64,7 +64,9 @@ def _from_table(table: Table, mapping: Mapping, path: Path) -> Recording:
     # checked before the conversion: an error shows the values as the file has them
     raw = {name: table.numbers(name) for name, _ in columns}
     check_samples(raw, str(path), table.where)
-    time_s, position_m, *force_n = (raw[name] * to_si for name, to_si in columns)
+    time_s, position_m, *force_n = (
+        raw[name] * to_si if to_si != 1.0 else raw[name] for name, to_si in columns
+    )
     return Recording(path.stem, time_s, position_m, force_n[0] if force_n else None, source=str(path))
 
 

@@ -10,6 +10,7 @@ from common.error_size import Floats
 from common.errors import RecordingError
 from common.recording.recording import Recording
 from diagnosis.diagnose.analysis import Analysis, analyse
+from diagnosis.diagnose.driven import with_driving
 from diagnosis.diagnose.judge import Judge
 from diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
 from diagnosis.diagnose.structure import foretold_share
@@ -60,6 +61,7 @@ def diagnose(
         found = Judge(analysis).diagnosis()
     else:
         found, analysis = diagnose_long(whole, lambda part: Judge(part).diagnosis())
+    found = with_driving(found, analysis)
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis)
 
 

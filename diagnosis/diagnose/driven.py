@@ -15,7 +15,7 @@ signs, each of which tells cause from effect by what the cause can not know:
 A smooth force on a well damped body shows none of them: it can not be told from an imposed motion.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,12 @@ from scipy.signal import csd, periodogram, welch
 
 from common.error_size import Floats
 from common.recording.recording import Recording
-from diagnosis.diagnose.forward import even
+from diagnosis.diagnose.analysis import Analysis
+from diagnosis.diagnose.forward import even, forward_rmse
 from diagnosis.diagnose.regression import Fit, Regression
 from diagnosis.diagnose.reversals import Jump, jump_at_reversals
 from diagnosis.diagnose.transfer import alignment
+from diagnosis.diagnose.verdict import Diagnosis
 
 FLAG = "motion_driven_by_force"
 
@@ -83,6 +85,16 @@ def signs_of_driving(
         _reversal(jump_at_reversals(regression)),
     )
     return tuple(words for words in found if words is not None)
+
+
+def with_driving(found: Diagnosis, analysis: Analysis) -> Diagnosis:
+    """With flag, words and forward simulation where the force drives the motion; else as it is."""
+    force_n = analysis.cleaned.force_n
+    signs = signs_of_driving(analysis.recording, force_n, analysis.regression, analysis.fit)
+    if not signs:
+        return found
+    words = (*found.words, *lowered_trust(signs))
+    return replace(found, flags=(*found.flags, FLAG), words=words, forward_rmse=forward_rmse(analysis, True))
 
 
 def lowered_trust(signs: tuple[str, ...]) -> tuple[str, ...]:
@@ -204,7 +216,7 @@ def _bent_n(regression: Regression, fit: Fit, time_s: Floats) -> Floats:
     total = np.zeros(len(time_s))
     for grid, piece in zip(signals.pieces, signals.piecewise(fine=False), strict=True):
         fine = irfft(rfft(bent[piece]), grid.padded) * (grid.padded / grid.coarse)
-        t = signals.origin_s + grid.start_s + grid.period_s * np.arange(grid.samples)
+        t = signals.origin_s + signals.t[piece.start] + grid.period_s * np.arange(grid.samples)
         inside = (time_s >= t[0] - 1e-9) & (time_s <= t[-1] + 1e-9)
         total[inside] = np.interp(time_s[inside], t, fine[: grid.samples])
     return total

@@ -60,8 +60,10 @@ class Drive:
         return np.array([x[0], np.polyfit(np.arange(len(x)) * self.period_s, x, 1)[0]])
 
 
-def drives(recording: Recording, force_n: Floats, sense: float, between: Between) -> list[Drive]:
-    """The stretches of a recording of at least 200 samples, time from its first stamp.
+def drives(
+    recording: Recording, force_n: Floats, sense: float, between: Between, origin_s: float | None = None
+) -> list[Drive]:
+    """The stretches of a recording of at least 200 samples, time from `origin_s` or else its first stamp.
 
     Args:
         recording: position and stamps.
@@ -72,7 +74,7 @@ def drives(recording: Recording, force_n: Floats, sense: float, between: Between
     found = []
     for piece in recording.segments(max(0.1, 3.5 / recording.rate_hz)):
         if piece.stop - piece.start >= _LEAST:
-            time_s = recording.time_s[piece] - recording.time_s[0]
+            time_s = recording.time_s[piece] - (recording.time_s[0] if origin_s is None else origin_s)
             period_s, (x, f) = even(time_s, recording.position_m[piece], force_n[piece])
             found.append(Drive(float(time_s[0]), period_s, x, _steps(sense * f, between)))
     return found
@@ -161,7 +163,8 @@ def forward_rmse(analysis: Analysis, driven: bool) -> dict[str, float | None]:
     known = [model for model in models.values() if model is not None]
     if not known or not drives(*measured, "straight"):
         return none
-    over = drives(*measured, between_samples(known[-1], *measured))
+    between = between_samples(known[-1], *measured)
+    over = drives(*measured, between, regression.signals.origin_s)
     return {key: None if m is None else rmse_m(refined(m, over), over) for key, m in models.items()}
 
 

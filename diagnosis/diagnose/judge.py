@@ -9,11 +9,8 @@ from diagnosis.diagnose.as_recorded import AsRecorded
 from diagnosis.diagnose.band import acceleration_noise_m_s2
 from diagnosis.diagnose.blocks import Gain, gain, gain_over, held_out_errors, numbers_at
 from diagnosis.diagnose.candidates import base_name
-from diagnosis.diagnose.driven import FLAG as DRIVEN
-from diagnosis.diagnose.driven import lowered_trust, signs_of_driving
 from diagnosis.diagnose.faults import Fault
 from diagnosis.diagnose.flexible import flexible_gain, modulation_gain
-from diagnosis.diagnose.forward import forward_rmse
 from diagnosis.diagnose.identifiability import (
     GENERAL_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
@@ -53,7 +50,6 @@ class Judge:
         self.parameters = intervals(self.regression, self.fit, analysis.narrower)
         self.residual_n = float(np.sqrt(np.mean(self.after**2)))
         self.floor_n = analysis.noise_floor_n()
-        self.signs = signs_of_driving(analysis.recording, analysis.cleaned.force_n, self.regression, self.fit)
 
     def _gain(self) -> Gain:
         """In the compared band; on the force as recorded when the sensor has faults."""
@@ -205,13 +201,13 @@ class Judge:
             causes,
             rivals,
             motion,
-            (*self.analysis.flags(), *((DRIVEN,) if self.signs else ())),
+            self.analysis.flags(),
             self.floor_n,
             Stage(self.held_out.before_n, base),
             Stage(self.held_out.after_n, {**linear, **extended}),
-            forward_rmse(self.analysis, bool(self.signs)),
+            {"before_m": None, "after_m": None},
             held,
-            lowered_trust(self.signs),
+            (),
             tuple(sorted(names)),
         )
 

@@ -1,7 +1,7 @@
 """Recordings of minutes to hours: the search on stretches, the fit to everything.
 
 1. Faults of the sensor are looked for in all chunks.
-2. The liveliest stretch of up to 80 s is analysed like any recording.
+2. The liveliest stretch of up to 60 s is analysed like any recording.
 3. Its structure is fitted to all chunks. Where it leaves more of some chunks than of the stretch, something
    is local or slow (a puncture, drift): half of the stretch, stretches over the whole length and the worst
    chunks are analysed together, at their own times, and the structure that leaves less of held-out chunks is
@@ -12,10 +12,8 @@ Time and memory beyond the recording itself do not depend on its length, but for
 Not seen: what shows in less of a chunk than raises its rms by half.
 """
 
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +21,7 @@ from common.recording.recording import Recording
 from diagnosis.diagnose.analysis import Analysis, analyse, residual_rms_n
 from diagnosis.diagnose.band import cutoff_hz
 from diagnosis.diagnose.blocks import Gain
-from diagnosis.diagnose.faults import Fault, clean
+from diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
 from diagnosis.diagnose.regression import Fit, Regression
 from diagnosis.diagnose.search import Search
 from diagnosis.diagnose.signals import Mask
@@ -31,9 +29,9 @@ from diagnosis.diagnose.verdict import Diagnosis, HeldOut, Stage
 from diagnosis.diagnose.whole import Fitted, Whole, cut, fitted, gain_of
 
 FLAG = "searched_on_stretches"
-_LONG = 150_000
-_STRETCH_S = 80.0
-_MOST_FINE = 1.2e6
+_LONG = 30_000
+_STRETCH_S, _STRETCH_SAMPLES, _LEAST_S = 60.0, 20_000, 6.0
+_MOST_FINE = 4e5
 _PROBE_S = 20.0
 _CHUNK_S = 60.0
 _SPREAD, _WORST = 6, 3
@@ -51,20 +49,25 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Everywhere:
-    """The analysis of stretches, and its structure fitted to all chunks, without any cause and with all."""
+    """The analysis of stretches, and its structure fitted to all chunks, without any cause and with all.
 
+    `gaps`: whether the recording itself has gaps.
+    """
+
+    gaps: bool
     analysis: Analysis
     before: Fitted
     after: Fitted
 
 
 def stretch_s(recording: Recording) -> float:
-    """How much is searched at once: 80 s, less where the force is fast. In s."""
+    """How much is searched at once, in s: 60 s or 20,000 samples, less where the force is fast."""
     count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
     middle = (len(recording) - count) // 2
     part = cut(recording, slice(middle, middle + count))
     assert part.force_n is not None
-    return float(np.clip(_MOST_FINE / (16.0 * cutoff_hz(part, part.force_n)), 6.0, _STRETCH_S))
+    most = max(_STRETCH_S, _STRETCH_SAMPLES / recording.rate_hz)
+    return float(np.clip(_MOST_FINE / (16.0 * cutoff_hz(part, part.force_n)), _LEAST_S, most))
 
 
 def is_long(recording: Recording) -> bool:
@@ -78,22 +81,32 @@ def analyse_long(recording: Recording, progress: Progress = lambda stage: None) 
     Raises:
         ValueError: no stretch without gaps is long enough.
     """
-    length_s = stretch_s(recording)
     chunks = chunks_of(recording, float(np.clip(recording.duration_s / 16.0, 10.0, _CHUNK_S)))
     progress("sensor, in chunks")
     cleaned, unusable, faults = cleaned_everywhere(recording, chunks_of(recording, _RARE_S))
-    lively = liveliest(cleaned, length_s)
-    progress("the liveliest stretch")
-    found = _everywhere(cleaned, unusable, chunks, analyse(cut(cleaned, lively), progress))
-    others = _stretches(cleaned, found, chunks, lively, length_s)
-    if others is not None:
-        progress("stretches of the whole length")
-        again = _everywhere(cleaned, unusable, chunks, analyse(others, progress))
-        if gain_of(found.after, again.after).low > 0.0:
-            found = again
+    found = _searched(cleaned, unusable, chunks, progress)
+    if any(fault.name == "sensor_spikes" for fault in faults):
+        raw = fitted(Whole(recording, unusable, chunks, found.analysis.regression), found.after.fit, steps=0)
+        if raw.total_rms_n() < found.after.total_rms_n():  # pulses that the motion explains are no spikes
+            found = _searched(recording, unusable, chunks, progress)
+            faults = [fault for fault in faults if fault.name != "sensor_spikes"]
     known = {fault.name for fault in found.analysis.cleaned.faults}
     found.analysis.cleaned.faults += [fault for fault in faults if fault.name not in known]
     return found
+
+
+def _searched(recording: Recording, unusable: Mask, chunks: list[slice], progress: Progress) -> Everywhere:
+    """From the liveliest stretch, and from more where that does not do."""
+    length_s = stretch_s(recording)
+    lively = liveliest(recording, length_s)
+    progress("the liveliest stretch")
+    found = _everywhere(recording, unusable, chunks, analyse(cut(recording, lively), progress))
+    others = _stretches(recording, found, chunks, lively, length_s)
+    if others is None:
+        return found
+    progress("stretches of the whole length")
+    again = _everywhere(recording, unusable, chunks, analyse(others, progress))
+    return again if gain_of(found.after, again.after).low > 0.0 else found
 
 
 def diagnose_long(found: Everywhere, judge: Judge) -> tuple[Diagnosis, Analysis]:
@@ -113,49 +126,10 @@ def diagnose_long(found: Everywhere, judge: Judge) -> tuple[Diagnosis, Analysis]
     }
     base = dict(zip(intervals[""], map(float, found.before.fit.coefficients * sense), strict=True))
     whole = replace(
-        judged, causes=causes, flags=(*judged.flags, FLAG), held_out=_held_out(gain),
+        judged, causes=causes, flags=_flags(judged, found), held_out=_held_out(gain),
         baseline=Stage(gain.before_n, base), extended=Stage(gain.after_n, named),
     )  # fmt: skip
     return whole, replace(analysis, fit=found.after.fit)
-
-
-def chunks_of(recording: Recording, length_s: float) -> list[slice]:
-    """The recording in pieces of about that length, none across a gap, none shorter than 3 s."""
-    found = []
-    for piece in recording.segments(max(0.1, 3.5 / recording.rate_hz)):
-        time_s = recording.time_s[piece]
-        count = max(1, round(float(time_s[-1] - time_s[0]) / length_s))
-        edges = np.linspace(piece.start, piece.stop, count + 1).astype(np.int64)
-        parts = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        found += [p for p in parts if recording.time_s[p.stop - 1] - recording.time_s[p.start] >= 3.0]
-    return found
-
-
-def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recording, Mask, list[Fault]]:
-    """Without lines and spikes of the force, which samples were clipped, the faults of all chunks merged."""
-    assert recording.force_n is not None
-    force_n, unusable = np.array(recording.force_n), np.zeros(len(recording), dtype=np.bool_)
-    seen: dict[str, list[tuple[Fault, float]]] = defaultdict(list)
-    for chunk in chunks:
-        part = cut(recording, chunk)
-        cleaned = clean(part)
-        force_n[chunk], unusable[chunk] = cleaned.force_n, cleaned.clipped
-        for fault in cleaned.faults:
-            seen[fault.name].append((fault, part.duration_s))
-    total = sum(float(recording.time_s[c.stop - 1] - recording.time_s[c.start]) for c in chunks)
-    merged = [_merged(found, total) for found in seen.values()]
-    cleaned_recording = replace(recording, force_n=force_n)
-    return cleaned_recording, unusable, [fault for fault in merged if fault is not None]
-
-
-def liveliest(recording: Recording, length_s: float) -> slice:
-    """The stretch of that length with the longest way."""
-    count = min(int(length_s * recording.rate_hz), len(recording))
-    step = max(1, int(0.05 * recording.rate_hz))
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(recording.position_m[::step])))])
-    reach = max(1, min(count // step, len(way) - 1))
-    start = int(np.argmax(way[reach:] - way[:-reach])) * step
-    return slice(start, min(start + count, len(recording)))
 
 
 def _everywhere(recording: Recording, unusable: Mask, chunks: list[slice], analysis: Analysis) -> Everywhere:
@@ -172,7 +146,8 @@ def _everywhere(recording: Recording, unusable: Mask, chunks: list[slice], analy
         if gain_of(less, after).low <= _NOTHING:
             after = less
     analysis = replace(analysis, fit=regression.fit(after.fit.model))
-    return Everywhere(analysis, fitted(whole, regression.fit({})), after)
+    gaps = len(recording.segments()) > 1
+    return Everywhere(gaps, analysis, fitted(whole, regression.fit({})), after)
 
 
 def _since_start(analysis: Analysis, start_s: float) -> Analysis:
@@ -252,25 +227,10 @@ def _stretches(
     )  # fmt: skip
 
 
-def _merged(found: list[tuple[Fault, float]], total_s: float) -> Fault | None:
-    """One fault of all chunks; a comb or a line that most of the chunks lack is none."""
-    longest, covered = max(found, key=lambda pair: pair[1])[0], sum(duration for _, duration in found)
-    share = covered / total_s
-    if longest.name in ("sensor_quantisation", "mains_hum") and share < 0.5:
-        return None
-    parameters = {
-        key: _together([fault.parameters[key] for fault, _ in found], share if key == "rate_hz" else 1.0)
-        for key in longest.parameters
-    }
-    rms_n = float(np.sqrt(np.mean([fault.rms_n**2 for fault, _ in found]) * share))
-    return Fault(longest.name, parameters, longest.evidence, rms_n)
-
-
-def _together(values: list[tuple[float, float, float]], share: float) -> tuple[float, float, float]:
-    """Mean of the values and their intervals, narrower by the root of their number."""
-    value, low, high = np.mean(values, axis=0)
-    narrow = 1.0 / np.sqrt(len(values))
-    return tuple(float(share * (value + narrow * off)) for off in (0.0, low - value, high - value))  # type: ignore[return-value]
+def _flags(judged: Diagnosis, found: Everywhere) -> tuple[str, ...]:
+    """Of the recording, not of the stretches."""
+    kept = [flag for flag in judged.flags if flag not in ("short", "gaps")]
+    return (*kept, *(["gaps"] if found.gaps else []), FLAG)
 
 
 def _held_out(gain: Gain) -> HeldOut:

@@ -101,6 +101,11 @@ class Fitted:
         theta = self.fit.coefficients
         return {k: float(np.sqrt(s.plain_error(theta) / s.plain_rows)) for k, s in self.sums.items()}
 
+    def total_rms_n(self) -> float:
+        """What is left of all chunks together, in N."""
+        theta, rows = self.fit.coefficients, sum(s.plain_rows for s in self.sums.values())
+        return float(np.sqrt(sum(s.plain_error(theta) for s in self.sums.values()) / rows))
+
     def held_out(self, blocks: int) -> tuple[Floats, Floats]:
         """Sum of squared errors and rows of each block of chunks, predicted by the fit to all others."""
         numbers = np.array(sorted(self.sums))

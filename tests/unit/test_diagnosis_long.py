@@ -1,0 +1,136 @@
+"""Long recordings: stretches are searched, everything is fitted; what is local or rare is not lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from common.error_size import Floats
+from common.recording.recording import Recording
+from diagnosis.diagnose import diagnose
+from diagnosis.diagnose.analysis import analyse
+from diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
+from diagnosis.diagnose.long import FLAG, is_long
+from diagnosis.diagnose.parameters import intervals
+from diagnosis.diagnose.whole import Whole, fitted
+
+RATE_HZ = 250.0
+SECONDS = 240.0
+
+
+def strokes(seed: int, seconds: float = SECONDS) -> tuple[Floats, Floats, Floats, Floats]:
+    """t, x, v, a of minimum-jerk strokes with dwells, and a noise-free linear force."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    x, now, at = np.zeros_like(t), 0.2, 0.0
+    while now < seconds:
+        target, took = rng.uniform(0.0, 0.02), rng.uniform(0.3, 1.6)
+        first, last = np.searchsorted(t, (now, now + took))
+        s = (t[first:last] - now) / took
+        x[first:last] = at + (target - at) * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+        x[last:] = at = target
+        now += took + (rng.uniform(0.1, 0.8) if rng.random() < 0.3 else 0.0)
+    v = np.gradient(x, t)
+    a = np.gradient(v, t)
+    noise = lfilter([1.0], [1.0, -0.6], rng.standard_normal(len(t)))
+    return t, x, v, np.asarray(0.03 * a + 0.8 * v + 25.0 * x + 2e-3 * noise / np.std(noise))
+
+
+def recording(t: Floats, x: Floats, force: Floats, start_s: float = 0.0) -> Recording:
+    return Recording("long", t + start_s, np.round(x * 1e6) / 1e6, force, "test")
+
+
+def test_a_cause_is_named_and_its_interval_is_that_of_the_whole() -> None:
+    t, x, v, force = strokes(1)
+    whole = recording(t, x, force + 0.06 * np.clip(v / 1e-5, -1.0, 1.0))
+    assert is_long(whole)
+    found = diagnose(whole).diagnosis
+    (cause,) = found.causes
+    assert cause.name == "coulomb_friction"
+    level = cause.parameters["force_n"]
+    assert level.value == pytest.approx(0.06, rel=0.02)
+    assert found.flags == (FLAG,)
+    short = diagnose(recording(t[:7500], x[:7500], np.asarray(whole.force_n)[:7500])).diagnosis
+    part = short.causes[0].parameters["force_n"]
+    assert FLAG not in short.flags
+    assert level.high - level.low < 0.6 * (part.high - part.low)
+    assert found.held_out.gain_low > 0.7
+
+
+def test_a_puncture_and_a_drift_far_from_the_liveliest_stretch_are_found_at_their_own_times() -> None:
+    t, x, _, force = strokes(2)
+    lively = liveliest(recording(t, x, force), 60.0)
+    at_s = 200.3 if t[lively.start] < 100.0 else 30.3
+    changed = recording(t, x, force - 0.4 * 25.0 * x * (t > at_s), start_s=50.0)
+    (cause,) = diagnose(changed).diagnosis.causes
+    assert cause.name == "stiffness_change"
+    assert cause.parameters["time_s"].value == pytest.approx(50.0 + at_s, abs=0.1)
+    assert cause.parameters["ratio"].value == pytest.approx(0.6, abs=0.01)
+    (cause,) = diagnose(recording(t, x, force + 0.1 * t / SECONDS)).diagnosis.causes
+    assert cause.name == "sensor_drift"
+    assert cause.parameters["rate_n_s"].value == pytest.approx(0.1 / SECONDS, rel=0.02)
+
+
+def test_the_frequency_of_pulses_is_that_of_the_whole() -> None:
+    t, x, _, force = strokes(3)
+    angle = 2.0 * np.pi * 1.2345 * t
+    pulses = 0.08 * np.sin(angle) + 0.03 * np.cos(2.0 * angle)
+    (cause,) = diagnose(recording(t, x, force + pulses)).diagnosis.causes
+    assert cause.name == "pulsation"
+    assert cause.parameters["frequency_hz"].value == pytest.approx(1.2345, abs=2e-5)
+
+
+def test_accumulated_chunks_give_the_fit_of_the_rows_together() -> None:
+    """The sums of two chunks against a regression on the same two chunks as one recording with a gap."""
+    t, x, v, force = strokes(4, 80.0)
+    force = force + 0.06 * np.clip(v / 1e-5, -1.0, 1.0)
+    keep = (t < 39.9) | (t > 40.1)
+    together = analyse(recording(t[keep], x[keep], force[keep]))
+    regression = together.regression
+    apart = recording(t, x, force)
+    chunks = [slice(0, int(39.9 * RATE_HZ)), slice(int(40.1 * RATE_HZ) + 1, len(t))]
+    model = {"coulomb_friction": (), "bias": ()}
+    fit = regression.fit(model)
+    whole = fitted(Whole(apart, np.zeros(len(t), dtype=np.bool_), chunks, regression), fit)
+    assert whole.fit.coefficients == pytest.approx(fit.coefficients, rel=0.02, abs=2e-4)
+    assert whole.fit.n == pytest.approx(fit.n, rel=0.05)
+    mine = whole.intervals(0.0, 1.0)["coulomb_friction"]["force_n"]
+    theirs = intervals(regression, replace(fit))["coulomb_friction"]["force_n"]
+    assert mine.high - mine.low == pytest.approx(theirs.high - theirs.low, rel=0.1)
+
+
+def test_chunks_hold_every_sample_once_and_no_gap() -> None:
+    t, x, _, force = strokes(5, 100.0)
+    keep = (t < 30.0) | (t > 33.0)
+    gapped = recording(t[keep], x[keep], force[keep])
+    chunks = chunks_of(gapped, 10.0)
+    rows = np.concatenate([np.arange(c.start, c.stop) for c in chunks])
+    assert np.array_equal(rows, np.arange(len(gapped)))
+    assert all(np.max(np.diff(gapped.time_s[c])) < 0.1 for c in chunks)
+    assert all(8.0 < gapped.time_s[c.stop - 1] - gapped.time_s[c.start] < 12.0 for c in chunks)
+
+
+def test_rare_spikes_are_counted_over_the_whole() -> None:
+    t, x, _, force = strokes(6)
+    at = np.random.default_rng(6).choice(len(t), 12, replace=False)
+    spiky = force.copy()
+    spiky[at] += 1.0
+    whole = recording(t, x, spiky)
+    cleaned, _, faults = cleaned_everywhere(whole, chunks_of(whole, 300.0))
+    assert [fault.name for fault in faults] == ["sensor_spikes"]
+    assert faults[0].parameters["rate_hz"][0] == pytest.approx(12 / SECONDS, rel=0.2)
+    assert np.max(np.abs(np.asarray(cleaned.force_n) - force)) < 0.05
+    assert "sensor_spikes" in [cause.name for cause in diagnose(whole).diagnosis.causes]
+
+
+@pytest.mark.parametrize(("rate_hz", "seconds"), [(20.0, 60.0), (10_000.0, 5.0), (1000.0, 5.0)])
+def test_slow_fast_and_short_recordings_are_diagnosed(rate_hz: float, seconds: float) -> None:
+    t = np.arange(int(seconds * rate_hz)) / rate_hz
+    w, size = 2.0 * np.pi * np.array([0.37, 0.9, 2.3, 5.1]), np.array([6e-3, 2e-3, 1e-3, 2e-4])
+    phase = np.outer(t, w) + np.array([0.3, 2.0, 4.0, 1.0])
+    x, v = np.sin(phase) @ size, np.cos(phase) @ (size * w)
+    noise = 2e-3 * np.random.default_rng(7).standard_normal(len(t))
+    found = diagnose(recording(t, x, 0.8 * v + 25.0 * x + noise))
+    assert found.diagnosis.verdict == "nothing_missing"
+    assert found.analysis.fit.coefficients[2] == pytest.approx(25.0, rel=0.02)
