@@ -97,7 +97,8 @@ def test_accumulated_chunks_give_the_fit_of_the_rows_together() -> None:
     assert whole.fit.n == pytest.approx(fit.n, rel=0.05)
     mine = whole.intervals(0.0, 1.0)["coulomb_friction"]["force_n"]
     theirs = intervals(regression, replace(fit))["coulomb_friction"]["force_n"]
-    assert mine.high - mine.low == pytest.approx(theirs.high - theirs.low, rel=0.1)
+    # those of one regression are widened where its blocks scatter more than their noise
+    assert 0.6 < (mine.high - mine.low) / (theirs.high - theirs.low) < 1.1
 
 
 def test_chunks_hold_every_sample_once_and_no_gap() -> None:
