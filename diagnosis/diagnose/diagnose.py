@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from common.effects.model import ContactModel
 from common.error_size import Floats
@@ -47,6 +48,11 @@ def diagnose(
     """
     check(recording)
     take_in()
+    with threadpool_limits(1):  # thousands of small products: threads only wait for each other
+        return _diagnosed(recording, progress, given)
+
+
+def _diagnosed(recording: Recording, progress: Progress, given: ContactModel | None) -> Diagnosed:
     try:
         whole = analyse_long(recording, progress) if is_long(recording) else None
         analysis = analyse(recording, progress) if whole is None else whole.analysis

@@ -3,7 +3,7 @@
 import re
 import socket
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 
@@ -57,8 +57,20 @@ def _local(tasks: Sequence[Task], jobs: int) -> Iterator[Iterator[Outcome]]:
     try:
         with closing(_started(tasks, jobs)) as found:
             yield found
+    except RuntimeError as error:
+        if _of_an_interrupt(error):
+            raise KeyboardInterrupt from error
+        raise
     finally:
-        get_reusable_executor().shutdown()  # joblib would keep its workers for another five minutes
+        with suppress(RuntimeError):  # of an executor that was interrupted while it started
+            get_reusable_executor().shutdown()  # joblib would keep its workers for another five minutes
+
+
+def _of_an_interrupt(error: BaseException | None) -> bool:
+    """Whether an error came while an interrupt was on its way: joblib stumbles when it is starting."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
 
 
 def _started(tasks: Sequence[Task], jobs: int) -> Generator[Outcome, None, None]:

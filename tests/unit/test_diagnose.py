@@ -1,16 +1,13 @@
 """The diagnosis on forces that imports nothing of ours, and on measured ones."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from common.recording.recording import Recording
-from common.recording.tabular import load_recording
 from diagnosis.diagnose import diagnose
 from forefeel.cli import app
 
@@ -49,14 +46,6 @@ def test_a_bias_alone_is_a_cause() -> None:
 def test_where_nothing_is_hidden_nothing_is_named() -> None:
     found = diagnose(_recording(friction_n=0.0)).diagnosis
     assert (found.verdict, found.causes) == ("nothing_missing", ())
-
-
-@pytest.mark.skipif("FOREFEEL_DATA" not in os.environ, reason="FOREFEEL_DATA names no folder with recordings")
-def test_what_the_literature_names_is_found_on_a_measured_axis() -> None:
-    recording = load_recording(Path(os.environ["FOREFEEL_DATA"]) / "emps_train.csv")
-    causes = {cause.name: cause for cause in diagnose(recording).diagnosis.causes}
-    assert "coulomb_friction" in causes
-    assert "stribeck_friction" not in causes
 
 
 def test_the_command_leaves_numbers_page_and_model_and_refuses_what_is_too_short(tmp_path: Path) -> None:
