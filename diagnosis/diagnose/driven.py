@@ -180,13 +180,17 @@ def _broad_band(every: Bands) -> str | None:
 
 
 def _active(every: Bands, linear: Bands, fit: Fit) -> str | None:
-    """Power that the force gives at frequencies where both cohere, with the named delays taken out."""
+    """Power that the force gives at frequencies where both cohere, with what bends taken out and without.
+
+    Likewise with a named delay, lag or fixture taken out and without: neither a late force nor a wrong name
+    for one is a controller.
+    """
     late = alignment(2.0 * np.pi * every.frequency_hz, fit.model)
     giving = np.ones(len(every.coherence), dtype=np.bool_)
     for b in (every, linear):
-        transfer = b.transfer if late is None else b.transfer / late
-        taken = np.imag(transfer) / np.maximum(np.abs(transfer), 1e-300)
-        giving &= (b.coherence > 0.9) & (taken + 4.0 * b.phase_sd < -0.03)
+        for transfer in (b.transfer, b.transfer if late is None else b.transfer / late):
+            taken = np.imag(transfer) / np.maximum(np.abs(transfer), 1e-300)
+            giving &= (b.coherence > 0.9) & (taken + 4.0 * b.phase_sd < -0.03)
     if np.count_nonzero(giving) < 3:
         return None
     low, high = every.frequency_hz[giving][[0, -1]]

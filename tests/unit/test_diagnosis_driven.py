@@ -8,9 +8,10 @@ import pytest
 
 from common.recording.recording import Recording
 from common.recording.tabular import load_recording
+from diagnosis.diagnose import diagnose
 from diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
 from diagnosis.diagnose.candidates import CANDIDATES, Model
-from diagnosis.diagnose.driven import lowered_trust, signs_of_driving
+from diagnosis.diagnose.driven import FLAG, lowered_trust, signs_of_driving
 from diagnosis.diagnose.faults import clean
 from diagnosis.diagnose.regression import Regression
 from diagnosis.diagnose.signals import Signals
@@ -103,3 +104,19 @@ def test_measured_recordings(name: str, says: str | None) -> None:
     recording = load_recording(Path(os.environ["FOREFEEL_DATA"]) / f"{name}.csv")
     found = " ".join(_signs(recording, RICHER))
     assert (says in found) if says else found == ""
+
+
+def test_the_diagnosis_says_so_and_simulates_forward() -> None:
+    body, rng = Body(0.06, 0.25, 45.0), np.random.default_rng(6)
+    found = diagnose(driven(body, broad_force(rng, 12.0, 25.0, 0.3), 250.0, 6)).diagnosis
+    assert FLAG in found.flags
+    assert any("driven by the force" in words for words in found.words)
+    before = found.forward_rmse["before_m"]
+    assert before is not None
+    assert before < 2e-4  # of 15 mm
+    imposed = draw("nothing", 1000, longest_s=12.0, fastest_hz=250.0)
+    quiet = diagnose(
+        Recording("hidden", imposed.time_s, imposed.position_m, imposed.force_n, "test")
+    ).diagnosis
+    assert FLAG not in quiet.flags
+    assert quiet.forward_rmse == {"before_m": None, "after_m": None}
