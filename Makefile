@@ -29,10 +29,11 @@ check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(READY) ## start-up, memory, speed of virtual time; the estimation beside its peers
+bench: $(READY) ## start-up, memory, virtual time; the estimation beside its peers; run time of a diagnosis
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m benchmarks.service
 	$(BIN)/python -m benchmarks.estimation
+	$(BIN)/python -m benchmarks.diagnosis
 
 hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis and PySINDy, confusion tables
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
