@@ -36,11 +36,16 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = None,
     encoder_step: Annotated[float, typer.Option(metavar="M", help="Of the position; 0: none.")] = 1e-6,
     overwrite: Annotated[bool, typer.Option(help="Replace FILE.")] = False,
+    time_column: Annotated[
+        str | None, typer.Option("--time", metavar="UNIT:COLUMN", help="Of the recording to follow.")
+    ] = None,
+    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
 ) -> None:
     """Make a recording of any model: time_s, position_m, force_n."""
     from forefeel.simulate.run import Wish, run_simulation  # noqa: PLC0415 - other commands start without it
     from forefeel.simulate.sensor import SensorWish  # noqa: PLC0415
 
     sensor = SensorWish(noise, noise_corner, full_scale, encoder_step)
-    wish = Wish(model, motion, duration, rate, seed, start, depth, frequency, sensor)
+    columns = time_column, position_column
+    wish = Wish(model, motion, duration, rate, seed, start, depth, frequency, sensor, columns)
     run_simulation(wish, out, overwrite)

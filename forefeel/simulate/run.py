@@ -13,7 +13,7 @@ from common.effects.model import ContactModel
 from common.errors import ConfigurationError
 from common.model_file import load_model
 from common.recording.recording import Array
-from common.recording.tabular import load_recording
+from common.recording.tabular import Mapping, load_recording
 from forefeel.simulate.motion import Hand, Piece, Recorded, multisine, sine
 from forefeel.simulate.sensor import SensorWish, counted, encoded, noise
 from forefeel.simulate.world import integrate
@@ -27,7 +27,8 @@ _MOST_SAMPLES = 40_000_000
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What to simulate. `motion`: one of `MOTIONS`, or the path of a recording whose position is followed.
+    """What to simulate. `motion`: one of `MOTIONS`, or the path of a recording whose position is followed, by
+    its `columns` of time and position, each as `unit:column`.
 
     `duration_s` and `rate_hz`: None for those of the recorded motion, else 30 s and 1 kHz.
     """
@@ -41,6 +42,7 @@ class Wish:
     depth_m: float = 0.03
     frequency_hz: float = 0.5
     sensor: SensorWish = field(default_factory=SensorWish)
+    columns: tuple[str | None, str | None] = (None, None)
 
 
 def run_simulation(wish: Wish, out: Path, overwrite: bool) -> None:
@@ -117,7 +119,7 @@ def _followed(path: Path, wish: Wish) -> list[Piece]:
     if not path.exists():
         expected = ", ".join(MOTIONS)
         raise ConfigurationError(f"--motion {path}: expected {expected}, or the file of a recording")
-    recording = load_recording(path)
+    recording = load_recording(path, _mapping(wish.columns))
     end_s = float(recording.time_s[0]) + (_LONGEST_S if wish.duration_s is None else wish.duration_s)
     pieces = []
     for part in recording.segments():
@@ -130,13 +132,24 @@ def _followed(path: Path, wish: Wish) -> list[Piece]:
     return pieces
 
 
+def _mapping(columns: tuple[str | None, str | None]) -> Mapping | None:
+    """A mapping without a force when the user named a column; the other one has its canonical name."""
+    time, position = columns
+    if time is None and position is None:
+        return None
+    return Mapping(time or "s:time_s", position or "m:position_m", None)
+
+
 def _grid(first_s: float, last_s: float, rate_hz: float) -> Array:
     """Stamps of that rate from the first on, up to the last."""
     return first_s + np.arange(int((last_s - first_s) * rate_hz * (1.0 + 1e-9)) + 1) / rate_hz
 
 
 def _check(wish: Wish) -> None:
-    """Raises a ConfigurationError on a number out of its range."""
+    """Raises a ConfigurationError on a number out of its range, or columns of no recording."""
+    named = next((column for column in wish.columns if column is not None), None)
+    if wish.motion in MOTIONS and named is not None:
+        raise ConfigurationError(f"{named}: expected only with the file of a recording as --motion")
     sensor = wish.sensor
     ranges: list[tuple[str, float | None, float, float, str]] = [
         ("--duration", wish.duration_s, 0.01, _LONGEST_S, "s"),

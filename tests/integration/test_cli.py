@@ -293,6 +293,23 @@ BAD = {
     "loopback slave model": Bad(
         f"{LOOPBACK} --slave-model @/m.yaml", ("m.yaml", "magic"), {"m.yaml": MODEL + "  - effect: magic\n"}
     ),
+    "loopback hides nothing": Bad(f"{LOOPBACK} --hide-at 3", ("--hide-at 3", "--hide")),
+    "loopback hides a file that is not there": Bad(f"{LOOPBACK} --hide @/m.yaml", ("m.yaml", "No such file")),
+    "loopback hides before it begins": Bad(
+        f"{LOOPBACK} --hide @/m.yaml --hide-at -1",
+        ("--hide-at -1", "0 to"),
+        {"m.yaml": MODEL + "  - effect: bias\n"},
+    ),
+    "loopback hides a second contact": Bad(
+        f"{LOOPBACK} --hide @/m.yaml",
+        ("second contact effect",),
+        {"m.yaml": MODEL + "  - effect: contact_loss\n"},
+    ),
+    "loopback hides beside recorded forces": Bad(
+        f"{LOOPBACK} --recording @/run.csv --hide @/m.yaml",
+        ("--hide", "m.yaml", "has forces"),
+        {"run.csv": RECORDING, "m.yaml": MODEL + "  - effect: bias\n"},
+    ),
     "loopback master model": Bad(
         f"{LOOPBACK} --master-model @/m.yaml", ("m.yaml", "schema"), {"m.yaml": "name: x\neffects: []\n"}
     ),

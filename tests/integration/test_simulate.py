@@ -102,3 +102,17 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert len(shown) == 1
     assert shown[0].startswith(f"forefeel: {message}")
     assert contents(tmp_path) == before
+
+
+def test_a_recording_with_columns_of_its_own_is_followed(run: Run, tmp_path: Path) -> None:
+    rows = "\n".join(f"{n},{0.5 * n:.1f},7" for n in range(400))
+    (tmp_path / "laser.csv").write_text(f"t,laser,load\n{rows}\n")
+    words = ["--model", "model.yaml", "--motion", "laser.csv", "--noise", "0", "--out", "run.csv"]
+    assert run(words) == 2
+    assert run([*words, "--time", "ms:t", "--position", "mm:laser"]) == 0
+    found = load_recording(tmp_path / "run.csv")
+    assert len(found) == 400
+    assert found.duration_s == pytest.approx(0.399)
+    assert found.position_m[-1] == pytest.approx(0.1995, abs=0.005)  # behind the low-pass
+    assert run(["--model", "model.yaml", "--time", "ms:t", "--out", "other.csv"]) == 2
+    assert not (tmp_path / "other.csv").exists()
