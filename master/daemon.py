@@ -115,9 +115,10 @@ def _axis(cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[]
     wanted = settings.prediction
     model = None if wanted.model is None else load_model(wanted.model)
     prediction = ForcePrediction(settings.limits, model, wanted.velocity_cutoff_hz)
-    identification = IdentificationTask(
-        _identifier(default_model() if model is None else lasting(model), wanted), prediction.learn
-    )
+    identifier = _identifier(model or default_model(), wanted)  # refuses a model with nothing to learn
+    if model is not None:
+        identifier = _identifier(lasting(model), wanted)
+    identification = IdentificationTask(identifier, prediction.learn)
     loop = HapticLoop(prediction, settings.rendering)
     return MasterAxis(cell, settings, make_handle(settings.handle), loop, identification, bus, new_id)
 
