@@ -13,6 +13,7 @@ from common.recording.recording import Array, opened
 
 _SHOWN_CHARACTERS = 40
 _LONGEST_HEADER = 65_536
+_ROWS_AT_ONCE = 65_536
 
 
 class Table(Protocol):
@@ -111,16 +112,22 @@ class ParquetTable:
         self.names: Sequence[str] = self._schema.names
 
     def numbers(self, name: str) -> Array:
-        """One column as float64, nulls as NaN. Read when asked for, so that one column is held at a time."""
-        table = self._read(lambda file: self._arrow.parquet.read_table(file, columns=[name]))
-        column = table.column(name).to_numpy()
-        if column.dtype.kind not in "iuf":
-            kind = self._schema.field(name).type
+        """One column as float64, nulls as NaN; read in batches, so that little but the column is held."""
+        kind = self._schema.field(name).type
+        types = self._arrow.types
+        if not (types.is_integer(kind) or types.is_floating(kind)):
             raise RecordingError(f"{self._path}, column {name!r}: holds {kind}, expected numbers")
-        values = np.array(column, dtype=np.float64)
-        del table, column
-        self._arrow.default_memory_pool().release_unused()
+        values = self._read(lambda file: self._batches(file, name))
         values.flags.writeable = False
+        return np.asarray(values)
+
+    def _batches(self, file: BinaryIO, name: str) -> Array:
+        parquet = self._arrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=_ROWS_AT_ONCE)
+        values, at = np.empty(parquet.metadata.num_rows), 0
+        for batch in parquet.iter_batches(_ROWS_AT_ONCE, columns=[name], use_threads=False):
+            values[at : at + len(batch)] = batch.column(0).to_numpy(zero_copy_only=False)
+            at += len(batch)
+        self._arrow.default_memory_pool().release_unused()
         return values
 
     def _read(self, read: Callable[[BinaryIO], Any]) -> Any:  # noqa: ANN401 - of pyarrow, which has no types

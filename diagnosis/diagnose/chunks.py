@@ -27,12 +27,16 @@ def chunks_of(recording: Recording, length_s: float) -> list[slice]:
 def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recording, Mask, list[Fault]]:
     """Without lines and spikes of the force, which samples were clipped, the faults of all chunks merged."""
     assert recording.force_n is not None
-    force_n, unusable = np.array(recording.force_n), np.zeros(len(recording), dtype=np.bool_)
+    force_n, unusable = recording.force_n, np.zeros(len(recording), dtype=np.bool_)
     seen: dict[str, list[tuple[Fault, float]]] = defaultdict(list)
     for chunk in chunks:
         part = cut(recording, chunk)
         cleaned = clean(part)
-        force_n[chunk], unusable[chunk] = cleaned.force_n, cleaned.clipped
+        unusable[chunk] = cleaned.clipped
+        if not np.array_equal(cleaned.force_n, recording.force_n[chunk]):
+            if force_n is recording.force_n:
+                force_n = recording.force_n.copy()  # not before: an hour at 1 kHz is 29 MB
+            force_n[chunk] = cleaned.force_n
         for fault in cleaned.faults:
             seen[fault.name].append((fault, part.duration_s))
     total = sum(float(recording.time_s[c.stop - 1] - recording.time_s[c.start]) for c in chunks)

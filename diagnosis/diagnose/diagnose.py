@@ -66,7 +66,7 @@ def _diagnosed(recording: Recording, progress: Progress, given: ContactModel | N
     if whole is None:
         found = Judge(analysis).diagnosis()
     else:
-        found, analysis = diagnose_long(whole, lambda part: Judge(part).diagnosis())
+        found, analysis = diagnose_long(whole, lambda part, everywhere: Judge(part, everywhere).diagnosis())
     found = with_driving(found, analysis)
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis)
 

@@ -127,7 +127,7 @@ def refined(model: ForwardModel, over: Sequence[Drive], most: int = _MOST) -> Fo
         return np.clip(off / usual, -_RAN_AWAY, _RAN_AWAY)
 
     start = np.concatenate([model.theta, drive.state()]) / scale
-    solved = least_squares(errors, start, x_scale="jac", max_nfev=25, ftol=1e-6, xtol=1e-8)
+    solved = least_squares(errors, start, x_scale="jac", max_nfev=25, ftol=1e-3, xtol=1e-4)
     return model.with_theta((solved.x * scale)[:-2])
 
 

@@ -76,6 +76,8 @@ def held_force(  # noqa: PLR0913, PLR0917 - compiled code takes no objects
         return 0.0
     # the force opposes: what solves `w + gv d(w) = v` lies between v and v - gv d(v), for a falling d beyond
     end = v - gv * f_low
+    if dry_force(p, x - gx * f_low, end, x - gx * f_low - x0, h, u1, u2) == f_low:
+        return f_low  # sliding: nothing but the direction counts
     low, high = min(v, end), max(v, end)
     for _ in range(_TWICE):
         wl, wh = (v - low) / gv, (v - high) / gv

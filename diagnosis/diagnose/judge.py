@@ -1,5 +1,6 @@
 """Weighs an analysis: what is named, and with how much trust."""
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +19,7 @@ from diagnosis.diagnose.identifiability import (
     rivals_of_a_line,
     separating_motion,
 )
-from diagnosis.diagnose.parameters import intervals
+from diagnosis.diagnose.parameters import intervals, told
 from diagnosis.diagnose.regression import Fit
 from diagnosis.diagnose.structure import foretold_share, noise_cap_n
 from diagnosis.diagnose.third_party import fingerprint
@@ -26,6 +27,7 @@ from diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Inte
 
 _LEAST_GAIN_OF_FLOOR = 0.01
 _RIVAL = 6.0
+_NEAR = 0.3  # of what the cause explains: no rival begins farther off on the grid
 _FORETOLD = 0.3
 _STRUCTURE = 0.135
 _FLEXIBLE = 0.1
@@ -36,11 +38,15 @@ _NONE_AT_ZERO = {"time_delay": "delay_s", "sensor_lag": "time_constant_s", "back
 """At zero of this parameter there is no such cause: with zero in its interval it is not named."""
 
 
-class Judge:
-    """Weighs one analysis."""
+Everywhere = Callable[[Fit], Fit]
+"""A model of the analysis, fitted to all of the recording that the analysis is a part of."""
 
-    def __init__(self, analysis: Analysis) -> None:
-        self.analysis = analysis
+
+class Judge:
+    """Weighs one analysis; of a part of a recording with `everywhere`, on which rivals must do as well."""
+
+    def __init__(self, analysis: Analysis, everywhere: Everywhere = lambda fit: fit) -> None:
+        self.analysis, self.everywhere = analysis, everywhere
         self.regression, self.search, self.fit = analysis.regression, analysis.search, analysis.fit
         self.faults = analysis.faults
         self.base = self.regression.fit({})
@@ -127,8 +133,11 @@ class Judge:
         return tuple(groups)
 
     def _as_good(self, rest: Fit, other: str) -> bool:
-        trial = self.search.best_with(rest, other)
-        return trial is not None and trial.score < self.fit.score + _RIVAL
+        worst = self.fit.score + _RIVAL + _NEAR * abs(rest.score - self.fit.score)
+        trial = self.search.best_with(rest, other, worst)
+        if trial is None or trial.score >= self.fit.score + _RIVAL:
+            return False
+        return self.everywhere(trial).score < self.everywhere(self.fit).score + _RIVAL
 
     def _causes(self) -> tuple[Cause, ...]:
         causes = [self._fault_cause(fault) for fault in self.faults]
@@ -153,7 +162,7 @@ class Judge:
         probability = 1.0 / (1.0 + float(np.exp(-0.5 * min(likelihood, 100.0))))
         explained = float(np.sqrt(max(own.before_n**2 - own.after_n**2, 0.0)))
         evidence = _evidence(plain, likelihood, own)
-        return Cause(plain, probability, self.parameters[plain], evidence, gain_n, explained)
+        return Cause(plain, probability, told(self.parameters[plain]), evidence, gain_n, explained)
 
     def _fault_cause(self, fault: Fault) -> Cause:
         parameters = {key: Interval(*map(float, values)) for key, values in fault.parameters.items()}

@@ -22,6 +22,7 @@ from diagnosis.diagnose.analysis import Analysis, analyse, residual_rms_n
 from diagnosis.diagnose.band import cutoff_hz
 from diagnosis.diagnose.blocks import Gain
 from diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
+from diagnosis.diagnose.parameters import told
 from diagnosis.diagnose.regression import Fit, Regression
 from diagnosis.diagnose.search import Search
 from diagnosis.diagnose.signals import Mask
@@ -31,7 +32,7 @@ from diagnosis.diagnose.whole import Fitted, Whole, cut, fitted, gain_of
 FLAG = "searched_on_stretches"
 _LONG = 30_000
 _STRETCH_S, _STRETCH_SAMPLES, _LEAST_S = 60.0, 20_000, 6.0
-_MOST_FINE = 4e5
+_MOST_ROWS = 9_000
 _PROBE_S = 20.0
 _CHUNK_S = 60.0
 _SPREAD, _WORST = 6, 3
@@ -43,7 +44,7 @@ _NOTHING = 1e-3
 """A cause stays when it lets the held-out error fall by more than this share."""
 _HALF = 0.15
 
-Judge = Callable[[Analysis], Diagnosis]
+Judge = Callable[[Analysis, Callable[[Fit], Fit]], Diagnosis]
 Progress = Callable[[str], None]
 
 
@@ -56,23 +57,38 @@ class Everywhere:
 
     gaps: bool
     analysis: Analysis
+    whole: Whole
     before: Fitted
     after: Fitted
+
+    def fit(self, fit: Fit) -> Fit:
+        """A model of the stretches, fitted to all chunks."""
+        return self.after.fit if fit.model == self.after.fit.model else fitted(self.whole, fit).fit
 
 
 def stretch_s(recording: Recording) -> float:
     """How much is searched at once, in s: 60 s or 20,000 samples, less where the force is fast."""
-    count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
-    middle = (len(recording) - count) // 2
-    part = cut(recording, slice(middle, middle + count))
-    assert part.force_n is not None
-    most = max(_STRETCH_S, _STRETCH_SAMPLES / recording.rate_hz)
-    return float(np.clip(_MOST_FINE / (16.0 * cutoff_hz(part, part.force_n)), _LEAST_S, most))
+    return min(_usual_s(recording), _fast_s(recording))
 
 
 def is_long(recording: Recording) -> bool:
     """Whether a recording is searched on stretches; others are searched whole."""
-    return len(recording) > _LONG and recording.duration_s > 1.5 * stretch_s(recording)
+    if len(recording) > _LONG:
+        return recording.duration_s > 1.5 * stretch_s(recording)
+    return recording.duration_s > 1.5 * _fast_s(recording)
+
+
+def _usual_s(recording: Recording) -> float:
+    return max(_STRETCH_S, _STRETCH_SAMPLES / recording.rate_hz)
+
+
+def _fast_s(recording: Recording) -> float:
+    """What gives so many rows of the regression, judged by the middle of the recording."""
+    count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
+    middle = (len(recording) - count) // 2
+    part = cut(recording, slice(middle, middle + count))
+    assert part.force_n is not None
+    return max(_LEAST_S, _MOST_ROWS / (2.0 * cutoff_hz(part, part.force_n)))
 
 
 def analyse_long(recording: Recording, progress: Progress = lambda stage: None) -> Everywhere:
@@ -113,11 +129,12 @@ def diagnose_long(found: Everywhere, judge: Judge) -> tuple[Diagnosis, Analysis]
     """The verdict on the stretches with the numbers of the whole, and the analysis that the model is of."""
     analysis = found.analysis
     start_s, sense = analysis.regression.signals.origin_s, analysis.regression.sense
-    judged = judge(analysis)
+    judged = judge(analysis, found.fit)
     gain = gain_of(found.before, found.after)
     intervals = found.after.intervals(start_s, sense)
     causes = tuple(
-        replace(cause, parameters=intervals.get(cause.name, cause.parameters)) for cause in judged.causes
+        replace(cause, parameters=told(intervals.get(cause.name, cause.parameters)))
+        for cause in judged.causes
     )
     named = {
         f"{name}.{key}" if name else key: interval.value
@@ -147,7 +164,7 @@ def _everywhere(recording: Recording, unusable: Mask, chunks: list[slice], analy
             after = less
     analysis = replace(analysis, fit=regression.fit(after.fit.model))
     gaps = len(recording.segments()) > 1
-    return Everywhere(gaps, analysis, fitted(whole, regression.fit({})), after)
+    return Everywhere(gaps, analysis, whole, fitted(whole, regression.fit({})), after)
 
 
 def _since_start(analysis: Analysis, start_s: float) -> Analysis:

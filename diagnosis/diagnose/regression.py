@@ -29,7 +29,8 @@ from diagnosis.diagnose.signals import Mask, Signals, Spectrum
 from diagnosis.diagnose.transfer import alignment, frame, harmonics, mode_spectra
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
-_KEPT_BYTES = 7e7
+_KEPT_BYTES, _KEPT_SPECTRA_BYTES = 5e7, 2e7
+_WHITE = 2  # taps of no colour
 _MOST_PRODUCTS = 40_000
 _CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
 
@@ -74,7 +75,7 @@ class Regression:
 
     Attributes:
         signals, extent: what is fitted.
-        noise: by which residuals are whitened; assign with `whiten_by`.
+        noise, coloured: by which residuals are whitened, and whether it was learned; assign with `whiten_by`.
         sense: +1 when a positive force resists, -1 when the recording shows the reaction.
     """
 
@@ -91,7 +92,9 @@ class Regression:
         self._whitened: OrderedDict[object, Block] = OrderedDict()
         self._made = 0
         self._aligning: tuple[object, Spectrum | None] = (), None
-        self._kept = int(np.clip(_KEPT_BYTES / (16.0 * len(s.t)), 16, 4000))
+        self._kept, self._kept_spectra = (
+            int(np.clip(most / (16.0 * len(s.t)), 16, 4000)) for most in (_KEPT_BYTES, _KEPT_SPECTRA_BYTES)
+        )
         self._base = [s.linear_spectrum(d) for d in (2, 1, 0)]
         self.sense = 1.0
         self.whiten_by(white())
@@ -102,6 +105,7 @@ class Regression:
     def whiten_by(self, noise: Noise) -> None:
         """Residuals are weighed by this noise from now on."""
         self.noise = noise
+        self.coloured = len(noise.taps) > _WHITE
         pieces = self.signals.piecewise(fine=False)
         self.rows: Mask = noise.rows(self.signals.rows, pieces)
         self._pieces = pieces
@@ -255,7 +259,7 @@ class Regression:
             return self._base
         key = (moved, name, shape)
         if key not in self._spectra:
-            _keep(self._spectra, key, self._fresh(model, shape, candidate), self._kept)
+            _keep(self._spectra, key, self._fresh(model, shape, candidate), self._kept_spectra)
         return self._spectra[key]
 
     def _fresh(self, model: Model, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:

@@ -3,14 +3,11 @@ jointly.
 """
 
 from collections.abc import Iterable
-from functools import cached_property
 
 import numpy as np
-from scipy.fft import rfft, rfftfreq
-from scipy.optimize import minimize, minimize_scalar
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, DRY, Candidate, Model, Shape, base_name
+from diagnosis.diagnose.candidates import CANDIDATES, DRY, Model, Shape, base_name
+from diagnosis.diagnose.refine import Refiner
 from diagnosis.diagnose.regression import Fit, Regression
 
 ADD = 12.0
@@ -25,20 +22,20 @@ MOST_EVALUATIONS = 15_000
 """Least squares after which the search takes no further step."""
 _STARTS = 3
 _ROUGH = 30
-_ALIKE = 0.9
-_MANY = 9.0  # periods until harmonics stand apart
-_BEYOND = 1.2
+_NEAR, _NEARER = 0.3, 0.1
+"""An exchange is refined when it is so near on the grid, and all shapes with it when the new one's alone are;
+in what the cause explains.
+"""
+_SAME = 3.0
+"""Scores of one and the same model that was refined on two ways."""
 _SUBHARMONIC = 15.0
 """How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
-_SEEN_FROM_BELOW = 2.5
 PRACTICAL = 1.1
 """By how much the residual's rms must grow when a cause is taken out: less is within what is left
 unexplained."""
 
-PULSATION_HZ = 0.12, 4.0
 
-
-class Search:
+class Search(Refiner):
     """Searches models of one regression; fits are remembered.
 
     Args:
@@ -47,16 +44,22 @@ class Search:
     """
 
     def __init__(self, regression: Regression, names: Iterable[str] | None = None) -> None:
-        self.regression = regression
+        super().__init__(regression)
         self.names = [name for name in (CANDIDATES if names is None else names) if name in CANDIDATES]
-        self.evaluations = 0
 
-    def run(self, start: Model) -> Fit:
-        """The model that no single step betters, from `start` on."""
+    def run(self, start: Model, passed: dict[frozenset[str], float] | None = None) -> Fit:
+        """The model that no single step betters, from `start` on.
+
+        `passed`: names and scores of the models that earlier runs went on from; a run that meets one of them
+        ends there, for it would go the same way.
+        """
+        passed = {} if passed is None else passed
         best = self._sound(self.refined(self.fit(start)))
         for _ in range(3 * MOST_CAUSES):
-            if self.evaluations > MOST_EVALUATIONS:
+            names = frozenset(best.model)
+            if self.evaluations > MOST_EVALUATIONS or passed.get(names, np.inf) < best.score + _SAME:
                 break
+            passed[names] = best.score
             step = self._backward(best) or self._exchange(best) or self._forward(best)
             if step is None:
                 break
@@ -89,7 +92,8 @@ class Search:
 
         Steps one at a time can walk past a pair of causes whose mixture looks like a third.
         """
-        best = self.run({})
+        passed: dict[frozenset[str], float] = {}
+        best = self.run({}, passed)
         if not best.model:
             return best
         starts = 1 if enough_n is not None and self.plain_rms(best) < enough_n else _STARTS
@@ -106,33 +110,17 @@ class Search:
             grown = self._forward(
                 self.refined(start)
             )  # or the first exchange would end where the other began
-            other = best if grown is None else self.run(grown.model)
+            other = best if grown is None else self.run(grown.model, passed)
             if other.score < best.score - ADD:
                 best = other
         return best
 
-    def fit(self, model: Model) -> Fit:
-        """One least squares."""
-        self.evaluations += 1
-        return self.regression.fit(model)
-
-    def refined(self, fit: Fit, only: str | None = None, sweeps: int = 2, most: int = 70) -> Fit:
-        """Shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes of one
-        cause jointly, in at most `most` trials.
+    def best_with(self, fit: Fit, name: str, near: float = np.inf) -> Fit | None:
+        """The model with one more cause, its shape refined; None when no shape is feasible, or the score on
+        the grid is not below `near`.
         """
-        names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
-        for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
-            before = fit.score
-            for name in names:
-                fit = self._refine_one(fit, name, sweep == 0, most)
-            if before - fit.score < 0.5:
-                break
-        return fit
-
-    def best_with(self, fit: Fit, name: str) -> Fit | None:
-        """The model with one more cause, its shape refined; None when no shape is feasible."""
         coarse = self._scan(fit, name)
-        best = None if coarse is None else self.refined(coarse, only=name)
+        best = None if coarse is None or coarse.score > near else self.refined(coarse, only=name)
         return None if best is None or not best.feasible else best
 
     def _scan(self, fit: Fit, name: str) -> Fit | None:
@@ -142,7 +130,7 @@ class Search:
             trial = self._quick(fit, name, shape)
             margin = 0.0 if found is None or name != "pulsation" else _SUBHARMONIC
             better = found is None or trial.score < found.score - margin
-            if better and trial.feasible and not (name == "pulsation" and self._echo(trial)):
+            if better and trial.feasible and not (name == "pulsation" and self.periods.echo(trial)):
                 found = trial
         return found
 
@@ -151,145 +139,14 @@ class Search:
 
     def _shapes(self, fit: Fit, name: str) -> list[Shape]:
         if name == "pulsation":
-            return self.lines(fit)
+            return self.periods.lines(fit)
         if base_name(name) == "unmodelled_resonance":
-            return [s for s in CANDIDATES[name].grid(self.regression.extent) if self._resolved(name, s)]
+            return [
+                s for s in CANDIDATES[name].grid(self.regression.extent) if self.periods.resolved(name, s)
+            ]
         if fit.model.get(name):
             return [fit.model[name], *CANDIDATES[name].grid(self.regression.extent)]
         return CANDIDATES[name].grid(self.regression.extent)
-
-    def lines(self, fit: Fit, count: int = 4) -> list[Shape]:
-        """The strongest lines of the whitened residual where pulses can be, and their halves."""
-        regression = self.regression
-        design, _ = regression.design(fit.model)
-        rate = regression.signals.coarse_rate_hz
-        residual = np.zeros(len(regression.rows))
-        residual[regression.rows] = regression.target - design @ fit.coefficients
-        length = 4 * len(residual)
-        power = np.abs(rfft(residual, length)) ** 2
-        frequency = rfftfreq(length, 1.0 / rate)
-        low = max(PULSATION_HZ[0], 3.0 / regression.extent.duration_s)
-        inside = (frequency >= low) & (frequency <= PULSATION_HZ[1])
-        peaks: list[Shape] = []
-        power = np.where(inside, power, 0.0)
-        for _ in range(count):
-            top = int(np.argmax(power))
-            if power[top] <= 0.0:
-                break
-            peaks.append((float(frequency[top]),))
-            power[np.abs(frequency - frequency[top]) < 1.5 / regression.extent.duration_s] = 0.0
-        return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
-
-    def _resolved(self, name: str, shape: Shape) -> bool:
-        """Whether the motion has frequencies within a mode's width; one that repeats has harmonics only."""
-        if base_name(name) != "unmodelled_resonance":
-            return True
-        period_s = self._motion_period_s
-        reach_hz = self.regression.signals.motion_reach_hz
-        if shape[0] > (0.9 if name.endswith(":free") else _SEEN_FROM_BELOW) * reach_hz:
-            return False
-        return period_s is None or 2.0 * shape[0] * shape[1] * period_s > 1.0
-
-    @cached_property
-    def _recorded_position(self) -> tuple[Floats, float]:
-        """Of the longest piece without padding, less its mean, and its rate."""
-        signals = self.regression.signals
-        piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
-        x = signals.fine_x[piece][signals.recorded[piece]]
-        rate = 1.0 / float(signals.fine_t[piece][1] - signals.fine_t[piece][0])
-        return x - np.mean(x), rate
-
-    @cached_property
-    def _motion_period_s(self) -> float | None:
-        """With which the motion repeats; None when it does not."""
-        x, rate = self._recorded_position
-        power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
-        likeness = np.fft.irfft(power)[: len(x) // 2] / (1.0 - np.arange(len(x) // 2) / len(x))
-        falling = np.flatnonzero(likeness < 0.5 * likeness[0])
-        if not len(falling):
-            return None
-        again = falling[0] + np.flatnonzero(likeness[falling[0] :] > _ALIKE * likeness[0])
-        if not len(again):
-            return None
-        first = likeness[again[0] : again[0] + max(2, int(again[0]) // 4)]  # the whole of the first peak
-        return float(again[0] + int(np.argmax(first))) / rate
-
-    def _echo(self, fit: Fit) -> bool:
-        """Whether most of the pulses' power is at harmonics of a motion that repeats."""
-        period_s, (frequency_hz,) = self._motion_period_s, fit.model["pulsation"]
-        if period_s is None or self.regression.extent.duration_s < _MANY * period_s:
-            return False
-        sines = fit.of("pulsation").reshape(2, -1)
-        power = np.sum(sines**2, axis=0)
-        cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
-        near = np.abs(cycles - np.round(cycles)) < 1.5 * period_s / self.regression.extent.duration_s
-        return bool(power[near].sum() > 0.5 * power.sum())
-
-    def _refine_one(self, fit: Fit, name: str, wide: bool, most: int) -> Fit:
-        if len(fit.model[name]) > 1:
-            return self._refine_jointly(fit, name, most)
-        return self._refine_axis(fit, name, 0, wide)
-
-    def _refine_jointly(self, fit: Fit, name: str, most: int) -> Fit:
-        """Shapes of one cause that trade against each other: a simplex on their logarithms."""
-        best = lowest = fit
-        grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
-        low, high = grid.min(axis=0) - _BEYOND, grid.max(axis=0) + _BEYOND
-
-        def cost(z: Floats) -> float:
-            nonlocal best, lowest
-            shape = tuple(float(value) for value in np.exp(z))
-            if (z < low).any() or (z > high).any() or not self._resolved(name, shape):
-                return fit.score + 1e3
-            trial = self.fit({**fit.model, name: shape})
-            if trial.score < best.score and trial.feasible:
-                best = trial
-            if trial.score < lowest.score and (trial.feasible or self.regression.no_peak(trial.model)):
-                lowest = trial
-            return trial.score + (0.0 if trial.feasible or self.regression.no_peak(trial.model) else 1e3)
-
-        minimize(
-            cost,
-            np.log(fit.model[name]),
-            method="Nelder-Mead",
-            options={"maxfev": most, "xatol": 1e-3, "fatol": 0.1},
-        )
-        return best if best.score < lowest.score + 1.0 else lowest
-
-    def _refine_axis(self, fit: Fit, name: str, index: int, wide: bool) -> Fit:
-        candidate, shape = CANDIDATES[name], fit.model[name]
-        low, high, logarithmic = self._bracket(candidate, shape, index, wide)
-        best = fit
-
-        def cost(z: float) -> float:
-            nonlocal best
-            value = float(np.exp(z)) if logarithmic else float(z)
-            trial = self.fit({**fit.model, name: (*shape[:index], value, *shape[index + 1 :])})
-            if trial.feasible and trial.score < best.score:
-                best = trial
-            return trial.score
-
-        minimize_scalar(
-            cost, bounds=(low, high), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * (high - low)}
-        )
-        return best
-
-    def _bracket(
-        self, candidate: Candidate, shape: Shape, index: int, wide: bool
-    ) -> tuple[float, float, bool]:
-        value = shape[index]
-        if candidate.name == "pulsation":
-            reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
-            return value - min(reach, 0.3 * value), value + reach, False
-        grid = sorted({point[index] for point in candidate.grid(self.regression.extent)})
-        if candidate.logarithmic:
-            ratio = float(np.log(grid[-1] / grid[0])) / (len(grid) - 1) * (1.0 if wide else 0.15)
-            low, high = float(np.log(grid[0])), float(np.log(grid[-1])) + 0.2
-            at = min(max(float(np.log(value)), low), high)
-            return max(at - ratio, low - 0.2), min(at + ratio, high), True
-        step = (grid[-1] - grid[0]) / (len(grid) - 1) * (1.0 if wide else 0.15)
-        at = min(max(value, grid[0]), grid[-1])
-        return max(at - step, grid[0]), min(at + step, grid[-1]), False
 
     def _forward(self, fit: Fit) -> Fit | None:
         """The best of all models with one more cause, when it is worth it."""
@@ -338,6 +195,12 @@ class Search:
         rest = {n: shape for n, shape in fit.model.items() if n != name}
         return self.refined(self.fit(rest), sweeps=1)
 
+    def _clearly(self, fit: Fit) -> float:
+        """By how much an exchange must better the score; while the noise is taken for white, which overstates
+        it, the residual's power must fall by a hundredth, too.
+        """
+        return 2.0 if self.regression.coloured else max(2.0, 0.01 * fit.n)
+
     def _exchange(self, fit: Fit) -> Fit | None:
         """The best model in which one cause gave way to another."""
         if not fit.model:
@@ -351,9 +214,13 @@ class Search:
                 if other not in fit.model and self._open(rest, other)
             ]
             ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:2]
+            reach = abs(rest.score - fit.score)
             for trial in ranked:
-                if trial.score < fit.score + 0.3 * abs(rest.score - fit.score):
-                    better = self.refined(trial)
-                    if better.feasible and better.score < (best or fit).score - 2.0:
-                        best = better
+                if trial.score > fit.score + _NEAR * reach:
+                    continue
+                (new,) = set(trial.model) - set(rest.model)
+                rough = self.refined(trial, only=new, most=_ROUGH)
+                better = self.refined(rough) if rough.score < fit.score + _NEARER * reach else rough
+                if better.feasible and better.score < (best or fit).score - self._clearly(fit):
+                    best = better
         return best

@@ -73,6 +73,7 @@ class Signals:
         self.cutoff_hz = cutoff_hz
         self.origin_s = float(recording.time_s[0])
         self.pieces: list[Piece] = []
+        self._gains: dict[Piece, Floats] = {}
         self.motion_reach_hz, self.even_hz = 0.0, 1.0
         self.even_m: Floats = np.empty(0)
         self._raw: list[tuple[Spectrum, Spectrum]] = []
@@ -91,6 +92,7 @@ class Signals:
             x_spec *= gain
             self.motion_reach_hz = max(self.motion_reach_hz, float(np.sum(gain)) / grid.span_s)
             self.pieces.append(grid)
+            self._gains[grid] = self._gain(grid)
             self._raw.append((x_spec, f_spec))
             motion.append(self._motion(grid, x_spec))
             coarse.append(self._coarse(grid, f_spec, bad | _unsettled(x)))
@@ -162,11 +164,17 @@ class Signals:
         """Of the first piece; they differ by rounding."""
         return self.pieces[0].coarse / self.pieces[0].span_s
 
+    def _gain(self, grid: Piece) -> Floats:
+        """Of the low-pass at each bin of the coarse grid."""
+        frequency_hz = np.asarray(np.arange(grid.coarse // 2 + 1) / grid.span_s, dtype=np.float64)
+        return response(frequency_hz, self.cutoff_hz)
+
     def _cut(self, grid: Piece, spectrum: Spectrum, length: int, derivative: int) -> Spectrum:
         bins = grid.coarse // 2 + 1
-        omega = 2.0 * np.pi * np.arange(bins) / grid.span_s
-        cut = spectrum[:bins] * (grid.coarse / length) * response(omega / (2.0 * np.pi), self.cutoff_hz)
-        return np.asarray(cut * (1j * omega) ** derivative)
+        cut = spectrum[:bins] * (self._gains[grid] * (grid.coarse / length))
+        if derivative:
+            cut *= (2j * np.pi * np.arange(bins) / grid.span_s) ** derivative
+        return np.asarray(cut)
 
     def _motion(self, grid: Piece, x_spec: Spectrum) -> tuple[Floats, ...]:
         bins = min(grid.fine // 2 + 1, len(x_spec))

@@ -1,0 +1,89 @@
+"""What repeats: lines in a residual, and the motion itself, whose harmonics look like lines."""
+
+from functools import cached_property
+
+import numpy as np
+from scipy.fft import rfft, rfftfreq
+
+from common.error_size import Floats
+from diagnosis.diagnose.candidates import Shape, base_name
+from diagnosis.diagnose.regression import Fit, Regression
+
+PULSATION_HZ = 0.12, 4.0
+_ALIKE = 0.9
+_MANY = 9.0  # periods until harmonics stand apart
+_SEEN_FROM_BELOW = 2.5
+
+
+class Periods:
+    """Of one regression's recording."""
+
+    def __init__(self, regression: Regression) -> None:
+        self.regression = regression
+
+    def lines(self, fit: Fit, count: int = 4) -> list[Shape]:
+        """The strongest lines of the whitened residual where pulses can be, and their halves."""
+        regression = self.regression
+        design, _ = regression.design(fit.model)
+        rate = regression.signals.coarse_rate_hz
+        residual = np.zeros(len(regression.rows))
+        residual[regression.rows] = regression.target - design @ fit.coefficients
+        length = 4 * len(residual)
+        power = np.abs(rfft(residual, length)) ** 2
+        frequency = rfftfreq(length, 1.0 / rate)
+        low = max(PULSATION_HZ[0], 3.0 / regression.extent.duration_s)
+        inside = (frequency >= low) & (frequency <= PULSATION_HZ[1])
+        peaks: list[Shape] = []
+        power = np.where(inside, power, 0.0)
+        for _ in range(count):
+            top = int(np.argmax(power))
+            if power[top] <= 0.0:
+                break
+            peaks.append((float(frequency[top]),))
+            power[np.abs(frequency - frequency[top]) < 1.5 / regression.extent.duration_s] = 0.0
+        return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
+
+    def resolved(self, name: str, shape: Shape) -> bool:
+        """Whether the motion has frequencies within a mode's width; one that repeats has harmonics only."""
+        if base_name(name) != "unmodelled_resonance":
+            return True
+        period_s = self._motion_period_s
+        reach_hz = self.regression.signals.motion_reach_hz
+        if shape[0] > (0.9 if name.endswith(":free") else _SEEN_FROM_BELOW) * reach_hz:
+            return False
+        return period_s is None or 2.0 * shape[0] * shape[1] * period_s > 1.0
+
+    @cached_property
+    def _recorded_position(self) -> tuple[Floats, float]:
+        """Of the longest piece without padding, less its mean, and its rate."""
+        signals = self.regression.signals
+        piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
+        x = signals.fine_x[piece][signals.recorded[piece]]
+        rate = 1.0 / float(signals.fine_t[piece][1] - signals.fine_t[piece][0])
+        return x - np.mean(x), rate
+
+    @cached_property
+    def _motion_period_s(self) -> float | None:
+        """With which the motion repeats; None when it does not."""
+        x, rate = self._recorded_position
+        power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
+        likeness = np.fft.irfft(power)[: len(x) // 2] / (1.0 - np.arange(len(x) // 2) / len(x))
+        falling = np.flatnonzero(likeness < 0.5 * likeness[0])
+        if not len(falling):
+            return None
+        again = falling[0] + np.flatnonzero(likeness[falling[0] :] > _ALIKE * likeness[0])
+        if not len(again):
+            return None
+        first = likeness[again[0] : again[0] + max(2, int(again[0]) // 4)]  # the whole of the first peak
+        return float(again[0] + int(np.argmax(first))) / rate
+
+    def echo(self, fit: Fit) -> bool:
+        """Whether most of the pulses' power is at harmonics of a motion that repeats."""
+        period_s, (frequency_hz,) = self._motion_period_s, fit.model["pulsation"]
+        if period_s is None or self.regression.extent.duration_s < _MANY * period_s:
+            return False
+        sines = fit.of("pulsation").reshape(2, -1)
+        power = np.sum(sines**2, axis=0)
+        cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
+        near = np.abs(cycles - np.round(cycles)) < 1.5 * period_s / self.regression.extent.duration_s
+        return bool(power[near].sum() > 0.5 * power.sum())

@@ -1,0 +1,103 @@
+"""Shape parameters of a model, refined: bounded scalar searches, and simplexes where several trade."""
+
+import numpy as np
+from scipy.optimize import minimize, minimize_scalar
+
+from common.error_size import Floats
+from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Model, Shape
+from diagnosis.diagnose.periods import Periods
+from diagnosis.diagnose.regression import Fit, Regression
+
+_BEYOND = 1.2
+
+
+class Refiner:
+    """Fits models to one regression and refines their shapes; `evaluations` counts the least squares."""
+
+    def __init__(self, regression: Regression) -> None:
+        self.regression, self.periods = regression, Periods(regression)
+        self.evaluations = 0
+
+    def fit(self, model: Model) -> Fit:
+        """One least squares."""
+        self.evaluations += 1
+        return self.regression.fit(model)
+
+    def refined(self, fit: Fit, only: str | None = None, sweeps: int = 2, most: int = 70) -> Fit:
+        """Shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes of one
+        cause jointly, in at most `most` trials.
+        """
+        names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
+        for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
+            before = fit.score
+            for name in names:
+                fit = self._refine_one(fit, name, sweep == 0, most)
+            if before - fit.score < 0.5:
+                break
+        return fit
+
+    def _refine_one(self, fit: Fit, name: str, wide: bool, most: int) -> Fit:
+        if len(fit.model[name]) > 1:
+            return self._refine_jointly(fit, name, most)
+        return self._refine_axis(fit, name, 0, wide)
+
+    def _refine_jointly(self, fit: Fit, name: str, most: int) -> Fit:
+        """Shapes of one cause that trade against each other: a simplex on their logarithms."""
+        best = lowest = fit
+        grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
+        low, high = grid.min(axis=0) - _BEYOND, grid.max(axis=0) + _BEYOND
+
+        def cost(z: Floats) -> float:
+            nonlocal best, lowest
+            shape = tuple(float(value) for value in np.exp(z))
+            if (z < low).any() or (z > high).any() or not self.periods.resolved(name, shape):
+                return fit.score + 1e3
+            trial = self.fit({**fit.model, name: shape})
+            if trial.score < best.score and trial.feasible:
+                best = trial
+            if trial.score < lowest.score and (trial.feasible or self.regression.no_peak(trial.model)):
+                lowest = trial
+            return trial.score + (0.0 if trial.feasible or self.regression.no_peak(trial.model) else 1e3)
+
+        minimize(
+            cost,
+            np.log(fit.model[name]),
+            method="Nelder-Mead",
+            options={"maxfev": most, "xatol": 1e-3, "fatol": 0.1},
+        )
+        return best if best.score < lowest.score + 1.0 else lowest
+
+    def _refine_axis(self, fit: Fit, name: str, index: int, wide: bool) -> Fit:
+        candidate, shape = CANDIDATES[name], fit.model[name]
+        low, high, logarithmic = self._bracket(candidate, shape, index, wide)
+        best = fit
+
+        def cost(z: float) -> float:
+            nonlocal best
+            value = float(np.exp(z)) if logarithmic else float(z)
+            trial = self.fit({**fit.model, name: (*shape[:index], value, *shape[index + 1 :])})
+            if trial.feasible and trial.score < best.score:
+                best = trial
+            return trial.score
+
+        minimize_scalar(
+            cost, bounds=(low, high), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * (high - low)}
+        )
+        return best
+
+    def _bracket(
+        self, candidate: Candidate, shape: Shape, index: int, wide: bool
+    ) -> tuple[float, float, bool]:
+        value = shape[index]
+        if candidate.name == "pulsation":
+            reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
+            return value - min(reach, 0.3 * value), value + reach, False
+        grid = sorted({point[index] for point in candidate.grid(self.regression.extent)})
+        if candidate.logarithmic:
+            ratio = float(np.log(grid[-1] / grid[0])) / (len(grid) - 1) * (1.0 if wide else 0.15)
+            low, high = float(np.log(grid[0])), float(np.log(grid[-1])) + 0.2
+            at = min(max(float(np.log(value)), low), high)
+            return max(at - ratio, low - 0.2), min(at + ratio, high), True
+        step = (grid[-1] - grid[0]) / (len(grid) - 1) * (1.0 if wide else 0.15)
+        at = min(max(value, grid[0]), grid[-1])
+        return max(at - step, grid[0]), min(at + step, grid[-1]), False
