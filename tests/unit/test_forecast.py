@@ -81,3 +81,31 @@ def test_the_same_in_gives_the_same_out() -> None:
     one, other = replayed(sample, 0.3), replayed(sample, 0.3)
     np.testing.assert_array_equal(one.force, other.force)
     np.testing.assert_array_equal(one.low, other.low)
+
+
+def with_loaded(sample: Sample, loaded: Array, late: int = 60) -> Array:
+    """Errors with a model as it was loaded that says this."""
+    forecaster, errors = Forecaster(outside=2), np.full(len(sample.t), np.nan)
+    for n in range(len(sample.t)):
+        if n >= late:
+            forecaster.observe(sample.t[n - late], sample.f[n - late])
+        forecaster.move(sample.t[n], sample.x[n], np.nan, loaded[n])
+        said = forecaster.predict()
+        errors[n] = np.nan if said is None else said.force_n - sample.f[n]
+    return errors
+
+
+def test_a_loaded_model_is_right_at_the_first_stroke() -> None:
+    sample = contact(10.0)
+    first = (sample.t > 0.7) & (sample.t < 2.0)
+    errors = with_loaded(sample, sample.f)[first]
+    without = replayed(sample, 0.3)
+    assert float(np.sqrt(np.mean(errors**2))) < 0.2 * without.rms(sample.f, first)
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1, -1.0])
+def test_a_loaded_model_that_is_wrong_costs_little(factor: float) -> None:
+    sample = contact(20.0)
+    rows = sample.t > 0.7
+    errors = with_loaded(sample, factor * sample.f)[rows]
+    assert float(np.sqrt(np.mean(errors**2))) < 1.1 * replayed(sample, 0.3).rms(sample.f, rows)
