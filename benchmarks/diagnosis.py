@@ -1,8 +1,8 @@
 """Run time and memory of a diagnosis by the length of the recording: `python -m benchmarks.diagnosis`.
 
-Each length runs in a process of its own on one core: strokes of a hand at 1 kHz with dry friction and a
-slow load cell, 2 mN of noise with a corner of 20 Hz. The ratio is to one least squares of as many samples on
-twelve columns (numpy), the work that every method has to do.
+Each length is a Parquet file that a process of its own reads and diagnoses on one core: strokes of a hand
+at 1 kHz with dry friction and a slow load cell, 2 mN of noise with a corner of 20 Hz. The ratio is to one
+least squares of as many samples on twelve columns (numpy), the work that every method has to do.
 """
 
 import json
@@ -11,13 +11,18 @@ import resource
 import subprocess
 import sys
 import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import pyarrow
+from pyarrow import parquet
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from common.error_size import Floats
 from common.recording.recording import Recording
+from common.recording.tabular import load_recording
 
 RATE_HZ = 1000.0
 LENGTHS_S = 10.0, 30.0, 120.0, 600.0, 3600.0
@@ -48,44 +53,53 @@ def _walk(rng: np.random.Generator, duration_s: float) -> Floats:
     return np.asarray(np.cumsum(0.8 * rng.standard_normal(len(np.arange(0.0, duration_s + 4.0, 2.0)))))
 
 
-def measure(duration_s: float) -> None:
-    """One length, in this process; prints JSON."""
+def measure(path: Path) -> None:
+    """One file, in this process; prints JSON."""
     from diagnosis.diagnose import diagnose  # noqa: PLC0415 - not in the process that only prints
 
-    made = recording(duration_s)
+    made = load_recording(path)
     assert made.force_n is not None
+    start_s = time.process_time()
+    found = diagnose(made).diagnosis
+    took_s = time.process_time() - start_s
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0  # before the peer, which needs more
     rows = np.random.default_rng(0).standard_normal((len(made), 12))
     start_s = time.process_time()
     np.linalg.lstsq(rows, made.force_n, rcond=None)
     peer_s = time.process_time() - start_s
-    del rows
-    start_s = time.process_time()
-    found = diagnose(made).diagnosis
-    took_s = time.process_time() - start_s
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     names = [cause.name for cause in found.causes]
     print(json.dumps({"samples": len(made), "s": took_s, "peer": peer_s, "mb": peak_mb, "names": names}))
+
+
+def written(folder: Path, duration_s: float) -> Path:
+    """A Parquet file of that length."""
+    made, path = recording(duration_s), folder / f"{duration_s:g}s.parquet"
+    columns = {"time_s": made.time_s, "position_m": made.position_m, "force_n": made.force_n}
+    parquet.write_table(pyarrow.table(columns), path)
+    return path
 
 
 def main() -> None:
     """Prints one line for each length."""
     print(f"{'samples':>9} {'CPU s':>7} {'s per 30,000':>13} {'to one lstsq':>13} {'peak MB':>8}  named")
-    for duration_s in LENGTHS_S:
-        line = subprocess.run(
-            [sys.executable, "-m", "benchmarks.diagnosis", str(duration_s)],
-            env={**os.environ, **_ONE_CORE}, capture_output=True, text=True, check=True,
-        ).stdout  # fmt: skip
-        got = json.loads(line)
-        each = got["s"] / got["samples"] * 30_000.0
-        print(
-            f"{got['samples']:9d} {got['s']:7.2f} {each:13.2f} {got['s'] / max(got['peer'], 1e-9):13.0f} "
-            f"{got['mb']:8.0f}  {', '.join(got['names'])}",
-            flush=True,
-        )
+    with TemporaryDirectory() as folder:
+        for duration_s in LENGTHS_S:
+            path = written(Path(folder), duration_s)
+            line = subprocess.run(
+                [sys.executable, "-m", "benchmarks.diagnosis", str(path)],
+                env={**os.environ, **_ONE_CORE}, capture_output=True, text=True, check=True,
+            ).stdout  # fmt: skip
+            got = json.loads(line)
+            each = got["s"] / got["samples"] * 30_000.0
+            print(
+                f"{got['samples']:9d} {got['s']:7.2f} {each:13.2f} {got['s'] / max(got['peer'], 1e-9):13.0f} "
+                f"{got['mb']:8.0f}  {', '.join(got['names'])}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        measure(float(sys.argv[1]))
+        measure(Path(sys.argv[1]))
     else:
         main()
