@@ -2,13 +2,16 @@
 
 import asyncio
 import os
+import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from forefeel.__main__ import main
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("repeatable")
@@ -54,3 +57,18 @@ def data_dir() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("FOREFEEL_DATA names no folder with measured recordings")
     return Path(folder)
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[str]], int]:
+    """Runs the command line in this process as the installed script does; its exit code."""
+    # what a daemon asks of the operating system would stay with this process
+    monkeypatch.setattr("common.runtime.real.prepare_process", lambda: "left alone")
+
+    def run(arguments: Sequence[str]) -> int:
+        monkeypatch.setattr(sys, "argv", ["forefeel", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code if isinstance(ended.value.code, int) else 0
+
+    return run

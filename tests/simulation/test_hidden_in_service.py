@@ -59,7 +59,16 @@ def live_rms_n(run: Run) -> float:
     return rms_n
 
 
-@pytest.mark.parametrize("effect", HIDDEN)
+@pytest.mark.parametrize(
+    "effect",
+    [
+        *("stiffening", "presliding_hysteresis"),
+        *(
+            pytest.param(name, marks=pytest.mark.soak)
+            for name in ("hunt_crossley_damping", "coulomb_friction")
+        ),
+    ],
+)
 def test_what_is_hidden_in_a_run_is_named_and_the_next_run_predicts_better(
     tmp_path: Path, effect: str
 ) -> None:
