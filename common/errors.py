@@ -9,6 +9,7 @@ ForefeelError
 ├── RunError                the run failed, exit 1
 ├── CodecError              a byte string that is no message of ours
 └── DeviceError             a stage, load cell, gripper or handle; always reaches the safety state
+    └── DeviceSetupError    also an InputError: what the configuration names can not be used
 ```
 """
 
@@ -43,3 +44,7 @@ class CodecError(ForefeelError):
 
 class DeviceError(ForefeelError):
     """A device failed or refused; motion is inhibited until an explicit re-arm."""
+
+
+class DeviceSetupError(DeviceError, InputError):
+    """What the configuration names is no device that can be used: wrong port, wrong device, wrong setting."""

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from common.config import Settings
+from common.hardware.settings import SerialSettings, Sign
 from common.settings import (
     AxisLimits,
     ColumnSettings,
@@ -66,8 +67,25 @@ class MultiSineSettings(Settings):
     approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
 
 
+class CoilSettings(SerialSettings):
+    """A voice coil with an encoder behind a microcontroller: 1 kHz both ways, and a watchdog in the device.
+
+    `newton_per_ampere`: of the coil; `max_current_a` bounds what it may ever be given; the device takes the
+    current away `watchdog_s` after our last frame.
+    """
+
+    driver: Literal["coil_serial"]
+    baud: Annotated[int, Field(ge=115_200, le=12_000_000)] = 2_000_000
+    counts_per_m: Annotated[float, Field(gt=0)]
+    sign: Sign = 1
+    newton_per_ampere: Annotated[float, Field(gt=0, le=1000)]
+    max_current_a: Annotated[float, Field(gt=0, le=100)]
+    watchdog_s: Annotated[float, Field(ge=0.005, le=0.1)] = 0.02
+
+
 HandleSettings = Annotated[
-    OperatorSettings | RecordingSettings | SineSettings | MultiSineSettings, Field(discriminator="driver")
+    OperatorSettings | RecordingSettings | SineSettings | MultiSineSettings | CoilSettings,
+    Field(discriminator="driver"),
 ]
 
 

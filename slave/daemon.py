@@ -14,6 +14,7 @@ from slave.axis import Devices, SlaveAxis
 from slave.grippers.simulated import SimulatedGripper
 from slave.load_cells.port import LoadCell
 from slave.load_cells.recorded import RecordedLoadCell
+from slave.load_cells.settings import RecordedLoadCellDriver
 from slave.load_cells.simulated import SimulatedLoadCell
 from slave.plant.world import SimulatedWorld
 from slave.settings import SlaveAxisSettings, SlaveSettings
@@ -109,7 +110,7 @@ def _devices(settings: SlaveAxisSettings) -> Devices:
 
 def _load_cell(settings: SlaveAxisSettings, world: SimulatedWorld) -> LoadCell:
     source = settings.load_cell
-    if source.recording is None:
+    if not isinstance(source, RecordedLoadCellDriver):
         return SimulatedLoadCell(world)
     recording = load_recording(source.recording, source.columns.mapping() if source.columns else None)
     if recording.force_n is None:

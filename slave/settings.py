@@ -5,16 +5,11 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from common.config import Settings
-from common.settings import (
-    AxisLimits,
-    ColumnSettings,
-    DaemonSettings,
-    ExistingFile,
-    Segment,
-    require_distinct,
-)
+from common.settings import AxisLimits, DaemonSettings, Segment, require_distinct
 from common.topics import COMMAND
+from slave.load_cells.settings import LoadCellDriver, SimulatedLoadCellDriver
 from slave.plant.settings import VALID_SHARE, WorldSettings, world_settings
+from slave.stages.settings import SimulatedStageDriver, StageDriver
 
 
 class GateSettings(Settings):
@@ -30,35 +25,10 @@ class GateSettings(Settings):
     force_timeout_s: Annotated[float, Field(gt=0, le=5)] | None = 0.2
 
 
-class StageDriver(Settings):
-    """Which driver moves the stage."""
-
-    driver: Literal["simulated"] = "simulated"
-
-
 class GripperDriver(Settings):
     """Which driver closes the fixture."""
 
     driver: Literal["simulated"] = "simulated"
-
-
-class LoadCellDriver(Settings):
-    """Which driver reads the force.
-
-    `recorded` returns the force of `recording` at each command's recording time, times `force_sign`: -1 for a
-    recording that shows the reaction to the resisting force.
-    """
-
-    driver: Literal["simulated", "recorded"] = "simulated"
-    recording: ExistingFile | None = None
-    columns: ColumnSettings | None = None
-    force_sign: Literal[1, -1] = 1
-
-    @model_validator(mode="after")
-    def _has_recording(self) -> Self:
-        if (self.driver == "recorded") != (self.recording is not None):
-            raise ValueError("recording: expected a file with driver 'recorded', and only there")
-        return self
 
 
 class SlaveAxisSettings(Settings):
@@ -67,9 +37,9 @@ class SlaveAxisSettings(Settings):
     name: Segment = "insertion"
     limits: AxisLimits = AxisLimits()
     gate: GateSettings = GateSettings()
-    stage: StageDriver = StageDriver()
+    stage: StageDriver = SimulatedStageDriver()
     gripper: GripperDriver = GripperDriver()
-    load_cell: LoadCellDriver = LoadCellDriver()
+    load_cell: LoadCellDriver = SimulatedLoadCellDriver()
     simulation: WorldSettings = world_settings({"preset": "catheter"})
     seed: int = 0
 
@@ -81,11 +51,28 @@ class SlaveAxisSettings(Settings):
 
     @model_validator(mode="after")
     def _force_limit_is_measurable(self) -> Self:
-        most_n = self.simulation.load_cell.most_valid_n
-        if self.load_cell.driver == "simulated" and self.limits.max_force_n > most_n:
+        cell = self.load_cell
+        if cell.driver == "recorded":
+            return self
+        place, most_n = "simulation.load_cell.full_scale_n", self.simulation.load_cell.most_valid_n
+        if not isinstance(cell, SimulatedLoadCellDriver):
+            place, most_n = "load_cell.full_scale_n", VALID_SHARE * cell.full_scale_n
+        if self.limits.max_force_n > most_n:
             raise ValueError(
                 f"limits.max_force_n = {self.limits.max_force_n:g}: expected at most {most_n:g}, "
-                f"what the load cell can measure ({VALID_SHARE:.0%} of simulation.load_cell.full_scale_n)"
+                f"what the load cell can measure ({VALID_SHARE:.0%} of {place})"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _travel_covers_the_workspace(self) -> Self:
+        if isinstance(self.stage, SimulatedStageDriver):
+            return self
+        (low, high), (lowest, highest) = self.limits.workspace_m, self.stage.travel_m
+        if not (lowest <= low and high <= highest):
+            raise ValueError(
+                f"limits.workspace_m = [{low:g}, {high:g}]: expected within stage.travel_m = "
+                f"[{lowest:g}, {highest:g}]"
             )
         return self
 

@@ -35,6 +35,10 @@ class Handle(Protocol):
         """Takes the force away and lets go; idempotent."""
         ...
 
+    def rearm(self) -> None:
+        """After a fault of the handle: the explicit act without which it gives no force."""
+        ...
+
     def read(self, now_ns: int) -> HandleReading:
         """Position (m, positive inserts), velocity and buttons now."""
         ...

@@ -31,6 +31,9 @@ class SimulatedHandle:
     def close(self) -> None:
         """Nothing to close."""
 
+    def rearm(self) -> None:
+        """A simulated handle does not fail."""
+
     def show(self, indication: Indication) -> None:
         """The person looks at it at the next read."""
         self._indication = indication

@@ -1,21 +1,30 @@
 """The load-cell port: what the control loop needs of a force sensor."""
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 
 class LoadCellReading(NamedTuple):
-    """Force in N, the raw counts it comes from, and whether to believe it (in range, no device error)."""
+    """Force in N, the raw counts it comes from, whether to believe it (in range, no device error), and when
+    it was made, by the host's clock; None: at the tick that reads it.
+    """
 
     force_n: float
     raw_counts: int
     valid: bool
+    stamp_ns: int | None = None
 
 
 class LoadCell(Protocol):
-    """Gives the newest force without waiting.
+    """Gives every reading of the device once, without waiting.
 
     Every method raises `DeviceError` when the device fails or is not open.
+
+    Attributes:
+        stale_s: a newest reading that is older than this is not to be believed any longer.
     """
+
+    stale_s: float
 
     def open(self) -> None:
         """Connects."""
@@ -25,8 +34,12 @@ class LoadCell(Protocol):
         """Lets the device go; idempotent."""
         ...
 
-    def read(self, now_ns: int, recording_time_s: float | None) -> LoadCellReading:
-        """The newest force at `now_ns`.
+    def rearm(self) -> None:
+        """After a fault of the device: the explicit act without which it stays failed."""
+        ...
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
+        """The readings since the last call, oldest first; none when the device has made none.
 
         `recording_time_s` belongs to the command that the stage is executing; a physical cell ignores it, a
         recorded one answers with the force of that time.

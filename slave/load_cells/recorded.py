@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Sequence
 from itertools import pairwise
-from math import isfinite
+from math import inf, isfinite
 
 from common.errors import RecordingError
 from slave.load_cells.port import LoadCellReading
@@ -38,15 +38,20 @@ class RecordedLoadCell:
                 )
         self._time_s, self._force_n, self._gap_s = list(time_s), list(force_n), gap_s
 
+    stale_s = inf
+
     def open(self) -> None:
         """Nothing to connect."""
 
     def close(self) -> None:
         """Nothing to let go."""
 
-    def read(self, now_ns: int, recording_time_s: float | None) -> LoadCellReading:
+    def rearm(self) -> None:
+        """A recording does not fail."""
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> tuple[LoadCellReading]:
         """The recorded force at `recording_time_s`, whatever the time is now."""
-        return self.read_at(recording_time_s)
+        return (self.read_at(recording_time_s),)
 
     def read_at(self, recording_time_s: float | None) -> LoadCellReading:
         """The force at that time of the recording, raw counts in micro-newtons.

@@ -23,6 +23,9 @@ class SimulatedDevice:
         """Lets the device go; idempotent."""
         self._opened = False
 
+    def rearm(self) -> None:
+        """A simulated device does not fail."""
+
     def _opened_world(self) -> SimulatedWorld:
         if not self._opened:
             raise DeviceError(f"{type(self).__name__}: used while closed, expected open() before")

@@ -24,6 +24,10 @@ class Stage(Protocol):
         """Lets the device go, at rest; idempotent."""
         ...
 
+    def rearm(self) -> None:
+        """After a fault of the drive: the explicit act without which it stays failed; it holds."""
+        ...
+
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
         """Sets the setpoint with its velocity; returns the position as applied within the drive's travel."""
         ...
@@ -33,5 +37,5 @@ class Stage(Protocol):
         ...
 
     def read(self, now_ns: int) -> StageReading:
-        """The readback at `now_ns`."""
+        """The readback at `now_ns`; a drive that is read more seldom carries it on for at most 20 ms."""
         ...

@@ -1,0 +1,88 @@
+"""Calibrations of load cells and stages: dated YAML files of one device each."""
+
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, NonNegativeFloat
+
+from common.config import Settings, load_settings
+from common.errors import ConfigurationError
+
+NonZero = Annotated[float, Field(ge=-1e12, le=1e12)]
+
+
+class LoadCellCalibration(Settings):
+    """`F = gain_n (native - zero)`, native: what the device gives (N, counts, lbf/1000).
+
+    `residual_n`, `hysteresis_n`: rms of what the line leaves, largest difference between up and down;
+    `range_n`: the forces that were applied; `points`: (native, N) of every step.
+    """
+
+    format: Literal["forefeel.load_cell_calibration/1"]
+    driver: str
+    serial: str
+    date: date
+    valid_days: Annotated[int, Field(ge=1, le=3650)] = 365
+    gain_n: NonZero
+    zero: float
+    residual_n: NonNegativeFloat
+    hysteresis_n: NonNegativeFloat
+    range_n: tuple[float, float]
+    temperature_c: float | None = None
+    points: tuple[tuple[float, float], ...]
+
+    def force_n(self, native: float) -> float:
+        """The force in N of what the device gives."""
+        return self.gain_n * (native - self.zero)
+
+
+class StageCalibration(Settings):
+    """What homing and a run over the travel found: `native` position in device units of x = 0, and per metre.
+
+    `travel_m`: from end to end; `repeatability_m`: the largest difference of the home found twice.
+    """
+
+    format: Literal["forefeel.stage_calibration/1"]
+    driver: str
+    serial: str
+    date: date
+    valid_days: Annotated[int, Field(ge=1, le=3650)] = 365
+    zero: float
+    native_per_m: NonZero
+    travel_m: tuple[float, float]
+    repeatability_m: NonNegativeFloat
+
+
+def load_cell_calibration(path: Path, serial: str, today: date) -> LoadCellCalibration:
+    """The calibration in a file, of the device with that serial number.
+
+    Raises:
+        ConfigurationError: unreadable, out of date, or of another device; what to do.
+    """
+    found = load_settings(LoadCellCalibration, path)
+    _check(path, found, serial, today, "forefeel calibrate load-cell")
+    return found
+
+
+def stage_calibration(path: Path, serial: str, today: date) -> StageCalibration:
+    """As `load_cell_calibration`, of a stage."""
+    found = load_settings(StageCalibration, path)
+    _check(path, found, serial, today, "forefeel calibrate stage")
+    return found
+
+
+def _check(
+    path: Path, found: LoadCellCalibration | StageCalibration, serial: str, today: date, again: str
+) -> None:
+    age_days = (today - found.date).days
+    if found.serial != serial:
+        raise ConfigurationError(
+            f"{path}: serial = {found.serial!r}: expected {serial!r}, the device that answers; "
+            f"`{again}` makes a new one"
+        )
+    if age_days > found.valid_days:
+        raise ConfigurationError(
+            f"{path}: date = {found.date}: out of date by {age_days - found.valid_days} days; "
+            f"`{again}` makes a new one"
+        )

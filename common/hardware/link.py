@@ -1,0 +1,96 @@
+"""The state of a link to a device. Pure.
+
+```
+CLOSED -> OPEN -> IDENTIFIED -> CONFIGURED -> READY
+any --fault--> CLOSED, inhibited: the handshake may be repeated up to CONFIGURED, READY needs `rearm`
+```
+"""
+
+from collections import Counter
+from enum import IntEnum
+from threading import Lock
+
+from common.errors import DeviceError
+
+
+class LinkState(IntEnum):
+    """How far a link has come; only READY may move or measure."""
+
+    CLOSED = 0
+    OPEN = 1
+    IDENTIFIED = 2
+    CONFIGURED = 3
+    READY = 4
+
+
+class Link:
+    """One device's link: every step of the handshake in turn, every fault counted.
+
+    Attributes:
+        name: of the device, for texts: `stage zaber_ascii on /dev/ttyUSB0`.
+        identity: what the device said it is.
+        counters: faults and whatever the driver counts (`bad_checksum`, `resynchronised`).
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.identity = ""
+        self.counters: Counter[str] = Counter()
+        self._state = LinkState.CLOSED
+        self._inhibited: str | None = None
+        self._lock = Lock()
+
+    @property
+    def state(self) -> LinkState:
+        """How far the link has come."""
+        return self._state
+
+    @property
+    def inhibited(self) -> str | None:
+        """The fault that nobody has re-armed after; None when there is none."""
+        return self._inhibited
+
+    def advance(self, to: LinkState) -> None:
+        """The next step of the handshake; after a fault CONFIGURED is the last without `rearm`.
+
+        Raises:
+            ValueError: a step is left out.
+        """
+        with self._lock:
+            if to is not self._state + 1:
+                raise ValueError(f"{self.name}: {to.name} after {self._state.name}")
+            if to is LinkState.READY and self._inhibited is not None:
+                return
+            self._state = to
+
+    def fault(self, reason: str) -> None:
+        """Leaves READY, from any thread; the first reason since the last re-arming is kept."""
+        with self._lock:
+            self.counters["faults"] += 1
+            self._inhibited = self._inhibited or reason
+            self._state = LinkState.CLOSED
+
+    def close(self) -> None:
+        """An orderly end."""
+        with self._lock:
+            self._state = LinkState.CLOSED
+
+    def rearm(self) -> None:
+        """The explicit act after a fault.
+
+        Raises:
+            DeviceError: the handshake has not been repeated yet; the inhibition stays.
+        """
+        with self._lock:
+            if self._inhibited is None:
+                return
+            if self._state is not LinkState.CONFIGURED:
+                raise DeviceError(f"{self.name}: {self._inhibited}; the link is {self._state.name.lower()}")
+            self._inhibited = None
+            self._state = LinkState.READY
+
+    def require_ready(self) -> None:
+        """Raises DeviceError, with the reason, unless READY."""
+        if self._state is not LinkState.READY:
+            why = self._inhibited or f"link {self._state.name.lower()}, expected it ready"
+            raise DeviceError(f"{self.name}: {why}")

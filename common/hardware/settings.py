@@ -1,0 +1,28 @@
+"""How a device is reached: the sections of the YAML files that serial and CAN devices share."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from common.config import Settings
+
+Sign = Literal[1, -1]
+"""-1 where the device counts against the insertion."""
+
+
+class SerialSettings(Settings):
+    """A serial port: a device file, best by its stable name in /dev/serial/by-id."""
+
+    port: Annotated[str, Field(min_length=1, max_length=4096)]
+    baud: Annotated[int, Field(ge=300, le=12_000_000)] = 115_200
+
+
+class CanSettings(Settings):
+    """A CAN bus as python-can opens it: `slcan` with a serial port, `socketcan` with `can0`, `udp_multicast`
+    with an address, `virtual` within one process.
+    """
+
+    interface: Literal["slcan", "socketcan", "udp_multicast", "virtual"]
+    channel: Annotated[str, Field(min_length=1, max_length=4096)]
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] = 1_000_000
+    port: Annotated[int, Field(ge=1024, le=65_535)] | None = None

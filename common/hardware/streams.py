@@ -1,0 +1,108 @@
+"""Byte streams to devices: the port, and serial ports behind it.
+
+Whatever pyserial raises (SerialException, a bare OSError, termios.error, which is neither) is a DeviceError
+here.
+"""
+
+import os
+import termios
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+import serial
+
+from common.errors import DeviceError, DeviceSetupError
+from common.hardware.settings import SerialSettings
+
+_BROKEN = (serial.SerialException, OSError, termios.error, TypeError)  # TypeError: closed while it reads
+_USUAL_LATENCY_MS = 1
+
+
+class ByteStream(Protocol):
+    """A device's bytes. One thread reads, one writes."""
+
+    def read(self) -> bytes:
+        """What has come, waiting a little for the first byte; empty when nothing came.
+
+        Raises:
+            DeviceError: the device is gone.
+        """
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Sends all of it or raises DeviceError; waits no longer than the write timeout."""
+        ...
+
+    def close(self) -> None:
+        """Idempotent."""
+        ...
+
+
+class SerialStream:
+    """A serial port, opened for us alone.
+
+    Raises:
+        DeviceSetupError: no such port, busy, not permitted, or it can not be set up like that.
+    """
+
+    def __init__(self, settings: SerialSettings, timeout_s: float = 0.02) -> None:
+        self.name = settings.port
+        try:
+            self._serial = serial.Serial(
+                settings.port, settings.baud, timeout=timeout_s, write_timeout=0.5, exclusive=True
+            )
+        except (serial.SerialException, OSError, termios.error, ValueError) as error:
+            raise DeviceSetupError(_why_not(settings, error)) from error
+
+    def read(self) -> bytes:
+        """See `ByteStream`."""
+        try:
+            return bytes(self._serial.read(self._serial.in_waiting or 1))
+        except _BROKEN as error:
+            raise DeviceError(f"{self.name}: gone while reading ({_short(error)})") from error
+
+    def write(self, data: bytes) -> None:
+        """See `ByteStream`."""
+        try:
+            self._serial.write(data)
+        except _BROKEN as error:
+            raise DeviceError(f"{self.name}: gone while writing ({_short(error)})") from error
+
+    def close(self) -> None:
+        """See `ByteStream`."""
+        with suppress(*_BROKEN):  # it is gone: as closed as it will be
+            self._serial.close()
+
+
+def latency_timer_ms(port: str) -> int | None:
+    """The latency timer of an FTDI adapter; None where there is none. More than 1 delays every answer."""
+    name = Path(os.path.realpath(port)).name
+    path = Path("/sys/bus/usb-serial/devices") / name / "latency_timer"
+    try:
+        return int(path.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def latency_warning(port: str) -> str | None:
+    """What to do about a slow latency timer; None where there is nothing to do."""
+    timer_ms = latency_timer_ms(port)
+    if timer_ms is None or timer_ms <= _USUAL_LATENCY_MS:
+        return None
+    return f"{port}: latency timer {timer_ms} ms, expected 1 (deploy/udev sets it)"
+
+
+def _why_not(settings: SerialSettings, error: BaseException) -> str:
+    port, text = settings.port, str(error)
+    if not Path(port).exists():
+        return f"{port}: no such port; expected one that `forefeel devices` lists"
+    if "exclusively lock" in text or "Resource temporarily unavailable" in text or "busy" in text.lower():
+        return f"{port}: busy, another process holds it; expected it free"
+    if isinstance(error, PermissionError) or "Permission denied" in text:
+        return f"{port}: not permitted; expected membership of the port's group (often dialout)"
+    return f"{port}: can not be opened at {settings.baud} baud ({_short(error)}); expected a serial port"
+
+
+def _short(error: BaseException) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

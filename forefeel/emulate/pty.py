@@ -1,0 +1,116 @@
+"""An emulated device on a pseudo terminal: what a serial port is to the host."""
+
+import errno
+import os
+import select
+import tempfile
+import time
+import tty
+from contextlib import suppress
+from pathlib import Path
+
+from common.errors import ConfigurationError
+from forefeel.emulate.device import EmulatedDevice
+from forefeel.emulate.wire import Faults, Wire
+
+_PERIOD_S = 0.001
+_CHUNK = 4096
+
+
+class Pty:
+    """The device's end of a pseudo terminal; the host opens `link`, a symbolic link that stays the same.
+
+    Raises:
+        ConfigurationError: the link's place holds something that is no link of ours.
+    """
+
+    def __init__(self, link: Path) -> None:
+        self.link = link
+        self._master = self._slave = -1
+        self.lost = 0
+        self.plug()
+
+    def plug(self) -> None:
+        """A new terminal behind the same link."""
+        if self._master >= 0:
+            return
+        if self.link.exists() and not self.link.is_symlink():
+            raise ConfigurationError(f"{self.link}: exists and is no link; expected a free path")
+        self._master, self._slave = os.openpty()  # our own slave end stays open: no EIO without a host
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        fresh = Path(tempfile.mktemp(dir=self.link.parent, prefix=f".{self.link.name}."))
+        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.replace(self.link)
+
+    def unplug(self) -> None:
+        """The terminal goes away, as a cable that is pulled."""
+        with suppress(FileNotFoundError):
+            self.link.unlink()
+        for end in (self._master, self._slave):
+            if end >= 0:
+                os.close(end)
+        self._master = self._slave = -1
+
+    def read(self, timeout_s: float) -> bytes:
+        """What the host wrote, waiting for at most that long."""
+        if self._master < 0:
+            time.sleep(timeout_s)
+            return b""
+        if not select.select([self._master], [], [], timeout_s)[0]:
+            return b""
+        try:
+            return os.read(self._master, _CHUNK)
+        except OSError as error:
+            if error.errno in (errno.EIO, errno.EAGAIN):
+                return b""
+            raise
+
+    def write(self, data: bytes) -> None:
+        """To the host; what it does not read is lost once the terminal is full, and counted."""
+        while data and self._master >= 0:
+            try:
+                data = data[os.write(self._master, data) :]
+            except BlockingIOError:
+                self.lost += len(data)
+                return
+
+    def __enter__(self) -> "Pty":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.unplug()
+
+
+class PtyServer:
+    """Runs an emulated device on a pty in real time.
+
+    `step` is to be called over and over; it waits for at most a millisecond.
+    """
+
+    def __init__(self, device: EmulatedDevice, pty: Pty, baud: int, faults: Faults, seed: int = 0) -> None:
+        self._device, self._pty = device, pty
+        self.to_device, self.to_host = (Wire(baud, faults, f"{way} {seed}") for way in ("in", "out"))
+        self._at = list(faults.at)
+        self._start_s = time.monotonic()
+
+    def step(self) -> None:
+        """One round: host to device, the device lives, device to host, and what is to happen now."""
+        data = self._pty.read(_PERIOD_S)
+        t_s = time.monotonic() - self._start_s
+        while self._at and self._at[0][0] <= t_s:
+            self._happen(self._at.pop(0)[1])
+        self.to_device.send(data, t_s)
+        arrived = self.to_device.arrived(t_s)
+        if arrived:
+            self._device.receive(arrived, t_s)
+        self.to_host.send(self._device.advance(t_s), t_s)
+        self._pty.write(self.to_host.arrived(t_s))
+
+    def _happen(self, fault: str) -> None:
+        if fault == "unplug":
+            self._pty.unplug()
+        elif fault == "plug":
+            self._pty.plug()
+        else:
+            self._device.provoke(fault)

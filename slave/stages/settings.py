@@ -1,0 +1,58 @@
+"""Which driver moves the stage, and what it has to know."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from common.config import Settings
+from common.hardware.settings import CanSettings, SerialSettings, Sign
+from common.settings import ExistingFile
+
+Travel = tuple[float, float]
+
+
+class SimulatedStageDriver(Settings):
+    """The stage of the axis' simulated world."""
+
+    driver: Literal["simulated"] = "simulated"
+
+
+class ZaberSettings(SerialSettings):
+    """A Zaber stage that speaks ASCII. It has no watchdog of its own: it is only ever sent to absolute
+    targets at most `lead_s` ahead, so that it comes to rest by itself.
+
+    `microstep_m`: metres per microstep; the device's zero is its home. `travel_m`: where it may go.
+    """
+
+    driver: Literal["zaber_ascii"]
+    device: Annotated[int, Field(ge=1, le=99)] = 1
+    axis: Annotated[int, Field(ge=1, le=9)] = 1
+    microstep_m: Annotated[float, Field(gt=0, le=1e-3)]
+    sign: Sign = 1
+    travel_m: Travel
+    max_velocity_m_s: Annotated[float, Field(gt=0, le=10)] = 0.1
+    max_acceleration_m_s2: Annotated[float, Field(gt=0, le=1000)] = 4.0
+    lead_s: Annotated[float, Field(gt=0, le=0.3)] = 0.060
+    calibration: ExistingFile | None = None
+
+
+class Cia402Settings(Settings):
+    """A CiA 402 drive in cyclic synchronous position mode. `counts_per_m`: of its encoder, gear and lead in.
+
+    `heartbeat_s`: how often both ends say that they live; the drive stops by itself after three of ours.
+    """
+
+    driver: Literal["cia402"]
+    can: CanSettings
+    node_id: Annotated[int, Field(ge=1, le=127)]
+    counts_per_m: Annotated[float, Field(gt=0)]
+    sign: Sign = 1
+    travel_m: Travel
+    max_velocity_m_s: Annotated[float, Field(gt=0, le=10)] = 0.2
+    following_error_m: Annotated[float, Field(gt=0, le=0.1)] = 0.002
+    sync_hz: Annotated[int, Field(ge=50, le=1000)] = 250
+    heartbeat_s: Annotated[float, Field(ge=0.01, le=1)] = 0.02
+    calibration: ExistingFile | None = None
+
+
+StageDriver = Annotated[SimulatedStageDriver | ZaberSettings | Cia402Settings, Field(discriminator="driver")]
