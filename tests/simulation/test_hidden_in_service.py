@@ -62,10 +62,10 @@ def live_rms_n(run: Run) -> float:
 @pytest.mark.parametrize(
     "effect",
     [
-        *("stiffening", "presliding_hysteresis"),
+        "presliding_hysteresis",
         *(
             pytest.param(name, marks=pytest.mark.soak)
-            for name in ("hunt_crossley_damping", "coulomb_friction")
+            for name in ("stiffening", "hunt_crossley_damping", "coulomb_friction")
         ),
     ],
 )
