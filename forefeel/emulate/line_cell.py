@@ -73,7 +73,7 @@ class EmulatedLoadstar:
 
 
 class EmulatedHx711:
-    """See `EmulatedDevice`. Prints counts by itself, `label` before each; 24 bit that saturate at their ends."""
+    """See `EmulatedDevice`. Prints counts by itself, with a label before each; they have 24 bit."""
 
     def __init__(
         self,
