@@ -9,7 +9,7 @@ The lines carry no checksum: a digit that became another digit on the wire can n
 
 import re
 from collections import Counter
-from typing import Literal
+from typing import Literal, NamedTuple
 
 Unit = Literal["newton", "millipound_force", "counts"]
 
@@ -23,6 +23,13 @@ _ENDS = re.compile(rb"[\r\n]+")
 _LINE = re.compile(
     rb"(?:[A-Za-z][\w ]{0,30}[:=])?[ \t]*([-+]?\d{1,12}(?:\.\d{0,9})?)[ \t]*(N?)[ \t]*", re.ASCII
 )
+
+
+class Line(NamedTuple):
+    """A number in the unit of the cell, and how many bytes its line had, the end (CR LF) included."""
+
+    number: float
+    size: int
 
 
 class LineParser:
@@ -45,11 +52,13 @@ class LineParser:
         self._buffer.clear()
         self._skipping = False
 
-    def feed(self, data: bytes) -> list[float]:
+    def feed(self, data: bytes) -> list[Line]:
         """The numbers of the lines that are complete now, oldest first; never raises."""
         self._buffer += data
         *lines, rest = _ENDS.split(self._buffer)
-        found = [number for line in lines if (number := self._number(bytes(line))) is not None]
+        found = [
+            Line(number, len(line) + 2) for line in lines if (number := self._number(bytes(line))) is not None
+        ]
         if len(rest) > _MAX_LINE:
             self.counters["junk_bytes"] += len(rest)
             self._skipping, rest = True, bytearray()

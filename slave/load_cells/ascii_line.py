@@ -3,7 +3,7 @@
 from collections import Counter, deque
 
 from common.errors import DeviceSetupError
-from common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, LineParser
+from common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, Line, LineParser
 from common.hardware.calibration import LoadCellCalibration
 from slave.load_cells.scale import Native, Scale
 from slave.load_cells.serial_cell import Cell, SerialLoadCell
@@ -11,7 +11,6 @@ from slave.load_cells.settings import AsciiLineSettings
 from slave.load_cells.stuck import StuckWatch
 
 _BITS = 10  # start, eight data bits, stop
-_USUAL_LINE = 10
 _QUIET_NS = 100_000_000
 _UNANSWERED_NS = 300_000_000
 _LEAST_ANSWER_NS = 40_000_000
@@ -25,18 +24,23 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
     the wire changed is believed where it stays below the full scale.
     """
 
+    @property
+    def newton_per_native(self) -> float | None:
+        """By the unit; None for counts."""
+        return NEWTON_PER_UNIT.get(self._settings.unit)
+
     def _cell(self) -> Cell:
         return AsciiCell(self._settings, self.link.counters)
 
     def _scale(self, calibration: LoadCellCalibration | None) -> Scale:
         s = self._settings
-        if s.unit == "counts" and calibration is None:
+        if s.unit == "counts" and calibration is None and not self._native:
             raise DeviceSetupError(
                 f"{self.link.name}: unit = 'counts' without calibration; expected a file of "
                 "`forefeel calibrate load-cell`"
             )
-        newton = NEWTON_PER_UNIT.get(s.unit)
-        return Scale(s.full_scale_n, s.sign, newton, calibration, StuckWatch(noisy=False), self.link.counters)
+        watch = StuckWatch(noisy=False)
+        return Scale(s.full_scale_n, s.sign, self.newton_per_native, calibration, watch, self.link.counters)
 
 
 class AsciiCell:
@@ -110,26 +114,26 @@ class AsciiCell:
         """See `Cell`."""
         if self._request is not None and self._asked_ns is None:
             return []  # what it still says before it is asked
-        numbers = self._parser.feed(data)
-        if numbers:
+        lines = self._parser.feed(data)
+        if lines:
             self._outstanding = False
-            self._answers += len(numbers)
+            self._answers += len(lines)
             if self._streams is None and self._answers > 1:
                 self._streams = True
         return [
-            self._native(number, now_ns - (len(numbers) - 1 - at) * self._period_ns, now_ns)
-            for at, number in enumerate(numbers)
+            self._native(line, now_ns - (len(lines) - 1 - at) * self._period_ns, now_ns)
+            for at, line in enumerate(lines)
         ]
 
     def farewell(self) -> bytes:
         """Ends the stream that was asked for."""
         return _RETURN if self._request is not None and self._streams else b""
 
-    def _native(self, number: float, arrived_ns: int, now_ns: int) -> Native:
+    def _native(self, line: Line, arrived_ns: int, now_ns: int) -> Native:
         """The line began to arrive before it was complete; lines that came at once are a period apart."""
         self._arrived.append(now_ns)
-        stamp_ns = arrived_ns - round(_USUAL_LINE * self._byte_ns)
+        stamp_ns = arrived_ns - round(line.size * self._byte_ns)
         if self._stamp_ns is not None:
             stamp_ns = min(max(stamp_ns, self._stamp_ns + 1), now_ns)
         self._stamp_ns = stamp_ns
-        return Native(number, stamp_ns, ("overrange",) if number in self._ends else ())
+        return Native(line.number, stamp_ns, ("overrange",) if line.number in self._ends else ())

@@ -40,35 +40,36 @@ class Scale:
         stuck: StuckWatch,
         counters: Counter[str],
     ) -> None:
-        """`newton_per_native`: None for counts.
-
-        Raises:
-            ValueError: counts without a calibration.
-        """
-        if newton_per_native is None and calibration is None:
-            raise ValueError("counts have no unit: expected a calibration")
+        """`newton_per_native`: None for counts; without a calibration these are no force, 0 N."""
         self.counters = counters
         self._full_scale_n, self._sign = full_scale_n, sign
         self._newton_per_native, self._calibration = newton_per_native, calibration
         self._stuck = stuck
 
-    def reading(self, native: Native) -> LoadCellReading:
-        """What the control loop gets: finite, never more than the full scale, each flaw counted."""
-        value = native.value
-        raw_n = 0.0 if self._newton_per_native is None else value * self._newton_per_native
-        force_n = self._sign * (raw_n if self._calibration is None else self._calibration.force_n(value))
-        flaws = native.flaws
+    def checked(self, native: Native) -> Native:
+        """With the flaws that only show beside the full scale and the measurements before; each counted."""
+        flaws, (force_n, raw_n) = native.flaws, self._forces(native.value)
         if max(abs(force_n), abs(raw_n)) > VALID_SHARE * self._full_scale_n:
             flaws = (*flaws, "beyond_full_scale")
-        if self._stuck.take(value, native.stamp_ns * 1e-9):
+        if self._stuck.take(native.value, native.stamp_ns * 1e-9):
             flaws = (*flaws, "stuck")
         self.counters["readings"] += 1
         for flaw in flaws:
             self.counters[flaw] += 1
-        counts = value if self._newton_per_native is None else raw_n * _MICRO
+        return native if flaws is native.flaws else native._replace(flaws=flaws)
+
+    def reading(self, checked: Native) -> LoadCellReading:
+        """What the control loop gets: finite, never more than the full scale."""
+        force_n, raw_n = self._forces(checked.value)
+        counts = checked.value if self._newton_per_native is None else raw_n * _MICRO
         return LoadCellReading(
             min(max(force_n, -self._full_scale_n), self._full_scale_n),
             round(min(max(counts, -_MAX_COUNTS), _MAX_COUNTS)),
-            not flaws,
-            native.stamp_ns,
+            not checked.flaws,
+            checked.stamp_ns,
         )
+
+    def _forces(self, value: float) -> tuple[float, float]:
+        """In N: the force, and what the cell itself says, 0 where it has no unit."""
+        raw_n = 0.0 if self._newton_per_native is None else value * self._newton_per_native
+        return self._sign * (raw_n if self._calibration is None else self._calibration.force_n(value)), raw_n

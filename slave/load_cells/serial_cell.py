@@ -14,7 +14,7 @@ from common.hardware.settings import SerialSettings
 from common.hardware.streams import ByteStream, SerialStream
 from common.hardware.usb import port_serial
 from common.slots import BoundedQueue
-from slave.load_cells.port import LoadCellReading
+from slave.load_cells.port import LoadCellReading, NativeReading
 from slave.load_cells.scale import Native, Scale
 from slave.load_cells.settings import AsciiLineSettings, BotaSettings
 
@@ -70,10 +70,9 @@ class SerialLoadCell(Generic[S]):
     """Load-cell port on a serial port; the subclasses know what the bytes mean.
 
     Attributes:
-        link: its state, identity and counters.
+        link: its state, identity, counters, and serial: of the USB adapter, else the port's name.
         stale_s: three periods and 20 ms.
         measured_hz: the rate that the last handshake found.
-        serial: of the USB adapter, else the port's name.
     """
 
     def __init__(
@@ -86,15 +85,21 @@ class SerialLoadCell(Generic[S]):
         self.link = Link(f"load cell {settings.driver} on {settings.port}")
         self.stale_s = 3.0 / settings.rate_hz + 0.02
         self.measured_hz: float | None = None
-        self.serial: str | None = None
         self._settings: S = settings
         self._clock = clock or MonotonicClock()
         self._open_stream, self._today = open_stream, today
         self._silence_ns = round(max(5.0 / settings.rate_hz, _LEAST_SILENCE_S) * 1e9)
         self._queue = BoundedQueue[LoadCellReading](_QUEUE)
+        self._native_queue = BoundedQueue[NativeReading](_QUEUE)
+        self._native = False
         self._conversation: Conversation | None = None
 
     # --- what the subclasses know ---
+
+    @property
+    def newton_per_native(self) -> float | None:
+        """What a native unit is worth; None: only a calibration tells."""
+        raise NotImplementedError
 
     def _cell(self) -> Cell:
         raise NotImplementedError
@@ -119,6 +124,11 @@ class SerialLoadCell(Generic[S]):
         conversation.start(patience_s)
         self._conversation = conversation
 
+    def open_native(self) -> None:
+        """As `open`, for `read_native` alone: the calibration is not looked at. See `NativeLoadCell`."""
+        self._native = True
+        self.open()
+
     def close(self) -> None:
         """Ends the conversation; idempotent."""
         if self._conversation is not None:
@@ -132,13 +142,20 @@ class SerialLoadCell(Generic[S]):
             DeviceError: the cell has not come back yet.
         """
         if self.link.inhibited is not None:
-            self.link.counters["discarded"] += len(self._queue.drain())
+            self.link.counters["discarded"] += len(self._queue.drain()) + len(self._native_queue.drain())
             self.link.rearm()
 
     def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
         """The readings since the last call, each with the host's stamp of its measurement; never waits."""
         self.link.require_ready()
+        if self._native:
+            raise DeviceError(f"{self.link.name}: opened for its native readings")
         return self._queue.drain()
+
+    def read_native(self, now_ns: int) -> Sequence[NativeReading]:
+        """The readings since the last call of a cell that `open_native` opened."""
+        self.link.require_ready()
+        return self._native_queue.drain()
 
     # --- the conversation, in its own thread ---
 
@@ -158,15 +175,18 @@ class SerialLoadCell(Generic[S]):
     def _calibrated(self) -> Scale:
         """The scale, with the calibration of the device that is there now."""
         serial, path = port_serial(self._settings.port), self._settings.calibration
-        if self.serial not in (None, serial):
-            raise DeviceError(f"{self.link.name}: another device, serial {serial}; expected {self.serial}")
+        if self.link.serial not in ("", serial):
+            raise DeviceError(
+                f"{self.link.name}: another device, serial {serial}; expected {self.link.serial}"
+            )
+        self.link.serial = serial
+        if self._native:
+            return self._scale(None)
         try:
             found = load_cell_calibration(path, serial, self._today()) if path else None
-            scale = self._scale(found)
         except InputError as error:
             raise DeviceSetupError(str(error)) from error
-        self.serial = serial
-        return scale
+        return self._scale(found)
 
     def _shake_hands(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> bool:
         """Identifies, measures the rate; whether it is done, False when the conversation is to end."""
@@ -179,7 +199,7 @@ class SerialLoadCell(Generic[S]):
             now_ns = self._clock.now_ns()
             came += len(data)
             if cell.take(data, now_ns):
-                self.link.identity = f"{self._settings.driver}, serial {self.serial}"
+                self.link.identity = f"{self._settings.driver}, serial {self.link.serial}"
                 self.link.advance(LinkState.IDENTIFIED)
             elif now_ns - start_ns > patience_s * 1e9:
                 raise DeviceSetupError(self._unidentified(came, patience_s, cell))
@@ -216,12 +236,17 @@ class SerialLoadCell(Generic[S]):
                 what = f"{since} bytes, but none of the {cell.expected}" if since else "nothing"
                 raise DeviceError(f"{self.link.name}: {what} for {(now_ns - last_ns) * 1e-6:.0f} ms")
             for native in found:
-                reading = scale.reading(native)
-                if self.link.state is LinkState.READY:
-                    self._queue.put(reading)
-                else:
-                    counters["while_inhibited"] += 1
-            counters["unread"] = self._queue.dropped
+                self.link.exchanged()
+                self._hand_over(scale, scale.checked(native))
+            counters["unread"] = self._queue.dropped + self._native_queue.dropped
+
+    def _hand_over(self, scale: Scale, checked: Native) -> None:
+        if self.link.state is not LinkState.READY:
+            self.link.counters["while_inhibited"] += 1
+        elif self._native:
+            self._native_queue.put(NativeReading(checked.value, not checked.flaws, checked.stamp_ns))
+        else:
+            self._queue.put(scale.reading(checked))
 
     def _heard(self, stream: ByteStream, cell: Cell) -> bytes:
         asked = cell.due(self._clock.now_ns())

@@ -57,6 +57,11 @@ class Port:
         with self._changed:
             self._until, self._idle = self._ticks + round(seconds / self._step_s), False
             self._changed.notify_all()
+        self.settle()
+
+    def settle(self) -> None:
+        """Until the driver has done all that it may."""
+        with self._changed:
             assert self._changed.wait_for(lambda: self._idle, 30.0)
 
     def play_until(self, true: Callable[[], bool]) -> None:

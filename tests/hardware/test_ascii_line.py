@@ -5,6 +5,10 @@ import pytest
 from common.hardware.ascii_line import LineParser, Unit, encode_line, parse_line
 
 
+def numbers(parser: LineParser, data: bytes) -> list[float]:
+    return [line.number for line in parser.feed(data)]
+
+
 def begun(unit: Unit = "newton") -> LineParser:
     parser = LineParser(unit)
     parser.begin()
@@ -39,7 +43,7 @@ def test_lines(line: bytes, unit: Unit, number: float | None) -> None:
 
 def test_the_first_line_is_cut_and_dropped() -> None:
     parser = LineParser("newton")
-    assert parser.feed(b"5\r\n1.5\r\n2.5\r") == [1.5, 2.5]
+    assert numbers(parser, b"5\r\n1.5\r\n2.5\r") == [1.5, 2.5]
     assert parser.counters == {"junk_lines": 1, "junk_bytes": 1, "lines": 2}
 
 
@@ -47,7 +51,7 @@ def test_lines_cut_anywhere_come_whole() -> None:
     stream = b"".join(encode_line(each / 8, "newton") for each in range(50))
     for size in (1, 2, 7, 8, 64):
         parser = begun()
-        got = [each for at in range(0, len(stream), size) for each in parser.feed(stream[at : at + size])]
+        got = [each for at in range(0, len(stream), size) for each in numbers(parser, stream[at : at + size])]
         assert got == [each / 8 for each in range(50)]
         assert parser.counters["junk_lines"] == 0
 
@@ -57,11 +61,11 @@ def test_an_endless_line_is_bounded_and_counted() -> None:
     for _ in range(1000):
         assert parser.feed(b"1" * 50) == []
         assert len(parser._buffer) <= 64
-    assert parser.feed(b"1\r\n2.5\r\n") == [2.5]
+    assert numbers(parser, b"1\r\n2.5\r\n") == [2.5]
     assert parser.counters["junk_bytes"] == 50_001
 
 
 def test_two_lines_that_lost_their_end_are_no_number() -> None:
     parser = begun()
-    assert parser.feed(b"12.50001.2500\r\n3.0000\r\n") == [3.0]
+    assert numbers(parser, b"12.50001.2500\r\n3.0000\r\n") == [3.0]
     assert parser.counters["junk_lines"] == 1

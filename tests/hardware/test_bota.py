@@ -88,8 +88,12 @@ def test_what_is_no_measurement() -> None:
         flawed = good._replace(status=1 << bit)
         assert not flawed.valid
         assert flawed.flags == (name,)
-    for field in ("fx_n", "mz_n_m", "temperature_c"):
-        for number in (nan, inf, -inf):
-            (got,) = BotaParser().feed(encode(good._replace(**{field: number})))
+    for number in (nan, inf, -inf):
+        for bad in (
+            good._replace(fx_n=number),
+            good._replace(mz_n_m=number),
+            good._replace(temperature_c=number),
+        ):
+            (got,) = BotaParser().feed(encode(bad))
             assert not got.finite
             assert not got.valid

@@ -37,9 +37,9 @@ def check_lines(data: bytes) -> None:
         cut = len(data) // 3
         got = parser.feed(data[:cut]) + parser.feed(data[cut:])
         assert len(parser._buffer) <= 64
-        assert all(abs(each) < 1e12 for each in got)
+        assert all(abs(each.number) < 1e12 for each in got)
         got += parser.feed(b"\r\n")
-        assert parser.feed(encode_line(1234.0, unit)) == [1234.0]
+        assert [each.number for each in parser.feed(encode_line(1234.0, unit))] == [1234.0]
         assert parser.counters["lines"] == len(got) + 1
 
 
