@@ -226,15 +226,16 @@ class SerialLoadCell(Generic[S]):
     def _exchange(self, conversation: Conversation, stream: ByteStream, cell: Cell, scale: Scale) -> None:
         counters, last_ns, since = self.link.counters, self._clock.now_ns(), 0
         while not conversation.stopping:
+            silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy finds bytes
             data = self._heard(stream, cell)
             now_ns = self._clock.now_ns()
             found = cell.take(data, now_ns)
             since += len(data)
             if found:
                 last_ns, since = now_ns, 0
-            elif now_ns - last_ns > self._silence_ns:
+            elif silent_ns > self._silence_ns:
                 what = f"{since} bytes, but none of the {cell.expected}" if since else "nothing"
-                raise DeviceError(f"{self.link.name}: {what} for {(now_ns - last_ns) * 1e-6:.0f} ms")
+                raise DeviceError(f"{self.link.name}: {what} for {silent_ns * 1e-6:.0f} ms")
             for native in found:
                 self.link.exchanged()
                 self._hand_over(scale, scale.checked(native))

@@ -57,7 +57,12 @@ def until(true: Callable[[], object]) -> None:
 
 def readings(driver: LoadCell, count: int) -> list[LoadCellReading]:
     got: list[LoadCellReading] = []
-    until(lambda: got.extend(driver.read(0, None)) or len(got) >= count)
+
+    def enough() -> bool:
+        got.extend(driver.read(0, None))
+        return len(got) >= count
+
+    until(enough)
     return got
 
 
