@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable
+from random import Random
 from threading import Condition
 
 from common.clock import VirtualClock
@@ -17,7 +18,7 @@ NOW_S = 1000.0  # the host's clock when the device is switched on
 class Port:
     """A serial port whose time goes on only as far as the test lets it, and only while the driver reads.
 
-    `hub_s`: the adapter delivers at multiples of this, as USB does.
+    `hub_s`: the adapter collects for that long, as USB does; `late_s`: it delivers up to so much later.
     """
 
     def __init__(
@@ -26,6 +27,7 @@ class Port:
         baud: int,
         faults: Faults | None = None,
         hub_s: float = 0.0,
+        late_s: float = 0.0,
         step_s: float = 0.0005,
         until_s: float = 2.0,
     ) -> None:
@@ -36,7 +38,9 @@ class Port:
         self.to_host = Wire(baud, faults or Faults(), "out 1")
         self._hub_s, self._step_s = hub_s, step_s
         self._ticks, self._until = 0, round(until_s / step_s)
-        self._delivered = deque[bytes]()
+        self._late = round(late_s / step_s)
+        self._random, self._due = Random(7), 0
+        self._delivered, self._collected = deque[bytes](), deque[bytes]()
         self._changed, self._idle = Condition(), False
 
     @property
@@ -97,8 +101,14 @@ class Port:
         if (arrived := self.to_host.arrived(at_s)) != b"":
             self._delivered.append(arrived)
         every = round(self._hub_s / self._step_s)
-        if every and self._ticks % every:
-            return b""
+        if every and self._ticks % every == 0:
+            self._due = self._ticks + self._random.randint(0, self._late)
+            self._collected, self._delivered = self._collected + self._delivered, deque()
+        if every:
+            if self._ticks < self._due:
+                return b""
+            found, self._collected = b"".join(self._collected), deque()
+            return found
         found = b"".join(self._delivered)
         self._delivered.clear()
         return found

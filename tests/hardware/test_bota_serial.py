@@ -87,17 +87,17 @@ def test_one_reading_per_frame_with_the_time_of_its_measurement() -> None:
 
 @pytest.mark.parametrize(("hub_s", "drift_ppm"), [(0.016, 0.0), (0.016, 200.0), (0.004, -200.0)])
 def test_stamps_are_within_a_period_though_an_adapter_collects(hub_s: float, drift_ppm: float) -> None:
-    port = Port(device(start_us=(1 << 32) - 3_000_000, drift_ppm=drift_ppm), BAUD, hub_s=hub_s)
+    port = Port(device(start_us=(1 << 32) - 3_000_000, drift_ppm=drift_ppm), BAUD, hub_s=hub_s, late_s=hub_s)
     with opened(port) as driver:
         driver.read(0, None)
         before_s = port.t_s
         got = [reading for _ in range(20) for reading in played(driver, port, 0.2)]
-    assert len(got) == pytest.approx(4.0 * 800, abs=2 * 0.016 * 800)
+    assert len(got) == pytest.approx(4.0 * 800, abs=3 * 0.016 * 800)
     made_s = [reading.force_n / 0.1 for reading in got]
     assert max(abs(stamp_s(each) - true_s) for each, true_s in zip(got, made_s, strict=True)) < 1 / 800
     stamps = [stamp_s(each) for each in got]
     assert stamps == sorted(set(stamps))
-    assert before_s - 0.02 < stamps[0]
+    assert before_s - 0.04 < stamps[0]
     assert stamps[-1] <= port.t_s
 
 
