@@ -45,3 +45,36 @@ class LoadCell(Protocol):
         recorded one answers with the force of that time.
         """
         ...
+
+
+class NativeReading(NamedTuple):
+    """What the device itself gives (N, counts, lbf/1000): before calibration, sign and tare; whether to
+    believe it, and when it was made, by the host's clock.
+    """
+
+    native: float
+    valid: bool
+    stamp_ns: int
+
+
+class NativeLoadCell(Protocol):
+    """A load cell that can be calibrated: one opened with `calibration: null` gives its native readings, also
+    one that gives no force then.
+
+    Attributes:
+        newton_per_native: by its data sheet, > 0; None: only a calibration tells.
+    """
+
+    newton_per_native: float | None
+
+    def open(self) -> None:
+        """See `LoadCell`."""
+        ...
+
+    def close(self) -> None:
+        """See `LoadCell`."""
+        ...
+
+    def read_native(self, now_ns: int) -> Sequence[NativeReading]:
+        """The readings since the last call, oldest first, in place of `read`."""
+        ...

@@ -39,3 +39,30 @@ class Stage(Protocol):
     def read(self, now_ns: int) -> StageReading:
         """The readback at `now_ns`; a drive that is read more seldom carries it on for at most 20 ms."""
         ...
+
+
+class Home(NamedTuple):
+    """The reference as it was found, in native units: its position in the count that holds from now on, and
+    how far off the count before had it; None: the device does not tell, or has not been homed before.
+    """
+
+    native: float
+    shift: float | None
+
+
+class Homing(Protocol):
+    """A stage that can be calibrated. Both methods move it, wait, and leave it at rest.
+
+    They raise `DeviceError` when the device fails or does not come to an end in the time that the distance
+    takes, and may be interrupted: `Stage.hold` then brings it to rest.
+    """
+
+    def home(self) -> Home:
+        """Finds the reference again, whether it had been found or not."""
+        ...
+
+    def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
+        """Goes from one end of the travel to the other at no more than that speed; the positions of both in
+        native units of the count that holds, in any order.
+        """
+        ...
