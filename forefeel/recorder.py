@@ -27,9 +27,16 @@ class Recorder:
     """
 
     def __init__(
-        self, path: Path, cell: str, transport: TransportSettings, metadata: Mapping[str, str]
+        self,
+        path: Path,
+        cell: str,
+        transport: TransportSettings,
+        metadata: Mapping[str, str],
+        tables: Mapping[str, Mapping[str, str]] | None = None,
     ) -> None:
-        """Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be
+        """`metadata` becomes the table `run`; `tables`: more of them, by name.
+
+        Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be
         used.
         """
         self.newest: dict[str, bytes] = {}
@@ -42,7 +49,8 @@ class Recorder:
         except BaseException:
             self._transport.close()
             raise
-        self._writer.add_metadata("run", metadata)
+        for name, table in {"run": metadata, **(tables or {})}.items():
+            self._writer.add_metadata(name, table)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
         self._transport.subscribe_all(f"forefeel/{cell}", self._hear)

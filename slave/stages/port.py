@@ -2,6 +2,8 @@
 
 from typing import NamedTuple, Protocol
 
+from common.hardware.link import Link
+
 
 class StageReading(NamedTuple):
     """What the drive reads back: position of the motor's encoder in m, velocity in m/s."""
@@ -51,11 +53,28 @@ class Home(NamedTuple):
 
 
 class Homing(Protocol):
-    """A stage that can be calibrated. Both methods move it, wait, and leave it at rest.
+    """A stage that can be calibrated. `home` and `travel_ends` move it, wait, and leave it at rest.
 
     They raise `DeviceError` when the device fails or does not come to an end in the time that the distance
-    takes, and may be interrupted: `Stage.hold` then brings it to rest.
+    takes, and may be interrupted: `hold` then brings it to rest.
+
+    Attributes:
+        link: its `serial` is what the calibration is bound to.
     """
+
+    link: Link
+
+    def open(self) -> None:
+        """See `Stage`; the calibration that the settings name is not needed."""
+        ...
+
+    def close(self) -> None:
+        """See `Stage`."""
+        ...
+
+    def hold(self, now_ns: int) -> None:
+        """See `Stage`."""
+        ...
 
     def home(self) -> Home:
         """Finds the reference again, whether it had been found or not."""
