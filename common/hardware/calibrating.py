@@ -200,8 +200,8 @@ class Travel(NamedTuple):
 def travel_of(
     reference: float, ends: tuple[float, float], shift: float | None, native_per_m: float, sign: int
 ) -> Travel:
-    """The travel in m from what was found in native units of `native_per_m`; `sign` as in the settings."""
-    low_m, high_m = sorted(sign * (end - reference) / native_per_m for end in ends)
+    """The travel in m, to the nanometre, from what was found in native units; `sign` as in the settings."""
+    low_m, high_m = sorted(round(sign * (end - reference) / native_per_m, 9) for end in ends)
     return Travel((low_m, high_m), None if shift is None else abs(shift / native_per_m))
 
 
@@ -211,8 +211,7 @@ def require_travel(found: Travel, expected_m: tuple[float, float], repeatability
     Raises:
         RunError: with what was found and what was expected.
     """
-    tolerance_m = 0.01 * (expected_m[1] - expected_m[0])
-    if found.ends_m[0] > expected_m[0] + tolerance_m or found.ends_m[1] < expected_m[1] - tolerance_m:
+    if found.ends_m[0] > expected_m[0] or found.ends_m[1] < expected_m[1]:
         low, high = (1e3 * end_m for end_m in found.ends_m)
         raise RunError(
             f"travel {low:.3f} to {high:.3f} mm found, settings say stage.travel_m = {list(expected_m)}; "

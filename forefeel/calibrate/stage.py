@@ -1,13 +1,12 @@
 """`forefeel calibrate stage`: home twice, the way from end to end; asked before it moves."""
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
 from common.clock import Clock, MonotonicClock
-from common.errors import ConfigurationError, DeviceError, RunError
+from common.errors import ConfigurationError, RunError
 from common.hardware.calibrating import Travel, require_travel, travel_of
 from common.hardware.calibration import StageCalibration
 from forefeel.calibrate.load_cell import require_serial
@@ -38,7 +37,7 @@ def run_stage(wish: Wish, clock: Clock | None = None, today: date | None = None)
 
     Raises:
         InputError: the wish, the configuration or the device is not as expected; nothing moved.
-        RunError: refused for what was found, or interrupted (the stage is told to hold); nothing was written.
+        RunError: refused for what was found, or interrupted (the stage is stopped); nothing was written.
         DeviceError: the stage failed.
     """
     _check(wish)
@@ -49,21 +48,16 @@ def run_stage(wish: Wish, clock: Clock | None = None, today: date | None = None)
             f"--velocity {wish.velocity_m_s:g}: expected at most stage.max_velocity_m_s = "
             f"{settings.max_velocity_m_s:g}"
         )
-    stage: Homing = device.driver.make(settings, clock or MonotonicClock())
     person = Person(wish.yes)
     with interruptible():
         try:
-            stage.open()
-            serial = require_serial(stage.link.serial, device)
-            person.say(f"{device.name}: {stage.link.identity or device.driver.name}, serial {serial}")
-            person.agree(_intent(wish, settings))
-            zero, travel = _moved(stage, settings, wish, person.say)
+            with device.driver.make_homing(settings, clock or MonotonicClock()) as stage:
+                serial = require_serial(stage.link.serial, device)
+                person.say(f"{device.name}: {stage.link.identity or device.driver.name}, serial {serial}")
+                person.agree(_intent(wish, settings))
+                zero, travel = _moved(stage, settings, wish, person.say)
         except KeyboardInterrupt:
-            with suppress(DeviceError):  # it holds by itself then
-                stage.hold((clock or MonotonicClock()).now_ns())
-            raise RunError("calibration interrupted; the stage holds, nothing was written") from None
-        finally:
-            stage.close()
+            raise RunError("calibration interrupted; the stage was stopped, nothing was written") from None
     require_travel(travel, settings.travel_m, wish.repeatability_m)
     _write(wish, device, serial, zero, travel, today or date.today())
 

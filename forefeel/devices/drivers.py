@@ -6,6 +6,7 @@ from typing import Any, Literal, get_args
 
 from common.clock import Clock
 from common.config import Settings
+from common.errors import ConfigurationError
 from master.settings import (
     CoilSettings,
     MultiSineSettings,
@@ -21,6 +22,7 @@ from slave.load_cells.settings import (
     SimulatedLoadCellDriver,
 )
 from slave.settings import GripperDriver
+from slave.stages.port import Homing
 from slave.stages.settings import Cia402Settings, SimulatedStageDriver, ZaberSettings
 
 Slot = Literal["stage", "load_cell", "gripper", "handle"]
@@ -28,14 +30,15 @@ Slot = Literal["stage", "load_cell", "gripper", "handle"]
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """One driver. `place`: module and class, taken as (settings, clock); None: there is no hardware behind
-    it, and the daemon alone makes it.
+    """One driver. `place`: module and class, made of (settings, clock); None: there is no hardware behind it,
+    and the daemon alone makes it. `homing`: likewise, what calibrates a stage (`slave.stages.port.Homing`).
     """
 
     slot: Slot
     settings: type[Settings]
     place: str | None
     what: str
+    homing: str | None = None
 
     @property
     def name(self) -> str:
@@ -46,14 +49,36 @@ class Driver:
         """The driver, not opened yet."""
         if self.place is None:
             raise ValueError(f"{self.name}: a driver without hardware")
-        module, _, name = self.place.partition(":")
-        return getattr(import_module(module), name)(settings, clock)
+        return imported(self.place)(settings, clock)
+
+    def make_homing(self, settings: Settings, clock: Clock) -> Homing:
+        """What calibrates the stage, not entered yet.
+
+        Raises:
+            ConfigurationError: the driver offers none.
+        """
+        if self.homing is None:
+            raise ConfigurationError(
+                f"stage.driver = {self.name!r}: can not be homed from here; home it with the tools of its maker"
+            )
+        found: Homing = imported(self.homing)(settings, clock)
+        return found
+
+
+def imported(place: str) -> Any:  # noqa: ANN401 - whatever stands there
+    """What `module:name` names."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 DRIVERS: tuple[Driver, ...] = (
     Driver("stage", SimulatedStageDriver, None, "the stage of the simulated world"),
     Driver(
-        "stage", ZaberSettings, "slave.stages.zaber_ascii:ZaberStage", "Zaber stage, ASCII protocol, serial"
+        "stage",
+        ZaberSettings,
+        "slave.stages.zaber_ascii:ZaberStage",
+        "Zaber stage, ASCII protocol, serial",
+        "slave.stages.zaber_homing:ZaberHoming",
     ),
     Driver("stage", Cia402Settings, "slave.stages.cia402:Cia402Stage", "CiA 402 drive, CANopen"),
     Driver("load_cell", SimulatedLoadCellDriver, None, "the load cell of the simulated world"),
