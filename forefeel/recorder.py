@@ -27,17 +27,11 @@ class Recorder:
     """
 
     def __init__(
-        self,
-        path: Path,
-        cell: str,
-        transport: TransportSettings,
-        metadata: Mapping[str, str],
-        tables: Mapping[str, Mapping[str, str]] | None = None,
+        self, path: Path, cell: str, transport: TransportSettings, tables: Mapping[str, Mapping[str, str]]
     ) -> None:
-        """`metadata` becomes the table `run`; `tables`: more of them, by name.
+        """`tables`: metadata by name; `run` is what was asked for.
 
-        Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be
-        used.
+        Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be used.
         """
         self.newest: dict[str, bytes] = {}
         self._error: BaseException | None = None
@@ -49,7 +43,7 @@ class Recorder:
         except BaseException:
             self._transport.close()
             raise
-        for name, table in {"run": metadata, **(tables or {})}.items():
+        for name, table in tables.items():
             self._writer.add_metadata(name, table)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()

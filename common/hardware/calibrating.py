@@ -89,6 +89,22 @@ def require_steady(
         )
 
 
+def rough_scale(tare: Level, loaded: Step) -> float:
+    """N per native unit by one load, where no data sheet tells.
+
+    Raises:
+        RunError: the noise hides the load.
+    """
+    rise, noise = loaded.level.mean - tare.mean, max(loaded.level.std, tare.std)
+    if not abs(rise) > _SHOWN * noise:
+        raise RunError(
+            f"{loaded.force_n:.4g} N: the reading does not follow the load: {tare.mean:.6g} without, "
+            f"{loaded.level.mean:.6g} with it, noise {noise:.2g}; check that the load acts on the cell and "
+            "that nothing moves it"
+        )
+    return loaded.force_n / rise
+
+
 def forces_of(text: str, newton_per_unit: float, where: str) -> list[float]:
     """The forces in N of a list such as `0,0.05,0.1`, zero left out: the cell is tared without a load.
 

@@ -19,6 +19,7 @@ from common.hardware.calibrating import (
     range_of,
     require_line,
     require_steady,
+    rough_scale,
     walk_of,
 )
 from common.hardware.calibration import LoadCellCalibration
@@ -148,20 +149,16 @@ class _Walk:
             steps.append(Step(force_n, self._level(force_n)))
             judged = steps[-1:]
             if self._scale is None and force_n:
-                rise = steps[-1].level.mean - steps[0].level.mean
-                self._scale = force_n / rise if rise else None
-                judged = steps
-            for step in judged if self._scale is not None else ():
-                require_steady(
-                    step.level,
-                    self._scale or 0.0,
-                    high_n - low_n,
-                    _load(step.force_n),
-                    self._wish.steady_share,
-                )
+                self._scale, judged = rough_scale(steps[0].level, steps[-1]), steps
+            if self._scale is not None:
+                self._require_steady(judged, self._scale, high_n - low_n)
             level = steps[-1].level
             self._person.say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
         return steps
+
+    def _require_steady(self, steps: Sequence[Step], scale_n: float, span_n: float) -> None:
+        for force_n, level in steps:
+            require_steady(level, scale_n, span_n, _load(force_n), self._wish.steady_share)
 
     def _level(self, force_n: float) -> Level:
         self._person.wait(f"{'Unload the cell' if force_n == 0.0 else f'Apply {_load(force_n)}'}")

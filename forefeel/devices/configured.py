@@ -33,6 +33,14 @@ class Configured(NamedTuple):
             return f"{can.interface} {can.channel} node {self.settings.node_id}"
         return str(getattr(self.settings, "port", ""))
 
+    @property
+    def serial_port(self) -> str | None:
+        """The serial port, that of a CAN adapter too."""
+        can = getattr(self.settings, "can", None)
+        if can is not None:
+            return str(can.channel).partition("@")[0] if can.interface == "slcan" else None
+        return getattr(self.settings, "port", None)
+
 
 def configured(settings: DaemonSettings) -> list[Configured]:
     """The devices of a slave or master, axis by axis."""

@@ -59,7 +59,7 @@ class Driver:
         """
         if self.homing is None:
             raise ConfigurationError(
-                f"stage.driver = {self.name!r}: can not be homed from here; home it with the tools of its maker"
+                f"stage.driver = {self.name!r}: can not be homed from here; use its maker's tools"
             )
         found: Homing = imported(self.homing)(settings, clock)
         return found

@@ -36,7 +36,7 @@ def run_probe(config: Path, seconds: float, as_json: bool, clock: SleepingClock 
             for device in devices:
                 found.append(probe(device, seconds, clock or MonotonicClock()))
                 if not as_json:
-                    _show(console, found[-1], getattr(device.settings, "port", None))
+                    _show(console, found[-1], device.serial_port)
         except KeyboardInterrupt:
             raise RunError(f"probe interrupted after {len(found)} of {len(devices)} devices") from None
     if as_json:
@@ -49,7 +49,7 @@ def _show(console: Console, found: Probed, port: str | None) -> None:
     head = f"{found.axis} {found.slot}: {found.driver}{f' on {found.where}' if found.where else ''}: "
     verdict = Text(head).append(found.verdict, _STYLES[found.verdict])
     console.print(verdict.append("; ".join(_facts(found))))
-    warning = latency_warning(port) if isinstance(port, str) and port else None
+    warning = latency_warning(port) if port else None
     if warning:
         console.print(Text(f"  {warning}", style="yellow"))
 

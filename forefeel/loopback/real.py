@@ -17,7 +17,6 @@ from common.codec import decode
 from common.errors import CodecError, InputError, RunError
 from common.topics import COMMAND, SLAVE_STATE
 from common.transport.settings import TransportSettings
-from forefeel.calibrate.carried import calibrations
 from forefeel.interrupt import interruptible
 from forefeel.loopback.plan import AXIS, Plan
 from forefeel.recorder import Recorder
@@ -51,8 +50,7 @@ def run_real(plan: Plan, out: Path, progress: Progress) -> None:
             _Child("master", paths[1], out, plan.duration_s),
         ]
         listening = TransportSettings(listen=(endpoints[1],))
-        tables = calibrations(plan.slave_settings())
-        recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.metadata, tables)
+        recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.tables())
         try:
             for child in children:
                 child.start()

@@ -11,7 +11,6 @@ from common.recording.mcap_writer import RunWriter
 from common.runtime.virtual import VirtualRuntime
 from common.topics import parse_key
 from common.transport.memory import MemoryBus
-from forefeel.calibrate.carried import calibrations
 from forefeel.loopback.plan import Plan
 from master.daemon import MasterDaemon
 from slave.daemon import SlaveDaemon
@@ -42,7 +41,6 @@ class VirtualLoopback:
         self.slave = SlaveDaemon(plan.slave_settings(), bus.session(clock), self.runtime, new_id)
         self.master = MasterDaemon(plan.master_settings(), bus.session(clock), self.runtime, new_id)
         self._plan = plan
-        self._tables = {"run": plan.metadata, **calibrations(plan.slave_settings())}
 
     def run(self, progress: Callable[[float], None]) -> None:
         """Runs to the end; `progress` gets the virtual time in s."""
@@ -73,7 +71,7 @@ class VirtualLoopback:
     def write(self, path: Path) -> None:
         """Writes the recording."""
         with RunWriter(path) as writer:
-            for name, table in self._tables.items():
+            for name, table in self._plan.tables().items():
                 writer.add_metadata(name, table)
             for key, payload, stamp_ns in self.payloads:
                 writer.write(key, payload, stamp_ns)
