@@ -96,9 +96,9 @@ class _Tally:
 
     def run(self, driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock) -> None:  # noqa: ANN401
         """Raises what the driver does, and DeviceError for a load cell without a reading."""
-        link: Link = driver.link
         try:
             driver.open()
+            link: Link = driver.link  # a driver may begin a new one when it is opened
             link.round_trips_ns.drain()
             start_ns, before = clock.now_ns(), link.exchanges
             now_ns = start_ns
@@ -110,9 +110,10 @@ class _Tally:
                 else:
                     driver.read(now_ns)
                 self.round_trips_ns += link.round_trips_ns.drain()
+            link.require_ready()
             self._rate(link.exchanges - before, now_ns - start_ns, is_load_cell)
         finally:
-            self.state = "inhibited" if link.inhibited else link.state.name.lower()
+            self.state = "inhibited" if driver.link.inhibited else driver.link.state.name.lower()
             driver.close()
 
     def _take(self, readings: Any, now_ns: int) -> None:  # noqa: ANN401

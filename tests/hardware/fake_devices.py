@@ -33,6 +33,7 @@ class Fake:
 
     def open(self) -> None:
         self.calls.append("open")
+        self.link = Link("a fake")
         if self.refuses is not None:
             raise self.refuses
         for state in (LinkState.OPEN, LinkState.IDENTIFIED, LinkState.CONFIGURED, LinkState.READY):
