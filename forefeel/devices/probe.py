@@ -100,6 +100,8 @@ class _Tally:
             driver.open()
             link: Link = driver.link  # a driver may begin a new one when it is opened
             link.round_trips_ns.drain()
+            if is_load_cell:
+                driver.read(clock.now_ns(), None)  # what has queued since it is ready
             start_ns, before = clock.now_ns(), link.exchanges
             now_ns = start_ns
             while now_ns - start_ns < span_ns:
