@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 test soak: export OPENBLAS_NUM_THREADS := 1
 test soak: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test check bench hidden-effects soak format clean
+.PHONY: help demo test check bench hidden-effects soak fuzz format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12

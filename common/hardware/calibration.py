@@ -39,7 +39,8 @@ class LoadCellCalibration(Settings):
 
 
 class StageCalibration(Settings):
-    """What homing and a run over the travel found: `native` position in device units of x = 0, and per metre.
+    """What homing and a run over the travel found: `native = zero + sign native_per_m x`, in device units;
+    `sign`: of the settings, not in `native_per_m`.
 
     `travel_m`: from end to end; `repeatability_m`: the largest difference of the home found twice; None: the
     device does not tell.
@@ -51,7 +52,7 @@ class StageCalibration(Settings):
     date: date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 365
     zero: float
-    native_per_m: NonZero
+    native_per_m: Annotated[float, Field(gt=0, le=1e12)]
     travel_m: tuple[float, float]
     repeatability_m: NonNegativeFloat | None
 

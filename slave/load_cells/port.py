@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+from common.hardware.link import Link
+
 
 class LoadCellReading(NamedTuple):
     """Force in N, the raw counts it comes from, whether to believe it (in range, no device error), and when
@@ -58,17 +60,20 @@ class NativeReading(NamedTuple):
 
 
 class NativeLoadCell(Protocol):
-    """A load cell that can be calibrated: one opened with `calibration: null` gives its native readings, also
-    one that gives no force then.
+    """A load cell that can be calibrated.
 
     Attributes:
         newton_per_native: by its data sheet, > 0; None: only a calibration tells.
+        link: its `serial` is what the calibration is bound to.
     """
 
     newton_per_native: float | None
+    link: Link
 
-    def open(self) -> None:
-        """See `LoadCell`."""
+    def open_native(self) -> None:
+        """Connects as `LoadCell.open` does, for `read_native` alone: the calibration is not looked at, and a
+        cell that gives no force without one is taken as well.
+        """
         ...
 
     def close(self) -> None:

@@ -1,6 +1,9 @@
 """The stage port: what the control loop needs of a drive."""
 
-from typing import NamedTuple, Protocol
+from types import TracebackType
+from typing import NamedTuple, Protocol, Self
+
+from common.hardware.link import Link
 
 
 class StageReading(NamedTuple):
@@ -51,11 +54,27 @@ class Home(NamedTuple):
 
 
 class Homing(Protocol):
-    """A stage that can be calibrated. Both methods move it, wait, and leave it at rest.
+    """A stage while it is calibrated: it need not know where it is, and its calibration is not looked at.
+    Use: `with homing:`; whatever ends the block, the stage is told to stop and let go.
 
-    They raise `DeviceError` when the device fails or does not come to an end in the time that the distance
-    takes, and may be interrupted: `Stage.hold` then brings it to rest.
+    `home` and `travel_ends` move it, wait, and leave it at rest; they raise `DeviceError` when the device
+    fails or does not come to an end in the time that the distance takes.
+
+    Attributes:
+        link: its `serial` is what the calibration is bound to.
     """
+
+    link: Link
+
+    def __enter__(self) -> Self:
+        """Connects and identifies; nothing moves."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stops and lets go."""
+        ...
 
     def home(self) -> Home:
         """Finds the reference again, whether it had been found or not."""
