@@ -180,7 +180,7 @@ class Parser:
     def _skipped(self, before: bytes, reason: str) -> None:
         if reason:
             self.dropped[reason] += 1
-        else:
+        elif before:
             self.dropped["noise"] += len(before)
 
 

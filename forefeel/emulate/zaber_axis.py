@@ -114,13 +114,16 @@ class ZaberAxis:
     def _towards(self, distance: float, fastest: float) -> float:
         """The largest velocity, of at most `fastest`, that comes to rest in that distance.
 
-        Braking in steps of dt from v covers v^2 / 2A + v dt / 2.
+        Braking in steps of dt from v covers at most v^2 / 2A + v dt / 2 + A dt^2 / 8; one step is left to land.
         """
-        if abs(distance) < _NEAR:
+        way, brake = abs(distance), self.acceleration * STEP_S
+        if way < _NEAR:
             return 0.0
-        brake = self.acceleration * STEP_S
-        largest = sqrt(0.25 * brake * brake + 2.0 * self.acceleration * abs(distance)) - 0.5 * brake
-        return copysign(min(fastest, largest, abs(distance) / STEP_S), distance)
+        if way <= brake * STEP_S:
+            return copysign(min(fastest, way / STEP_S), distance)
+        room = way - 0.125 * brake * STEP_S
+        largest = sqrt(0.25 * brake * brake + 2.0 * self.acceleration * room) - 0.5 * brake
+        return copysign(min(fastest, largest), distance)
 
     def _beyond(self, position: float) -> bool:
         margin = 0.01 * (self._ends[1] - self._ends[0])
