@@ -74,7 +74,7 @@ class ZaberAxis:
             self.flags.add("NI")
         else:
             self.flags.discard("NI")
-        self.motion, self._goal, self._stalled_s = motion, goal, 0.0
+        self.motion, self._goal = motion, goal
 
     def disable(self, flag: str) -> None:
         """The driver is off: the axis comes to rest and takes no motion."""
@@ -93,9 +93,10 @@ class ZaberAxis:
     def _move(self) -> None:
         wanted, most = self._wanted(), self.acceleration * STEP_S
         self.velocity = max(self.velocity - most, min(self.velocity + most, wanted))
-        if self.stuck or self._beyond(self.position + self.velocity * STEP_S):
+        if self.velocity and (self.stuck or self._beyond(self.position + self.velocity * STEP_S)):
             self._stall()
             return
+        self._stalled_s = 0.0
         self.position += self.velocity * STEP_S
         if self.velocity == wanted == 0.0:
             self._end()
@@ -137,6 +138,7 @@ class ZaberAxis:
             self._end()
         elif self._stalled_s >= _STALL_S:
             self.flags.add("FS")
+            self._stalled_s = 0.0
             self._end()
 
     def _end(self) -> None:

@@ -170,6 +170,8 @@ def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: Scale) -> None:
         try:
             _ensure(talk, name, max(1, int(value)))
         except RejectedError as error:
+            if error.reason != "BADDATA":
+                raise
             raise DeviceSetupError(
                 f"{link_name(settings)}: stage.{key} = {getattr(settings, key):g}: rejected "
                 f"({error.reason}), expected what the stage can do"

@@ -11,7 +11,7 @@ from common.hardware.link import Link
 from common.hardware.streams import ByteStream
 from common.hardware.zaber import Alert, Encoder, Message, Parser, Reply, in_words, is_fault
 
-_SLACK_S = 0.06  # of the device, the adapter and the host, beside the bytes' own time
+_SLACK_S = 0.05  # of the device, the adapter and the host, beside the bytes' own time
 _BITS = 10
 _USUAL_REPLY = 40
 _MOST_SILENT = 3
@@ -88,17 +88,16 @@ class ZaberTalk:
         """Sends commands in one go; their replies, None where none came in time.
 
         Raises:
-            SilenceError: three in a row did not come (unless `patient`).
+            SilenceError: nothing came three times in a row (unless `patient`).
             DeviceError: the device is gone; or an alert said that the axis has a fault.
         """
         sent_ns, ids = self._clock.now_ns(), self.post(texts, axis)
         found = self._collect(ids, sent_ns)
         replies = [found.get(each) for each in ids]
-        for reply in replies:
-            self._silent = self._silent + 1 if reply is None else 0
-            self._counters["lost_replies"] += reply is None
-            if self._silent >= _MOST_SILENT and not patient:
-                raise SilenceError(f"{self._name}: no answer {_MOST_SILENT} times in a row")
+        self._counters["lost_replies"] += replies.count(None)
+        self._silent = 0 if found else self._silent + 1
+        if self._silent >= _MOST_SILENT and not patient:
+            raise SilenceError(f"{self._name}: no answer {_MOST_SILENT} times in a row")
         return replies
 
     def post(self, texts: Sequence[str], axis: int | None = None) -> list[int]:

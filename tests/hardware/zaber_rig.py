@@ -133,6 +133,8 @@ class Rig:
         conversation = _Scripted(self, script)
         conversation._run()
         self.stage.link.close()
+        if conversation.failed is not None:
+            raise conversation.failed
         if isinstance(conversation._first, DeviceError):
             raise conversation._first
         return self
@@ -142,12 +144,25 @@ class _Scripted(Conversation):
     def __init__(self, rig: Rig, script: Iterator[None]) -> None:
         super().__init__(rig.stage.link, rig.stage._converse)
         self._rig, self._script = rig, script
+        self._begun = False
+        self.failed: BaseException | None = None
 
     @property
     def stopping(self) -> bool:
-        if not self._stopping.is_set() and next(self._script, self) is self:
-            self._stopping.set()
+        """Asked before the handshake, and once a round after it."""
+        if self._begun and not self._stopping.is_set():
+            self._advance()
+        self._begun = True
         return self._stopping.is_set()
+
+    def _advance(self) -> None:
+        try:
+            next(self._script)
+        except StopIteration:
+            self._stopping.set()
+        except BaseException as error:  # noqa: BLE001 - of the test; the conversation would take it for a fault
+            self.failed = error
+            self._stopping.set()
 
     def pause(self, seconds: float) -> None:
         self._rig.rest(seconds)
