@@ -115,7 +115,7 @@ class ZaberAxis:
     def _towards(self, distance: float, fastest: float) -> float:
         """The largest velocity, of at most `fastest`, that comes to rest in that distance.
 
-        Braking in steps of dt from v covers at most v^2 / 2A + v dt / 2 + A dt^2 / 8; one step is left to land.
+        Braking in steps of dt from v covers at most v^2 / 2A + v dt / 2 + A dt^2 / 8; one step is to land.
         """
         way, brake = abs(distance), self.acceleration * STEP_S
         if way < _NEAR:

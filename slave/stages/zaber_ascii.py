@@ -103,21 +103,21 @@ class ZaberStage:
             device = connect(self.settings, self._clock, self.link, stream, date.today())
             require_travel(device, self.settings)
             require_homed(device.talk, self.link)
-            self.link.advance(LinkState.CONFIGURED)
-            self._exchange = ZaberExchange(device, self.settings, self._clock, self.link, self._orders)
-            self._serve(conversation, self._exchange)
+            exchange = ZaberExchange(device, self.settings, self._clock, self.link, self._orders)
+            exchange.watch()  # before CONFIGURED: from there on anybody may re-arm, and read where it is
+            self._exchange = exchange
+            self._serve(conversation, exchange)
         finally:
             stream.close()
 
     def _serve(self, conversation: Conversation, exchange: ZaberExchange) -> None:
         """After a fault it looks on only, until somebody re-arms the link."""
+        begun = self.link.inhibited is None
+        self.link.advance(LinkState.CONFIGURED)
         try:
-            begun = self.link.inhibited is None
             if begun:
                 exchange.begin()
-            else:
-                exchange.watch()
-            self.link.advance(LinkState.READY)
+                self.link.advance(LinkState.READY)
             conversation.settled()
             while not conversation.stopping:
                 if self.link.state is not LinkState.READY:

@@ -14,7 +14,7 @@ _SENTINEL = b"\r\n" + line(42, "4242")
 
 
 def check_zaber(data: bytes) -> None:
-    """No exception, a bounded buffer, and the line after it is heard; the same with lines without checksum."""
+    """No exception, a bounded buffer, and the line after it is heard; with checksums and without."""
     for checksums in (True, False):
         parser = Parser(checksums)
         parser.feed(data)
@@ -36,7 +36,10 @@ def mutated(random: Random) -> bytes:
     """Valid lines of both directions, some bytes of them dropped, changed, repeated or swapped; or noise."""
     if random.random() < 0.2:
         return random.randbytes(random.randrange(600))
-    encoder, words = Encoder(1), ("get pos", "move abs 100", "home", "set comm.alert 1", "warnings", "stop", "")
+    encoder, words = (
+        Encoder(1),
+        ("get pos", "move abs 100", "home", "set comm.alert 1", "warnings", "stop", ""),
+    )
     lines = [line(n, str(random.randrange(10**6))) for n in range(3)]
     lines += [encoder.encode(1, random.choice(words))[1] for _ in range(3)]
     random.shuffle(lines)

@@ -89,7 +89,9 @@ def test_a_motion_takes_the_time_of_its_trapezoid_and_keeps_speed_and_accelerati
     assert Alert(1, 1, False, "", "") in host.raw(b"")
     assert host.ask("get pos").data == "300000"
     x, v, a = zip(*(step[1:] for step in host.steps), strict=True)
-    assert max(v) == pytest.approx(speed, rel=1e-4) and max(map(abs, a)) == pytest.approx(acceleration, rel=1e-3)
+    assert max(v) == pytest.approx(speed, rel=1e-4) and max(map(abs, a)) == pytest.approx(
+        acceleration, rel=1e-3
+    )
     assert max(x) <= way + 1e-12 and sum(v) * 1e-3 == pytest.approx(x[-1])
 
 

@@ -1,4 +1,4 @@
-"""The Zaber driver when something fails: bad setups in one line, faults that nothing moves after, damaged bytes."""
+"""The Zaber driver when something fails: bad setups, faults that nothing moves after, damaged bytes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -15,9 +15,9 @@ from forefeel.emulate.zaber_settings import ZaberModel
 from tests.hardware.zaber_rig import MODEL, Rig, for_seconds
 
 
-def calibration(folder: Path, **changes: Any) -> Path:
+def calibration(folder: Path, **changes: object) -> Path:
     path = folder / "stage.yaml"
-    usual = {
+    usual: dict[str, object] = {
         "format": "forefeel.stage_calibration/1",
         "driver": "zaber_ascii",
         "serial": str(MODEL.serial),
@@ -34,12 +34,32 @@ def calibration(folder: Path, **changes: Any) -> Path:
 @pytest.mark.parametrize(
     ("model", "changes", "expected"),
     [
-        (replace(MODEL, homed=False), {}, "WR (no reference position); expected a homed stage: run `forefeel c"),
-        (replace(MODEL, has_checksums=False), {}, "checksums stay off (rejected, BADCOMMAND); expected a device"),
-        (replace(MODEL, max_velocity_m_s=0.09), {}, "stage.max_velocity_m_s = 0.1: rejected (BADDATA), expected"),
-        (MODEL, {"travel_m": (-0.006, 0.05)}, "travel_m = [-0.006, 0.05]: expected within [-0.005, 0.1], the"),
+        (
+            replace(MODEL, homed=False),
+            {},
+            "WR (no reference position); expected a homed stage: run `forefeel c",
+        ),
+        (
+            replace(MODEL, has_checksums=False),
+            {},
+            "checksums stay off (rejected, BADCOMMAND); expected a device",
+        ),
+        (
+            replace(MODEL, max_velocity_m_s=0.09),
+            {},
+            "stage.max_velocity_m_s = 0.1: rejected (BADDATA), expected",
+        ),
+        (
+            MODEL,
+            {"travel_m": (-0.006, 0.05)},
+            "travel_m = [-0.006, 0.05]: expected within [-0.005, 0.1], the",
+        ),
         (MODEL, {"axis": 2}, "'get maxspeed' rejected: BADAXIS; expected a stage that takes its settings"),
-        (MODEL, {"device": 3}, "silence: no power, another baud rate, or another device; expected Zaber device 3"),
+        (
+            MODEL,
+            {"device": 3},
+            "silence: no power, another baud rate, or another device; expected Zaber device 3",
+        ),
     ],
 )
 def test_a_wrong_setup_is_one_line_and_nothing_moves(
@@ -57,7 +77,9 @@ def test_a_wrong_setup_is_one_line_and_nothing_moves(
 def test_a_device_that_is_no_zaber() -> None:
     rig = Rig()
     rig.wires[0].send = lambda data, t_s: rig.wires[1].send(bytes(range(128, 228)), t_s)  # type: ignore[method-assign]
-    with pytest.raises(DeviceSetupError, match="no Zaber ASCII: another device, or another baud rate; expected"):
+    with pytest.raises(
+        DeviceSetupError, match="no Zaber ASCII: another device, or another baud rate; expected"
+    ):
         rig.run(for_seconds(rig, 1.0))
 
 
@@ -158,7 +180,7 @@ def test_after_a_fault_nothing_moves_until_it_is_re_armed_and_then_without_a_jum
     def script() -> Iterator[None]:
         yield from for_seconds(rig, 0.2)
         fault(rig)
-        while link.state is LinkState.READY:
+        while rig.state() is LinkState.READY:
             yield
         assert any(word in str(link.inhibited) for word in expected.split("|"))
         assert link.counters["faults"] == 1 and not link.inhibited.count("\n")  # type: ignore[union-attr]
@@ -172,13 +194,13 @@ def test_after_a_fault_nothing_moves_until_it_is_re_armed_and_then_without_a_jum
         for _ in range(40):
             yield
             rig.rest(0.05)
-        assert link.state is LinkState.CONFIGURED and rig.at_rest
+        assert rig.state() is LinkState.CONFIGURED and rig.at_rest()
         rests_m = rig.x_m
         assert rig.moves(since_s) == []
         asked[0] = False
         rig.stage.rearm()
         yield from for_seconds(rig, 0.3)
-        assert link.state is LinkState.READY and rig.x_m == rests_m and rig.moves(since_s) == []
+        assert rig.state() is LinkState.READY and rig.x_m == rests_m and rig.moves(since_s) == []
         assert rig.stage.read(rig.clock.now_ns()).position_m == pytest.approx(rests_m, abs=1e-7)
         rig.stage.command(rests_m + 0.001, 0.0, rig.clock.now_ns())
         yield from for_seconds(rig, 0.3)
@@ -197,7 +219,7 @@ def test_a_fault_of_the_stage_is_followed_by_a_stop(fault: Callable[[Rig], None]
         yield from for_seconds(rig, 0.2)
         fault(rig)
         rig.sent.clear()
-        while rig.stage.link.state is LinkState.READY:
+        while rig.state() is LinkState.READY:
             yield
         assert any(b" stop:" in data for _, data in rig.sent)
 
@@ -211,17 +233,17 @@ def test_a_jam_that_stays_is_a_fault_again_and_a_power_cut_asks_for_homing() -> 
     def script() -> Iterator[None]:
         jam(rig)
         rig.stage.command(0.05, 0.0, rig.clock.now_ns())
-        while link.state is LinkState.READY:
+        while rig.state() is LinkState.READY:
             yield
-        while link.state is not LinkState.CONFIGURED:
+        while rig.state() is not LinkState.CONFIGURED:
             yield
         rig.stage.rearm()
         rig.stage.command(0.05, 0.0, rig.clock.now_ns())
-        while link.state is LinkState.READY:
+        while rig.state() is LinkState.READY:
             yield
         assert "FS" in str(link.inhibited) and link.counters["faults"] == 2
         free(rig)
-        while link.state is not LinkState.CONFIGURED:
+        while rig.state() is not LinkState.CONFIGURED:
             yield
         rig.stage.rearm()
         yield from for_seconds(rig, 0.1)
@@ -244,7 +266,7 @@ def test_an_alert_of_a_fault_is_one() -> None:
         rig.stage.command(0.02, 0.0, rig.clock.now_ns())
         yield from for_seconds(rig, 0.05)
         jam(rig)
-        while rig.stage.link.state is LinkState.READY:
+        while rig.state() is LinkState.READY:
             yield
 
     rig.run(script())
@@ -252,7 +274,8 @@ def test_an_alert_of_a_fault_is_one() -> None:
 
 
 @pytest.mark.parametrize(
-    "faults", ["drop=0.02", "corrupt=0.02", "split=0.3", "delay=0.05", "drop=0.01,corrupt=0.01,split=0.1,delay=0.02"]
+    "faults",
+    ["drop=0.02", "corrupt=0.02", "split=0.3", "delay=0.05", "drop=0.01,corrupt=0.01,split=0.1,delay=0.02"],
 )
 def test_damaged_bytes_cost_replies_that_are_counted_and_the_stage_still_follows(faults: str) -> None:
     rig = Rig(faults=faults, seed=3)

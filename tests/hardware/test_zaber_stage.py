@@ -1,13 +1,13 @@
 """The Zaber driver against the emulated stage in virtual time: it follows, it stops, it never runs away."""
 
 from collections.abc import Iterator
-from math import cos, pi, sin
+from dataclasses import replace
+from math import cos, pi, sin, sqrt
 
 import pytest
 
 from common.errors import DeviceError
 from common.hardware.link import LinkState
-from slave.stages.port import StageReading
 from slave.stages.zaber_ascii import ZaberStage
 from tests.hardware.zaber_rig import MODEL, Rig, for_seconds
 
@@ -19,7 +19,7 @@ def test_the_handshake_moves_nothing_and_says_who_answers() -> None:
     states = list[LinkState]()
 
     def script() -> Iterator[None]:
-        states.append(rig.stage.link.state)
+        states.append(rig.state())
         yield
 
     rig.run(script())
@@ -66,7 +66,7 @@ def sine(rig: Rig, seconds: float) -> tuple[list[float], list[float], list[float
 
 def rms(values: list[float]) -> float:
     assert len(values) > 1000
-    return (sum(value * value for value in values) / len(values)) ** 0.5
+    return sqrt(sum(value * value for value in values) / len(values))
 
 
 def test_it_follows_a_hand_to_a_fraction_of_a_millimetre_and_reads_back_where_it_is() -> None:
@@ -77,8 +77,6 @@ def test_it_follows_a_hand_to_a_fraction_of_a_millimetre_and_reads_back_where_it
 
 
 def test_a_stage_that_counts_against_the_insertion_follows_as_well() -> None:
-    from dataclasses import replace
-
     error, _, _ = sine(Rig(replace(MODEL, limits_m=(-0.1, 0.005), start_m=-0.01), sign=-1), 2.0)
     assert rms(error) < 60e-6
 
@@ -125,7 +123,7 @@ def test_when_the_setpoints_end_the_stage_comes_to_rest_within_the_lead() -> Non
     def script() -> Iterator[None]:
         yield from for_seconds(rig, 1.0)
         # the loop has hung, the driver's thread lives
-        assert rig.at_rest and rig.x_m == pytest.approx(0.01 + 0.05 * (0.4 + rig.settings.lead_s), abs=2e-4)
+        assert rig.at_rest() and rig.x_m == pytest.approx(0.01 + 0.05 * (0.4 + rig.settings.lead_s), abs=2e-4)
 
     rig.run(script())
     assert rig.stage.link.counters["faults"] == 0
@@ -133,16 +131,16 @@ def test_when_the_setpoints_end_the_stage_comes_to_rest_within_the_lead() -> Non
 
 def test_a_host_that_dies_leaves_the_stage_at_rest() -> None:
     rig = Rig()
-    rig.tick = lambda now_ns: rig.stage.command(0.05, 0.05, now_ns) and None
+    rig.tick = lambda now_ns: rig.stage.command(0.05, 0.05, now_ns)
 
     def script() -> Iterator[None]:
         yield from for_seconds(rig, 0.3)
         before_m = rig.x_m
-        assert not rig.at_rest
+        assert not rig.at_rest()
         rig.tick = lambda now_ns: None
         fast, lead_s, most = rig.settings.max_velocity_m_s, rig.settings.lead_s, rig.settings
         rig.rest(lead_s + fast / most.max_acceleration_m_s2 + 0.02)  # the host does nothing at all
-        assert rig.at_rest and 0 < rig.x_m - before_m <= fast * (lead_s + 0.02)
+        assert rig.at_rest() and 0 < rig.x_m - before_m <= fast * (lead_s + 0.02)
         stays_m = rig.x_m
         rig.rest(1.0)
         assert rig.x_m == stays_m
@@ -157,7 +155,7 @@ def test_hold_goes_before_everything_and_is_repeated_until_it_is_acknowledged() 
     def script() -> Iterator[None]:
         rig.stage.command(0.03, 0.0, rig.clock.now_ns())
         yield from for_seconds(rig, 0.15)
-        assert not rig.at_rest
+        assert not rig.at_rest()
         rig.stage.hold(0)
         rig.stage.command(0.09, 0.1, rig.clock.now_ns())  # a setpoint that comes after it waits
         rig.sent.clear()
@@ -170,7 +168,7 @@ def test_hold_goes_before_everything_and_is_repeated_until_it_is_acknowledged() 
         assert b" stop" in texts[1] and b" move abs" in texts[2]
         rig.stage.hold(0)
         yield from for_seconds(rig, 0.2)
-        assert rig.at_rest
+        assert rig.at_rest()
         rig.sent.clear()
         rig.stage.hold(0)
         yield from for_seconds(rig, 0.1)
@@ -189,7 +187,7 @@ def test_the_readback_is_carried_on_for_at_most_20_ms() -> None:
         assert exchange is not None
         stamp_ns, _, (x, v) = exchange.reading
         assert v > 0.05
-        assert rig.stage.read(stamp_ns + 10 * MS) == StageReading(pytest.approx(x + v * 0.01), v)
+        assert tuple(rig.stage.read(stamp_ns + 10 * MS)) == pytest.approx((x + v * 0.01, v))
         assert rig.stage.read(stamp_ns + 300 * MS).position_m == pytest.approx(x + v * 0.02)
         assert rig.stage.read(stamp_ns - 5 * MS).position_m == x
 
@@ -217,7 +215,7 @@ def test_the_end_leaves_it_at_rest() -> None:
         yield from for_seconds(rig, 0.3)
 
     rig.run(script())
-    assert rig.at_rest and rig.opened == 0
+    assert rig.at_rest() and rig.opened == 0
     with pytest.raises(DeviceError, match="link closed"):
         rig.stage.command(0.0, 0.0, 0)
 

@@ -1,9 +1,9 @@
-"""The Zaber driver on the emulated stage, in one thread and virtual time: bytes take their time on the wire, the
-control loop ticks each millisecond.
+"""The Zaber driver on the emulated stage, in one thread and virtual time.
+
+Bytes take their time on the wire; the control loop ticks each millisecond.
 """
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from common.clock import VirtualClock
 from common.errors import DeviceError
@@ -21,14 +21,14 @@ _TICK_NS = 1_000_000
 _WAIT_TICKS = 20
 
 
-def settings(**changes: Any) -> ZaberSettings:
-    usual: dict[str, Any] = {
+def settings(**changes: object) -> ZaberSettings:
+    usual: dict[str, object] = {
         "driver": "zaber_ascii",
         "port": "memory",
         "microstep_m": MODEL.microstep_m,
         "travel_m": (-0.002, 0.09),
     }
-    return ZaberSettings(**{**usual, **changes})
+    return ZaberSettings.model_validate({**usual, **changes})
 
 
 class MemoryStream:
@@ -60,7 +60,12 @@ class Rig:
     """
 
     def __init__(
-        self, model: ZaberModel = MODEL, faults: str = "", seed: int = 0, baud: int = 115_200, **changes: Any
+        self,
+        model: ZaberModel = MODEL,
+        faults: str = "",
+        seed: int = 0,
+        baud: int = 115_200,
+        **changes: object,
     ) -> None:
         self.clock = VirtualClock(1_000_000_000)
         self.device = ZaberDevice(model)
@@ -71,7 +76,7 @@ class Rig:
         self.wires = [Wire(baud, Faults.parse(faults), f"{way} {seed}") for way in ("in", "out")]
         self.settings = settings(**changes)
         self.stage = ZaberStage(self.settings, self.clock, self.open_stream)
-        self.tick: Callable[[int], None] = lambda now_ns: None
+        self.tick: Callable[[int], object] = lambda now_ns: None
 
     @property
     def t_s(self) -> float:
@@ -81,9 +86,11 @@ class Rig:
     def x_m(self) -> float:
         return self.device.motion()[0]
 
-    @property
     def at_rest(self) -> bool:
         return self.device.motion()[1] == 0.0
+
+    def state(self) -> LinkState:
+        return self.stage.link.state
 
     def moves(self, since_s: float = 0.0) -> list[tuple[float, bytes]]:
         """Lines that move the stage."""
