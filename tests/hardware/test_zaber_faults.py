@@ -312,3 +312,19 @@ def test_a_damaged_position_never_reaches_the_readback() -> None:
     rig.run(for_seconds(rig, 3.0))
     assert len(seen) > 100 and set(seen) == {0.01}
     assert rig.stage.link.counters["bad_checksum"] > 5
+
+
+def test_no_motion_is_even_made_once_another_thread_has_noticed_a_fault() -> None:
+    rig = Rig()
+
+    def script() -> Iterator[None]:
+        rig.stage.command(0.02, 0.0, rig.clock.now_ns())
+        rig.stage.link.fault("noticed elsewhere")
+        exchange = rig.stage._exchange
+        assert exchange is not None
+        with pytest.raises(DeviceError, match="noticed elsewhere"):
+            exchange.step()
+        yield
+
+    rig.run(script())
+    assert rig.moves() == []
