@@ -1,0 +1,341 @@
+"""The driver of the coil handle against the emulated device, in virtual time."""
+
+from dataclasses import replace
+from math import cos, nan, pi, sin
+
+import pytest
+
+from common.errors import DeviceError, DeviceSetupError
+from common.hardware.coil import Flag
+from common.hardware.link import LinkState
+from common.messages import Grip, SafetyState
+from forefeel.emulate.coil import CoilDevice, CoilHardware
+from forefeel.emulate.wire import Faults, Wire
+from tests.hardware.coil_rig import RETRY_NS, Bench, Hand
+
+RETRY_MS = RETRY_NS // 1_000_000
+WATCHDOG_MS = 20
+
+
+def opened(**arguments: object) -> Bench:
+    bench = Bench(**arguments)  # type: ignore[arg-type]
+    bench.handle.open()
+    assert bench.handle.link.state is LinkState.READY
+    return bench.run(20)
+
+
+def fallen(bench: Bench) -> str:
+    """Why the link is down; nothing is read, nothing rendered."""
+    assert bench.readings[-1] is None
+    why = bench.handle.link.inhibited
+    assert why is not None
+    with pytest.raises(DeviceError, match=r"memory: .+"):
+        bench.handle.render(1.0, bench.clock.now_ns())
+    return why
+
+
+# --- what goes through ---
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_position_velocity_and_buttons_come_through(sign: int) -> None:
+    bench = opened(sign=sign)
+    w = 2 * pi * 1.5
+    bench.hand.course = lambda t: sign * 0.02 * sin(w * t)
+    bench.hand.pressed, bench.hand.grip = True, Grip.OPEN
+    bench.run(3)
+    for _ in range(700):
+        bench.run(1)
+        t_s = bench.clock.now_ns() * 1e-9 + bench.line.ahead_s
+        assert bench.reading.position_m == pytest.approx(0.02 * sin(w * t_s), abs=0.19 * 0.0012 + 2e-6)
+        assert bench.reading.velocity_m_s == pytest.approx(0.02 * w * cos(w * t_s), abs=0.006)
+    assert (bench.reading.deadman, bench.reading.gripper) == (True, Grip.OPEN)
+    assert bench.counters["frames"] == pytest.approx(723, abs=12)
+    assert bench.counters["frames_lost"] == 0
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_force_is_the_current_that_the_coil_makes_it_of(sign: int) -> None:
+    bench = opened(sign=sign)
+    for force_n, applied_n in ((1.2344, 1.234), (-0.5, -0.5), (9.0, 4.0), (-9.0, -4.0), (nan, 0.0)):
+        bench.force_n = force_n
+        bench.run(4)
+        assert bench.applied_n == pytest.approx(applied_n, abs=1e-9)
+        assert bench.hand.felt_n == pytest.approx(sign * applied_n, abs=1e-9)
+
+
+def test_the_lamp_and_the_stages_position_reach_the_person_and_go_dark_with_the_host() -> None:
+    bench = opened()
+    assert bench.hand.sees == (SafetyState.ARMED, 0.0123)
+    bench.handle.silent = True
+    bench.run(30)
+    assert bench.hand.sees == (None, None)
+
+
+def test_between_two_frames_the_reading_goes_on_for_five_milliseconds_and_no_longer() -> None:
+    bench = opened()
+    bench.hand.course = lambda t: 0.1 * t
+    bench.run(50)
+    bench.handle.silent = True
+    first = bench.reading
+    found = [bench.run(1).reading for _ in range(12)]
+    moved = [reading.position_m - first.position_m for reading in found]
+    assert moved[:4] == pytest.approx([1e-4, 2e-4, 3e-4, 4e-4], abs=2e-6)
+    assert moved[6:] == [moved[6]] * 6
+    assert moved[6] <= 5.01e-4
+    assert found[3].velocity_m_s == pytest.approx(0.1, rel=1e-3)
+    assert found[8].velocity_m_s == 0.0
+
+
+# --- the handshake ---
+
+
+@pytest.mark.parametrize(
+    ("hardware", "says"),
+    [
+        (CoilHardware(protocol=2), r"^memory: firmware 1.0 speaks protocol 2; expected 1$"),
+        (CoilHardware(name="toaster"), r"^memory: 'toaster' answers; expected 'forefeel-coil', a coil handle$"),
+    ],
+)
+def test_another_device_or_version_is_refused(hardware: CoilHardware, says: str) -> None:
+    bench = Bench(hardware=hardware)
+    bench.handle.open()
+    assert bench.handle.link.state is LinkState.CLOSED
+    with pytest.raises(DeviceError, match=says.strip("^$")):
+        bench.handle.read(bench.clock.now_ns())
+    bench.run(100)
+    assert set(bench.currents_a) == {0.0}
+
+
+class Mute(CoilDevice):
+    """Sends the same bytes, whatever it hears."""
+
+    def __init__(self, says: bytes) -> None:
+        super().__init__(person=Hand())
+        self._says = says
+
+    def advance(self, t_s: float) -> bytes:
+        super().advance(t_s)
+        return self._says
+
+
+@pytest.mark.parametrize(
+    ("says", "reason"),
+    [
+        (b"", "memory: no answer at 2000000 baud; expected a coil handle (wrong port, baud?)"),
+        (b"\x80\x00", " bytes, no answer among them at 2000000 baud; expected a coil handle"),
+    ],
+)
+def test_silence_and_noise_are_told_apart(says: bytes, reason: str) -> None:
+    bench = Bench()
+    bench.line.device = Mute(says)
+    bench.handle.open()
+    bench.run(1001)
+    assert reason in (bench.handle.link.inhibited or "")
+
+
+def test_a_lost_question_is_asked_again() -> None:
+    bench = Bench()
+    whole, bench.line.to_device = bench.line.to_device, Wire(2_000_000, Faults(drop=1.0), "")
+    bench.handle.open()
+    bench.run(450)
+    assert bench.handle.link.state is LinkState.OPEN
+    assert bench.line.to_device.counts["dropped"] == 5
+    bench.line.to_device = whole
+    bench.run(100)
+    assert bench.handle.link.state is LinkState.READY
+
+
+def test_a_device_that_holds_its_watchdog_shorter_is_taken_and_a_hot_one_is_not() -> None:
+    bench = opened(hardware=CoilHardware(longest_watchdog_ms=10))
+    bench.handle.silent = True
+    bench.force_n = 1.0
+    bench.run(12)
+    assert bench.device.counters["watchdog_trips"] == 1
+    hot = Bench()
+    hot.device._heat = 100.0
+    hot.handle.open()
+    hot.run(1001)
+    assert hot.handle.link.inhibited == "memory: the coil is too hot; expected a handle without a fault"
+
+
+# --- faults ---
+
+
+def test_when_the_host_goes_silent_the_device_takes_the_current_away_in_its_watchdogs_time() -> None:
+    bench = opened()
+    bench.force_n = 3.0
+    bench.run(30)
+    assert bench.currents_a[-1] == 1.5
+    bench.handle.silent = True
+    bench.run(60)
+    held = bench.currents_a[-60:].index(0.0)
+    assert WATCHDOG_MS - 1 <= held <= WATCHDOG_MS + 2
+    assert set(bench.currents_a[-60 + held :]) == {0.0}
+    bench.handle.silent = False  # the thread wakes up; the device has told
+    bench.run(50)
+    assert "no state for" in fallen(bench)
+    assert set(bench.currents_a[-50:]) == {0.0}
+
+
+def test_a_haptic_loop_that_stands_still_is_a_fault_only_while_there_is_a_force() -> None:
+    bench = opened()
+    bench.haptic = False
+    bench.run(200)
+    assert bench.handle.link.state is LinkState.READY
+    bench.haptic = True
+    bench.force_n = 2.0
+    bench.run(20)
+    assert bench.currents_a[-1] == 1.0
+    bench.haptic = False
+    bench.run(40)
+    assert WATCHDOG_MS - 1 <= bench.currents_a[-40:].index(0.0) <= WATCHDOG_MS + 2
+    assert "the haptic loop stands still" in (bench.handle.link.inhibited or "")
+
+
+FAULTS = {"stuck": "no state for", "overrange": "lost its zero", "drive_fault": "overcurrent"}
+
+
+def break_it(bench: Bench, fault: str) -> None:
+    if fault == "unplug":
+        bench.line.plugged = False
+    else:
+        bench.device.provoke(fault)
+
+
+@pytest.mark.parametrize(("fault", "says"), [("unplug", "gone"), *FAULTS.items()])
+def test_no_force_and_no_deadman_after_a_fault_until_the_deadman_is_pressed_anew_and_re_armed(
+    fault: str, says: str
+) -> None:
+    bench = opened()
+    bench.force_n = 3.0
+    bench.press(True)
+    assert (bench.reading.deadman, bench.currents_a[-1]) == (True, 1.5)
+    break_it(bench, fault)
+    bench.run(60)
+    assert says in fallen(bench)
+    if fault != "unplug":
+        assert fault == "stuck" or bench.currents_a[-60:].index(0.0) <= 3
+    bench.line.plugged = True
+    with pytest.raises(DeviceError, match="the link is"):
+        bench.handle.rearm()
+    bench.run(3 * RETRY_MS)
+    assert bench.handle.link.state is LinkState.CONFIGURED
+    assert not bench.handle.pressed_anew  # it has been held all the time
+    assert says in fallen(bench)
+    assert not bench.press(False).handle.pressed_anew
+    assert bench.press(True).handle.pressed_anew
+    assert set(bench.currents_a[-3 * RETRY_MS :]) == {0.0}
+    assert set(bench.readings[-3 * RETRY_MS :]) == {None}
+    bench.handle.rearm()
+    assert not bench.handle.pressed_anew
+    bench.run(10)
+    assert (bench.reading.deadman, bench.currents_a[-1]) == (True, 1.5)
+    assert bench.counters["faults"] >= 1
+
+
+def test_a_re_arming_alone_gives_no_force_before_the_next_rendering() -> None:
+    bench = opened()
+    bench.force_n = 3.0
+    bench.run(10)
+    bench.device.provoke("drive_fault")
+    bench.run(2 * RETRY_MS)
+    bench.press(False).press(True)
+    bench.haptic = False
+    bench.handle.rearm()
+    bench.run(100)
+    assert bench.handle.link.state is LinkState.READY
+    assert set(bench.currents_a[-100:]) == {0.0}
+
+
+def test_a_coil_that_gets_too_hot_is_a_fault_and_waits_until_it_is_cool() -> None:
+    hardware = CoilHardware(continuous_a=1.0, thermal_s=0.5)
+    bench = opened(hardware=hardware)
+    bench.force_n = 4.0
+    bench.run(300)  # 4 A2 warms to 1 A2 in 0.14 s
+    assert "too hot" in fallen(bench)
+    hot_ms = bench.currents_a.index(0.0, bench.currents_a.index(2.0)) - bench.currents_a.index(2.0)
+    assert hot_ms == pytest.approx(500 * 0.2877, abs=4)
+    assert bench.run(2 * RETRY_MS).handle.link.state is LinkState.CONFIGURED
+    assert set(bench.currents_a[-2 * RETRY_MS :]) == {0.0}
+
+
+def test_another_device_on_the_same_port_is_not_taken_for_the_first() -> None:
+    bench = opened()
+    bench.line.plugged = False
+    bench.run(30)
+    bench.line.device = CoilDevice(replace(CoilHardware(), serial="B2"), bench.hand)
+    bench.line.plugged = True
+    bench.run(3 * RETRY_MS)
+    assert bench.handle.link.state is not LinkState.CONFIGURED
+    assert bench.counters["faults"] >= 2
+
+
+def test_a_device_that_starts_anew_within_the_watchdogs_time_is_noticed() -> None:
+    bench = opened()
+    bench.force_n = 1.0
+    bench.run(10)
+    bench.device._start(bench.device._next * 1e-3)
+    bench.device._identified = True  # a firmware that talks unasked
+    bench.device._watchdog_s = 1.0
+    bench.run(5)
+    assert "began anew" in fallen(bench)
+
+
+# --- the wire ---
+
+
+def test_of_frames_with_a_wrong_byte_exactly_those_are_lost_and_nothing_fails() -> None:
+    bench = opened(faults=Faults(corrupt=0.01))
+    bench.hand.course = lambda t: 0.02 * sin(3 * t)
+    bench.run(5000)
+    befallen = bench.line.to_host.counts["corrupted"]
+    assert befallen > 30
+    assert bench.counters["frames_lost"] == befallen
+    assert bench.handle.link.state is LinkState.READY
+    assert bench.device.counters["commands_lost"] == bench.line.to_device.counts["corrupted"] > 30
+    assert None not in bench.readings
+
+
+def test_frames_that_come_in_parts_lose_nothing() -> None:
+    bench = opened(faults=Faults(split=0.5))
+    bench.run(1000)
+    assert bench.line.to_host.counts["split"] > 400
+    assert (bench.counters["frames_lost"], bench.device.counters["commands_lost"]) == (0, 0)
+
+
+def test_a_wire_that_drops_for_less_than_the_watchdogs_time_goes_on_and_counts() -> None:
+    bench = opened(faults=Faults(drop=0.1))
+    bench.run(3000)
+    lost = bench.line.to_host.counts["dropped"]
+    assert lost > 200
+    assert bench.counters["frames_lost"] == pytest.approx(lost, abs=2)
+    assert bench.handle.link.state is LinkState.READY
+
+
+def test_states_that_come_too_late_are_as_none() -> None:
+    bench = opened()
+    bench.line.to_host = Wire(2_000_000, Faults(delay=0.02), "late")
+    bench.press(True)
+    bench.run(1000)  # every delay puts off what follows, too
+    assert "no state for" in fallen(bench)
+
+
+def test_closing_takes_the_current_away_at_once() -> None:
+    bench = opened()
+    bench.force_n = 3.0
+    bench.run(10)
+    bench.handle.close()
+    now_s = bench.clock.now_ns() * 1e-9 + bench.line.ahead_s
+    bench.line.live(now_s + 0.001)
+    bench.line.live(now_s + 0.002)
+    assert bench.device.current_a == 0.0
+    assert Flag.WATCHDOG not in bench.device._flags
+
+
+def test_a_wrong_port_is_wrong_input() -> None:
+    bench = Bench()
+    bench.line.plugged = False
+    bench.handle.open()
+    assert bench.handle.link.inhibited == "memory: no such port"
+    assert issubclass(DeviceSetupError, DeviceError)
