@@ -313,12 +313,19 @@ def test_a_wire_that_drops_for_less_than_the_watchdogs_time_goes_on_and_counts()
     assert bench.handle.link.state is LinkState.READY
 
 
-def test_states_that_come_too_late_are_as_none() -> None:
+def test_states_that_come_later_and_later_are_as_none_though_they_come_all_the_time() -> None:
     bench = opened()
-    bench.line.to_host = Wire(2_000_000, Faults(delay=0.02), "late")
-    bench.press(True)
-    bench.run(1000)  # every delay puts off what follows, too
+    bench.line.to_host = Wire(220_000, Faults(), "")  # 24 bytes in 1.09 ms
+    bench.run(190)
+    assert bench.handle.link.state is LinkState.READY
+    bench.run(60)  # 20 ms late after 220 ms
     assert "no state for" in fallen(bench)
+
+
+def test_a_wire_that_stands_still_for_the_watchdogs_time_is_a_fault() -> None:
+    bench = opened(faults=Faults(delay=0.02))
+    bench.run(100)
+    fallen(bench)
 
 
 def test_closing_takes_the_current_away_at_once() -> None:
