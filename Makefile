@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help demo test check bench hidden-effects soak format clean
+.PHONY: help demo test check bench hidden-effects soak fuzz format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -20,7 +20,7 @@ demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out
 	$(BIN)/forefeel loopback --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
 test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
-	$(BIN)/python -m pytest -n 2 -m 'not realtime and not soak'
+	$(BIN)/python -m pytest -n 2 -m 'not realtime and not soak and not fuzz'
 	$(BIN)/python -m pytest -m realtime
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
@@ -41,6 +41,9 @@ hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis an
 
 soak: $(READY) ## long runs: an hour of samples, ...
 	$(BIN)/python -m pytest -m soak -s
+
+fuzz: $(READY) ## 100,000 byte strings for every parser
+	$(BIN)/python -m pytest -m fuzz -s --timeout 900
 
 format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .

@@ -12,6 +12,8 @@ from common.settings import DaemonSettings
 from common.transport.settings import PRESETS
 from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
 from forefeel.diagnose.command import diagnose
+from forefeel.emulate.command import EPILOG as EMULATE_EPILOG
+from forefeel.emulate.command import emulate
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
 from forefeel.reproduction.cli import EPILOG, reproduce
@@ -132,6 +134,9 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     hide_at: Annotated[
         float, typer.Option(metavar="S", help="When they are switched on, by the world's time.")
     ] = 0.0,
+    hardware: Annotated[
+        str, typer.Option(help="simulated, emulated-serial or emulated-can: devices as their bytes.")
+    ] = "simulated",
     time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
@@ -151,6 +156,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         master_model=master_model,
         hide=hide,
         hide_at_s=hide_at,
+        hardware=hardware,
     )
     run_loopback(wish, out, overwrite, virtual_time)
 
@@ -158,6 +164,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
 app.command(epilog=EVALUATE_EPILOG)(evaluate)
 app.command(epilog=DIAGNOSE_EPILOG)(diagnose)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
+app.command(epilog=EMULATE_EPILOG)(emulate)
 
 
 @app.command(epilog="Example: forefeel report run.mcap --out out/report")

@@ -64,7 +64,7 @@ def run_slave(settings: SlaveSettings, duration_s: float | None = None) -> None:
     Raises:
         InputError: an endpoint or a file can not be used. RunError: a fault ended it.
     """
-    _die_with_parent()
+    die_with_parent()
     asyncio.run(_slave(settings, duration_s))
 
 
@@ -75,7 +75,7 @@ def run_master(settings: MasterSettings, duration_s: float | None = None) -> Non
     Raises:
         InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
     """
-    _die_with_parent()
+    die_with_parent()
     asyncio.run(_master(settings, duration_s))
 
 
@@ -229,7 +229,7 @@ def _endpoints(settings: DaemonSettings) -> str:
     return " and ".join(parts) or "no endpoint configured"
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """A daemon that a loopback started does not outlive it, however that ends."""
     parent = os.environ.get("FOREFEEL_PARENT")
     if parent is None:

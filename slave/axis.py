@@ -3,6 +3,7 @@ composes it.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 
@@ -12,7 +13,6 @@ from common.errors import DeviceError
 from common.limiter import LimitHit
 from common.messages import (
     EmergencyStop,
-    ForceSample,
     Grip,
     LimitEvent,
     MotionCommand,
@@ -22,6 +22,7 @@ from common.messages import (
 )
 from common.notices import Notices, in_words
 from common.slots import BoundedQueue, LatestValue
+from slave.answers import ForceAnswers, Instant
 from slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
 from slave.grippers.port import Gripper
 from slave.intake import CommandIntake
@@ -69,6 +70,7 @@ class SlaveAxis:
         self._fault: LatestValue[str] = LatestValue()
         self._clear: LatestValue[bool] = LatestValue()
         self._stage_reading = StageReading(0.0, 0.0)
+        self._newest, self._newest_ns = _NO_FORCE, 0
         self._executing: MotionCommand | None = None
         self._grip = Grip.CLOSED
         self._control: AxisControl | None = None
@@ -76,7 +78,7 @@ class SlaveAxis:
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
-        self._force: Outlet = bus.outlet(topics.FORCE)
+        self._answers = ForceAnswers(bus.outlet(topics.FORCE))
         self._state: Outlet = bus.outlet(topics.SLAVE_STATE)
         self._limit_event: Outlet = bus.outlet(topics.LIMIT_EVENT)
         self._safety_event: Outlet = bus.outlet(topics.SAFETY_EVENT)
@@ -147,9 +149,14 @@ class SlaveAxis:
     def tick(self, now_ns: int) -> None:
         """One control tick: read, decide, move, answer."""
         assert self._control is not None, "open() comes first"
-        force = self._read(now_ns)
-        outputs = self._control.tick(now_ns, self._inputs(now_ns, force))
-        self._answer(now_ns, force)
+        cleared = self._clear.take() is not None
+        if cleared:
+            self._rearm()
+        readings = self._read(now_ns)
+        outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
+        self._answers.note(Instant(now_ns, self._stage_reading, self._executing, self._grip))
+        for reading in readings:
+            self._answers.send(reading, self._link.holder, self._link.offset)
         self._executing = outputs.executing
         self._apply(outputs, now_ns)
         for transition in outputs.transitions:
@@ -157,17 +164,32 @@ class SlaveAxis:
         for hit in outputs.limits:
             self._limits.add(hit)
 
-    def _read(self, now_ns: int) -> LoadCellReading:
-        recording_time_s = self._executing.recording_time_s if self._executing else None
+    def _rearm(self) -> None:
+        """A clearing is the explicit act that a device waits for after its fault."""
         try:
-            self._read_stage(now_ns)
-            force = self._devices.load_cell.read(now_ns, recording_time_s)
-            if not isfinite(force.force_n):
-                raise DeviceError(f"load cell = {force.force_n} N: expected a finite force")
+            for device in (self._devices.stage, self._devices.load_cell):
+                device.rearm()
         except DeviceError as error:
             self._fault.put(str(error))
-            return _NO_FORCE
-        return force
+
+    def _read(self, now_ns: int) -> Sequence[LoadCellReading]:
+        """The new readings; the newest counts until it is too old."""
+        recording_time_s = self._executing.recording_time_s if self._executing else None
+        cell = self._devices.load_cell
+        try:
+            self._read_stage(now_ns)
+            readings = cell.read(now_ns, recording_time_s)
+            for reading in readings:
+                if not isfinite(reading.force_n):
+                    raise DeviceError(f"load cell = {reading.force_n} N: expected a finite force")
+        except DeviceError as error:
+            self._fault.put(str(error))
+            readings = (_NO_FORCE,)
+        if readings:
+            self._newest, self._newest_ns = readings[-1], now_ns
+        elif now_ns - self._newest_ns > cell.stale_s * 1e9:
+            self._newest = self._newest._replace(valid=False)
+        return readings
 
     def _read_stage(self, now_ns: int) -> None:
         reading = self._devices.stage.read(now_ns)
@@ -177,21 +199,21 @@ class SlaveAxis:
             )
         self._stage_reading = reading
 
-    def _inputs(self, now_ns: int, force: LoadCellReading) -> ControlInputs:
+    def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
         command, released = self._intake.slot.take()
         return ControlInputs(
             command=command,
             released=released,
             position_m=self._stage_reading.position_m,
-            force_n=force.force_n,
-            force_valid=force.valid,
+            force_n=self._newest.force_n,
+            force_valid=self._newest.valid,
             session_live=self._link.live(now_ns),
             lost_reason=self._link.lost_reason,
             clock=self._link.offset,
             estop=self._estop.take(),
             fault=self._fault.take(),
             shutdown=self.shutdown,
-            clear=self._clear.take() is not None,
+            clear=cleared,
         )
 
     def _apply(self, outputs: ControlOutputs, now_ns: int) -> None:
@@ -206,26 +228,6 @@ class SlaveAxis:
             self._grip = self._devices.gripper.set(outputs.grip, now_ns)
         except DeviceError as error:
             self._fault.put(str(error))
-
-    def _answer(self, now_ns: int, force: LoadCellReading) -> None:
-        """The force belongs to the command that the stage executed until now."""
-        executing, best = self._executing, self._link.offset
-        self._force.send(
-            ForceSample(
-                **self._force.header(self._link.holder, now_ns),
-                position_m=self._stage_reading.position_m,
-                velocity_m_s=self._stage_reading.velocity_m_s,
-                force_n=force.force_n,
-                raw_counts=force.raw_counts,
-                valid=force.valid,
-                answers_sequence=executing.sequence if executing else None,
-                answers_stamp_ns=executing.stamp_ns if executing else None,
-                recording_time_s=executing.recording_time_s if executing else None,
-                gripper=self._grip,
-                clock_offset_ns=best.offset_ns if best else None,
-                clock_bound_ns=best.bound_ns if best else None,
-            )
-        )
 
     # --- on asyncio ---
 

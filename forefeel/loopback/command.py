@@ -2,6 +2,7 @@
 
 from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -9,6 +10,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 from common.errors import RunError
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, postponed
+from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
 from forefeel.loopback.plan import Plan, Wish, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
@@ -21,7 +23,10 @@ from forefeel.report.wording import micros
 
 MIN_ARMED_SHARE = 0.9
 _RECORDING = "recording.mcap"
-_OURS = (_RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log")
+_OURS = (
+    _RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log",
+    "stage.log", "cell.log", "handle.log", "hub.log",
+)  # fmt: skip
 
 
 def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -> RunReport:
@@ -37,6 +42,7 @@ def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -
 
 
 def _run_in(folder: Path, wish: Wish, overwrite: bool, virtual: bool, written: list[str]) -> RunReport:
+    check_hardware(wish.hardware, wish.recording is not None, virtual)
     plan = make_plan(wish)
     plan.slave_settings()
     plan.master_settings()
@@ -46,7 +52,7 @@ def _run_in(folder: Path, wish: Wish, overwrite: bool, virtual: bool, written: l
         console.print(note, markup=False, soft_wrap=True)
     with _progress(console) as bar:
         task = bar.add_task("starting", total=plan.expected_s)
-        _run(plan, wish.seed, folder, virtual, written, _shown(bar, task, plan))
+        _run(plan, wish, folder, virtual, written, _shown(bar, task, plan))
     with console.status("writing the report"):
         report = write_report(folder / _RECORDING, folder)
     for line in ten_lines(report, folder):
@@ -62,13 +68,18 @@ def _shown(bar: Progress, task: TaskID, plan: Plan) -> Show:
     return show
 
 
-def _run(plan: Plan, seed: int, folder: Path, virtual: bool, written: list[str], show: Show) -> None:
+def _run(plan: Plan, wish: Wish, folder: Path, virtual: bool, written: list[str], show: Show) -> None:
     """Leaves the recording, also of a run that was interrupted."""
-    if not virtual:
+    if wish.hardware != SIMULATED:
+        with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
+            bench = on_bench(plan, wish.hardware, Path(ports), folder, wish.seed)
+            run_real(bench.plan, folder, show, bench.emulators)
+        written.append(_RECORDING)
+    elif not virtual:
         run_real(plan, folder, show)
         written.append(_RECORDING)
     else:
-        loop = VirtualLoopback(plan, seed)
+        loop = VirtualLoopback(plan, wish.seed)
         try:
             loop.run(lambda done_s: show(done_s, "virtual time"))
         finally:

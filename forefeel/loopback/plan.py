@@ -43,6 +43,7 @@ class Wish:
     master_model: Path | None = None
     hide: Path | None = None
     hide_at_s: float = 0.0
+    hardware: str = "simulated"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from common.errors import CodecError, InputError, RunError
 from common.topics import COMMAND, SLAVE_STATE
 from common.transport.settings import TransportSettings
 from forefeel.interrupt import interruptible
+from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, Plan
 from forefeel.recorder import Recorder
 from slave.safety import FOLLOWING
@@ -33,10 +34,11 @@ class InterruptedRunError(RunError):
     """The user ended the run; what was recorded is kept."""
 
 
-def run_real(plan: Plan, out: Path, progress: Progress) -> None:
+def run_real(plan: Plan, out: Path, progress: Progress, emulators: Sequence[Emulated] = ()) -> None:
     """Runs to the end and leaves out/recording.mcap; `progress` gets (seconds done, what happens).
 
-    The recorder listens before the daemons start, so that it hears each from its first message.
+    The recorder listens before the daemons start, so that it hears each from its first message. The emulated
+    devices are there before the daemons, and longer.
 
     Raises:
         RunError: a daemon failed, or the user ended the run.
@@ -46,12 +48,16 @@ def run_real(plan: Plan, out: Path, progress: Progress) -> None:
     with interruptible() as ignore_signals:
         paths = plan.write(out)
         children = [
-            _Child("slave", paths[0], out, None),
-            _Child("master", paths[1], out, plan.duration_s),
+            _Child("slave", _daemon("slave", paths[0], None), out),
+            _Child("master", _daemon("master", paths[1], plan.duration_s), out),
         ]
+        devices = [_Child(each.name, emulator_command(each), out) for each in emulators]
         listening = TransportSettings(listen=(endpoints[1],))
         recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.metadata)
         try:
+            for device, emulated in zip(devices, emulators, strict=True):
+                device.start()
+                _await(device, emulated)
             for child in children:
                 child.start()
             _watch(children, recorder, plan, progress)
@@ -61,22 +67,36 @@ def run_real(plan: Plan, out: Path, progress: Progress) -> None:
             ) from None
         finally:
             ignore_signals()
-            for child in reversed(children):
+            for child in reversed([*devices, *children]):
                 child.end()
             recorder.close()
-    for child in children:
+    for child in [*children, *devices]:
         child.check()
 
 
-class _Child:
-    """One daemon process; its words go to a log file beside the recording."""
+def _daemon(role: str, settings: Path, duration_s: float | None) -> list[str]:
+    words = ["-m", "forefeel", role, "--config", str(settings)]
+    return words if duration_s is None else [*words, "--duration", f"{duration_s}"]
 
-    def __init__(self, role: str, settings: Path, out: Path, duration_s: float | None) -> None:
+
+def _await(device: "_Child", emulated: Emulated) -> None:
+    """Until the emulated device can be opened."""
+    end_s = time.monotonic() + _START_S
+    while not emulated.shows.exists():
+        if not device.running or time.monotonic() > end_s:
+            device.end()
+            device.check()
+            raise RunError(f"the emulated {emulated.name} did not appear (see its log)")
+        time.sleep(0.01)
+
+
+class _Child:
+    """One process; its words go to a log file beside the recording."""
+
+    def __init__(self, role: str, words: list[str], out: Path) -> None:
         self.role = role
         self._log = out / f"{role}.log"
-        self._command = [sys.executable, "-m", "forefeel", role, "--config", str(settings)]
-        if duration_s is not None:
-            self._command += ["--duration", f"{duration_s}"]
+        self._command = [sys.executable, *words]
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:

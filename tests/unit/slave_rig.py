@@ -55,6 +55,9 @@ class FakeStage:
     def close(self) -> None:
         self.opened = False
 
+    def rearm(self) -> None:
+        self._call("rearm")
+
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
         self._call("command")
         self.commands.append((now_ns, position_m, velocity_m_s))
@@ -93,12 +96,17 @@ class FakeGripper:
 
 
 class FakeLoadCell:
-    """Answers with `reading`, or raises `error`; notes the recording times that it was asked for."""
+    """Answers with `reading` at one call in `every`, or raises `error`; notes the recording times that it was
+    asked for.
+    """
+
+    stale_s = 0.02
 
     def __init__(self) -> None:
         self.reading = LoadCellReading(0.1, 100, True)
         self.error: Exception | None = None
         self.asked = list[float | None]()
+        self.every = 1
 
     def open(self) -> None:
         pass
@@ -106,12 +114,15 @@ class FakeLoadCell:
     def close(self) -> None:
         pass
 
-    def read(self, now_ns: int, recording_time_s: float | None) -> LoadCellReading:
+    def rearm(self) -> None:
+        pass
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> list[LoadCellReading]:
         del now_ns
         self.asked.append(recording_time_s)
         if self.error is not None:
             raise self.error
-        return self.reading
+        return [self.reading] if len(self.asked) % self.every == 0 else []
 
 
 class SlaveRig:

@@ -64,6 +64,9 @@ class FakeHandle:
     def close(self) -> None:
         pass
 
+    def rearm(self) -> None:
+        pass
+
     def read(self, now_ns: int) -> HandleReading:
         del now_ns
         return self.reading

@@ -89,7 +89,7 @@ TIMES, FORCES = [0.0, 0.01, 0.02, 1.0, 1.05], [0.0, 0.1, 0.3, -0.2, -0.1]
     ("at_s", "force_n"), [(0.0, 0.0), (0.005, 0.05), (0.0175, 0.25), (0.02, 0.3), (1.0, -0.2), (1.025, -0.15)]
 )
 def test_a_recorded_force_is_interpolated_between_its_samples(at_s: float, force_n: float) -> None:
-    reading = RecordedLoadCell(TIMES, FORCES).read(123, at_s)
+    (reading,) = RecordedLoadCell(TIMES, FORCES).read(123, at_s)
     assert reading.valid
     assert reading.force_n == pytest.approx(force_n, abs=1e-12)
     assert reading.raw_counts == round(force_n * 1e6)
@@ -133,9 +133,9 @@ def test_three_devices_share_one_world() -> None:
     for tick in range(1, 600):
         stage.command(0.03, 0.0, tick * MS)
     assert stage.read(600 * MS).position_m == pytest.approx(0.03, abs=1e-5)
-    loaded_n = load_cell.read(600 * MS, None).force_n
+    loaded_n = load_cell.read(600 * MS, None)[-1].force_n
     assert gripper.set(Grip.OPEN, 600 * MS) is Grip.OPEN
-    unloaded_n = load_cell.read(700 * MS, 3.0).force_n
+    unloaded_n = load_cell.read(700 * MS, 3.0)[-1].force_n
     assert loaded_n > 0.1 > unloaded_n
     stage.command(0.0, 0.0, 700 * MS)
     stage.read(720 * MS)

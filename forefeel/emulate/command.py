@@ -1,0 +1,42 @@
+"""`forefeel emulate`: the emulated devices on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EPILOG = (
+    "Example: forefeel emulate zaber_ascii --port /tmp/stage   "
+    "Example: forefeel emulate bota_serial --config slave.yaml --faults corrupt=0.01,unplug@5,plug@7   "
+    "Example: forefeel emulate can_hub --port /tmp/can-a,/tmp/can-b"
+)
+
+
+def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
+    device: Annotated[
+        str,
+        typer.Argument(
+            metavar="DEVICE",
+            help="zaber_ascii, bota_serial, ascii_line, coil_serial, cia402, cia404 or can_hub.",
+        ),
+    ],
+    port: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Where it appears; can_hub: several, with commas.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML of the daemon whose driver talks to it.")
+    ] = None,
+    axis: Annotated[str | None, typer.Option(metavar="NAME", help="Axis of that file.")] = None,
+    feel: Annotated[
+        Path | None, typer.Option(metavar="SOCKET", help="Joins an emulated stage and load cell.")
+    ] = None,
+    faults: Annotated[
+        str, typer.Option(metavar="LIST", help="drop=P,corrupt=P,split=P,delay=P,unplug@S,plug@S,stuck@S, ...")
+    ] = "",
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of noise, operator and faults.")] = 0,
+    duration: Annotated[float | None, typer.Option(min=0.0, metavar="S", help="End after it.")] = None,
+) -> None:
+    """Emulate a device at the level of its bytes, on a pseudo terminal or a CAN bus, until Ctrl-C."""
+    from forefeel.emulate.run import Wish, run_emulator  # noqa: PLC0415 - other commands start without it
+
+    run_emulator(Wish(device, port, config, axis, feel, faults, seed), duration)

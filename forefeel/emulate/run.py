@@ -1,0 +1,117 @@
+"""One emulated device from the wish to its end."""
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from common.config import checked
+from common.errors import ConfigurationError
+from forefeel.daemon_settings import load_daemon
+from forefeel.daemons import die_with_parent
+from forefeel.emulate import benches
+from forefeel.emulate.benches import SerialBench, Surroundings
+from forefeel.emulate.pty import Pty, PtyServer
+from forefeel.emulate.wire import Faults
+from forefeel.interrupt import interruptible
+from master.settings import CoilSettings, MasterSettings
+from slave.load_cells.settings import AsciiLineSettings, BotaSettings
+from slave.plant.settings import WorldSettings, preset
+from slave.settings import SlaveSettings
+from slave.stages.settings import ZaberSettings
+
+Step = Callable[[], None]
+_TRAVEL_M = [-0.004, 0.124]
+_SERIAL: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., SerialBench]]] = {
+    "zaber_ascii": (ZaberSettings, {"microstep_m": 1e-7, "travel_m": _TRAVEL_M}, benches.zaber),
+    "bota_serial": (BotaSettings, {"full_scale_n": 10.0}, benches.bota),
+    "ascii_line": (AsciiLineSettings, {"full_scale_n": 10.0}, benches.ascii_line),
+    "coil_serial": (
+        CoilSettings, {"counts_per_m": 1e6, "newton_per_ampere": 2.0, "max_current_a": 3.0}, benches.coil,
+    ),
+}  # fmt: skip
+CAN = "cia402", "cia404", "can_hub"
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the user asked for on the command line."""
+
+    device: str
+    port: str | None
+    config: Path | None
+    axis: str | None
+    feel: Path | None
+    faults: str
+    seed: int
+
+
+def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
+    """Runs until Ctrl-C, SIGTERM or the end of the duration; then says what befell the bytes.
+
+    Raises:
+        InputError: an unknown device or fault, a file or a place for the port that can not be used.
+    """
+    if wish.device not in _SERIAL and wish.device not in CAN:
+        raise ConfigurationError(f"{wish.device!r}: expected one of {', '.join([*_SERIAL, *CAN])}")
+    die_with_parent()
+    faults = Faults.parse(wish.faults)
+    with ExitStack() as leave:
+        step, counts = _serial(wish, faults, leave)
+        with interruptible():
+            try:
+                _run(step, duration_s)
+            except KeyboardInterrupt:
+                pass
+        print(json.dumps({"device": wish.device, **counts()}))
+
+
+def _run(step: Step, duration_s: float | None) -> None:
+    end_s = None if duration_s is None else time.monotonic() + duration_s
+    while end_s is None or time.monotonic() < end_s:
+        step()
+
+
+def _serial(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callable[[], dict[str, Any]]]:
+    kind, defaults, build = _SERIAL[wish.device]
+    settings, world = section(wish, kind, defaults)
+    bench = build(settings, Surroundings(world, wish.feel, wish.seed), leave)
+    port = leave.enter_context(Pty(bench.port))
+    server = PtyServer(bench.device, port, bench.baud, faults, wish.seed)
+    print(f"{wish.device} on {bench.port} at {bench.baud} baud", flush=True)
+
+    def counts() -> dict[str, Any]:
+        return {"from_host": dict(server.to_device.counts), "to_host": dict(server.to_host.counts), "lost": port.lost}
+
+    return server.step, counts
+
+
+def section(wish: Wish, kind: type[BaseModel], defaults: dict[str, Any]) -> tuple[Any, WorldSettings]:
+    """The section of the file that the driver of this device reads, and the world around it.
+
+    Raises:
+        ConfigurationError: no such axis, or another driver stands there; without a file no port.
+    """
+    if wish.config is None:
+        if wish.port is None:
+            raise ConfigurationError(f"emulate {wish.device}: expected --port LINK, or --config FILE that has it")
+        given = {"driver": wish.device, "port": wish.port, **defaults}
+        return checked(kind, given, f"emulate {wish.device}"), preset("catheter")
+    daemon = load_daemon(wish.config)
+    assert isinstance(daemon, SlaveSettings | MasterSettings)
+    names = [axis.name for axis in daemon.axes]
+    axis = next((axis for axis in daemon.axes if wish.axis in (None, axis.name)), None)
+    if axis is None:
+        raise ConfigurationError(f"--axis {wish.axis}: expected one of {', '.join(names)}, the axes of {wish.config}")
+    slots = [getattr(axis, slot, None) for slot in ("stage", "load_cell", "handle")]
+    found = next((slot for slot in slots if isinstance(slot, kind)), None)
+    if found is None:
+        raise ConfigurationError(f"{wish.config}: axis {axis.name} has no driver {wish.device!r}; expected one")
+    changed = found if wish.port is None else found.model_copy(update={"port": wish.port})
+    world = axis.simulation if hasattr(axis, "simulation") else preset("catheter")
+    return changed, world
