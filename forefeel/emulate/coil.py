@@ -17,6 +17,7 @@ from common.hardware.coil import (
     Identity,
     encode,
 )
+from common.hardware.settings import Sign
 from common.messages import Grip
 from master.handles.operator import Operator
 from master.handles.port import Handle, HandleReading, Indication
@@ -33,11 +34,12 @@ _NO_COMMAND = CoilCommand(0, 0, None, None, False)
 @dataclass(frozen=True, slots=True)
 class CoilHardware:
     """What the device is made of. `continuous_a`: what the coil bears for ever, its heat after I^2 t with
-    `thermal_s`; `peak_a`: what the amplifier gives at most; `trip_a`: measured current that trips it.
+    `thermal_s`; `peak_a`: what the amplifier gives at most; `sign`: -1 where it counts against the insertion.
     """
 
     counts_per_m: float = 1e6
     newton_per_ampere: float = 2.0
+    sign: Sign = 1
     peak_a: float = 3.0
     continuous_a: float = 2.0
     thermal_s: float = 20.0
@@ -192,13 +194,14 @@ class CoilDevice:
         where_m = None if command.stage_um is None else command.stage_um * 1e-6
         self.person.show(Indication(command.lamp, where_m) if heard else _DARK)
         self._protect(t_s, heard)
-        self.person.render(self.current_a * self.hardware.newton_per_ampere, now_ns)
+        hardware = self.hardware
+        self.person.render(hardware.sign * self.current_a * hardware.newton_per_ampere, now_ns)
         reading = self.person.read(now_ns)
-        self._encoder.move(reading.position_m, t_s)
+        self._encoder.move(hardware.sign * reading.position_m, t_s)
         return reading
 
     def _protect(self, t_s: float, heard: bool) -> None:
-        """What the firmware lets through; two flags stay until the next `Identify`, heat and zero by nature."""
+        """What the firmware lets through; two flags stay until `Identify`, heat and zero by nature."""
         hardware = self.hardware
         share = _PERIOD_S / hardware.thermal_s
         self._heat += share * (self.current_a**2 - self._heat)

@@ -45,7 +45,6 @@ class CoilHandle:
         self.link = Link(f"handle coil_serial on {settings.port}")
         self._talk = CoilTalk(settings, self.link)
         self._open_stream = open_stream or self._serial
-        self._watchdog_ns = round(settings.watchdog_s * 1e9)
         self._limit_ma = round(settings.max_current_a * 1e3)
         self._conversation = Conversation(self.link, self._converse)
 
@@ -91,12 +90,11 @@ class CoilHandle:
         self.link.require_ready()
         newest = self._talk.newest
         assert newest is not None
-        if now_ns - newest.stamp_ns > self._watchdog_ns:
-            silent_ms = (now_ns - newest.stamp_ns) * 1e-6
-            self.link.fault(f"{self.link.name}: no state for {silent_ms:.0f} ms")
+        age_s = max(0.0, (now_ns - newest.stamp_ns) * 1e-9)
+        if age_s > self._settings.watchdog_s:
+            self.link.fault(f"no state for {age_s * 1e3:.0f} ms")
             self.link.require_ready()
         per_m, state = self._settings.sign * self._settings.counts_per_m, newest.state
-        age_s = max(0.0, (now_ns - newest.stamp_ns) * 1e-9)
         pressed = Button.DEADMAN in state.buttons
         grip = Grip.OPEN if Button.GRIPPER in state.buttons else Grip.CLOSED
         position_m = (state.counts + state.velocity * min(age_s, _CARRIED_S)) / per_m

@@ -210,7 +210,7 @@ class CoilTalk:
                 self._link.counters["repeated_frames"] += 1
                 return False
             if (state.time_us - before.state.time_us) % _WRAP_US > _PATIENCE_NS // 1000:
-                raise DeviceError(f"{self._link.name}: the device's clock began anew")
+                raise DeviceError("the device's clock began anew")
             self._link.counters["frames_lost"] += (state.sequence - before.state.sequence - 1) % 2**16
         self._link.counters["frames"] += 1
         self.newest = Stamped(self._clock.host_ns(state.time_us, now_ns), now_ns, state)
@@ -220,7 +220,7 @@ class CoilTalk:
 
     def _watch(self, state: CoilState) -> None:
         if state.flags:
-            raise DeviceError(f"{self._link.name}: {_in_words(state.flags)}")
+            raise DeviceError(_in_words(state.flags))
         pressed = Button.DEADMAN in state.buttons
         self.pressed_anew = pressed and (self.pressed_anew or self._let_go)
         self._let_go = not pressed
@@ -228,13 +228,12 @@ class CoilTalk:
     def _require_lively(self, now_ns: int) -> None:
         """The device, and the haptic loop, which alone may want a current."""
         assert self.newest is not None
-        name, wish = self._link.name, self.wish
-        if now_ns - self.newest.stamp_ns > self._watchdog_ns:
-            raise DeviceError(f"{name}: no state for {(now_ns - self.newest.stamp_ns) * 1e-6:.0f} ms")
-        ready = self._link.state is LinkState.READY
-        if ready and wish.current_ma and now_ns - wish.stamp_ns > self._watchdog_ns:
-            late_ms = (now_ns - wish.stamp_ns) * 1e-6
-            raise DeviceError(f"{name}: the haptic loop stands still for {late_ms:.0f} ms")
+        wish, age_ns = self.wish, now_ns - self.newest.stamp_ns
+        if age_ns > self._watchdog_ns:
+            raise DeviceError(f"no state for {age_ns * 1e-6:.0f} ms")
+        late_ns = now_ns - wish.stamp_ns
+        if self._link.state is LinkState.READY and wish.current_ma and late_ns > self._watchdog_ns:
+            raise DeviceError(f"the haptic loop stands still for {late_ns * 1e-6:.0f} ms")
 
     def _command(self) -> bytes:
         ready, shown = self._link.state is LinkState.READY, self.shown

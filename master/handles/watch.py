@@ -50,11 +50,11 @@ class HandleWatch:
             return False
         self._handle.rearm()
         self.fault = None
-        self._notices.add("handle: re-armed by the deadman")
+        self._notices.add("handle re-armed by the deadman")
         self._re_armed()
         return True
 
     def _fail(self, error: DeviceError) -> None:
         if self.fault is None:
             self.fault = str(error)
-            self._notices.add(f"handle: {self.fault}; let the deadman go and press it again to go on")
+            self._notices.add(f"{self.fault}; let the deadman go and press it again to go on")

@@ -1,4 +1,4 @@
-"""A coil handle in virtual time: the emulated device on a wire in memory, the driver stepped without a thread."""
+"""A coil handle in virtual time: the emulated device on a wire in memory, its driver without a thread."""
 
 from collections.abc import Callable
 from typing import Any
@@ -143,7 +143,12 @@ class SteppedCoil(CoilHandle):
 class Bench:
     """A handle that a test's hand holds; the haptic loop reads and renders `force_n` each ms."""
 
-    def __init__(self, faults: Faults | None = None, hardware: CoilHardware | None = None, **changes: Any) -> None:  # noqa: ANN401
+    def __init__(
+        self,
+        faults: Faults | None = None,
+        hardware: CoilHardware | None = None,
+        **changes: Any,  # noqa: ANN401 - any field of the settings
+    ) -> None:
         self.clock = VirtualClock(1000 * MS)
         self.hand = Hand()
         self.device = CoilDevice(hardware, self.hand)

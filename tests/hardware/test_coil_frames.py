@@ -100,7 +100,13 @@ def test_a_frame_of_another_length_or_kind_is_counted_though_its_checksum_is_rig
 
     counters = Counter[str]()
     parser = CoilParser(counters)
-    for payload in (b"\x01abc", b"\x09", b"\x02" + bytes(9), b"\x04\x01\x14\x00\xd0\x07\xff", b"\x02\0\0\0\0\x63" + bytes(5)):
+    for payload in (
+        b"\x01abc",
+        b"\x09",
+        b"\x02" + bytes(9),
+        b"\x04\x01\x14\x00\xd0\x07\xff",
+        b"\x02\0\0\0\0\x63" + bytes(5),
+    ):
         wire = cobs.encode(payload + crc_ccitt_false(payload).to_bytes(2, "little")) + b"\0"
         assert parser.feed(wire) == []
     assert counters == {"unknown_frame": 5}

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from common.hardware.coil import MAX_BUFFER, CoilParser, Identity, encode
 from tests.hardware.test_coil_frames import COMMAND, IDENTITY, STATE
 
-_VALID = b"".join(map(encode, (STATE, COMMAND, IDENTITY, STATE)))
+_VALID = encode(STATE) + encode(COMMAND) + encode(IDENTITY) + encode(STATE)
 
 
 def check_coil(data: bytes) -> None:
