@@ -66,6 +66,9 @@ class Flag(IntFlag):
     NOT_HOMED = 8
 
 
+_BUTTONS, _FLAGS = tuple(map(Button, range(256))), tuple(map(Flag, range(256)))
+
+
 class CoilState(NamedTuple):
     """What the device measures. `sequence` u16 and `time_us` u32 wrap; `velocity`: counts/s."""
 
@@ -190,7 +193,7 @@ def _frame(kind: int, body: bytes) -> Frame | None:
 
 def _state(body: bytes) -> CoilState:
     sequence, time_us, counts, velocity, buttons, flags, current_ma = _STATE.unpack(body)
-    return CoilState(sequence, time_us, counts, velocity, Button(buttons), Flag(flags), current_ma)
+    return CoilState(sequence, time_us, counts, velocity, _BUTTONS[buttons], _FLAGS[flags], current_ma)
 
 
 def _command(body: bytes) -> CoilCommand:
