@@ -1,4 +1,4 @@
-"""The coil handle's link: round trip and CPU over a terminal, frames lost: `python -m benchmarks.hardware_handle`."""
+"""The coil handle's link: round trip, CPU, frames lost: `python -m benchmarks.hardware_handle`."""
 
 import multiprocessing
 import os
@@ -96,7 +96,7 @@ def _round_trip(handle: CoilHandle) -> None:
         found_ms.append((newest.arrived_ns - start_ns) * 1e-6)
     found_ms.sort()
     p50, p99 = found_ms[_TRIALS // 2], found_ms[_TRIALS * 99 // 100]
-    print(f"round trip render -> coil -> state: p50 {p50:.2f} ms, p99 {p99:.2f} ms, max {found_ms[-1]:.2f} ms")
+    print(f"round trip render, coil, state: p50 {p50:.2f} ms, p99 {p99:.2f} ms, max {found_ms[-1]:.2f} ms")
 
 
 def _cpu_share(begin: Callable[[], object]) -> float:

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
 from common.clock import Clock, VirtualClock
 from common.errors import DeviceError, DeviceSetupError
 from common.hardware.link import LinkState
@@ -191,3 +193,24 @@ class Bench:
     def press(self, pressed: bool) -> "Bench":
         self.hand.pressed = pressed
         return self.run(10)
+
+
+def opened(**arguments: object) -> Bench:
+    bench = Bench(**arguments)  # type: ignore[arg-type]
+    bench.handle.open()
+    assert state(bench) is LinkState.READY
+    return bench.run(20)
+
+
+def state(bench: Bench) -> LinkState:
+    return bench.handle.link.state
+
+
+def fallen(bench: Bench) -> str:
+    """Why the link is down; nothing is read, nothing rendered."""
+    assert bench.readings[-1] is None
+    why = bench.handle.link.inhibited
+    assert why is not None
+    with pytest.raises(DeviceError, match=r"memory: .+"):
+        bench.handle.render(1.0, bench.clock.now_ns())
+    return why
