@@ -25,6 +25,7 @@ from common.messages import (
 )
 from common.settings import differences, settings_hash, shared_text
 from master.handles.port import Handle, Indication
+from master.handles.watch import HandleWatch
 from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from master.identification import IdentificationTask
 from master.session import Link, Session
@@ -64,6 +65,7 @@ class MasterAxis:
         self._slave_state: SlaveState | None = None
         self._state_heard_ns = 0
         self.events = SlaveEvents(bus)
+        self._hand = HandleWatch(handle, self.events.notices, loop.let_go)
         self._deadman = False
         self._identifiable: tuple[str, ...] = ()
         self.stopping = False
@@ -121,13 +123,13 @@ class MasterAxis:
         """One haptic tick: read, command, predict, render."""
         state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
         self.handle.show(Indication(state, stage_position_m))
-        reading = self.handle.read(now_ns)
+        reading = self._hand.read(now_ns)
         live_state = None if self.stopping else state  # the force fades before the handle is let go
         outputs = self._loop.tick(
             now_ns, HapticInputs(reading, live_state, stage_position_m, force, self.identification.estimate)
         )
-        self._deadman = outputs.deadman and not self.stopping
-        rendered_n = self.handle.render(0.0 if self._failed else outputs.rendered_n, now_ns)
+        rendered_n = self._hand.render(0.0 if self._failed else outputs.rendered_n, now_ns)
+        self._deadman = outputs.deadman and not self.stopping and self._hand.fault is None
         if self.session.link is Link.OPEN:
             self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
 
@@ -235,12 +237,12 @@ class MasterAxis:
 
     def report(self, now_ns: int) -> None:
         """The axis' state, about 10 Hz."""
-        best, state = self._heartbeats.offset, self._shown_state(now_ns)
+        best, state, fault = self._heartbeats.offset, self._shown_state(now_ns), self._hand.fault
         self._state.send(
             MasterState(
                 **self._state.header(self.session.session_id, now_ns),
-                indication=state.value if state else "no_link",
-                reason=self.session.reason[:256],
+                indication="handle_fault" if fault else state.value if state else "no_link",
+                reason=(fault or self.session.reason)[:256],
                 deadman=self._deadman,
                 clutched_s=self.handle.clutched_out_s,
                 clock_offset_ns=best.offset_ns if best else None,
@@ -268,6 +270,7 @@ class MasterAxis:
         return {
             "forces_dropped": identification.queue.dropped,
             "forces_unused": identification.unused,
+            **{f"handle_{name}": number for name, number in dict(self.handle.counters).items()},
             **self.counters,
             **self.events.counters,
             **self._bus.counts(),

@@ -1,8 +1,10 @@
 """The master's composition root: the only place that knows concrete classes."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 
 from common.bus import Bus
+from common.clock import Clock
 from common.daemon import SECOND_NS, Reports, impaired
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError
@@ -16,6 +18,7 @@ from common.runtime.port import Runtime
 from common.settings import TICK_NS
 from common.transport.port import Transport
 from master.axis import MasterAxis
+from master.handles.coil_serial import CoilHandle
 from master.handles.operator import Operator
 from master.handles.playback import MultiSine, Playback, RecordedMotion
 from master.handles.port import Handle
@@ -23,6 +26,7 @@ from master.haptics import HapticLoop
 from master.identification import IdentificationTask
 from master.prediction import ForcePrediction
 from master.settings import (
+    CoilSettings,
     HandleSettings,
     MasterAxisSettings,
     MasterSettings,
@@ -56,10 +60,14 @@ class MasterDaemon:
         self.transport = impaired(inner, settings.impairment, "master", runtime)
         buses = [Bus(self.transport, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
         self.axes = [
-            _axis(settings.cell, axis, bus, new_id) for axis, bus in zip(settings.axes, buses, strict=True)
+            _axis(settings.cell, axis, bus, new_id, runtime.clock)
+            for axis, bus in zip(settings.axes, buses, strict=True)
         ]
-        for axis in self.axes:
-            axis.handle.open()
+        with ExitStack() as opened:  # closed again when one of them can not be opened
+            for axis in self.axes:
+                opened.callback(axis.handle.close)
+                axis.handle.open()
+            opened.pop_all()
         runtime.on_fault(self.fail)
         lateness = runtime.loop("haptic", TICK_NS, self.tick)
         runtime.task("serve", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.serve, now_ns))
@@ -111,7 +119,9 @@ class MasterDaemon:
         self._each(MasterAxis.report, now_ns)
 
 
-def _axis(cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[], int]) -> MasterAxis:
+def _axis(
+    cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[], int], clock: Clock
+) -> MasterAxis:
     wanted = settings.prediction
     model = None if wanted.model is None else load_model(wanted.model)
     prediction = ForcePrediction(settings.limits, model, wanted.velocity_cutoff_hz)
@@ -120,7 +130,8 @@ def _axis(cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[]
         identifier = _identifier(lasting(model), wanted)
     identification = IdentificationTask(identifier, prediction.learn)
     loop = HapticLoop(prediction, settings.rendering)
-    return MasterAxis(cell, settings, make_handle(settings.handle), loop, identification, bus, new_id)
+    handle = make_handle(settings.handle, clock)
+    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id)
 
 
 def _identifier(model: ContactModel, wanted: PredictionSettings) -> ContactIdentifier:
@@ -137,8 +148,8 @@ def _identifier(model: ContactModel, wanted: PredictionSettings) -> ContactIdent
         raise ConfigurationError(f"{wanted.model or 'prediction'}: {error}") from error
 
 
-def make_handle(settings: HandleSettings) -> Handle:
-    """The handle that the settings name.
+def make_handle(settings: HandleSettings, clock: Clock) -> Handle:
+    """The handle that the settings name; `clock`: of the loop that reads it.
 
     Raises:
         RecordingError: the recording to play can not be used.
@@ -157,3 +168,5 @@ def make_handle(settings: HandleSettings) -> Handle:
         case MultiSineSettings():
             sines = MultiSine(settings.centre_m, settings.amplitude_m, settings.frequencies_hz)
             return Playback(sines, settings.approach_m_s)
+        case CoilSettings():
+            return CoilHandle(settings, clock)

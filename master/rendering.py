@@ -60,6 +60,10 @@ class ForceRenderer:
         self.force_n = max(self.force_n - step_n, min(self.force_n + step_n, wanted_n))
         return Rendered(self.force_n, limited or self.force_n != wanted_n, energy_j)
 
+    def let_go(self) -> None:
+        """Nothing was applied: fades in from zero."""
+        self._fade = self.force_n = 0.0
+
     def _passive_n(self, energy_j: float, moved_m: float, dt_s: float) -> float:
         """The target with the controller's damping where that is on, within the limit."""
         if not (self._settings.passivity_controller and dt_s > 0.0):

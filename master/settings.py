@@ -79,7 +79,7 @@ class CoilSettings(SerialSettings):
     counts_per_m: Annotated[float, Field(gt=0)]
     sign: Sign = 1
     newton_per_ampere: Annotated[float, Field(gt=0, le=1000)]
-    max_current_a: Annotated[float, Field(gt=0, le=100)]
+    max_current_a: Annotated[float, Field(gt=0, le=32)]
     watchdog_s: Annotated[float, Field(ge=0.005, le=0.1)] = 0.02
 
 

@@ -49,7 +49,9 @@ def zaber(settings: ZaberSettings, around: Surroundings, leave: ExitStack) -> Se
         limits_m=(low_m - _BEHIND_M, high_m + _BEHIND_M),
         start_m=settings.sign * around.world.stage.start_m,
     )
-    return SerialBench(ZaberDevice(model, moved(around, settings.sign, leave)), Path(settings.port), settings.baud)
+    return SerialBench(
+        ZaberDevice(model, moved(around, settings.sign, leave)), Path(settings.port), settings.baud
+    )
 
 
 def bota(settings: BotaSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
@@ -77,6 +79,7 @@ def coil(settings: CoilSettings, around: Surroundings, leave: ExitStack) -> Seri
     hardware = CoilHardware(
         counts_per_m=settings.counts_per_m,
         newton_per_ampere=settings.newton_per_ampere,
+        sign=settings.sign,
         peak_a=settings.max_current_a,
     )
     return SerialBench(CoilDevice(hardware, seed=around.seed), Path(settings.port), settings.baud)

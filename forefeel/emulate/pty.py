@@ -96,7 +96,7 @@ class PtyServer:
 
     def step(self) -> None:
         """One round: host to device, the device lives, device to host, and what is to happen now."""
-        data = self._pty.read(_PERIOD_S)
+        data = self._pty.read(self._wait_s())
         t_s = time.monotonic() - self._start_s
         while self._at and self._at[0][0] <= t_s:
             self._happen(self._at.pop(0)[1])
@@ -106,6 +106,12 @@ class PtyServer:
             self._device.receive(arrived, t_s)
         self.to_host.send(self._device.advance(t_s), t_s)
         self._pty.write(self.to_host.arrived(t_s))
+
+    def _wait_s(self) -> float:
+        """Until the next bytes arrive at either end, at most a millisecond."""
+        t_s = time.monotonic() - self._start_s
+        due_s = [wire.next_s - t_s for wire in (self.to_device, self.to_host) if wire.next_s is not None]
+        return max(0.0, min([_PERIOD_S, *due_s]))
 
     def _happen(self, fault: str) -> None:
         if fault == "unplug":

@@ -1,5 +1,6 @@
 """The handle port: what the master needs of the thing in the surgeon's hand."""
 
+from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
 from common.messages import Grip, SafetyState
@@ -25,7 +26,10 @@ class Indication(NamedTuple):
 
 
 class Handle(Protocol):
-    """Read and rendered once per haptic tick; neither call blocks."""
+    """Read and rendered once per haptic tick; neither call blocks.
+
+    A handle that fails raises DeviceError from `read` and `render` until it is re-armed, and gives no force.
+    """
 
     def open(self) -> None:
         """Raises DeviceError when the handle does not answer."""
@@ -36,15 +40,31 @@ class Handle(Protocol):
         ...
 
     def rearm(self) -> None:
-        """After a fault of the handle: the explicit act without which it gives no force."""
+        """After a fault of the handle: the explicit act without which it gives no force.
+
+        Raises DeviceError while it does not answer.
+        """
+        ...
+
+    @property
+    def pressed_anew(self) -> bool:
+        """After a fault: the handle answers again, and the person has let the deadman go and pressed it."""
+        ...
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What the handle counts of its link, by name."""
         ...
 
     def read(self, now_ns: int) -> HandleReading:
-        """Position (m, positive inserts), velocity and buttons now."""
+        """Position (m, positive inserts), velocity and buttons now. Raises DeviceError, see above."""
         ...
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """Applies a force to the hand (positive resists insertion); returns the force as applied."""
+        """Applies a force to the hand (positive resists insertion); returns the force as applied.
+
+        Raises DeviceError, see above.
+        """
         ...
 
     def show(self, indication: Indication) -> None:

@@ -1,5 +1,7 @@
 """What the simulated handles have in common: a person, what the person sees, the time between two reads."""
 
+from collections.abc import Mapping
+
 from master.handles.person import Person
 from master.handles.port import Indication
 
@@ -7,7 +9,7 @@ _MAX_STEP_S = 0.05
 
 
 class SimulatedHandle:
-    """A handle without hardware.
+    """A handle without hardware, which does not fail.
 
     Attributes:
         person: who holds the deadman.
@@ -32,7 +34,17 @@ class SimulatedHandle:
         """Nothing to close."""
 
     def rearm(self) -> None:
-        """A simulated handle does not fail."""
+        """Nothing to re-arm."""
+
+    @property
+    def pressed_anew(self) -> bool:
+        """Only asked after a fault."""
+        return False
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Nothing is counted."""
+        return {}
 
     def show(self, indication: Indication) -> None:
         """The person looks at it at the next read."""

@@ -1,0 +1,112 @@
+"""The whole system in virtual time with a coil handle at the level of its bytes, and when that fails."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common.clock import Clock
+from common.topics import COMMAND, FORCE, HAPTICS, MASTER_STATE, SLAVE_STATE
+from forefeel.emulate.coil import CoilDevice
+from master.handles.coil_serial import CoilHandle
+from master.settings import CoilSettings
+from tests.hardware.coil_rig import MS, Line, SteppedCoil, coil_settings
+from tests.simulation.pair import Pair, S
+
+TICK_S = 0.001
+
+
+class Rig:
+    """A pair whose master's handle is emulated, in the hand of the synthetic operator."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.device = CoilDevice()
+
+        def stepped(settings: CoilSettings, clock: Clock) -> CoilHandle:
+            self.line = Line(self.device, clock)
+            self.handle = SteppedCoil(settings, clock, self.line)
+            return self.handle
+
+        monkeypatch.setattr("master.daemon.CoilHandle", stepped)
+        master: dict[str, Any] = {"axes": [{"handle": coil_settings().model_dump()}]}
+        self.pair = Pair(master=master)
+        self.currents_a = list[float]()
+        self.pair.runtime.loop("wire", MS, self._step)
+
+    def _step(self, now_ns: int) -> None:
+        self.handle.step(now_ns)
+        self.currents_a.append(self.device.current_a)
+
+
+@pytest.fixture(scope="module")
+def broken() -> "tuple[Rig, float]":
+    """A run of a few strokes' time with an amplifier that trips amid the first."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        rig = Rig(monkeypatch)
+        rig.pair.run(2.2)
+        rig.device.provoke("drive_fault")
+        fault_s = rig.pair.runtime.clock.now_ns() / S
+        rig.pair.run(2.6)
+    return rig, fault_s
+
+
+def test_the_operators_hand_moves_the_stage_and_feels_it(broken: tuple[Rig, float]) -> None:
+    rig, fault_s = broken
+    heard = rig.pair.heard
+    stage_m, hand_m = heard.column(FORCE, "position_m"), heard.column(HAPTICS, "handle_position_m")
+    assert stage_m.max() > 0.015
+    assert hand_m.max() == pytest.approx(stage_m.max(), abs=0.003)
+    rendered_n = heard.column(HAPTICS, "rendered_n")
+    assert rendered_n.max() > 0.05
+    before = heard.column(HAPTICS, "stamp_ns") / S < fault_s
+    # 2 N/A, to the milliampere, a millisecond later
+    assert max(rig.currents_a) == pytest.approx(rendered_n[before].max() / 2.0, abs=0.002)
+    assert rig.handle.counters["frames_lost"] == 0
+
+
+def test_a_handle_that_fails_stops_the_stage_and_says_why(broken: tuple[Rig, float]) -> None:
+    rig, fault_s = broken
+    heard = rig.pair.heard
+    (release_s,) = heard.times("release")
+    assert fault_s < release_s < fault_s + 0.010 + 5 * TICK_S  # the cable's delay, the frame, two ticks
+    commands = [m for m in heard.messages(COMMAND) if m.stamp_ns / S > fault_s + 4 * TICK_S]
+    engaged_s = next(time_s for time_s in heard.times("engage") if time_s > release_s)
+    assert not any(m.deadman for m in commands if m.stamp_ns / S < engaged_s - 0.010 - 2 * TICK_S)
+    told = [m for m in heard.messages(MASTER_STATE) if m.indication == "handle_fault"]
+    assert told[0].stamp_ns / S < fault_s + 0.1 + 3 * TICK_S
+    assert "overcurrent" in told[0].reason
+    notices = rig.pair.master.axes[0].events.notices.drain()
+    assert [line for line in notices if line.startswith("handle ")] == [
+        "handle coil_serial on memory: overcurrent; let the deadman go and press it again to go on",
+        "handle re-armed by the deadman",
+    ]
+
+
+def test_there_is_no_force_until_the_operator_has_pressed_the_deadman_anew(broken: tuple[Rig, float]) -> None:
+    rig, fault_s = broken
+    heard = rig.pair.heard
+    fault = round((fault_s - 1.0) / TICK_S)
+    again_s = next(time_s for time_s in heard.times("engage") if time_s > fault_s)
+    pressed = round((again_s - 1.0 - 0.010) / TICK_S)
+    assert max(rig.currents_a[fault - 50 : fault]) > 0.02
+    assert pressed - fault > 500
+    assert set(rig.currents_a[fault + 3 : pressed - 3]) == {0.0}
+    assert heard.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert max(rig.currents_a[pressed:]) > 0.02
+    steps_n = 2.0 * np.abs(np.diff(rig.currents_a[pressed - 10 :]))
+    assert steps_n.max() <= 40.0 * TICK_S + 0.002 + 1e-9  # the slew limit, to the milliampere
+
+
+def test_the_stage_stands_from_the_fault_to_the_new_arming_and_does_not_jump(
+    broken: tuple[Rig, float],
+) -> None:
+    rig, fault_s = broken
+    heard = rig.pair.heard
+    time_s, position_m = heard.column(FORCE, "stamp_ns") / S, heard.column(FORCE, "position_m")
+    rest_s = next(t for t in heard.times("at_rest") if t > fault_s)
+    again_s = next(t for t in heard.times("engage") if t > fault_s)
+    resting = (time_s > rest_s + 0.1) & (time_s < again_s)
+    assert resting.sum() > 200
+    assert np.ptp(position_m[resting]) <= 1e-6
+    starting = (time_s > again_s) & (time_s < again_s + 0.05)
+    assert np.abs(heard.column(FORCE, "velocity_m_s")[starting]).max() < 0.05
