@@ -57,7 +57,7 @@ class Link:
             ValueError: a step is left out.
         """
         with self._lock:
-            if to is not self._state + 1:
+            if to != self._state + 1:
                 raise ValueError(f"{self.name}: {to.name} after {self._state.name}")
             if to is LinkState.READY and self._inhibited is not None:
                 return
