@@ -59,7 +59,8 @@ class SharedNetwork:
     def check(self) -> None:
         """Raises DeviceError when the bus has failed."""
         if self.failed is not None:
-            raise DeviceError(f"{self.name}: {self.failed}")
+            where = "" if self.settings.channel in self.failed else f"{self.name}: "
+            raise DeviceError(f"{where}{self.failed}")
 
     def subscribe(self, can_id: int, heard: Heard) -> None:
         """Calls `heard(can_id, data, stamp)` in the receiving thread."""

@@ -19,8 +19,8 @@ _STATUS, _VERSION, _SERIAL = b"F00\r", b"V1013\r", b"NFF01\r"
 def frame_s(frame: Frame, bitrate: int) -> float:
     """The time that a frame takes on the wire with worst-case stuffing, the gap after it included.
 
-    Davis et al., Controller Area Network (CAN) schedulability analysis (2007): 8 n + g + 13 + (g + 8 n - 1) / 4
-    bits for n bytes, g = 34 or 54.
+    Davis et al., CAN schedulability analysis: refuted, revisited and revised (2007), equation 1:
+    8 n + g + 13 + (g + 8 n - 1) / 4 bits for n bytes, g = 34 or 54.
     """
     data_bits, head_bits = 8 * len(frame.data), 54 if frame.extended else 34
     return (data_bits + head_bits + 13 + (head_bits + data_bits - 1) // 4) / bitrate
@@ -48,7 +48,7 @@ class CanWire:
 
     def advance(self, t_s: float) -> list[tuple[int, Frame]]:
         """(sender, frame) of all that are complete by then."""
-        done = []
+        done: list[tuple[int, Frame]] = []
         while True:
             if self._on_wire is None:
                 if not self._waiting:
@@ -149,7 +149,7 @@ class CanHub:
     ) -> None:
         faults = faults or Faults()
         self._ports = [
-            _Port(link, bitrate, faults if i == 0 else Faults(), f"{i} {seed}")
+            _Port(link, bitrate, Faults() if i else faults, f"{i} {seed}")
             for i, link in enumerate(links)
         ]
         self.wire = CanWire(bitrate)

@@ -33,7 +33,7 @@ def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
     for entry, value in contents.items():
         variable = canopen.objectdictionary.ODVariable(f"x{entry}", entry.index, entry.sub)
         variable.data_type = _TYPES[entry.kind]
-        variable.default = value  # type: ignore[assignment] - reals are accepted, too
+        variable.default = value  # type: ignore[assignment]  # canopen takes reals, too
         if entry.sub == 0 and not any(e.index == entry.index and e.sub for e in contents):
             dictionary.add_object(variable)
             continue

@@ -165,9 +165,9 @@ class Cia404LoadCell:
 
     def _judge(self, silent: int, patience: int) -> None:
         if self._emergency:
-            raise DeviceError(f"{self.link.name}: emergency {self._emergency:04X}")
+            raise DeviceError(f"emergency {self._emergency:04X}")
         if silent > patience:
-            raise DeviceError(f"{self.link.name}: no TPDO for {silent} periods")
+            raise DeviceError(f"no TPDO for {silent} periods")
 
     def _on_reading(self, can_id: int, data: bytearray, stamp: float) -> None:
         del can_id, stamp

@@ -255,10 +255,7 @@ class _Exchange:
         heard, beat, emergency_code = self._ears.take()
         self._refuse_fault_at_start(heard)
         wanted = None if self._conversation.stopping else self._stage._wanted
-        try:
-            word = self._cycle.step(heard, beat, emergency_code, wanted, now_ns)
-        except DeviceError as error:
-            raise DeviceError(f"{self._stage.link.name}: {error}") from error
+        word = self._cycle.step(heard, beat, emergency_code, wanted, now_ns)
         self._send(word, now_ns)
 
     def _refuse_fault_at_start(self, heard: Readback | None) -> None:
@@ -266,8 +263,7 @@ class _Exchange:
             return
         if self._stage.link.inhibited is None and drive_state(heard.statusword) is DriveState.FAULT:
             raise DeviceError(
-                f"{self._stage.link.name}: the drive is in a fault; expected none at the start: "
-                "clear it at the drive"
+                "the drive is in a fault; expected none at the start: clear it at the drive"
             )
 
     def _send(self, word: int, now_ns: int) -> None:
