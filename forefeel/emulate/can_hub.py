@@ -149,8 +149,7 @@ class CanHub:
     ) -> None:
         faults = faults or Faults()
         self._ports = [
-            _Port(link, bitrate, Faults() if i else faults, f"{i} {seed}")
-            for i, link in enumerate(links)
+            _Port(link, bitrate, Faults() if i else faults, f"{i} {seed}") for i, link in enumerate(links)
         ]
         self.wire = CanWire(bitrate)
         self._at = list(faults.at)

@@ -262,9 +262,7 @@ class _Exchange:
         if heard is None or self._stage.link.state is not LinkState.CONFIGURED:
             return
         if self._stage.link.inhibited is None and drive_state(heard.statusword) is DriveState.FAULT:
-            raise DeviceError(
-                "the drive is in a fault; expected none at the start: clear it at the drive"
-            )
+            raise DeviceError("the drive is in a fault; expected none at the start: clear it at the drive")
 
     def _send(self, word: int, now_ns: int) -> None:
         target = self._scale.counts(self._cycle.setpoint.position_m)

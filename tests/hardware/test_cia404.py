@@ -34,7 +34,7 @@ class Talk:
 
     def frames(self) -> list[can.Message]:
         self.cell.step(0.0)
-        return [message for message in iter(lambda: self.host.recv(0.0), None)]
+        return list(iter(lambda: self.host.recv(0.0), None))
 
     def send(self, can_id: int, data: bytes) -> list[can.Message]:
         self.host.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))

@@ -123,7 +123,7 @@ def test_a_calibration_scales_and_must_be_of_this_cell(tmp_path: Path) -> None:
 def test_a_unit_that_is_no_force() -> None:
     bus = new_channel()
     cell = Transducer404(virtual_bus(bus), 6, lambda _: 0.0, unit=0xFA010100)
-    with running(cell), pytest.raises(DeviceSetupError, match="unit FA010100 .*expected newtons"):
+    with running(cell), pytest.raises(DeviceSetupError, match=r"unit FA010100 .*expected newtons"):
         Cia404LoadCell(cell_settings(bus)).open()
     cell.close()
 

@@ -27,7 +27,9 @@ JUNK = {
 }
 
 
-@pytest.mark.parametrize("frame", [GOOD, Frame(0x1ABCDEF0, bytes(8), True), Frame(0x7FF, b"", False, True, 3)])
+@pytest.mark.parametrize(
+    "frame", [GOOD, Frame(0x1ABCDEF0, bytes(8), True), Frame(0x7FF, b"", False, True, 3)]
+)
 def test_there_and_back(frame: Frame) -> None:
     assert decoded(encoded(frame).decode()[:-1]) == (
         frame if frame.remote else frame._replace(length=len(frame.data))
@@ -111,7 +113,10 @@ def test_a_port_is_opened_once(adapter: tuple[int, SlcanBus]) -> None:
     ("settings", "says"),
     [
         ({"interface": "slcan", "channel": "/dev/nothing"}, "/dev/nothing: no such port"),
-        ({"interface": "slcan", "channel": "/dev/null", "bitrate": 123_456}, "bitrate = 123456: expected one of"),
+        (
+            {"interface": "slcan", "channel": "/dev/null", "bitrate": 123_456},
+            "bitrate = 123456: expected one of",
+        ),
         ({"interface": "slcan", "channel": "/dev/null@fast"}, "port@baud"),
         ({"interface": "socketcan", "channel": "can77"}, "socketcan can77: can not be opened"),
     ],
