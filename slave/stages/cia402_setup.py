@@ -22,7 +22,7 @@ from common.hardware.cia301 import (
 from common.hardware.sdo import RemoteDevice
 from slave.stages.settings import Cia402Settings
 
-_FOLLOWING_TIMEOUT_MS = 20
+_FOLLOWING_PERIODS = 5
 _SWITCH_OFF = [(transmit, number) for transmit in (False, True) for number in (2, 3, 4)]
 
 
@@ -123,7 +123,7 @@ def _protection(device: RemoteDevice, settings: Cia402Settings, scale: Scale) ->
     device.write(cia402.SOFT_LIMIT_LOW, low)
     device.write(cia402.SOFT_LIMIT_HIGH, high)
     device.write(cia402.FOLLOWING_WINDOW, round(settings.following_error_m * abs(scale.counts_per_m)))
-    device.write(cia402.FOLLOWING_TIMEOUT_MS, _FOLLOWING_TIMEOUT_MS)
+    device.write(cia402.FOLLOWING_TIMEOUT_MS, round(1e3 * _FOLLOWING_PERIODS / settings.sync_hz))
 
 
 def _mode(device: RemoteDevice, pause: Callable[[float], None]) -> None:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -177,7 +178,7 @@ def test_a_drive_in_a_fault_is_refused_at_the_start() -> None:
         ({"counts_per_m": 1e12, "travel_m": (0.0, 0.1)}, "does not fit"),
     ],
 )
-def test_what_is_not_the_drive_of_the_settings_is_one_line(changed: dict[str, object], says: str) -> None:
+def test_what_is_not_the_drive_of_the_settings_is_one_line(changed: dict[str, Any], says: str) -> None:
     with rig(opened=False, **changed) as r:
         with pytest.raises(DeviceSetupError, match=says) as caught:
             r.stage.open()
