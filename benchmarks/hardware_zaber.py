@@ -87,7 +87,7 @@ def _driven(link: Path, baud: int) -> tuple[list[float], float]:
 
     stage.open()
     try:
-        ZaberExchange.step = timed  # type: ignore[method-assign]
+        ZaberExchange.step = timed  # type: ignore[method-assign, assignment]
         cpu_s, start_s = time.process_time(), time.monotonic()
         while (now_s := time.monotonic()) < start_s + _SECONDS:
             stage.command(0.01 * (now_s - start_s), 0.01, time.monotonic_ns())

@@ -14,10 +14,19 @@ from slave.axis import Devices, SlaveAxis
 from slave.grippers.simulated import SimulatedGripper
 from slave.load_cells.port import LoadCell
 from slave.load_cells.recorded import RecordedLoadCell
-from slave.load_cells.settings import RecordedLoadCellDriver
+from slave.load_cells.settings import (
+    AsciiLineSettings,
+    BotaSettings,
+    Cia404Settings,
+    LoadCellDriver,
+    RecordedLoadCellDriver,
+    SimulatedLoadCellDriver,
+)
 from slave.load_cells.simulated import SimulatedLoadCell
 from slave.plant.world import SimulatedWorld
 from slave.settings import SlaveAxisSettings, SlaveSettings
+from slave.stages.port import Stage
+from slave.stages.settings import Cia402Settings, SimulatedStageDriver, StageDriver, ZaberSettings
 from slave.stages.simulated import SimulatedStage
 
 
@@ -105,13 +114,47 @@ class SlaveDaemon:
 def _devices(settings: SlaveAxisSettings) -> Devices:
     """The drivers that the settings name. All simulated ones of an axis share one world."""
     world = SimulatedWorld(settings.simulation, settings.seed)
-    return Devices(SimulatedStage(world), SimulatedGripper(world), _load_cell(settings, world))
+    return Devices(
+        _stage(settings.stage, world), SimulatedGripper(world), _load_cell(settings.load_cell, world)
+    )
 
 
-def _load_cell(settings: SlaveAxisSettings, world: SimulatedWorld) -> LoadCell:
-    source = settings.load_cell
-    if not isinstance(source, RecordedLoadCellDriver):
-        return SimulatedLoadCell(world)
+def _stage(settings: StageDriver, world: SimulatedWorld) -> Stage:
+    """The stage; what talks to hardware is imported when it is used."""
+    match settings:
+        case ZaberSettings():
+            from slave.stages.zaber_ascii import ZaberStage  # noqa: PLC0415
+
+            return ZaberStage(settings)
+        case Cia402Settings():
+            from slave.stages.cia402 import Cia402Stage  # noqa: PLC0415
+
+            return Cia402Stage(settings)
+        case SimulatedStageDriver():
+            return SimulatedStage(world)
+
+
+def _load_cell(settings: LoadCellDriver, world: SimulatedWorld) -> LoadCell:
+    match settings:
+        case BotaSettings():
+            from slave.load_cells.bota_serial import BotaSerialLoadCell  # noqa: PLC0415
+
+            return BotaSerialLoadCell(settings)
+        case AsciiLineSettings():
+            from slave.load_cells.ascii_line import AsciiLineLoadCell  # noqa: PLC0415
+
+            return AsciiLineLoadCell(settings)
+        case Cia404Settings():
+            from slave.load_cells.cia404 import Cia404LoadCell  # noqa: PLC0415
+
+            return Cia404LoadCell(settings)
+        case RecordedLoadCellDriver():
+            return _recorded(settings)
+        case SimulatedLoadCellDriver():
+            return SimulatedLoadCell(world)
+
+
+def _recorded(source: RecordedLoadCellDriver) -> LoadCell:
     recording = load_recording(source.recording, source.columns.mapping() if source.columns else None)
     if recording.force_n is None:
         raise RecordingError(f"{source.recording}: no force column; expected one for a recorded load cell")

@@ -31,7 +31,8 @@ def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
         Path | None, typer.Option(metavar="SOCKET", help="Joins an emulated stage and load cell.")
     ] = None,
     faults: Annotated[
-        str, typer.Option(metavar="LIST", help="drop=P,corrupt=P,split=P,delay=P,unplug@S,plug@S,stuck@S, ...")
+        str,
+        typer.Option(metavar="LIST", help="drop=P,corrupt=P,split=P,delay=P,unplug@S,plug@S,stuck@S, ..."),
     ] = "",
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of noise, operator and faults.")] = 0,
     duration: Annotated[float | None, typer.Option(min=0.0, metavar="S", help="End after it.")] = None,

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,20 @@ from pydantic import BaseModel
 
 from common.config import checked
 from common.errors import ConfigurationError
+from common.hardware.settings import CanSettings
 from forefeel.daemon_settings import load_daemon
 from forefeel.daemons import die_with_parent
-from forefeel.emulate import benches
+from forefeel.emulate import benches, can_benches
 from forefeel.emulate.benches import SerialBench, Surroundings
+from forefeel.emulate.canopen_device import CanopenDevice
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults
 from forefeel.interrupt import interruptible
 from master.settings import CoilSettings, MasterSettings
-from slave.load_cells.settings import AsciiLineSettings, BotaSettings
+from slave.load_cells.settings import AsciiLineSettings, BotaSettings, Cia404Settings
 from slave.plant.settings import WorldSettings, preset
 from slave.settings import SlaveSettings
-from slave.stages.settings import ZaberSettings
+from slave.stages.settings import Cia402Settings, ZaberSettings
 
 Step = Callable[[], None]
 _TRAVEL_M = [-0.004, 0.124]
@@ -35,7 +37,13 @@ _SERIAL: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., SerialBe
         CoilSettings, {"counts_per_m": 1e6, "newton_per_ampere": 2.0, "max_current_a": 3.0}, benches.coil,
     ),
 }  # fmt: skip
-CAN = "cia402", "cia404", "can_hub"
+_NODES: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., CanopenDevice]]] = {
+    "cia402": (
+        Cia402Settings, {"node_id": 1, "counts_per_m": 1e7, "travel_m": _TRAVEL_M}, can_benches.drive,
+    ),
+    "cia404": (Cia404Settings, {"node_id": 2, "full_scale_n": 10.0}, can_benches.transducer),
+}  # fmt: skip
+CAN = *_NODES, "can_hub"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +70,10 @@ def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
     die_with_parent()
     faults = Faults.parse(wish.faults)
     with ExitStack() as leave:
-        step, counts = _serial(wish, faults, leave)
-        with interruptible():
-            try:
-                _run(step, duration_s)
-            except KeyboardInterrupt:
-                pass
+        make = _serial if wish.device in _SERIAL else _hub if wish.device == "can_hub" else _node
+        step, counts = make(wish, faults, leave)
+        with interruptible(), suppress(KeyboardInterrupt):
+            _run(step, duration_s)
         print(json.dumps({"device": wish.device, **counts()}))
 
 
@@ -86,9 +92,35 @@ def _serial(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callabl
     print(f"{wish.device} on {bench.port} at {bench.baud} baud", flush=True)
 
     def counts() -> dict[str, Any]:
-        return {"from_host": dict(server.to_device.counts), "to_host": dict(server.to_host.counts), "lost": port.lost}
+        ways = {"from_host": server.to_device, "to_host": server.to_host}
+        return {**{way: dict(wire.counts) for way, wire in ways.items()}, "lost": port.lost}
 
     return server.step, counts
+
+
+def _hub(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callable[[], dict[str, Any]]]:
+    if wish.port is None:
+        raise ConfigurationError("emulate can_hub: expected --port LINK,LINK")
+    step, counts = can_benches.hub(wish.port, faults, wish.seed, leave)
+    print(f"can_hub on {wish.port}", flush=True)
+    return step, counts
+
+
+def _node(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callable[[], dict[str, Any]]]:
+    """A CANopen device on `--port` of an slcan hub, or on the bus of the file."""
+    kind, defaults, build = _NODES[wish.device]
+    settings, world = section(wish, kind, defaults)
+    device = build(settings, Surroundings(world, wish.feel, wish.seed), leave)
+    place = f"{settings.can.interface} {settings.can.channel}"
+    print(f"{wish.device} node {settings.node_id} on {place}", flush=True)
+    start_s, due = time.monotonic(), list(faults.at)
+
+    def step() -> None:
+        while due and time.monotonic() - start_s >= due[0][0]:
+            device.provoke(due.pop(0)[1])
+        device.step()
+
+    return step, lambda: {"node": settings.node_id}
 
 
 def section(wish: Wish, kind: type[BaseModel], defaults: dict[str, Any]) -> tuple[Any, WorldSettings]:
@@ -99,19 +131,35 @@ def section(wish: Wish, kind: type[BaseModel], defaults: dict[str, Any]) -> tupl
     """
     if wish.config is None:
         if wish.port is None:
-            raise ConfigurationError(f"emulate {wish.device}: expected --port LINK, or --config FILE that has it")
-        given = {"driver": wish.device, "port": wish.port, **defaults}
+            raise ConfigurationError(
+                f"emulate {wish.device}: expected --port LINK, or --config FILE that has it"
+            )
+        place = {"can": _slcan(wish.port)} if wish.device in _NODES else {"port": wish.port}
+        given = {"driver": wish.device, **place, **defaults}
         return checked(kind, given, f"emulate {wish.device}"), preset("catheter")
     daemon = load_daemon(wish.config)
     assert isinstance(daemon, SlaveSettings | MasterSettings)
     names = [axis.name for axis in daemon.axes]
     axis = next((axis for axis in daemon.axes if wish.axis in (None, axis.name)), None)
     if axis is None:
-        raise ConfigurationError(f"--axis {wish.axis}: expected one of {', '.join(names)}, the axes of {wish.config}")
+        raise ConfigurationError(
+            f"--axis {wish.axis}: expected one of {', '.join(names)}, the axes of {wish.config}"
+        )
     slots = [getattr(axis, slot, None) for slot in ("stage", "load_cell", "handle")]
     found = next((slot for slot in slots if isinstance(slot, kind)), None)
     if found is None:
-        raise ConfigurationError(f"{wish.config}: axis {axis.name} has no driver {wish.device!r}; expected one")
-    changed = found if wish.port is None else found.model_copy(update={"port": wish.port})
+        raise ConfigurationError(
+            f"{wish.config}: axis {axis.name} has no driver {wish.device!r}; expected one"
+        )
+    changed = found if wish.port is None else found.model_copy(update=_elsewhere(found, wish.port))
     world = axis.simulation if hasattr(axis, "simulation") else preset("catheter")
     return changed, world
+
+
+def _elsewhere(settings: BaseModel, port: str) -> dict[str, Any]:
+    can = getattr(settings, "can", None)
+    return {"port": port} if can is None else {"can": CanSettings(**_slcan(port), bitrate=can.bitrate)}
+
+
+def _slcan(port: str) -> dict[str, Any]:
+    return {"interface": "slcan", "channel": port}

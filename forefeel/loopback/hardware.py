@@ -55,7 +55,7 @@ def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
 
 
 def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Bench:
-    """The plan with emulated devices whose ports lie in the folder `ports`; `out` gets the daemons' settings."""
+    """The plan with emulated devices, whose ports lie in the folder `ports`; `out` gets the settings."""
     feel = ports / "feel"
     slave_axis, master_axis = dict(plan.slave["axes"][0]), dict(plan.master["axes"][0])
     limits = plan.slave_settings().axes[0].limits
@@ -82,12 +82,21 @@ def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Be
         ends = {name: ports / name for name in ("can-slave", "can-drive", "can-cell")}
         can = {"interface": "slcan", "channel": str(ends["can-slave"])}
         slave_axis["stage"] = {"driver": "cia402", "can": can, "node_id": 1, "counts_per_m": 1e7, **motion}
-        slave_axis["load_cell"] = {"driver": "cia404", "can": can, "node_id": 2, "full_scale_n": _FULL_SCALE_N}
+        slave_axis["load_cell"] = {
+            "driver": "cia404",
+            "can": can,
+            "node_id": 2,
+            "full_scale_n": _FULL_SCALE_N,
+        }
         hub = ",".join(map(str, ends.values()))
         emulators = [
             Emulated("hub", ("can_hub", "--port", hub, *common), ends["can-cell"]),
-            Emulated("cell", ("cia404", "--config", slave_file, "--port", str(ends["can-cell"]), *felt), feel),
-            Emulated("stage", ("cia402", "--config", slave_file, "--port", str(ends["can-drive"]), *felt), feel),
+            Emulated(
+                "cell", ("cia404", "--config", slave_file, "--port", str(ends["can-cell"]), *felt), feel
+            ),
+            Emulated(
+                "stage", ("cia402", "--config", slave_file, "--port", str(ends["can-drive"]), *felt), feel
+            ),
         ]
     handle = ports / "handle"
     master_axis["handle"] = {

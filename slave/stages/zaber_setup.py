@@ -156,7 +156,7 @@ def _scale(settings: ZaberSettings, serial: str, today: date) -> Scale:
             f"{settings.calibration}: travel_m = [{lowest:g}, {highest:g}]: expected it to cover "
             f"stage.travel_m = [{low:g}, {high:g}]"
         )
-    return Scale(found.zero, found.native_per_m)
+    return Scale(found.zero, settings.sign * found.native_per_m)
 
 
 def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: Scale) -> None:
