@@ -4,6 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
+# one thread for linear algebra in each of two test processes; bytecode is kept, or each start compiles anew
+test soak: export OPENBLAS_NUM_THREADS := 1
+test soak: export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: help demo test check bench hidden-effects soak fuzz format clean
 
 help: ## what there is
@@ -20,8 +24,8 @@ demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out
 	$(BIN)/forefeel loopback --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
 test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
-	$(BIN)/python -m pytest -n 2 -m 'not realtime and not soak and not fuzz'
-	$(BIN)/python -m pytest -m realtime
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not soak and not fuzz'
+	$(BIN)/python -m pytest -m 'realtime and not soak and not fuzz' tests/integration
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/ruff check .

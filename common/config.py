@@ -127,12 +127,25 @@ def _describe(problem: ErrorDetails, kind: type[BaseModel], where: str, lines: d
             return f"{where}{line}: {dotted}: unknown key, expected {expected_keys(kind, problem['loc'])}"
         case "missing":
             return f"{where}{line}: {dotted}: missing, a value is required"
+        case "union_tag_invalid" | "union_tag_not_found":
+            return _describe_kind(problem["ctx"], where, place, dotted, lines)
     if isinstance(value, dict) and problem["type"] == "value_error":  # a rule over several values names them
         line = _line((*place, *re.split(r"[ :]", expected)[0].split(".")), lines)
         return f"{where}{line}: {'' if dotted == _WHOLE else f'{dotted}: '}{expected}"
     simple = isinstance(value, int | float | str | bool | None)
     shown = repr(value) if simple else _KINDS.get(type(value), "a mapping")
     return f"{where}{line}: {dotted} = {shown}: {expected[:1].lower()}{expected[1:]}"
+
+
+def _describe_kind(
+    found: dict[str, Any], where: str, place: Place, dotted: str, lines: dict[Place, int]
+) -> str:
+    """The key that tells which of several kinds of section stands at a place is unknown or missing."""
+    key = str(found["discriminator"]).strip("'")
+    head = f"{where}{_line((*place, key), lines)}: {dotted}.{key}"
+    if "tag" not in found:
+        return f"{head}: missing, a value is required"
+    return f"{head} = {_shown(str(found['tag']))!r}: expected one of {found['expected_tags']}"
 
 
 def _line(place: Place, lines: dict[Place, int]) -> str:

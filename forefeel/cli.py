@@ -5,11 +5,14 @@ from typing import Annotated
 
 import typer
 
-from common.config import dump_yaml, load_settings, load_yaml
+from common.config import dump_yaml
 from common.errors import ConfigurationError
 from common.recording.tabular import Mapping
-from common.settings import DaemonSettings
 from common.transport.settings import PRESETS
+from forefeel.calibrate.cli import calibrate_app
+from forefeel.daemon_settings import load_daemon
+from forefeel.devices.cli import EPILOG as DEVICES_EPILOG
+from forefeel.devices.cli import device_app, devices
 from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
 from forefeel.diagnose.command import diagnose
 from forefeel.emulate.command import EPILOG as EMULATE_EPILOG
@@ -29,31 +32,15 @@ app = typer.Typer(
 )
 config_app = typer.Typer(help="Settings.", no_args_is_help=True)
 app.add_typer(config_app, name="config")
+app.add_typer(device_app, name="device")
+app.add_typer(calibrate_app, name="calibrate")
 app.command(epilog=EPILOG)(reproduce)
+app.command(epilog=DEVICES_EPILOG)(devices)
 
 ConfigFile = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
 Duration = Annotated[
     float | None, typer.Option("--duration", min=0.0, help="End after this many seconds.", metavar="S")
 ]
-
-
-def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
-    """The settings of a slave's or master's YAML file, told apart by its `role`.
-
-    Raises:
-        ConfigurationError: one line on the first mistake.
-    """
-    from master.settings import MasterSettings  # noqa: PLC0415 - each daemon loads only its own side
-    from slave.settings import SlaveSettings  # noqa: PLC0415
-
-    kinds: dict[str, type[DaemonSettings]] = {"slave": SlaveSettings, "master": MasterSettings}
-    data, lines = load_yaml(path)
-    found = data.get("role")
-    if not isinstance(found, str) or found not in kinds or (role is not None and found != role):
-        line = f":{lines[('role',)]}" if ("role",) in lines else ""
-        expected = repr(role) if role else "'slave' or 'master'"
-        raise ConfigurationError(f"{path}{line}: role = {found!r}: expected {expected}")
-    return load_settings(kinds[found], path)
 
 
 @app.command(epilog="Example: forefeel slave --config deploy/config/slave.yaml")

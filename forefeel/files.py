@@ -80,7 +80,7 @@ def _prove_writable(folder: Path) -> None:
     probe.unlink()
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str, what: str = "the report") -> None:
     """Beside the file, then in its place: a reader sees the old file or the new one.
 
     Raises:
@@ -93,4 +93,4 @@ def write_whole(path: Path, text: str) -> None:
         part.replace(path)
     except OSError as error:
         part.unlink(missing_ok=True)
-        raise RunError(f"{path}: {error.strerror or error}, the report is not written") from error
+        raise RunError(f"{path}: {error.strerror or error}, {what} is not written") from error

@@ -24,7 +24,7 @@ def run_record(out: Path, cell: str, connect: tuple[str, ...], duration_s: float
         RunError: recording failed, or nothing was recorded; then there is no file.
     """
     checked_segment(cell, "--cell")
-    recorder = Recorder(out, cell, TransportSettings(connect=connect), {"cell": cell})
+    recorder = Recorder(out, cell, TransportSettings(connect=connect), {"run": {"cell": cell}})
     console, where = Console(stderr=True, highlight=False, markup=False, soft_wrap=True), ", ".join(connect)
     console.print(f"recording cell {cell} to {out}; Ctrl-C ends")
     with interruptible() as ignore_signals:

@@ -27,10 +27,11 @@ class Recorder:
     """
 
     def __init__(
-        self, path: Path, cell: str, transport: TransportSettings, metadata: Mapping[str, str]
+        self, path: Path, cell: str, transport: TransportSettings, tables: Mapping[str, Mapping[str, str]]
     ) -> None:
-        """Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be
-        used.
+        """`tables`: metadata by name; `run` is what was asked for.
+
+        Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be used.
         """
         self.newest: dict[str, bytes] = {}
         self._error: BaseException | None = None
@@ -42,7 +43,8 @@ class Recorder:
         except BaseException:
             self._transport.close()
             raise
-        self._writer.add_metadata("run", metadata)
+        for name, table in tables.items():
+            self._writer.add_metadata(name, table)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
         self._transport.subscribe_all(f"forefeel/{cell}", self._hear)

@@ -13,7 +13,8 @@ NonZero = Annotated[float, Field(ge=-1e12, le=1e12)]
 
 
 class LoadCellCalibration(Settings):
-    """`F = gain_n (native - zero)`, native: what the device gives (N, counts, lbf/1000).
+    """`F = sign gain_n (native - zero)`, native: what the device gives (N, counts, lbf/1000); `sign`: of the
+    settings, not in `gain_n`.
 
     `residual_n`, `hysteresis_n`: rms of what the line leaves, largest difference between up and down;
     `range_n`: the forces that were applied; `points`: (native, N) of every step.
@@ -33,14 +34,16 @@ class LoadCellCalibration(Settings):
     points: tuple[tuple[float, float], ...]
 
     def force_n(self, native: float) -> float:
-        """The force in N of what the device gives."""
+        """The force in N of what the device gives, before the sign of the settings."""
         return self.gain_n * (native - self.zero)
 
 
 class StageCalibration(Settings):
-    """What homing and a run over the travel found: `native` position in device units of x = 0, and per metre.
+    """What homing and a run over the travel found: `native = zero + sign native_per_m x`, in device units;
+    `sign`: of the settings, not in `native_per_m`.
 
-    `travel_m`: from end to end; `repeatability_m`: the largest difference of the home found twice.
+    `travel_m`: from end to end; `repeatability_m`: the largest difference of the home found twice; None: the
+    device does not tell.
     """
 
     format: Literal["forefeel.stage_calibration/1"]
@@ -49,9 +52,9 @@ class StageCalibration(Settings):
     date: date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 365
     zero: float
-    native_per_m: NonZero
+    native_per_m: Annotated[float, Field(gt=0, le=1e12)]
     travel_m: tuple[float, float]
-    repeatability_m: NonNegativeFloat
+    repeatability_m: NonNegativeFloat | None
 
 
 def load_cell_calibration(path: Path, serial: str, today: date) -> LoadCellCalibration:

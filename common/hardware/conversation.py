@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
-from common.errors import DeviceError
+from common.errors import DeviceError, InputError
 from common.hardware.link import Link, LinkState
 
 T = TypeVar("T")
@@ -54,6 +54,7 @@ class Conversation:
 
         Raises:
             DeviceError: the first handshake failed, with its reason, or takes too long; the thread has ended.
+            InputError: what the settings name (a calibration) does not fit the device.
         """
         self._thread = threading.Thread(target=self._run, name=self.link.name, daemon=True)
         self._thread.start()
@@ -62,7 +63,7 @@ class Conversation:
             return
         first = self._first
         self.stop()
-        if isinstance(first, DeviceError):
+        if isinstance(first, DeviceError | InputError):
             raise first
         raise DeviceError(f"{self.link.name}: {first or f'not ready within {timeout_s:g} s'}") from first
 

@@ -11,6 +11,9 @@ from enum import IntEnum
 from threading import Lock
 
 from common.errors import DeviceError
+from common.slots import BoundedQueue
+
+_ROUND_TRIPS = 8192
 
 
 class LinkState(IntEnum):
@@ -29,12 +32,18 @@ class Link:
     Attributes:
         name: of the device, for texts: `stage zaber_ascii on /dev/ttyUSB0`.
         identity: what the device said it is.
+        serial: its serial number, as it said it; calibrations are bound to it. Empty: it has none.
+        exchanges: readings, readbacks or replies that have come so far; see `exchanged`.
+        round_trips_ns: of the exchanges whose question and answer the driver saw, the newest.
         counters: faults and whatever the driver counts (`bad_checksum`, `resynchronised`).
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.identity = ""
+        self.serial = ""
+        self.exchanges = 0
+        self.round_trips_ns: BoundedQueue[int] = BoundedQueue(_ROUND_TRIPS)
         self.counters: Counter[str] = Counter()
         self._state = LinkState.CLOSED
         self._inhibited: str | None = None
@@ -62,6 +71,12 @@ class Link:
             if to is LinkState.READY and self._inhibited is not None:
                 return
             self._state = to
+
+    def exchanged(self, round_trip_ns: int | None = None) -> None:
+        """One more reading, readback or reply has come; called by the thread of the conversation alone."""
+        self.exchanges += 1
+        if round_trip_ns is not None:
+            self.round_trips_ns.put(round_trip_ns)
 
     def fault(self, reason: str) -> None:
         """Leaves READY, from any thread; the first reason since the last re-arming is kept."""

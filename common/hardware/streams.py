@@ -78,6 +78,17 @@ class SerialStream:
         except _BROKEN as error:
             raise DeviceError(f"{self.name}: gone while writing ({_short(error)})") from error
 
+    def fileno(self) -> int:
+        """For select.
+
+        Raises:
+            DeviceError: it is closed.
+        """
+        try:
+            return int(self._serial.fileno())
+        except _BROKEN as error:
+            raise DeviceError(f"{self.name}: closed") from error
+
     def close(self) -> None:
         """See `ByteStream`."""
         with suppress(*_BROKEN):  # it is gone: as closed as it will be

@@ -1,6 +1,7 @@
 """Several diagnoses at a time: processes of this machine, or the workers of a dask cluster."""
 
 import re
+import signal
 import socket
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
@@ -44,6 +45,7 @@ def outcomes(
 
 def attempt(task: Task) -> Outcome:
     """A task that never raises what belongs to its recording only."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # a worker that was started without
     try:
         return Outcome(task, examine(task))
     except InputError as error:
@@ -77,7 +79,19 @@ def _started(tasks: Sequence[Task], jobs: int) -> Generator[Outcome, None, None]
     parallel = joblib.Parallel(
         n_jobs=max(1, min(jobs, len(tasks))), return_as="generator_unordered", batch_size=1
     )
-    yield from parallel(joblib.delayed(attempt)(task) for task in tasks)
+    with _interrupts_later():
+        found = parallel(joblib.delayed(attempt)(task) for task in tasks)
+    yield from found
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Workers that are started here inherit it: one that is interrupted while it imports would say so."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -52,6 +52,10 @@ class Pty:
                 os.close(end)
         self._master = self._slave = -1
 
+    def fileno(self) -> int:
+        """The device's end, for select; -1 while unplugged."""
+        return self._master
+
     def read(self, timeout_s: float) -> bytes:
         """What the host wrote, waiting for at most that long."""
         if self._master < 0:

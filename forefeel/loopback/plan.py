@@ -12,6 +12,7 @@ from common.model_file import load_model
 from common.recording.recording import Recording
 from common.recording.tabular import Mapping, load_recording
 from common.transport.settings import PRESETS
+from forefeel.calibrate.carried import calibrations
 from master.settings import MasterSettings
 from slave.plant.presets import PRESETS as WORLDS
 from slave.settings import SlaveSettings
@@ -66,6 +67,12 @@ class Plan:
     def master_settings(self) -> MasterSettings:
         """The master's settings, validated."""
         return checked(MasterSettings, self.master, self._where("master"))
+
+    def tables(self) -> dict[str, dict[str, str]]:
+        """What the recording says of the run: what was asked for, and the calibrations of the slave's
+        devices.
+        """
+        return {"run": self.metadata, **calibrations(self.slave_settings())}
 
     def _where(self, role: str) -> str:
         return f"loopback {role}, recording {self.metadata['recording']}"

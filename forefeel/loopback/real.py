@@ -53,7 +53,7 @@ def run_real(plan: Plan, out: Path, progress: Progress, emulators: Sequence[Emul
         ]
         devices = [_Child(each.name, emulator_command(each), out) for each in emulators]
         listening = TransportSettings(listen=(endpoints[1],))
-        recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.metadata)
+        recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.tables())
         try:
             for device, emulated in zip(devices, emulators, strict=True):
                 device.start()

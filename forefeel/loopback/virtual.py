@@ -71,7 +71,8 @@ class VirtualLoopback:
     def write(self, path: Path) -> None:
         """Writes the recording."""
         with RunWriter(path) as writer:
-            writer.add_metadata("run", self._plan.metadata)
+            for name, table in self._plan.tables().items():
+                writer.add_metadata(name, table)
             for key, payload, stamp_ns in self.payloads:
                 writer.write(key, payload, stamp_ns)
 

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+from common.hardware.link import Link
+
 
 class LoadCellReading(NamedTuple):
     """Force in N, the raw counts it comes from, whether to believe it (in range, no device error), and when
@@ -44,4 +46,40 @@ class LoadCell(Protocol):
         `recording_time_s` belongs to the command that the stage is executing; a physical cell ignores it, a
         recorded one answers with the force of that time.
         """
+        ...
+
+
+class NativeReading(NamedTuple):
+    """What the device itself gives (N, counts, lbf/1000): before calibration, sign and tare; whether to
+    believe it, and when it was made, by the host's clock.
+    """
+
+    native: float
+    valid: bool
+    stamp_ns: int
+
+
+class NativeLoadCell(Protocol):
+    """A load cell that can be calibrated.
+
+    Attributes:
+        newton_per_native: by its data sheet, > 0; None: only a calibration tells.
+        link: its `serial` is what the calibration is bound to.
+    """
+
+    newton_per_native: float | None
+    link: Link
+
+    def open_native(self) -> None:
+        """Connects as `LoadCell.open` does, for `read_native` alone: the calibration is not looked at, and a
+        cell that gives no force without one is taken as well.
+        """
+        ...
+
+    def close(self) -> None:
+        """See `LoadCell`."""
+        ...
+
+    def read_native(self, now_ns: int) -> Sequence[NativeReading]:
+        """The readings since the last call, oldest first, in place of `read`."""
         ...

@@ -43,8 +43,8 @@ class BotaSettings(SerialSettings):
 class AsciiLineSettings(SerialSettings):
     """A load cell that prints one number a line: `newton`, `millipound_force` (Loadstar) or `counts` (HX711).
 
-    `request`: what asks for a reading (Loadstar: `O0W0`); null when the cell streams by itself. Counts need a
-    calibration.
+    `request`: what asks for a reading (Loadstar: `O0W1`) or begins a stream of them (`O0W0`), without the
+    carriage return; null when the cell streams by itself. Counts need a calibration.
     """
 
     driver: Literal["ascii_line"]

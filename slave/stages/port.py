@@ -1,6 +1,9 @@
 """The stage port: what the control loop needs of a drive."""
 
-from typing import NamedTuple, Protocol
+from types import TracebackType
+from typing import NamedTuple, Protocol, Self
+
+from common.hardware.link import Link
 
 
 class StageReading(NamedTuple):
@@ -38,4 +41,47 @@ class Stage(Protocol):
 
     def read(self, now_ns: int) -> StageReading:
         """The readback at `now_ns`; a drive that is read more seldom carries it on for at most 20 ms."""
+        ...
+
+
+class Home(NamedTuple):
+    """The reference as it was found, in native units: its position in the count that holds from now on, and
+    how far off the count before had it; None: the device does not tell, or has not been homed before.
+    """
+
+    native: float
+    shift: float | None
+
+
+class Homing(Protocol):
+    """A stage while it is calibrated: it need not know where it is, and its calibration is not looked at.
+    Use: `with homing:`; whatever ends the block, the stage is told to stop and let go.
+
+    `home` and `travel_ends` move it, wait, and leave it at rest; they raise `DeviceError` when the device
+    fails or does not come to an end in the time that the distance takes.
+
+    Attributes:
+        link: its `serial` is what the calibration is bound to.
+    """
+
+    link: Link
+
+    def __enter__(self) -> Self:
+        """Connects and identifies; nothing moves."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stops and lets go."""
+        ...
+
+    def home(self) -> Home:
+        """Finds the reference again, whether it had been found or not."""
+        ...
+
+    def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
+        """Goes from one end of the travel to the other at no more than that speed; the positions of both in
+        native units of the count that holds, in any order.
+        """
         ...

@@ -292,14 +292,14 @@ def test_a_viewer_that_sleeps_disturbs_nobody(cell: Cell) -> None:
         subscriber = session.declare_subscriber("forefeel/**", doze)
         wait_until(lambda: viewed)
         cell.heard.clear()
-        time.sleep(2.0)
+        time.sleep(1.2)
         forces, commands = cell.messages(FORCE), cell.messages(COMMAND)
         state = cell.messages(SLAVE_STATE)[-1]
-        assert len(viewed) < 50
+        assert len(viewed) < 30
         awake.set()
         subscriber.undeclare()  # type: ignore[no-untyped-call]
     for sequences in ([m.sequence for m in forces], [m.sequence for m in commands]):
-        assert len(sequences) > 1500
+        assert len(sequences) > 900
         assert len(sequences) >= 0.9 * (sequences[-1] - sequences[0] + 1)  # stalled: nearly none
     ages_s = [(m.stamp_ns - m.answers_stamp_ns) / S for m in forces if m.answers_stamp_ns is not None]
     assert len(ages_s) == len(forces)
@@ -328,7 +328,7 @@ def running(parent: Daemon) -> bool:
     return log.exists() and "session open" in log.read_text()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.soak)])
 def test_an_interrupted_loopback_ends_both_and_leaves_its_recording(
     loopback: Daemon, tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -2,6 +2,7 @@
 differ, ends that die.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
@@ -37,13 +38,25 @@ Payloads = list[tuple[str, bytes, int]]
 
 
 class Heard:
-    """What a recorder heard."""
+    """What a recorder heard; each payload is decoded once."""
 
     def __init__(self, payloads: Payloads) -> None:
         self.payloads = payloads
+        self._sorted = 0
+        self._of_key: defaultdict[tuple[str, str], list[bytes]] = defaultdict(list)
+        self._decoded: defaultdict[tuple[str, str], list[Any]] = defaultdict(list)
 
     def messages(self, topic: Topic[M], axis: str = AXIS) -> list[M]:
-        return [decode(topic.message, p) for key, p, _ in self.payloads if _is(key, axis, topic)]
+        self._sort()
+        encoded, decoded = self._of_key[axis, topic.name], self._decoded[axis, topic.name]
+        decoded += [decode(topic.message, payload) for payload in encoded[len(decoded) :]]
+        return list(decoded)
+
+    def _sort(self) -> None:
+        for key, payload, _ in self.payloads[self._sorted :]:
+            if (parsed := parse_key(key)) is not None:
+                self._of_key[parsed[1], parsed[2].name].append(payload)
+        self._sorted = len(self.payloads)
 
     def column(self, topic: Topic[Any], name: str, axis: str = AXIS) -> NDArray[np.float64]:
         """One field as float64; None is NaN."""
@@ -61,11 +74,6 @@ class Heard:
         states = [m.state.value for m in self.messages(SLAVE_STATE, axis) if m.stamp_ns < until_s * S]
         since = states[states.index("armed") :] if "armed" in states else []
         return since.count("armed") / len(since) if since else 0.0
-
-
-def _is(key: str, axis: str, topic: Topic[Any]) -> bool:
-    parsed = parse_key(key)
-    return parsed is not None and parsed[1:] == (axis, topic)
 
 
 class Cable:

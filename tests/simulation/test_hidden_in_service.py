@@ -25,7 +25,7 @@ from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise
 
-DURATION_S = 10.0
+DURATION_S = 8.0
 WALL = {"mass_damper_spring": {"mass_kg": 0.02, "damping_n_s_m": 0.6, "stiffness_n_m": 12.0}}
 OF_THE_LOAD_CELL = "bias"
 """The simulated load cell has an offset of 10 mN; to name it is right."""
@@ -62,10 +62,10 @@ def live_rms_n(run: Run) -> float:
 @pytest.mark.parametrize(
     "effect",
     [
-        *("stiffening", "presliding_hysteresis"),
+        "presliding_hysteresis",
         *(
             pytest.param(name, marks=pytest.mark.soak)
-            for name in ("hunt_crossley_damping", "coulomb_friction")
+            for name in ("stiffening", "hunt_crossley_damping", "coulomb_friction")
         ),
     ],
 )
@@ -127,12 +127,12 @@ def prediction_mn(ten_lines: str) -> float:
 
 
 def test_an_effect_is_switched_on_during_the_run_and_changes_nothing_before(tmp_path: Path) -> None:
-    """A bias of 0.2 N from 3 s of the world's time on: equal to the bit before, off by 0.2 N from then on."""
+    """A bias of 0.2 N from 1 s of the world's time on: equal to the bit before, off by 0.2 N from then on."""
     world = write_model(tmp_path / "world.yaml", WALL)
     hide = write_model(tmp_path / "hidden.yaml", {"bias": {"force_n": 0.2}})
-    wish = {"seed": 1, "slave_model": world, "duration_s": 4.0}
+    wish = {"seed": 1, "slave_model": world, "duration_s": 2.0}
     forces: list[Any] = []
-    for hidden in ({}, {"hide": hide, "hide_at_s": 3.0}):
+    for hidden in ({}, {"hide": hide, "hide_at_s": 1.0}):
         loop = VirtualLoopback(make_plan(Wish(**wish, **hidden)), 1)  # type: ignore[arg-type]
         loop.run(lambda _done_s: None)
         path = tmp_path / f"{len(forces)}.mcap"
@@ -141,5 +141,5 @@ def test_an_effect_is_switched_on_during_the_run_and_changes_nothing_before(tmp_
     count = min(map(len, forces))
     differs = np.abs(forces[1][:count] - forces[0][:count])
     switched = np.flatnonzero(differs > 1e-9)[0]
-    assert switched == pytest.approx(3000, abs=60)
+    assert switched == pytest.approx(1000, abs=60)
     assert differs[switched + 5 : switched + 50] == pytest.approx(0.2, abs=0.02)

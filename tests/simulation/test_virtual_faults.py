@@ -79,7 +79,7 @@ def stalled() -> Callable[[float], tuple[Pair, float]]:
         pair = Pair()
         start_s = pair.run(1.7137)  # amid the first stroke
         pair.to_slave.stalls.append((start_s, start_s + stall_s))
-        pair.run(stall_s + (4.2 if stall_s > 1 else 1.2))
+        pair.run(stall_s + (2.8 if stall_s > 1 else 1.2))
         return pair, start_s
 
     return run
@@ -140,9 +140,9 @@ def test_a_session_that_a_stall_outlived_is_replaced(
 
 def test_a_way_that_became_longer_for_good_stops_and_is_measured_anew_by_a_new_session() -> None:
     pair = Pair()
-    start_s = pair.run(2.5)
+    start_s = pair.run(2.0)
     pair.to_slave.delay_s = DELAY_S + 0.150
-    pair.run(7.5)
+    pair.run(5.5)
     lost = [m for m in pair.heard.messages(SAFETY_EVENT) if m.event == "session_lost"]
     assert start_s < pair.heard.times("watchdog")[0] < start_s + 0.150 + 0.1
     assert [m.before.value for m in lost] == ["ready"]
@@ -156,7 +156,7 @@ def test_a_way_that_became_longer_for_good_stops_and_is_measured_anew_by_a_new_s
 
 def test_a_delay_that_creeps_up_stops_the_stage_and_is_not_followed_for_ever() -> None:
     pair = Pair()
-    pair.run(2.5)
+    pair.run(2.0)
     for _ in range(300):  # 30 ms a second, in 3 s less than 100 ms
         pair.to_slave.delay_s += 0.003
         pair.run(0.1)
@@ -168,9 +168,9 @@ def test_a_delay_that_creeps_up_stops_the_stage_and_is_not_followed_for_ever() -
 
 def test_forces_that_stand_still_fade_from_the_hand_and_the_slave_is_let_go() -> None:
     pair = Pair()
-    start_s = pair.run(3.0)
+    start_s = pair.run(2.0)
     pair.to_master.stalls.append((start_s, start_s + 2.0))
-    pair.run(8.0)
+    pair.run(4.0)
     time_s = pair.heard.column(HAPTICS, "stamp_ns") / S
     rendered_n = pair.heard.column(HAPTICS, "rendered_n")
     blind = (time_s > start_s + DELAY_S + 0.1 + 0.2 + 2 * TICK_S) & (time_s < start_s + 2.0)
@@ -186,7 +186,7 @@ def test_forces_that_stand_still_fade_from_the_hand_and_the_slave_is_let_go() ->
 @pytest.mark.parametrize(("slave_s", "master_s"), [(1e6, 0.0), (0.0, 1e6)])
 def test_clocks_of_two_hosts_may_differ_by_days(slave_s: float, master_s: float) -> None:
     pair = Pair(slave_clock_ns=round(slave_s * S), master_clock_ns=round(master_s * S))
-    pair.run(2.5)
+    pair.run(1.5)
     assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
     offsets_s = [m.clock_offset_ns / S for m in pair.heard.messages(FORCE) if m.clock_offset_ns is not None]
     assert offsets_s[-1] == pytest.approx(master_s - slave_s, abs=2 * TICK_S)
@@ -196,10 +196,10 @@ def test_clocks_of_two_hosts_may_differ_by_days(slave_s: float, master_s: float)
 
 def test_a_new_master_takes_over_when_the_lease_of_a_dead_one_is_over() -> None:
     pair = Pair()
-    died_s = pair.run(2.5)
+    died_s = pair.run(2.0)
     pair.master.transport.close()
     pair.start_master()
-    pair.run(5.5)
+    pair.run(2.2)
     assert pair.heard.times("watchdog")[0] < died_s + DELAY_S + WATCHDOG_S + 2 * TICK_S
     assert died_s + 0.9 < pair.heard.times("session_lost")[0]
     assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
@@ -208,12 +208,12 @@ def test_a_new_master_takes_over_when_the_lease_of_a_dead_one_is_over() -> None:
 def test_a_slave_whose_host_was_started_again_is_seen_and_learned_from() -> None:
     """Its clock starts anew, and its first messages are lost."""
     pair = Pair(slave_clock_ns=1000 * S)
-    pair.run(2.5)
+    pair.run(2.0)
     pair.slave.transport.close()
     died_s = pair.run(1.0)
     pair.to_master.cuts.append((died_s, died_s + 0.1))
     pair.start_slave()
-    pair.run(5.5)
+    pair.run(2.5)
     assert pair.heard.messages(MASTER_STATE)[-1].indication == "armed"
     learned = [(m.stamp_ns / S, m.samples) for m in pair.heard.messages(PARAMETERS)]
     before = max(samples for time_s, samples in learned if time_s < died_s)
@@ -234,7 +234,7 @@ def test_two_axes_run_in_one_pair_and_a_stop_of_one_stops_both() -> None:
         assert pair.heard.messages(SLAVE_STATE, axis)[-1].state.value == "armed"
         assert np.abs(pair.heard.column(FORCE, "velocity_m_s", axis)).max() > 0.005
     pair.master.axes[1].emergency_stop("smoke", pair.runtime.clock.now_ns())
-    pair.run(2.0)
+    pair.run(1.0)
     for axis in axes:
         (halt_s,) = pair.heard.times("estop", axis)
         assert stopped_s < halt_s <= stopped_s + DELAY_S + 3 * TICK_S
@@ -248,7 +248,7 @@ def test_two_axes_run_in_one_pair_and_a_stop_of_one_stops_both() -> None:
     assert [pair.heard.messages(SLAVE_STATE, axis)[-1].state.value for axis in axes] == ["estopped"] * 2
     for axis_ in pair.slave.axes:
         axis_.clear()
-    pair.run(2.0)
+    pair.run(1.2)
     assert [pair.heard.messages(SLAVE_STATE, axis)[-1].state.value for axis in axes] == ["armed"] * 2
 
 

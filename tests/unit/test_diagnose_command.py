@@ -17,7 +17,7 @@ import yaml
 from common.recording.mcap_writer import RunWriter
 from forefeel.__main__ import main
 from forefeel.diagnose.examine import Task, examine
-from tests.integration.test_cli import contents
+from tests.commands.test_cli import contents
 from tests.unit.diagnosis_samples import FRICTION_N, made, motion, put
 from tests.unit.evaluation_samples import Floats, csv_text, recording
 from tests.unit.recording_samples import force, write_forces
@@ -305,7 +305,7 @@ def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path, folder: bool) 
 
 
 def test_a_run_is_diagnosed_by_its_readback(run: Run, tmp_path: Path) -> None:
-    whole = made(5.0, friction_n=FRICTION_N)
+    whole = made(4.0, friction_n=FRICTION_N)
     assert whole.force_n is not None
     samples = [
         force(10 * k, position_m=float(x), force_n=float(f))

@@ -39,6 +39,7 @@ def test_a_motor_axis_has_dry_friction_that_no_speed_lessens(name: str) -> None:
     assert diagnosed(name).causes[0].name == "coulomb_friction"
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", ["seal_o_ring_1bar"])
 def test_a_seal_rubs_and_relaxes(name: str) -> None:
     found = names(name)
@@ -50,6 +51,7 @@ def test_short_strokes_show_friction_that_builds_up_with_distance() -> None:
     assert names("presliding_friction") == {"presliding_hysteresis"}
 
 
+@pytest.mark.soak
 def test_an_electronic_spring_stiffens() -> None:
     """Wigren and Schoukens, 2013: a cubic stiffness; both ends of it have an electrical offset."""
     assert names("silverbox_train") <= {"stiffening", "bias"}

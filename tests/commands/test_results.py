@@ -2,24 +2,18 @@
 
 import os
 import signal
-import socket
-import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from common.clock import MonotonicClock
-from common.codec import encode
 from common.errors import ConfigurationError
 from common.recording.mcap_reader import read_run
 from common.recording.mcap_writer import RunWriter
 from common.topics import FORCE
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
 from forefeel.files import fresh_folder, write_whole
-from tests.integration.test_cli import contents
+from tests.commands.test_cli import contents
 from tests.simulation.pair import write_csv
 from tests.unit.recording_samples import force, put
 
@@ -136,52 +130,3 @@ def test_a_folder_that_can_not_be_written_is_refused_before_anything_runs(
     assert str(caught.value) == "--out .: Permission denied; expected a folder that can be written"
     assert fresh_folder(tmp_path, ("run.csv",), "an earlier run", overwrite=False) == tmp_path
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_recording_of_nobody_is_no_recording(
-    run: Callable[[Sequence[str]], int],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
-    monkeypatch.setattr("forefeel.record._REMIND_S", 0.2)
-    line = f"record --connect tcp/127.0.0.1:9 --out {tmp_path}/run.mcap --duration 0.5"
-    assert run(line.split()) == 1
-    _, *waiting, last = capsys.readouterr().err.splitlines()
-    assert waiting == ["nobody heard yet at tcp/127.0.0.1:9 (0 s)"] * len(waiting) != []
-    assert last == (
-        f"forefeel: {tmp_path}/run.mcap: nothing was recorded, "
-        "nobody of cell cell was heard at tcp/127.0.0.1:9"
-    )
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_recording_says_what_it_holds_and_what_it_could_not_write(
-    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    clock, ended = MonotonicClock(), threading.Event()
-    slave = ZenohTransport.open(TransportSettings(listen=(endpoint,)), clock, lambda _: None)
-    put = slave.publisher(FORCE.key("cell", "insertion"), FORCE.qos)
-
-    def speak() -> None:
-        while not ended.wait(0.01):
-            put(encode(force(1)))
-            put(b"nonsense")
-
-    thread = threading.Thread(target=speak)
-    thread.start()
-    try:
-        assert run(f"record --connect {endpoint} --out {tmp_path}/run.mcap --duration 2".split()) == 0
-    finally:
-        ended.set()
-        thread.join()
-        slave.close()
-    said = capsys.readouterr().err.splitlines()[-1]
-    recorded = read_run(tmp_path / "run.mcap")
-    malformed = int(recorded.metadata["recorder"]["malformed"])
-    assert malformed > 0
-    assert said == (
-        f"{tmp_path}/run.mcap: closed, {recorded.count('insertion', FORCE)} messages, {malformed} malformed"
-    )

@@ -14,12 +14,14 @@ from typer.testing import CliRunner
 
 from common.config import dump_yaml
 from common.recording.mcap_writer import RunWriter
-from forefeel.cli import app, load_daemon
+from forefeel.cli import app
+from forefeel.daemon_settings import load_daemon
 from tests.unit.recording_samples import force, put
 
 COMMANDS = [
     ["slave"], ["master"], ["config", "check"], ["record"], ["report"],
     ["loopback"], ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
+    ["devices"], ["device", "probe"], ["calibrate", "load-cell"], ["calibrate", "stage"],
 ]  # fmt: skip
 ROOT = Path(__file__).parents[2]
 SLAVE = "role: slave\ntransport: {listen: ['tcp/127.0.0.1:0']}\n"

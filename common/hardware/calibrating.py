@@ -1,0 +1,240 @@
+"""What a calibration computes and when it is refused. Pure: readings in, numbers out; no clock, no device."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from math import hypot, inf, isfinite, sqrt
+from typing import NamedTuple
+
+from common.errors import ConfigurationError, RunError
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+LEAST_READINGS = 10
+STEADY_SHARE = 0.005
+NOISE_SHARE = 0.02
+RESIDUAL_SHARE = 0.01
+_SHOWN = 3.0  # a drift of that many of its standard deviations is one
+
+
+class Level(NamedTuple):
+    """Readings of one load, native units: their mean, their standard deviation around the line through them,
+    how far that line rises from the first to the last, the standard deviation of that rise.
+    """
+
+    mean: float
+    std: float
+    drift: float
+    drift_std: float
+    readings: int
+
+
+class Step(NamedTuple):
+    """One step of the walk: the force that is applied, N, and what the cell gave."""
+
+    force_n: float
+    level: Level
+
+
+class Fit(NamedTuple):
+    """`F = gain_n (native - zero)`; rms of what it leaves, largest difference of one load met twice; N."""
+
+    gain_n: float
+    zero: float
+    residual_n: float
+    hysteresis_n: float
+
+
+def level_of(times_s: Sequence[float], natives: Sequence[float]) -> Level:
+    """Mean, noise and drift of readings at times in s; at least three, not all at one time.
+
+    The line is that of least squares; its rise has the standard deviation std T / sqrt(sum (t - mean)^2).
+    """
+    n = len(natives)
+    if n < 3 or len(times_s) != n or max(times_s) <= min(times_s):
+        raise ValueError(f"{n} readings: expected at least 3 over some time")
+    mean, middle_s = sum(natives) / n, sum(times_s) / n
+    spread = sum((t - middle_s) ** 2 for t in times_s)
+    slope = sum((t - middle_s) * (x - mean) for t, x in zip(times_s, natives, strict=True)) / spread
+    left = sum((x - mean - slope * (t - middle_s)) ** 2 for t, x in zip(times_s, natives, strict=True))
+    std, span_s = sqrt(left / (n - 2)), max(times_s) - min(times_s)
+    return Level(mean, std, slope * span_s, std * span_s / sqrt(spread), n)
+
+
+def require_steady(
+    level: Level, newton_per_native: float, range_n: float, what: str, steady_share: float = STEADY_SHARE
+) -> None:
+    """Refuses a level whose readings move.
+
+    Args:
+        level: what was read.
+        newton_per_native: what a native unit is worth, at least roughly; its sign does not matter.
+        range_n: the range of forces that is calibrated.
+        what: the load in words, for the text.
+        steady_share: of the range, that the readings may drift while they are averaged; noise may be four
+            times that.
+
+    Raises:
+        RunError: with what was found and what is allowed.
+    """
+    scale_n, allowed_n = abs(newton_per_native), steady_share * range_n
+    noise_n, noise_allowed_n = level.std * scale_n, allowed_n * NOISE_SHARE / STEADY_SHARE
+    if not noise_n <= noise_allowed_n:
+        raise RunError(
+            f"{what}: the reading moves: noise {noise_n:.3g} N rms, allowed {noise_allowed_n:.3g} N; "
+            "keep the cell free of touch, draught and vibration"
+        )
+    if abs(level.drift) * scale_n > allowed_n and abs(level.drift) > _SHOWN * level.drift_std:
+        raise RunError(
+            f"{what}: the reading moves: drift {level.drift * scale_n:+.3g} N while it was averaged, "
+            f"allowed {allowed_n:.3g} N; let the load settle and the cell warm up"
+        )
+
+
+def rough_scale(tare: Level, loaded: Step) -> float:
+    """N per native unit by one load, where no data sheet tells.
+
+    Raises:
+        RunError: the noise hides the load.
+    """
+    rise, noise = loaded.level.mean - tare.mean, max(loaded.level.std, tare.std)
+    if not abs(rise) > _SHOWN * noise:
+        raise RunError(
+            f"{loaded.force_n:.4g} N: the reading does not follow the load: {tare.mean:.6g} without, "
+            f"{loaded.level.mean:.6g} with it, noise {noise:.2g}; check that the load acts on the cell and "
+            "that nothing moves it"
+        )
+    return loaded.force_n / rise
+
+
+def forces_of(text: str, newton_per_unit: float, where: str) -> list[float]:
+    """The forces in N of a list such as `0,0.05,0.1`, zero left out: the cell is tared without a load.
+
+    Raises:
+        ConfigurationError: not a list of numbers, one twice, fewer than two loads with that of the tare, or
+            beyond reason.
+    """
+    words = [word.strip() for word in text.split(",")]
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        raise ConfigurationError(
+            f"{where} {text}: expected numbers with commas, such as 0,0.05,0.1"
+        ) from None
+    forces = [value * newton_per_unit for value in values if value != 0.0]
+    if not all(isfinite(force) and abs(force) <= 1e6 for force in forces):
+        raise ConfigurationError(f"{where} {text}: expected finite loads of at most 1e6 N")
+    if len(set(forces)) != len(forces):
+        raise ConfigurationError(
+            f"{where} {text}: a load stands twice; expected each once, they come back down"
+        )
+    if not forces:
+        raise ConfigurationError(f"{where} {text}: one point, no load; expected at least one load besides 0")
+    return forces
+
+
+def walk_of(forces: Sequence[float]) -> list[float]:
+    """The loads in N in the order in which they are applied: unloaded, up, down, unloaded again."""
+    up = [0.0, *sorted(force for force in forces if force > 0.0)]
+    down = [0.0, *sorted((force for force in forces if force < 0.0), reverse=True)]
+    walk = [*up, *reversed(up[:-1])] if len(up) > 1 else [0.0]
+    return [*walk, *down[1:], *reversed(down[:-1])] if len(down) > 1 else walk
+
+
+def range_of(forces: Sequence[float]) -> tuple[float, float]:
+    """Smallest and largest of the loads in N, 0 among them."""
+    return min(0.0, *forces), max(0.0, *forces)
+
+
+def fit(steps: Sequence[Step]) -> Fit:
+    """The line of least squares through the steps: native = zero + F / gain_n, for the weights are exact and
+    the readings are not.
+
+    Raises:
+        RunError: fewer than two different loads, or the reading does not follow the load.
+    """
+    forces = [step.force_n for step in steps]
+    if len(set(forces)) < 2:
+        raise RunError(f"{len(set(forces))} load: expected at least two different ones, 0 N among them")
+    _require_monotonic(steps)
+    n = len(steps)
+    mean_n, mean = sum(forces) / n, sum(step.level.mean for step in steps) / n
+    spread = sum((force - mean_n) ** 2 for force in forces)
+    slope = sum((step.force_n - mean_n) * (step.level.mean - mean) for step in steps) / spread
+    gain_n, zero = 1.0 / slope, mean - slope * mean_n
+    left = [step.force_n - gain_n * (step.level.mean - zero) for step in steps]
+    return Fit(gain_n, zero, hypot(*left) / sqrt(n), abs(gain_n) * _largest_difference(steps))
+
+
+def require_line(found: Fit, range_n: float, residual_share: float = RESIDUAL_SHARE) -> None:
+    """Refuses a cell that is not linear enough.
+
+    Raises:
+        RunError: the residual is more than that share of the range.
+    """
+    allowed_n = residual_share * range_n
+    if not found.residual_n <= allowed_n:
+        raise RunError(
+            f"residual {found.residual_n:.3g} N rms, allowed {allowed_n:.3g} N ({residual_share:.1%} of "
+            f"{range_n:.3g} N), hysteresis {found.hysteresis_n:.3g} N: the readings are no line of the loads"
+        )
+
+
+def _require_monotonic(steps: Sequence[Step]) -> None:
+    """More load must read as more (or always as less), from every step to the next."""
+    rises = [
+        (after.level.mean - before.level.mean) / (after.force_n - before.force_n)
+        for before, after in pairwise(steps)
+        if after.force_n != before.force_n
+    ]
+    turn = next((i for i, rise in enumerate(rises) if rise * rises[0] <= 0.0), None)
+    if turn is not None:
+        pairs = [(a, b) for a, b in pairwise(steps) if a.force_n != b.force_n]
+        before, after = pairs[turn]
+        raise RunError(
+            f"not monotonic: {before.force_n:.4g} N reads {before.level.mean:.6g}, "
+            f"{after.force_n:.4g} N reads {after.level.mean:.6g}; check the weights and their order"
+        )
+
+
+def _largest_difference(steps: Sequence[Step]) -> float:
+    """Largest difference in native units of one load met twice."""
+    seen: dict[float, tuple[float, float]] = {}
+    for force_n, level in steps:
+        low, high = seen.get(force_n, (inf, -inf))
+        seen[force_n] = min(low, level.mean), max(high, level.mean)
+    return max(high - low for low, high in seen.values())
+
+
+class Travel(NamedTuple):
+    """What homing and the way from end to end found, m: the ends from the reference, and how far the
+    reference was off when it was found again (None: the device does not tell).
+    """
+
+    ends_m: tuple[float, float]
+    repeatability_m: float | None
+
+
+def travel_of(
+    reference: float, ends: tuple[float, float], shift: float | None, native_per_m: float, sign: int
+) -> Travel:
+    """The travel in m, to the nanometre, from what was found in native units; `sign` as in the settings."""
+    low_m, high_m = sorted(round(sign * (end - reference) / native_per_m, 9) for end in ends)
+    return Travel((low_m, high_m), None if shift is None else abs(shift / native_per_m))
+
+
+def require_travel(found: Travel, expected_m: tuple[float, float], repeatability_m: float) -> None:
+    """Refuses a stage that does not reach what its settings say, or does not find its home again.
+
+    Raises:
+        RunError: with what was found and what was expected.
+    """
+    if found.ends_m[0] > expected_m[0] or found.ends_m[1] < expected_m[1]:
+        low, high = (1e3 * end_m for end_m in found.ends_m)
+        raise RunError(
+            f"travel {low:.3f} to {high:.3f} mm found, settings say stage.travel_m = {list(expected_m)}; "
+            "correct it, the scale or the sign, or take away what is in the way"
+        )
+    if found.repeatability_m is not None and found.repeatability_m > repeatability_m:
+        raise RunError(
+            f"home found again {1e6 * found.repeatability_m:.1f} um off, "
+            f"allowed {1e6 * repeatability_m:.1f} um; check the reference sensor and its mounting"
+        )

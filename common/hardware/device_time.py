@@ -1,0 +1,76 @@
+"""When a device made its readings, by the host's clock. Pure."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from common.errors import DeviceError
+
+_WRAP_US = 1 << 32
+_SLACK_US = 1_000_000
+_WINDOW_NS = 1_000_000_000
+
+
+class DeviceTime:
+    """Maps a device's clock (us, wraps at 2^32) to the host's by the reading that was least delayed.
+
+    What arrives is late by the wire, by the USB adapter that collects, by the host that is busy: never
+    early. So the smallest difference of arrival and device time within the last one to two seconds is the
+    offset of the clocks; two clocks that drift by 100 ppm are 0.2 ms apart by then. One instance per
+    handshake: a device that was reset counts anew.
+
+    Attributes:
+        period_s: between readings.
+        counters: `missing`, readings that never came, by the gaps in the device's time.
+    """
+
+    def __init__(self, period_s: float, wire_s: float = 0.0, counters: Counter[str] | None = None) -> None:
+        """`wire_s`: what a reading needs on the wire, the least delay that there can be."""
+        self.period_s = period_s
+        self.counters = Counter[str]() if counters is None else counters
+        self._wire_ns = round(wire_s * 1e9)
+        self._last_us: int | None = None
+        self._device_us = 0
+        self._arrived_ns = self._window_ns = 0
+        self._least: list[int] = []  # of the window before, and of this one
+        self._stamp_ns: int | None = None
+
+    def stamps(self, device_us: Sequence[int], now_ns: int) -> list[int]:
+        """Stamps of the readings that were found at `now_ns` together, increasing, none after `now_ns`.
+
+        Raises:
+            DeviceError: the device's clock jumped: it was reset.
+        """
+        unwrapped = [self._unwrapped(each, now_ns) for each in device_us]
+        if not unwrapped:
+            return []
+        self._learn(now_ns - unwrapped[-1] * 1000, now_ns)
+        offset_ns = min(self._least) - self._wire_ns
+        return [self._next(offset_ns + each * 1000, now_ns) for each in unwrapped]
+
+    def _unwrapped(self, t_us: int, now_ns: int) -> int:
+        if self._last_us is None:
+            self._last_us, self._arrived_ns, self._window_ns = t_us, now_ns, now_ns
+            self._device_us = t_us
+            return t_us
+        step_us = (t_us - self._last_us) % _WRAP_US
+        if step_us > (now_ns - self._arrived_ns) // 1000 + _SLACK_US:
+            raise DeviceError(f"the device's clock jumped from {self._last_us} to {t_us} us: it was reset")
+        self.counters["missing"] += max(0, round(step_us * 1e-6 / self.period_s) - 1)
+        self._last_us, self._arrived_ns = t_us, now_ns
+        self._device_us += step_us
+        return self._device_us
+
+    def _learn(self, difference_ns: int, now_ns: int) -> None:
+        if not self._least:
+            self._least = [difference_ns, difference_ns]
+        elif now_ns - self._window_ns >= _WINDOW_NS:
+            self._window_ns, self._least = now_ns, [self._least[1], difference_ns]
+        else:
+            self._least[1] = min(self._least[1], difference_ns)
+
+    def _next(self, stamp_ns: int, now_ns: int) -> int:
+        """Increasing by at least 1 ns, also where the offset was just learned to be smaller."""
+        if self._stamp_ns is not None:
+            stamp_ns = max(stamp_ns, self._stamp_ns + 1)
+        self._stamp_ns = min(stamp_ns, now_ns)
+        return self._stamp_ns

@@ -1,0 +1,231 @@
+"""The Zaber ASCII protocol (firmware 6 and 7) as the host speaks it. Pure.
+
+```
+/1 1 07 move abs 1000:E9     command: device, axis, message id
+@01 1 07 OK BUSY -- 0:E0     reply: OK or RJ, BUSY or IDLE, the gravest warning flag, data
+!01 1 IDLE --:96             alert: a motion ended
+#01 1 07 text:E2             info
+```
+
+The two digits after the colon are the LRC: the two's complement of the sum of the bytes between the first
+character and the colon.
+"""
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+
+SPEED_DATA = 1.6384
+"""A speed of 1 microstep/s as data of `maxspeed` and `move vel`."""
+ACCELERATION_DATA = 1.6384e-4
+"""An acceleration of 1 microstep/s^2 as data of `accel`."""
+WARNINGS = {
+    "FF": "critical system error",
+    "FN": "peripheral not supported",
+    "FZ": "peripheral inactive",
+    "FH": "hardware emergency stop",
+    "FV": "overvoltage or undervoltage",
+    "FO": "driver disabled by command",
+    "FC": "current inrush error",
+    "FM": "motor temperature error",
+    "FD": "driver disabled",
+    "FQ": "encoder error",
+    "FI": "index error",
+    "FA": "encoder synchronisation error",
+    "FR": "overdrive limit exceeded",
+    "FS": "stalled and stopped",
+    "FB": "stream bounds error",
+    "FP": "path deviation",
+    "FE": "limit error",
+    "FT": "excessive twist",
+    "WL": "unexpected limit trigger",
+    "WV": "voltage out of range",
+    "WT": "controller temperature high",
+    "WS": "stalled with recovery",
+    "WM": "displaced when stationary",
+    "WP": "invalid calibration type",
+    "WR": "no reference position",
+    "WH": "not homed",
+    "NC": "manual control",
+    "NI": "movement interrupted",
+}
+UNHOMED = frozenset({"WR", "WH"})
+DRIVER_OFF = frozenset({"FD", "FO"})
+_ALSO_FAULTS = frozenset({"WL", "NC"}) | UNHOMED
+_MAX_LINE = 256
+_IDS = 100
+_ENDS = re.compile(rb"[\r\n]")
+_START = re.compile(rb"[@!#]")
+_CHECKSUM = re.compile(rb":([0-9A-F]{2})\Z")
+_TEXT = rb"([\x20-\x7e]*)"
+_REPLY = re.compile(rb"@(\d\d) (\d)(?: (\d\d))? (OK|RJ) (BUSY|IDLE) (--|[A-Z0-9]{2})(?: " + _TEXT + rb")?\Z")
+_ALERT = re.compile(rb"!(\d\d) (\d) (BUSY|IDLE) (--|[A-Z0-9]{2})(?: " + _TEXT + rb")?\Z")
+_INFO = re.compile(rb"#(\d\d) (\d)(?: (\d\d))?(?: " + _TEXT + rb")?\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """An answer to a command. `warning`: the gravest flag, empty for none; `data`: the reason if rejected."""
+
+    device: int
+    axis: int
+    message_id: int | None
+    accepted: bool
+    busy: bool
+    warning: str
+    data: str
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """What a device says by itself when a motion has ended."""
+
+    device: int
+    axis: int
+    busy: bool
+    warning: str
+    data: str
+
+
+@dataclass(frozen=True, slots=True)
+class Info:
+    """Text that belongs to the reply before it."""
+
+    device: int
+    axis: int
+    message_id: int | None
+    data: str
+
+
+Message = Reply | Alert | Info
+
+
+def lrc(body: bytes) -> int:
+    """The checksum of what stands between the first character and the colon."""
+    return -sum(body) & 0xFF
+
+
+def is_fault(flag: str) -> bool:
+    """Whether a warning flag forbids motion: faults (F.), a lost reference, a limit, a hand at the knob."""
+    return flag.startswith("F") or flag in _ALSO_FAULTS
+
+
+def in_words(flag: str) -> str:
+    """A warning flag as text."""
+    return f"{flag} ({WARNINGS[flag]})" if flag in WARNINGS else flag
+
+
+class Encoder:
+    """Commands to one device, with rolling message ids 00 to 99."""
+
+    def __init__(self, device: int) -> None:
+        self._device = device
+        self._next = 0
+
+    def encode(self, axis: int, text: str) -> tuple[int, bytes]:
+        """(message id, the line) of a command.
+
+        Where the command ends in a number, ids are passed over until the checksum ends in a letter: if the
+        colon is damaged or lost on the way, the line is no valid command with a longer number.
+        """
+        while True:
+            message_id, self._next = self._next, (self._next + 1) % _IDS
+            body = f"{self._device} {axis} {message_id:02d}{' ' if text else ''}{text}"
+            checksum = f"{lrc(body.encode('ascii')):02X}"
+            if not text[-1:].isdigit() or checksum[1] in "ABCDEF":
+                return message_id, f"/{body}:{checksum}\n".encode("ascii")
+
+
+class Parser:
+    """Bytes to messages; starts anywhere, drops what is damaged, never raises, holds at most a line.
+
+    Attributes:
+        checksums: whether a line without a checksum is dropped; one with a wrong checksum always is.
+        dropped: what was: lines of `bad_checksum`, `malformed`, `overlong`; `noise`: bytes outside of lines.
+    """
+
+    def __init__(self, checksums: bool = True) -> None:
+        self.checksums = checksums
+        self.dropped: Counter[str] = Counter()
+        self._partial = b""
+
+    def feed(self, data: bytes) -> list[Message]:
+        """The messages that these bytes complete."""
+        *lines, partial = _ENDS.split(self._partial + data)
+        if len(partial) > _MAX_LINE:
+            self.dropped["overlong"] += 1
+            partial = b""
+        self._partial = partial
+        return [found for line in lines if line and (found := self._message(line)) is not None]
+
+    def _message(self, line: bytes) -> Message | None:
+        """What a line holds; where its beginning is damaged, what begins within it."""
+        if len(line) > _MAX_LINE:
+            self.dropped["overlong"] += 1
+            return None
+        starts = [found.start() for found in _START.finditer(line)]
+        if not starts:
+            self.dropped["noise"] += len(line)
+            return None
+        reason = ""
+        for start in starts:
+            found = parse(line[start:], self.checksums)
+            if not isinstance(found, str):
+                self._skipped(line[:start], reason)
+                return found
+            reason = reason or found
+        self.dropped[reason] += 1
+        return None
+
+    def _skipped(self, before: bytes, reason: str) -> None:
+        if reason:
+            self.dropped[reason] += 1
+        elif before:
+            self.dropped["noise"] += len(before)
+
+
+def parse(line: bytes, checksums: bool) -> Message | str:
+    """One line without its end; `bad_checksum` or `malformed` if it is no message."""
+    found = _CHECKSUM.search(line)
+    if found is not None:
+        body = line[: found.start()]
+        if lrc(body[1:]) != int(found[1], 16):
+            return "bad_checksum"
+    elif checksums:
+        return "bad_checksum"
+    else:
+        body = line
+    return _body(body) or "malformed"
+
+
+def _body(body: bytes) -> Message | None:
+    if reply := _REPLY.match(body):
+        device, axis, message_id, flag, status, warning, data = reply.groups()
+        return Reply(
+            int(device),
+            int(axis),
+            _id(message_id),
+            flag == b"OK",
+            status == b"BUSY",
+            _warning(warning),
+            _text(data),
+        )
+    if alert := _ALERT.match(body):
+        device, axis, status, warning, data = alert.groups()
+        return Alert(int(device), int(axis), status == b"BUSY", _warning(warning), _text(data))
+    if info := _INFO.match(body):
+        device, axis, message_id, data = info.groups()
+        return Info(int(device), int(axis), _id(message_id), _text(data))
+    return None
+
+
+def _id(found: bytes | None) -> int | None:
+    return None if found is None else int(found)
+
+
+def _warning(found: bytes) -> str:
+    return "" if found == b"--" else found.decode("ascii")
+
+
+def _text(found: bytes | None) -> str:
+    return "" if found is None else found.decode("ascii")

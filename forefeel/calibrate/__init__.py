@@ -1,0 +1,1 @@
+"""Calibrations: what is asked of the person, what is measured, the dated file."""

@@ -1,0 +1,73 @@
+"""`forefeel calibrate`: what stands on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+calibrate_app = typer.Typer(help="Dated calibration files of load cells and stages.", no_args_is_help=True)
+
+ConfigFile = Annotated[Path, typer.Option("--config", metavar="FILE", help="The slave's YAML file.")]
+Axis = Annotated[str, typer.Option("--axis", metavar="NAME", help="Which axis of it.")]
+Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="The calibration, .yaml.")]
+Yes = Annotated[bool, typer.Option("--yes", help="Ask nothing; else Enter is read from stdin.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")]
+ValidDays = Annotated[int, typer.Option("--valid-days", metavar="N", help="How long it holds.")]
+
+
+@calibrate_app.command(
+    "load-cell",
+    epilog="Example: forefeel calibrate load-cell --config slave.yaml --axis insertion "
+    "--weights 0,0.05,0.1,0.2 --out load_cell.yaml",
+)
+def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
+    config: ConfigFile,
+    axis: Axis,
+    out: Out,
+    weights: Annotated[
+        str | None, typer.Option(metavar="KG,...", help="Weights in kg, each is applied up and down.")
+    ] = None,
+    forces: Annotated[
+        str | None,
+        typer.Option(metavar="N,...", help="Forces in N in their place; positive resists insertion."),
+    ] = None,
+    yes: Yes = False,
+    overwrite: Overwrite = False,
+    settle: Annotated[float, typer.Option(metavar="S", help="Wait after a load was changed.")] = 1.0,
+    average: Annotated[float, typer.Option(metavar="S", help="How long each load is read.")] = 0.5,
+    steady: Annotated[
+        float, typer.Option(metavar="SHARE", help="Of the range, that a reading may drift meanwhile.")
+    ] = 0.005,
+    max_residual: Annotated[
+        float, typer.Option(metavar="SHARE", help="Of the range, rms of what the line leaves.")
+    ] = 0.01,
+    valid_days: ValidDays = 365,
+    temperature: Annotated[float | None, typer.Option(metavar="C", help="Of the cell, for the file.")] = None,
+) -> None:
+    """Tare, then every weight up and down; gain and zero by least squares, residual, hysteresis."""
+    from forefeel.calibrate.load_cell import Wish, run_load_cell  # noqa: PLC0415 - others start without it
+
+    measuring = settle, average, steady, max_residual, valid_days, temperature
+    run_load_cell(Wish(config, axis, out, weights, forces, yes, overwrite, *measuring))
+
+
+@calibrate_app.command(
+    "stage",
+    epilog="Example: forefeel calibrate stage --config slave.yaml --axis insertion --out stage.yaml",
+)
+def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
+    config: ConfigFile,
+    axis: Axis,
+    out: Out,
+    yes: Yes = False,
+    overwrite: Overwrite = False,
+    velocity: Annotated[float, typer.Option(metavar="M/S", help="From end to end.")] = 0.005,
+    max_repeatability: Annotated[
+        float, typer.Option(metavar="M", help="How far off the home may be found again.")
+    ] = 50e-6,
+    valid_days: ValidDays = 365,
+) -> None:
+    """Home twice and go from end to end; asks before it moves. Take the instrument out."""
+    from forefeel.calibrate.stage import Wish, run_stage  # noqa: PLC0415
+
+    run_stage(Wish(config, axis, out, yes, overwrite, velocity, max_repeatability, valid_days))

@@ -1,0 +1,223 @@
+"""`forefeel calibrate load-cell`: unloaded, every load up and down, unloaded again; the line through them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+from common.clock import MonotonicClock
+from common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
+from common.hardware.calibrating import (
+    LEAST_READINGS,
+    STANDARD_GRAVITY_M_S2,
+    Fit,
+    Level,
+    Step,
+    fit,
+    forces_of,
+    level_of,
+    range_of,
+    require_line,
+    require_steady,
+    rough_scale,
+    walk_of,
+)
+from common.hardware.calibration import LoadCellCalibration
+from forefeel.calibrate.person import Person
+from forefeel.calibrate.target import check_target, write_calibration
+from forefeel.devices.configured import Configured, device_of
+from forefeel.devices.probe import SleepingClock
+from forefeel.interrupt import interruptible
+from slave.load_cells.port import NativeLoadCell, NativeReading
+
+_POLL_NS = 5_000_000
+_SLOWEST_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the user asked for. `average_s`: how long each load is read, `settle_s`: after it was changed;
+    `steady_share`, `residual_share`: of the range, see `common.hardware.calibrating`.
+    """
+
+    config: Path
+    axis: str
+    out: Path
+    weights: str | None = None
+    forces: str | None = None
+    yes: bool = False
+    overwrite: bool = False
+    settle_s: float = 1.0
+    average_s: float = 0.5
+    steady_share: float = 0.005
+    residual_share: float = 0.01
+    valid_days: int = 365
+    temperature_c: float | None = None
+
+
+def run_load_cell(wish: Wish, clock: SleepingClock | None = None, today: date | None = None) -> None:
+    """Calibrates and writes the file.
+
+    Raises:
+        InputError: the wish, the configuration or the device is not as expected; nothing was written.
+        RunError: refused for what was measured, interrupted; nothing was written.
+        DeviceError: the cell failed.
+    """
+    forces = _checked(wish)
+    device = device_of(wish.config, wish.axis, "load_cell")
+    _require_range(forces, device)
+    cell: NativeLoadCell = device.driver.make(device.settings, clock or MonotonicClock())
+    person = Person(wish.yes)
+    with interruptible():
+        try:
+            cell.open_native()
+            serial = require_serial(cell.link.serial, device)
+            person.say(f"{device.name}: {cell.link.identity or device.driver.name}, serial {serial}")
+            steps = _Walk(wish, cell, person, clock or MonotonicClock()).run(forces)
+        except KeyboardInterrupt:
+            raise RunError("calibration interrupted; nothing was written") from None
+        finally:
+            cell.close()
+    low_n, high_n = range_of(forces)
+    found = fit(_signed(steps, device.settings.sign))
+    require_line(found, high_n - low_n, wish.residual_share)
+    _write(wish, device, serial, found, steps, today or date.today())
+
+
+def require_serial(serial: str, device: Configured) -> str:
+    """The serial number that the calibration is bound to.
+
+    Raises:
+        DeviceSetupError: the device has none.
+    """
+    if not serial:
+        raise DeviceSetupError(
+            f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to"
+        )
+    return serial
+
+
+def _checked(wish: Wish) -> list[float]:
+    """The loads in N; everything that can be refused without a device is."""
+    check_target(wish.out, wish.overwrite)
+    if (wish.weights is None) is (wish.forces is None):
+        raise ConfigurationError("--weights, --forces: expected one of them")
+    _within("--average", wish.average_s, 0.5, 60.0, "s")
+    _within("--settle", wish.settle_s, 0.0, 60.0, "s")
+    _within("--steady", wish.steady_share, 1e-6, 0.1, "of the range")
+    _within("--max-residual", wish.residual_share, 1e-6, 0.1, "of the range")
+    _within("--valid-days", wish.valid_days, 1, 3650, "days")
+    if wish.forces is not None:
+        return forces_of(wish.forces, 1.0, "--forces")
+    weights = wish.weights or ""
+    forces = forces_of(weights, STANDARD_GRAVITY_M_S2, "--weights")
+    if min(forces) < 0.0:
+        raise ConfigurationError(f"--weights {weights}: a weight below 0; expected kg, or --forces in N")
+    return forces
+
+
+def _within(option: str, value: float, low: float, high: float, unit: str) -> None:
+    if not low <= value <= high:
+        raise ConfigurationError(f"{option} {value:g}: expected {low:g} to {high:g} {unit}")
+
+
+def _require_range(forces: Sequence[float], device: Configured) -> None:
+    full_scale_n, largest_n = device.settings.full_scale_n, max(map(abs, forces))
+    if largest_n > full_scale_n:
+        raise ConfigurationError(
+            f"load {largest_n:.4g} N: expected at most load_cell.full_scale_n = {full_scale_n:g} N"
+        )
+
+
+def _signed(steps: Sequence[Step], sign: int) -> list[Step]:
+    """The sign of the settings is applied after the calibration, so it is no part of the gain."""
+    return [Step(sign * step.force_n, step.level) for step in steps]
+
+
+class _Walk:
+    """The loads one after the other; each is refused at once when its reading moves."""
+
+    def __init__(self, wish: Wish, cell: NativeLoadCell, person: Person, clock: SleepingClock) -> None:
+        self._wish, self._cell, self._person, self._clock = wish, cell, person, clock
+        self._scale = cell.newton_per_native
+
+    def run(self, forces: Sequence[float]) -> list[Step]:
+        """Every step. A cell without a nominal scale has one from the first load; the tare is judged then."""
+        low_n, high_n = range_of(forces)
+        steps: list[Step] = []
+        for force_n in walk_of(forces):
+            steps.append(Step(force_n, self._level(force_n)))
+            judged = steps[-1:]
+            if self._scale is None and force_n:
+                self._scale, judged = rough_scale(steps[0].level, steps[-1]), steps
+            if self._scale is not None:
+                self._require_steady(judged, self._scale, high_n - low_n)
+            level = steps[-1].level
+            self._person.say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
+        return steps
+
+    def _require_steady(self, steps: Sequence[Step], scale_n: float, span_n: float) -> None:
+        for force_n, level in steps:
+            require_steady(level, scale_n, span_n, _load(force_n), self._wish.steady_share)
+
+    def _level(self, force_n: float) -> Level:
+        self._person.wait(f"{'Unload the cell' if force_n == 0.0 else f'Apply {_load(force_n)}'}")
+        self._sleep(self._wish.settle_s)
+        self._cell.read_native(self._clock.now_ns())  # what was measured meanwhile
+        found: list[NativeReading] = []
+        start_ns = self._clock.now_ns()
+        while not self._enough(found, self._clock.now_ns() - start_ns):
+            self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
+            found += self._cell.read_native(self._clock.now_ns())
+        if not all(reading.valid for reading in found):
+            raise RunError(
+                f"{_load(force_n)}: readings that are not valid; expected the cell within its range"
+            )
+        first_ns = found[0].stamp_ns
+        times_s = [(reading.stamp_ns - first_ns) * 1e-9 for reading in found]
+        return level_of(times_s, [reading.native for reading in found])
+
+    def _enough(self, found: list[NativeReading], passed_ns: int) -> bool:
+        if passed_ns > _SLOWEST_S * 1e9:
+            raise DeviceError(
+                f"{len(found)} readings within {_SLOWEST_S:g} s: expected at least {LEAST_READINGS}"
+            )
+        if len(found) < LEAST_READINGS:
+            return False
+        return found[-1].stamp_ns - found[0].stamp_ns >= self._wish.average_s * 1e9
+
+    def _sleep(self, seconds: float) -> None:
+        """Reads on, so that a cell that fails is noticed and no queue runs over."""
+        until_ns = self._clock.now_ns() + round(seconds * 1e9)
+        while (now_ns := self._clock.now_ns()) < until_ns:
+            self._clock.sleep_until_ns(min(until_ns, now_ns + 50_000_000))
+            self._cell.read_native(self._clock.now_ns())
+
+
+def _load(force_n: float) -> str:
+    return f"{force_n:.5g} N ({force_n / STANDARD_GRAVITY_M_S2:.5g} kg)" if force_n else "no load"
+
+
+def _write(
+    wish: Wish, device: Configured, serial: str, found: Fit, steps: Sequence[Step], today: date
+) -> None:
+    calibration = LoadCellCalibration(
+        format="forefeel.load_cell_calibration/1",
+        driver=device.driver.name,
+        serial=serial,
+        date=today,
+        valid_days=wish.valid_days,
+        gain_n=found.gain_n,
+        zero=found.zero,
+        residual_n=found.residual_n,
+        hysteresis_n=found.hysteresis_n,
+        range_n=range_of([step.force_n for step in steps]),
+        temperature_c=wish.temperature_c,
+        points=tuple((step.level.mean, step.force_n) for step in steps),
+    )
+    write_calibration(wish.out, calibration)
+    share = found.residual_n / (calibration.range_n[1] - calibration.range_n[0])
+    print(f"Gain        {found.gain_n:.6g} N per native unit, zero {found.zero:.6g}, {len(steps)} steps")
+    print(f"Residual    {found.residual_n:.3g} N rms, {share:.2%} of the range")
+    print(f"Hysteresis  {found.hysteresis_n:.3g} N, the largest difference between up and down")
+    print(f"{wish.out}: serial {serial}, {today}, valid {wish.valid_days} days")

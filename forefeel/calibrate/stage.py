@@ -1,0 +1,121 @@
+"""`forefeel calibrate stage`: home twice, the way from end to end; asked before it moves."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+from common.clock import Clock, MonotonicClock
+from common.errors import ConfigurationError, RunError
+from common.hardware.calibrating import Travel, require_travel, travel_of
+from common.hardware.calibration import StageCalibration
+from forefeel.calibrate.load_cell import require_serial
+from forefeel.calibrate.person import Person
+from forefeel.calibrate.target import check_target, write_calibration
+from forefeel.devices.configured import Configured, device_of
+from forefeel.interrupt import interruptible
+from slave.stages.port import Homing
+from slave.stages.settings import Cia402Settings, ZaberSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the user asked for."""
+
+    config: Path
+    axis: str
+    out: Path
+    yes: bool = False
+    overwrite: bool = False
+    velocity_m_s: float = 0.005
+    repeatability_m: float = 50e-6
+    valid_days: int = 365
+
+
+def run_stage(wish: Wish, clock: Clock | None = None, today: date | None = None) -> None:
+    """Calibrates and writes the file.
+
+    Raises:
+        InputError: the wish, the configuration or the device is not as expected; nothing moved.
+        RunError: refused for what was found, or interrupted (the stage is stopped); nothing was written.
+        DeviceError: the stage failed.
+    """
+    _check(wish)
+    device = device_of(wish.config, wish.axis, "stage")
+    settings = device.settings
+    if wish.velocity_m_s > settings.max_velocity_m_s:
+        raise ConfigurationError(
+            f"--velocity {wish.velocity_m_s:g}: expected at most stage.max_velocity_m_s = "
+            f"{settings.max_velocity_m_s:g}"
+        )
+    person = Person(wish.yes)
+    with interruptible():
+        try:
+            with device.driver.make_homing(settings, clock or MonotonicClock()) as stage:
+                serial = require_serial(stage.link.serial, device)
+                person.say(f"{device.name}: {stage.link.identity or device.driver.name}, serial {serial}")
+                person.agree(_intent(wish, settings))
+                zero, travel = _moved(stage, settings, wish, person.say)
+        except KeyboardInterrupt:
+            raise RunError("calibration interrupted; the stage was stopped, nothing was written") from None
+    require_travel(travel, settings.travel_m, wish.repeatability_m)
+    _write(wish, device, serial, zero, travel, today or date.today())
+
+
+def _check(wish: Wish) -> None:
+    check_target(wish.out, wish.overwrite)
+    for option, value, low, high in (
+        ("--velocity", wish.velocity_m_s, 1e-4, 0.05),
+        ("--max-repeatability", wish.repeatability_m, 1e-9, 0.01),
+        ("--valid-days", wish.valid_days, 1, 3650),
+    ):
+        if not low <= value <= high:
+            raise ConfigurationError(f"{option} {value:g}: expected {low:g} to {high:g}")
+
+
+def _intent(wish: Wish, settings: ZaberSettings | Cia402Settings) -> str:
+    length_m = settings.travel_m[1] - settings.travel_m[0]
+    return (
+        f"The stage will home twice and go its whole travel, {1e3 * length_m:.4g} mm by its settings, at "
+        f"{1e3 * wish.velocity_m_s:.3g} mm/s: take out the instrument, clear the way, keep the stop at hand"
+    )
+
+
+def _moved(
+    stage: Homing, settings: ZaberSettings | Cia402Settings, wish: Wish, say: Callable[[str], None]
+) -> tuple[float, Travel]:
+    """Zero in native units and the travel in m."""
+    say("homing")
+    stage.home()
+    say("travelling from end to end")
+    ends = stage.travel_ends(wish.velocity_m_s)
+    say("homing again")
+    again = stage.home()
+    per_m = native_per_m(settings)
+    return again.native, travel_of(again.native, ends, again.shift, per_m, settings.sign)
+
+
+def native_per_m(settings: ZaberSettings | Cia402Settings) -> float:
+    """Microsteps or counts per metre, by the settings."""
+    return 1.0 / settings.microstep_m if isinstance(settings, ZaberSettings) else settings.counts_per_m
+
+
+def _write(wish: Wish, device: Configured, serial: str, zero: float, travel: Travel, today: date) -> None:
+    calibration = StageCalibration(
+        format="forefeel.stage_calibration/1",
+        driver=device.driver.name,
+        serial=serial,
+        date=today,
+        valid_days=wish.valid_days,
+        zero=zero,
+        native_per_m=native_per_m(device.settings),
+        travel_m=travel.ends_m,
+        repeatability_m=travel.repeatability_m,
+    )
+    write_calibration(wish.out, calibration)
+    low_mm, high_mm = (1e3 * end_m for end_m in travel.ends_m)
+    again = travel.repeatability_m
+    print(f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm")
+    home = "not told by the device" if again is None else f"found again within {1e6 * again:.3g} um"
+    print(f"Home        {home}")
+    print(f"{wish.out}: serial {serial}, {today}, valid {wish.valid_days} days")

@@ -1,0 +1,75 @@
+"""The devices that a daemon's YAML file names."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from common.config import Settings
+from common.errors import ConfigurationError
+from common.settings import DaemonSettings
+from forefeel.daemon_settings import load_daemon
+from forefeel.devices.drivers import DRIVERS, Driver, Slot
+
+_BY_SETTINGS = {driver.settings: driver for driver in DRIVERS}
+_SLOTS: tuple[Slot, ...] = ("stage", "gripper", "load_cell", "handle")
+
+
+class Configured(NamedTuple):
+    """One device of one axis."""
+
+    axis: str
+    settings: Any
+    driver: Driver
+
+    @property
+    def name(self) -> str:
+        """In words, for texts."""
+        return f"{self.axis} {self.driver.slot}"
+
+    @property
+    def where(self) -> str:
+        """The port or the bus; empty without hardware."""
+        can = getattr(self.settings, "can", None)
+        if can is not None:
+            return f"{can.interface} {can.channel} node {self.settings.node_id}"
+        return str(getattr(self.settings, "port", ""))
+
+    @property
+    def serial_port(self) -> str | None:
+        """The serial port, that of a CAN adapter too."""
+        can = getattr(self.settings, "can", None)
+        if can is not None:
+            return str(can.channel).partition("@")[0] if can.interface == "slcan" else None
+        return getattr(self.settings, "port", None)
+
+
+def configured(settings: DaemonSettings) -> list[Configured]:
+    """The devices of a slave or master, axis by axis."""
+    found = []
+    for axis in getattr(settings, "axes", ()):
+        for slot in _SLOTS:
+            section: Settings | None = getattr(axis, slot, None)
+            if section is not None:
+                found.append(Configured(axis.name, section, _BY_SETTINGS[type(section)]))
+    return found
+
+
+def device_of(config: Path, axis: str, slot: Slot) -> Configured:
+    """The device in that slot of an axis of a slave's YAML file.
+
+    Raises:
+        ConfigurationError: no such axis, or no hardware in that slot.
+    """
+    devices = [each for each in configured(load_daemon(config, "slave")) if each.driver.slot == slot]
+    found = next((each for each in devices if each.axis == axis), None)
+    if found is None:
+        raise ConfigurationError(
+            f"--axis {axis}: {config} has none of that name; expected one of "
+            f"{', '.join(each.axis for each in devices)}"
+        )
+    if found.driver.place is None:
+        names = (driver.name for driver in DRIVERS if driver.slot == slot and driver.place)
+        raise ConfigurationError(
+            f"{config}: axis {axis}: {slot}.driver = {found.driver.name!r}: nothing to calibrate; expected "
+            f"one of {', '.join(names)}"
+        )
+    return found

@@ -1,0 +1,87 @@
+"""`forefeel device probe`: every device of a daemon's file, a line each."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from common.clock import MonotonicClock
+from common.errors import ConfigurationError, InputError, RunError
+from common.hardware.streams import latency_warning
+from forefeel.daemon_settings import load_daemon
+from forefeel.devices.configured import configured
+from forefeel.devices.probe import Probed, Quantiles, SleepingClock, probe
+from forefeel.interrupt import interruptible
+
+_STYLES = {"ready": "green", "simulated": "dim", "refused": "red", "failed": "red"}
+
+
+def run_probe(config: Path, seconds: float, as_json: bool, clock: SleepingClock | None = None) -> None:
+    """Probes one device after the other and prints what was found.
+
+    Raises:
+        InputError: the file, or a device that is not the one that it names.
+        RunError: a device failed while it was probed, or the user ended it.
+    """
+    if not 0.05 <= seconds <= 3600.0:
+        raise ConfigurationError(f"--seconds {seconds:g}: expected 0.05 to 3600 s")
+    devices = configured(load_daemon(config))
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    found: list[Probed] = []
+    with interruptible():
+        try:
+            for device in devices:
+                found.append(probe(device, seconds, clock or MonotonicClock()))
+                if not as_json:
+                    _show(console, found[-1], device.serial_port)
+        except KeyboardInterrupt:
+            raise RunError(f"probe interrupted after {len(found)} of {len(devices)} devices") from None
+    if as_json:
+        document = {"schema": "forefeel.device_probe/1", "devices": [asdict(each) for each in found]}
+        print(json.dumps(document, indent=2))
+    _raise_worst(found)
+
+
+def _show(console: Console, found: Probed, port: str | None) -> None:
+    head = f"{found.axis} {found.slot}: {found.driver}{f' on {found.where}' if found.where else ''}: "
+    verdict = Text(head).append(found.verdict, _STYLES[found.verdict])
+    console.print(verdict.append("; ".join(_facts(found))))
+    warning = latency_warning(port) if port else None
+    if warning:
+        console.print(Text(f"  {warning}", style="yellow"))
+
+
+def _facts(found: Probed) -> Iterator[str]:
+    """What follows the verdict; the reason of a refusal is said at the end, on stderr."""
+    if found.verdict == "simulated":
+        return
+    yield ""
+    if found.identity:
+        yield found.identity
+    if found.verdict == "ready":
+        expected = "" if found.expected_hz is None else f" of {found.expected_hz:g}"
+        yield "rate not told" if found.rate_hz is None else f"{found.rate_hz:.4g}{expected} Hz"
+        yield from _times("round trip", found.round_trip)
+        yield from _times("age", found.age)
+        if found.invalid:
+            yield f"{found.invalid} readings not valid"
+    yield f"link {found.link}"
+    counted = ", ".join(f"{count} {name}" for name, count in found.counters.items())
+    yield counted or "nothing counted"
+
+
+def _times(what: str, times: Quantiles | None) -> Iterator[str]:
+    if times is not None:
+        yield f"{what} p50 {times.p50_ms:.3g} ms, p99 {times.p99_ms:.3g} ms"
+
+
+def _raise_worst(found: list[Probed]) -> None:
+    """Exit 2 for what the configuration has wrong, before 1 for what failed; the first is said in full."""
+    for verdict, kind in (("refused", InputError), ("failed", RunError)):
+        bad = [each for each in found if each.verdict == verdict]
+        if bad:
+            more = "".join(f"; {each.axis} {each.slot}: {each.error}" for each in bad[1:])
+            raise kind(f"{bad[0].axis} {bad[0].slot}: {bad[0].error}{more}")

@@ -1,0 +1,185 @@
+"""A CiA 404 force transducer behind the load-cell port."""
+
+from collections.abc import Sequence
+from datetime import date
+from math import isfinite
+
+from common.clock import Clock, MonotonicClock
+from common.errors import DeviceError, DeviceSetupError
+from common.hardware import cia404
+from common.hardware.calibration import LoadCellCalibration, load_cell_calibration
+from common.hardware.can_network import HOST_NODE, SharedNetwork, acquire, release
+from common.hardware.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
+from common.hardware.conversation import Conversation, Timed
+from common.hardware.link import Link, LinkState
+from common.hardware.pacing import Pacer
+from common.hardware.sdo import RemoteDevice
+from common.slots import BoundedQueue
+from slave.load_cells.port import LoadCellReading
+from slave.load_cells.settings import Cia404Settings
+
+_OPEN_S = 5.0
+_RANK = 0
+_SILENT_PERIODS, _SILENT_S = 10, 0.05
+_VALID_SHARE = 0.95
+_MICRO = 1e6
+_MOST_MICRO = 2**62
+
+
+class Cia404LoadCell:
+    """Load-cell port on a CANopen transducer: one reading for each TPDO, at SYNC.
+
+    SYNC comes from the stage's driver where one shares the bus, else from here. Tare and scale are of the
+    calibration; without one the unit of the device counts. `raw_counts`: its process value in millionths.
+
+    Raises:
+        DeviceError: the device is silent, reports an emergency, or the bus is gone.
+    """
+
+    def __init__(self, settings: Cia404Settings, clock: Clock | None = None) -> None:
+        self._settings = settings
+        self._clock = clock or MonotonicClock()
+        where = f"{settings.can.interface} {settings.can.channel}"
+        self.link = Link(f"load cell cia404 node {settings.node_id} on {where}")
+        self.stale_s = max(0.02, 5.0 / settings.rate_hz)
+        self._readings: BoundedQueue[Timed[cia404.Measured]] = BoundedQueue(1024)
+        self._pdo = cia404.reading_pdo(settings.node_id)
+        self._conversation: Conversation | None = None
+        self._calibration: LoadCellCalibration | None = None
+        self._newton_per_unit = 1.0
+        self._tpdos, self._emergency = 0, 0
+
+    def open(self) -> None:
+        """Identifies, configures and starts the transducer.
+
+        Raises:
+            DeviceSetupError: it is not the transducer that the settings describe.
+        """
+        if self._settings.node_id == HOST_NODE:
+            raise DeviceSetupError(f"{self.link.name}: expected 1 to {HOST_NODE - 1}")
+        self._conversation = Conversation(self.link, self._converse)
+        self._conversation.start(_OPEN_S)
+
+    def close(self) -> None:
+        """See the port."""
+        if self._conversation is not None:
+            self._conversation.stop()
+
+    def rearm(self) -> None:
+        """See the port; what came before it is forgotten."""
+        if self.link.inhibited is not None:
+            self._readings.drain()
+            self.link.rearm()
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
+        """See the port."""
+        del now_ns, recording_time_s
+        self.link.require_ready()
+        return [self._reading(timed) for timed in self._readings.drain()]
+
+    @property
+    def dropped(self) -> int:
+        """Readings that nobody took in time."""
+        return self._readings.dropped
+
+    def _reading(self, timed: Timed[cia404.Measured]) -> LoadCellReading:
+        native = timed.value.value
+        if not isfinite(native):
+            return LoadCellReading(0.0, 0, False, timed.host_ns)
+        if self._calibration is not None:
+            force_n = self._calibration.force_n(native)
+        else:
+            force_n = native * self._newton_per_unit
+        force_n *= self._settings.sign
+        raw = round(max(-_MOST_MICRO, min(_MOST_MICRO, native * _MICRO)))
+        valid = timed.value.valid and abs(force_n) <= _VALID_SHARE * self._settings.full_scale_n
+        return LoadCellReading(force_n, raw, valid, timed.host_ns)
+
+    # --- the conversation ---
+
+    def _converse(self, conversation: Conversation) -> None:
+        shared = acquire(self._settings.can)
+        try:
+            self.link.advance(LinkState.OPEN)
+            device = RemoteDevice(shared, self._settings.node_id)
+            try:
+                self._set_up(device)
+                self._exchange(conversation, shared, device)
+            finally:
+                device.forget()
+                shared.leave_sync(self)
+        finally:
+            release(shared)
+
+    def _set_up(self, device: RemoteDevice) -> None:
+        who = device.identify(cia404.PROFILE)
+        self.link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
+        self.link.advance(LinkState.IDENTIFIED)
+        self._scale(device, f"{who['serial']:08X}")
+        for number in (2, 3, 4):
+            device.offer(*pdo_off(True, number, self._settings.node_id))
+        device.write_all(self._pdo.parameters())
+        device.order(START)
+        self.link.advance(LinkState.CONFIGURED)
+
+    def _scale(self, device: RemoteDevice, serial: str) -> None:
+        path = self._settings.calibration
+        if path is not None:
+            self._calibration = load_cell_calibration(path, serial, date.today())
+            return
+        code = int(device.read(cia404.UNIT))
+        newton = cia404.newton_per_unit(code)
+        if newton is None:
+            raise DeviceSetupError(
+                f"{device.name}: unit {code:08X} (6131); expected newtons ({cia404.NEWTON:08X}), "
+                "or a calibration"
+            )
+        self._newton_per_unit = newton
+
+    def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:
+        alarm = EMERGENCY + device.node
+        self._tpdos, self._emergency = 0, 0
+        shared.subscribe(self._pdo.can_id, self._on_reading)
+        shared.subscribe(alarm, self._on_emergency)
+        try:
+            self._cycles(conversation, shared)
+        finally:
+            shared.unsubscribe(self._pdo.can_id, self._on_reading)
+            shared.unsubscribe(alarm, self._on_emergency)
+
+    def _cycles(self, conversation: Conversation, shared: SharedNetwork) -> None:
+        period_s = 1.0 / self._settings.rate_hz
+        patience = max(_SILENT_PERIODS, round(_SILENT_S / period_s))
+        seen, silent, pacer = 0, 0, Pacer(self._clock, round(period_s * 1e9))
+        while not conversation.stopping:
+            shared.check()
+            if shared.sends_sync(self, _RANK):
+                shared.send(SYNC, b"")
+            silent = 0 if self._tpdos != seen else silent + 1
+            seen = self._tpdos
+            self._judge(silent, patience)
+            if seen and self.link.state is LinkState.CONFIGURED:
+                self.link.advance(LinkState.READY)
+                conversation.settled()
+            pacer.wait()
+
+    def _judge(self, silent: int, patience: int) -> None:
+        if self._emergency:
+            raise DeviceError(f"emergency {self._emergency:04X}")
+        if silent > patience:
+            raise DeviceError(f"no TPDO for {silent} periods")
+
+    def _on_reading(self, can_id: int, data: bytearray, stamp: float) -> None:
+        del can_id, stamp
+        found = cia404.measured(self._pdo, data)
+        if found is None:
+            self.link.counters["bad_length"] += 1
+            return
+        self._tpdos += 1
+        self.link.counters["tpdos"] += 1
+        self._readings.put(Timed(self._clock.now_ns(), None, found))
+
+    def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:
+        del can_id, stamp
+        self.link.counters["emergencies"] += 1
+        self._emergency = emergency(data) or 0

@@ -1,0 +1,40 @@
+"""A load cell that repeats itself though it has noise. Pure."""
+
+_LONGEST_S = 1.0
+_FEWEST = 30
+_NOISY_SHARE = 0.3
+_FORGET = 1 / 50
+
+
+class StuckWatch:
+    """Says when one and the same raw value came for a second from a cell that is known to be noisy.
+
+    Noise turns: of three values of white noise the middle one is the largest or the least in two of three
+    cases. Where less than 0.3 of the last readings (some fifty) turned, the cell may well repeat itself: its
+    noise is below its resolution. Motion alone hardly turns.
+    """
+
+    def __init__(self, noisy: bool) -> None:
+        """`noisy`: whether it is expected before it was seen."""
+        self._share = 1.0 if noisy else 0.0
+        self._noisy = noisy
+        self._raw: float | None = None
+        self._rising: bool | None = None
+        self._since_s, self._repeats = 0.0, 0
+
+    def take(self, raw: float, t_s: float) -> bool:
+        """Whether this reading only repeats those before it, for too long."""
+        if raw == self._raw:
+            self._repeats += 1
+            return self._noisy and self._repeats >= _FEWEST and t_s - self._since_s >= _LONGEST_S
+        if self._raw is not None:
+            self._changed(raw > self._raw)
+        self._raw, self._since_s, self._repeats = raw, t_s, 0
+        return False
+
+    def _changed(self, rising: bool) -> None:
+        turned = self._rising is not None and rising is not self._rising
+        self._rising = rising
+        self._share *= (1.0 - _FORGET) ** min(self._repeats, 10_000)
+        self._share += _FORGET * (turned - self._share)
+        self._noisy = self._share >= _NOISY_SHARE

@@ -1,0 +1,285 @@
+"""A CiA 402 drive in cyclic synchronous position mode behind the stage port."""
+
+from math import isfinite
+
+from common.clock import Clock, MonotonicClock
+from common.errors import DeviceError
+from common.hardware import cia402
+from common.hardware.can_network import HOST_NODE, SharedNetwork, acquire, release
+from common.hardware.cia301 import EMERGENCY, HEARTBEAT, OPERATIONAL, SYNC, emergency
+from common.hardware.cia402 import DriveState, Phase, drive_state
+from common.hardware.conversation import Conversation
+from common.hardware.link import Link, LinkState
+from common.hardware.pacing import Pacer
+from common.hardware.sdo import RemoteDevice
+from slave.stages.cia402_setup import Scale, checked, command_pdo, configure, scale_of, state_pdo
+from slave.stages.drive_cycle import DriveCycle, Readback, Tracker, Wanted
+from slave.stages.port import StageReading
+from slave.stages.setpoint import Setpoint
+from slave.stages.settings import Cia402Settings
+
+_OPEN_S = 8.0
+_CARRY_S = 0.020
+_DECELERATION_M_S2 = 4.0
+_STAND_CYCLES = 3
+_RANK = 1  # a drive's SYNC goes before a load cell's
+
+
+class Cia402Stage:
+    """Stage port on a CANopen drive.
+
+    One thread sends setpoint, SYNC and our heartbeat and judges what the drive says; after any fault it sends
+    quick stops until `rearm`. The network of the bus is shared with the other drivers of this process.
+    """
+
+    def __init__(self, settings: Cia402Settings, clock: Clock | None = None) -> None:
+        self._settings = settings
+        self._clock = clock or MonotonicClock()
+        where = f"{settings.can.interface} {settings.can.channel}"
+        self.link = Link(f"stage cia402 node {settings.node_id} on {where}")
+        self._conversation: Conversation | None = None
+        self._wanted: Wanted | None = None
+        self._rearm = False
+        self._readback: Readback | None = None
+        self._limits = self._new_setpoint()
+
+    # --- the port ---
+
+    def open(self) -> None:
+        """Identifies, configures and enables the drive; it holds where it is.
+
+        Raises:
+            DeviceSetupError: it is not the drive that the settings describe.
+            DeviceError: it does not answer, or is in a fault: only a fault reset at the drive helps then.
+        """
+        checked(self._settings)
+        self._wanted, self._rearm = None, False
+        self._conversation = Conversation(self.link, self._converse)
+        self._conversation.start(_OPEN_S)
+
+    def close(self) -> None:
+        """Comes to rest, quick stop, lets go."""
+        if self._conversation is not None:
+            self._conversation.stop()
+
+    def rearm(self) -> None:
+        """Resets a fault of the drive and enables it; it holds where it is until commanded.
+
+        The drive follows some cycles later; if it does not within a second, that is a new fault.
+        """
+        if self.link.inhibited is not None:
+            self._wanted = None
+            self.link.rearm()
+            self._rearm = True
+
+    def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
+        """See the port."""
+        if not (isfinite(position_m) and isfinite(velocity_m_s)):
+            raise DeviceError(f"setpoint = ({position_m} m, {velocity_m_s} m/s): expected finite numbers")
+        self.link.require_ready()
+        applied_m = self._limits.within_travel(position_m)
+        self._wanted = Wanted(applied_m, velocity_m_s, now_ns)
+        return applied_m
+
+    def hold(self, now_ns: int) -> None:
+        """See the port."""
+        del now_ns
+        self._wanted = None
+        self.link.require_ready()
+
+    def read(self, now_ns: int) -> StageReading:
+        """See the port; velocity is the difference of the drive's positions at SYNC."""
+        self.link.require_ready()
+        found = self._readback
+        if found is None:
+            raise DeviceError(f"{self.link.name}: no position yet")
+        age_s = min(_CARRY_S, max(0.0, (now_ns - found.host_ns) * 1e-9))
+        return StageReading(found.position_m + found.velocity_m_s * age_s, found.velocity_m_s)
+
+    # --- the conversation ---
+
+    def _converse(self, conversation: Conversation) -> None:
+        shared = acquire(self._settings.can)
+        try:
+            self.link.advance(LinkState.OPEN)
+            device = RemoteDevice(shared, self._settings.node_id)
+            try:
+                self._talk(conversation, shared, device)
+            finally:
+                device.forget()
+        finally:
+            release(shared)
+
+    def _talk(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:
+        who = device.identify(cia402.PROFILE)
+        self.link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
+        self.link.advance(LinkState.IDENTIFIED)
+        scale = scale_of(self._settings, f"{who['serial']:08X}")
+        actual_m = configure(device, self._settings, scale, conversation.pause)
+        self.link.advance(LinkState.CONFIGURED)
+        with _Ears(shared, self._settings, scale, self) as ears:
+            _Exchange(self, conversation, ears, shared, scale, actual_m).run()
+
+    def _new_setpoint(self) -> Setpoint:
+        s = self._settings
+        return Setpoint(1.0 / s.sync_hz, s.travel_m, s.max_velocity_m_s, _DECELERATION_M_S2)
+
+    def _take_rearm(self) -> bool:
+        """Whether `rearm` was called since; a fault after it voids it."""
+        asked, self._rearm = self._rearm, False
+        return asked and self.link.inhibited is None
+
+
+class _Ears:
+    """What the receiving thread hears of one drive; every part is taken once."""
+
+    def __init__(
+        self, shared: SharedNetwork, settings: Cia402Settings, scale: Scale, stage: Cia402Stage
+    ) -> None:
+        self._shared, self._stage, self._scale = shared, stage, scale
+        self._pdo = state_pdo(settings.node_id)
+        node = settings.node_id
+        self._tracker = Tracker(1.0 / settings.sync_hz, settings.max_velocity_m_s, settings.following_error_m)
+        self._hears = (
+            (self._pdo.can_id, self._on_state),
+            (HEARTBEAT + node, self._on_heartbeat),
+            (EMERGENCY + node, self._on_emergency),
+        )
+        self._heard: Readback | None = None
+        self._beat = False
+        self._emergency: int | None = None
+
+    def __enter__(self) -> "_Ears":
+        for can_id, heard in self._hears:
+            self._shared.subscribe(can_id, heard)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for can_id, heard in self._hears:
+            self._shared.unsubscribe(can_id, heard)
+
+    def take(self) -> tuple[Readback | None, bool, int | None]:
+        """State, heartbeat and emergency since the last call."""
+        found = self._heard, self._beat, self._emergency
+        self._heard, self._beat, self._emergency = None, False, None
+        return found
+
+    def _on_state(self, can_id: int, data: bytearray, stamp: float) -> None:
+        del can_id, stamp
+        values = self._pdo.unpack(data)
+        counters = self._stage.link.counters
+        counters["tpdos"] += 1
+        if values is None:
+            counters["bad_length"] += 1
+            return
+        host_ns = self._stage._clock.now_ns()
+        heard = self._tracker.take(host_ns, int(values[0]), self._scale.metres(values[1]))
+        if heard is None:
+            counters["implausible"] += 1
+            return
+        self._heard = self._stage._readback = heard
+
+    def _on_heartbeat(self, can_id: int, data: bytearray, stamp: float) -> None:
+        del can_id, stamp
+        self._beat = self._beat or data[:1] == bytes([OPERATIONAL])
+
+    def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:
+        del can_id, stamp
+        self._stage.link.counters["emergencies"] += 1
+        self._emergency = emergency(data) or self._emergency
+
+
+class _Exchange:
+    """The cyclic part: from CONFIGURED until the conversation ends or a fault is raised."""
+
+    def __init__(
+        self,
+        stage: Cia402Stage,
+        conversation: Conversation,
+        ears: _Ears,
+        shared: SharedNetwork,
+        scale: Scale,
+        actual_m: float,
+    ) -> None:
+        settings = stage._settings
+        self._stage, self._conversation, self._ears = stage, conversation, ears
+        self._shared, self._scale = shared, scale
+        self._pdo = command_pdo(settings.node_id)
+        self._period_ns = round(1e9 / settings.sync_hz)
+        self._beat_ns, self._next_beat_ns = round(settings.heartbeat_s * 1e9), 0
+        setpoint = stage._new_setpoint()
+        setpoint.restart(actual_m)
+        self._cycle = DriveCycle(
+            1.0 / settings.sync_hz, settings.heartbeat_s, settings.following_error_m, setpoint
+        )
+
+    def run(self) -> None:
+        """Cycles at absolute deadlines; comes to rest before it returns, quick stop in any case."""
+        link, clock = self._stage.link, self._stage._clock
+        first = link.inhibited is None
+        if not first:
+            self._conversation.settled()
+        pacer = Pacer(clock, self._period_ns)
+        try:
+            while not self._may_end():
+                self._cycle_once(clock.now_ns())
+                self._begin(first)
+                pacer.wait()
+                link.counters["late_cycles"] += pacer.missed
+                pacer.missed = 0
+        finally:
+            self._let_go()
+
+    def _may_end(self) -> bool:
+        at_rest = self._cycle.setpoint.velocity_m_s == 0.0 or self._phase is not Phase.FOLLOWING
+        return self._conversation.stopping and at_rest
+
+    @property
+    def _phase(self) -> Phase:
+        return self._cycle.machine.phase
+
+    def _begin(self, first: bool) -> None:
+        """Enables at the start, re-arms when asked to; READY once the drive follows. Else it stands."""
+        link, machine = self._stage.link, self._cycle.machine
+        if self._stage._take_rearm():
+            machine.rearm()
+        elif link.inhibited is not None:
+            machine.stop()
+        elif first and link.state is LinkState.CONFIGURED and self._cycle.passive_cycles >= _STAND_CYCLES:
+            machine.enable()
+            if machine.phase is Phase.FOLLOWING:
+                link.advance(LinkState.READY)
+                self._conversation.settled()
+
+    def _cycle_once(self, now_ns: int) -> None:
+        heard, beat, emergency_code = self._ears.take()
+        self._refuse_fault_at_start(heard)
+        wanted = None if self._conversation.stopping else self._stage._wanted
+        word = self._cycle.step(heard, beat, emergency_code, wanted, now_ns)
+        self._send(word, now_ns)
+
+    def _refuse_fault_at_start(self, heard: Readback | None) -> None:
+        if heard is None or self._stage.link.state is not LinkState.CONFIGURED:
+            return
+        if self._stage.link.inhibited is None and drive_state(heard.statusword) is DriveState.FAULT:
+            raise DeviceError("the drive is in a fault; expected none at the start: clear it at the drive")
+
+    def _send(self, word: int, now_ns: int) -> None:
+        target = self._scale.counts(self._cycle.setpoint.position_m)
+        self._shared.send(self._pdo.can_id, self._pdo.pack(word, target))
+        if self._shared.sends_sync(self._stage, _RANK):
+            self._shared.send(SYNC, b"")
+        if now_ns >= self._next_beat_ns:
+            self._next_beat_ns = now_ns + self._beat_ns - self._period_ns // 2
+            self._shared.send(HEARTBEAT + HOST_NODE, bytes([OPERATIONAL]))
+
+    def _let_go(self) -> None:
+        """Quick stop, as far as the bus still carries it; silence does the same three heartbeats later."""
+        self._cycle.machine.stop()
+        try:
+            for _ in range(2):
+                self._send(cia402.QUICK_STOP, self._stage._clock.now_ns())
+        except DeviceError:
+            self._stage.link.counters["quick_stop_failed"] += 1
+        finally:
+            self._shared.leave_sync(self._stage)

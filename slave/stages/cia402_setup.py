@@ -1,0 +1,145 @@
+"""The handshake of a CiA 402 drive: who it is, and everything that its safety depends on written by us."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+
+from common.errors import DeviceError, DeviceSetupError
+from common.hardware import cia402
+from common.hardware.calibration import stage_calibration
+from common.hardware.can_network import HOST_NODE
+from common.hardware.cia301 import (
+    HEARTBEAT_CONSUMER,
+    HEARTBEAT_PRODUCER_MS,
+    RPDO1,
+    START,
+    SYNC_PERIOD_US,
+    TPDO1,
+    Pdo,
+    heartbeat_consumer,
+    pdo_off,
+)
+from common.hardware.sdo import RemoteDevice
+from slave.stages.settings import Cia402Settings
+
+_FOLLOWING_PERIODS = 5
+_SWITCH_OFF = [(transmit, number) for transmit in (False, True) for number in (2, 3, 4)]
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Counts of the drive and metres."""
+
+    counts_per_m: float
+    zero: float
+
+    def metres(self, counts: float) -> float:
+        """A position."""
+        return (counts - self.zero) / self.counts_per_m
+
+    def counts(self, metres: float) -> int:
+        """A position, rounded."""
+        return round(metres * self.counts_per_m + self.zero)
+
+
+def command_pdo(node: int) -> Pdo:
+    """Controlword and target, applied at every SYNC."""
+    return Pdo(False, 1, RPDO1 + node, 1, (cia402.CONTROLWORD, cia402.TARGET_POSITION))
+
+
+def state_pdo(node: int) -> Pdo:
+    """Statusword and position, at every SYNC."""
+    return Pdo(True, 1, TPDO1 + node, 1, (cia402.STATUSWORD, cia402.POSITION_ACTUAL))
+
+
+def scale_of(settings: Cia402Settings, serial: str) -> Scale:
+    """Of the calibration if there is one, else of the settings.
+
+    Raises:
+        ConfigurationError: the calibration is of another device, or out of date.
+    """
+    if settings.calibration is None:
+        return Scale(settings.sign * settings.counts_per_m, 0.0)
+    found = stage_calibration(settings.calibration, serial, date.today())
+    return Scale(settings.sign * found.native_per_m, found.zero)
+
+
+def checked(settings: Cia402Settings) -> None:
+    """Refuses what the settings alone show to be impossible, with DeviceSetupError."""
+    where = f"cia402 node {settings.node_id}"
+    if settings.node_id == HOST_NODE:
+        raise DeviceSetupError(f"{where}: expected 1 to {HOST_NODE - 1}; {HOST_NODE} is our own heartbeat")
+    if cia402.interpolation_period(settings.sync_hz) is None:
+        raise DeviceSetupError(
+            f"{where}: sync_hz = {settings.sync_hz}: expected a period in tenths of a millisecond"
+        )
+    if settings.heartbeat_s < 1.0 / settings.sync_hz:
+        raise DeviceSetupError(
+            f"{where}: heartbeat_s = {settings.heartbeat_s:g}: expected at least 1 / sync_hz = "
+            f"{1.0 / settings.sync_hz:g}"
+        )
+
+
+def configure(
+    device: RemoteDevice, settings: Cia402Settings, scale: Scale, pause: Callable[[float], None]
+) -> float:
+    """Writes and reads back the whole configuration, in PRE-OPERATIONAL, and starts it; where the drive is.
+
+    Raises:
+        DeviceError: no answer, or an object that is needed is refused.
+        DeviceSetupError: it is no drive for us.
+    """
+    if not int(device.read(cia402.SUPPORTED_MODES)) & cia402.CSP_SUPPORTED:
+        raise DeviceSetupError(
+            f"{device.name}: no cyclic synchronous position (6502); expected a drive with it"
+        )
+    for transmit, number in _SWITCH_OFF:
+        device.offer(*pdo_off(transmit, number, settings.node_id))
+    device.write_all(command_pdo(settings.node_id).parameters())
+    device.write_all(state_pdo(settings.node_id).parameters())
+    _timing(device, settings)
+    _protection(device, settings, scale)
+    _mode(device, pause)
+    actual_m = scale.metres(device.read(cia402.POSITION_ACTUAL))
+    _within_travel(device, settings, actual_m)
+    device.order(START)
+    return actual_m
+
+
+def _timing(device: RemoteDevice, settings: Cia402Settings) -> None:
+    period = cia402.interpolation_period(settings.sync_hz)
+    assert period is not None, "checked() refuses it"
+    device.write(cia402.PERIOD_EXPONENT, period[1])
+    device.write(cia402.PERIOD_VALUE, period[0])
+    device.offer(SYNC_PERIOD_US, round(1e6 / settings.sync_hz))
+    device.write(HEARTBEAT_PRODUCER_MS, round(settings.heartbeat_s * 1e3))
+    device.write(HEARTBEAT_CONSUMER, heartbeat_consumer(HOST_NODE, 3.0 * settings.heartbeat_s))
+
+
+def _protection(device: RemoteDevice, settings: Cia402Settings, scale: Scale) -> None:
+    device.write(cia402.ABORT_OPTION, cia402.ABORT_QUICK_STOP)
+    device.write(cia402.QUICK_STOP_OPTION, cia402.STAY_IN_QUICK_STOP)
+    low, high = sorted(scale.counts(end_m) for end_m in settings.travel_m)
+    device.write(cia402.SOFT_LIMIT_LOW, low)
+    device.write(cia402.SOFT_LIMIT_HIGH, high)
+    device.write(cia402.FOLLOWING_WINDOW, round(settings.following_error_m * abs(scale.counts_per_m)))
+    device.write(cia402.FOLLOWING_TIMEOUT_MS, round(1e3 * _FOLLOWING_PERIODS / settings.sync_hz))
+
+
+def _mode(device: RemoteDevice, pause: Callable[[float], None]) -> None:
+    device.write(cia402.MODE, cia402.CSP)
+    for _ in range(30):
+        shown = int(device.read(cia402.MODE_DISPLAY))
+        if shown == cia402.CSP:
+            return
+        pause(0.01)
+    raise DeviceError(f"{device.name}: mode {shown} is displayed, expected {cia402.CSP}")
+
+
+def _within_travel(device: RemoteDevice, settings: Cia402Settings, actual_m: float) -> None:
+    (low, high), slack_m = settings.travel_m, settings.following_error_m
+    if not low - slack_m <= actual_m <= high + slack_m:
+        raise DeviceSetupError(
+            f"{device.name}: it is at {actual_m:.4g} m, expected within travel_m = [{low:g}, {high:g}]; "
+            "home it, or `forefeel calibrate stage`"
+        )

@@ -1,0 +1,49 @@
+"""The setpoint that a drive without a ramp of its own is sent, cycle by cycle. Pure."""
+
+
+class Setpoint:
+    """Moves towards what is asked with a bounded velocity, within the travel; never jumps.
+
+    Args:
+        period_s: of the cycle.
+        travel_m: where it may go; a drive that starts outside is only led back.
+        max_velocity_m_s: the most that it moves.
+        deceleration_m_s2: with which `hold` comes to rest.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        travel_m: tuple[float, float],
+        max_velocity_m_s: float,
+        deceleration_m_s2: float,
+    ) -> None:
+        self._period_s = period_s
+        self._low_m, self._high_m = travel_m
+        self._most_m = max_velocity_m_s * period_s
+        self._brake_m_s = deceleration_m_s2 * period_s
+        self.position_m = self.velocity_m_s = 0.0
+
+    def within_travel(self, position_m: float) -> float:
+        """The nearest position of the travel."""
+        return max(self._low_m, min(self._high_m, position_m))
+
+    def restart(self, actual_m: float) -> None:
+        """Begins at rest where the drive is."""
+        self.position_m, self.velocity_m_s = actual_m, 0.0
+
+    def follow(self, wanted_m: float) -> None:
+        """One cycle towards a position."""
+        step_m = self.within_travel(wanted_m) - self.position_m
+        step_m = max(-self._most_m, min(self._most_m, step_m))
+        self.position_m += step_m
+        self.velocity_m_s = step_m / self._period_s
+
+    def hold(self) -> None:
+        """One cycle of coming to rest, and staying."""
+        v = self.velocity_m_s
+        v = max(0.0, v - self._brake_m_s) if v > 0.0 else min(0.0, v + self._brake_m_s)
+        free_m = self.position_m + v * self._period_s
+        low_m, high_m = min(self._low_m, self.position_m), max(self._high_m, self.position_m)
+        self.position_m = max(low_m, min(high_m, free_m))
+        self.velocity_m_s = v if self.position_m == free_m else 0.0

@@ -1,0 +1,129 @@
+"""Emulated CAN devices in threads of this process, and settings of drivers that reach them."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import count
+from typing import Protocol
+
+import can
+
+from common.hardware.settings import CanSettings
+from forefeel.emulate.drive402 import Drive402
+from forefeel.emulate.transducer404 import Transducer404
+from slave.load_cells.settings import Cia404Settings
+from slave.plant.presets import PRESETS
+from slave.plant.settings import StageSettings
+from slave.stages.settings import Cia402Settings
+
+COUNTS_PER_M = 1e6
+DRIVE, CELL = 5, 6
+START_M = 0.01
+_channels = count()
+
+
+class Steps(Protocol):
+    """Whatever lives by being stepped."""
+
+    def step(self) -> None: ...
+
+
+def new_channel() -> CanSettings:
+    """A bus of its own within this process."""
+    return CanSettings(interface="virtual", channel=f"test {next(_channels)}")
+
+
+def virtual_bus(settings: CanSettings) -> can.BusABC:
+    """A further participant of it."""
+    return can.Bus(interface="virtual", channel=settings.channel)
+
+
+def mechanics(start_m: float = START_M) -> StageSettings:
+    """A stiff, quick drive without play."""
+    preset = dict(PRESETS["catheter"]["stage"])
+    preset.update(
+        travel_lower_m=-0.005,
+        travel_upper_m=0.125,
+        start_m=start_m,
+        bandwidth_hz=60.0,
+        velocity_limit_m_s=0.5,
+        acceleration_limit_m_s2=20.0,
+        encoder_step_m=1e-6,
+        backlash_width_m=0.0,
+    )
+    return StageSettings(**preset)
+
+
+def stage_settings(bus: CanSettings, **changed: object) -> Cia402Settings:
+    """Slow enough for a busy machine: 50 Hz."""
+    values: dict[str, object] = {
+        "driver": "cia402",
+        "can": bus,
+        "node_id": DRIVE,
+        "counts_per_m": COUNTS_PER_M,
+        "travel_m": (-0.002, 0.12),
+        "max_velocity_m_s": 0.2,
+        "sync_hz": 50,
+        "heartbeat_s": 0.05,
+        "following_error_m": 0.002,
+        **changed,
+    }
+    return Cia402Settings.model_validate(values)
+
+
+def cell_settings(bus: CanSettings, **changed: object) -> Cia404Settings:
+    """At the drive's rate."""
+    values: dict[str, object] = {
+        "driver": "cia404",
+        "can": bus,
+        "node_id": CELL,
+        "full_scale_n": 10.0,
+        "rate_hz": 50,
+        **changed,
+    }
+    return Cia404Settings.model_validate(values)
+
+
+def drive_on(bus: can.BusABC, start_m: float = START_M) -> Drive402:
+    return Drive402(bus, DRIVE, mechanics(start_m), COUNTS_PER_M, rate_hz=1000)
+
+
+def cell_on(bus: can.BusABC, feel: Callable[[float], float] = lambda _: 1.25) -> Transducer404:
+    return Transducer404(bus, CELL, feel)
+
+
+@contextmanager
+def running(*living: Steps) -> Iterator[None]:
+    """Steps each in a thread of its own."""
+    stopping = threading.Event()
+    broken: list[BaseException] = []
+
+    def live(one: Steps) -> None:
+        try:
+            while not stopping.is_set():
+                one.step()
+        except BaseException as error:  # noqa: BLE001 - shown by the test
+            broken.append(error)
+
+    threads = [threading.Thread(target=live, args=(one,), daemon=True) for one in living]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        stopping.set()
+        for thread in threads:
+            thread.join(5.0)
+    if broken:
+        raise broken[0]
+
+
+def wait_until(so: Callable[[], bool], timeout_s: float = 5.0) -> bool:
+    """Whether it came to be so in time."""
+    end_s = time.monotonic() + timeout_s
+    while not so():
+        if time.monotonic() > end_s:
+            return False
+        time.sleep(0.002)
+    return True

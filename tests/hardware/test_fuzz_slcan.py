@@ -1,0 +1,66 @@
+"""Any bytes into the slcan parser."""
+
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.hardware.slcan import Frame, SlcanParser, encoded
+from forefeel.emulate.can_hub import SlcanAdapter
+
+GOOD = [Frame(0x185, bytes(range(6))), Frame(0x5, b""), Frame(0x18DAF110, b"\xff" * 8, True)]
+STREAM = b"".join(map(encoded, GOOD))
+
+
+def check_slcan(data: bytes) -> None:
+    """Nothing raises, memory is bounded, frames are valid, and what follows is delivered."""
+    for parser in (SlcanParser(), SlcanParser()):
+        cut = len(data) // 2
+        found = parser.feed(data[:cut]) + parser.feed(data[cut:])
+        for frame in found:
+            assert len(frame.data) <= 8
+            assert frame.can_id <= (0x1FFFFFFF if frame.extended else 0x7FF)
+        assert len(parser._lines._rest) <= 64
+        after = parser.feed(b"\r" + STREAM)[-len(GOOD) :]
+        assert [(f.can_id, f.data) for f in after] == [(f.can_id, f.data) for f in GOOD]
+    adapter = SlcanAdapter(1_000_000)
+    adapter.receive(data)
+    adapter.receive(b"\rC\rS8\rO\r")
+    assert adapter.open
+    assert len(adapter.receive(STREAM)[0]) == len(GOOD)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes(data: bytes) -> None:
+    check_slcan(data)
+
+
+@given(st.integers(0, 2**32))
+def test_damaged_streams(seed: int) -> None:
+    check_slcan(mutated(Random(seed)))
+
+
+@pytest.mark.fuzz
+def test_100_000_byte_strings() -> None:
+    random = Random(5)
+    for i in range(100_000):
+        check_slcan(random.randbytes(random.randrange(80)) if i % 2 else mutated(random))
+
+
+def mutated(random: Random) -> bytes:
+    """A valid stream with some bytes changed, lost, doubled."""
+    data = bytearray(STREAM)
+    for _ in range(random.randrange(1, 6)):
+        at = random.randrange(len(data))
+        what = random.randrange(4)
+        if what == 0:
+            data[at] = random.randrange(256)
+        elif what == 1:
+            del data[at : at + random.randrange(1, 8)]
+        elif what == 2:
+            data[at:at] = random.choice([b"\r", b"t", b"T1", b"\x07", b"\xff", b"9"])
+        else:
+            data[at:at] = data[: random.randrange(20)]
+        data = data or bytearray(b"t")
+    return bytes(data)

@@ -1,0 +1,24 @@
+"""A device process: an emulated drive on its own slcan adapter; prints its state over and over."""
+
+import sys
+import time
+
+from common.hardware.can_bus import open_bus
+from common.hardware.settings import CanSettings
+from tests.hardware.can_rig import drive_on
+
+
+def main() -> None:
+    """Arguments: the adapter's path."""
+    drive = drive_on(open_bus(CanSettings(interface="slcan", channel=sys.argv[1])))
+    next_s = 0.0
+    while True:
+        drive.step()
+        if time.monotonic() > next_s:
+            next_s = time.monotonic() + 0.005
+            model = drive.model
+            print(f"{time.monotonic():.6f} {model.state.name} {model.position_m:.9f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

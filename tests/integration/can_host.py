@@ -1,0 +1,26 @@
+"""A host process: opens a stage on slcan and moves it back and forth until it is killed."""
+
+import sys
+import time
+
+from common.clock import MonotonicClock
+from common.hardware.settings import CanSettings
+from slave.stages.cia402 import Cia402Stage
+from tests.hardware.can_rig import START_M, stage_settings
+
+
+def main() -> None:
+    """Arguments: the adapter's path."""
+    settings = CanSettings(interface="slcan", channel=sys.argv[1])
+    stage = Cia402Stage(stage_settings(settings))
+    stage.open()
+    start_s, clock = time.monotonic(), MonotonicClock()
+    print("moving", flush=True)
+    while True:
+        phase = (time.monotonic() - start_s) % 1.0
+        stage.command(START_M + 0.15 * min(phase, 1.0 - phase), 0.0, clock.now_ns())
+        time.sleep(0.001)
+
+
+if __name__ == "__main__":
+    main()

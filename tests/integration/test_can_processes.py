@@ -1,0 +1,127 @@
+"""slcan over pseudo terminals between processes: hub here, host and device each in its own."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import can
+import pytest
+
+from common.hardware.can_bus import open_bus
+from common.hardware.settings import CanSettings
+from forefeel.emulate.can_hub import CanHub
+from forefeel.emulate.wire import Faults
+from tests.hardware.can_rig import running, wait_until
+
+HEARTBEAT_S = 0.05  # of the host, as it is set there
+MAX_VELOCITY_M_S, QUICK_STOP_M_S2 = 0.2, 20.0
+STALL_S = 0.05  # of a busy machine
+
+
+class Seen(NamedTuple):
+    """A line of the device process."""
+
+    t_s: float
+    state: str
+    position_m: float
+
+
+@contextmanager
+def process(module: str, link: Path) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", f"tests.integration.{module}", str(link)]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.wait()
+        if child.stdout is not None:
+            child.stdout.close()
+
+
+def listen(stream: IO[str], seen: list[Seen]) -> None:
+    for line in stream:
+        t_s, state, position_m = line.split()
+        seen.append(Seen(float(t_s), state, float(position_m)))
+
+
+def test_a_killed_host_leaves_the_drive_at_rest(tmp_path: Path) -> None:
+    links = [tmp_path / "host", tmp_path / "device"]
+    hub, seen = CanHub(links), list[Seen]()
+    with running(hub), process("can_devices", links[1]) as device:
+        assert device.stdout is not None
+        listener = threading.Thread(target=listen, args=(device.stdout, seen))
+        listener.start()
+        assert wait_until(lambda: bool(seen), 20.0)
+        with process("can_host", links[0]) as host:
+            assert host.stdout is not None
+            assert host.stdout.readline() == "moving\n"
+            count = len(seen)
+            assert wait_until(lambda: len(seen) > count + 100, 20.0)
+            host.kill()
+            killed_s = time.monotonic()
+            host.wait()
+        time.sleep(0.8)
+        device.kill()
+        listener.join()
+    hub.close()
+    before = [each for each in seen[count:] if each.t_s < killed_s]
+    assert max(b.position_m for b in before) - min(b.position_m for b in before) > 0.005
+    rest_s = killed_s + 3 * HEARTBEAT_S + MAX_VELOCITY_M_S / QUICK_STOP_M_S2 + STALL_S
+    after = [each for each in seen if each.t_s > rest_s]
+    assert len(after) > 20
+    assert {each.position_m for each in after} == {after[0].position_m}
+    assert {each.state for each in after} == {"QUICK_STOP"}
+
+
+def test_python_cans_own_adapter_driver_and_ours_understand_each_other(tmp_path: Path) -> None:
+    links = [tmp_path / "ours", tmp_path / "theirs"]
+    hub = CanHub(links, bitrate=500_000, faults=Faults())
+    with running(hub):
+        ours = open_bus(CanSettings(interface="slcan", channel=str(links[0]), bitrate=500_000))
+        theirs = can.Bus(interface="slcan", channel=str(links[1]), bitrate=500_000, sleep_after_open=0)
+        assert wait_until(lambda: all(port.adapter.open for port in hub._ports))
+        frames = [
+            can.Message(arbitration_id=0x123, data=bytes(range(i % 9)), is_extended_id=False)
+            for i in range(50)
+        ]
+        frames.append(can.Message(arbitration_id=0x1ABCDEF0, data=b"\x01", is_extended_id=True))
+        for sender, receiver in ((ours, theirs), (theirs, ours)):
+            for frame in frames:
+                sender.send(frame)
+            found = [receiver.recv(2.0) for _ in frames]
+            assert [(f.arbitration_id, f.data, f.is_extended_id) for f in found if f] == [
+                (f.arbitration_id, f.data, f.is_extended_id) for f in frames
+            ]
+        ours.shutdown()
+        theirs.shutdown()
+    hub.close()
+    assert hub.load > 0.0
+
+
+@pytest.mark.parametrize("faults", ["corrupt=0.02,drop=0.01"])
+def test_bad_lines_are_counted_and_the_others_arrive(tmp_path: Path, faults: str) -> None:
+    links = [tmp_path / "host", tmp_path / "device"]
+    hub = CanHub(links, faults=Faults.parse(faults), seed=3)
+    with running(hub):
+        host, device = (open_bus(CanSettings(interface="slcan", channel=str(link))) for link in links)
+        assert wait_until(lambda: all(port.adapter.open for port in hub._ports))
+        sent, found = 2000, 0
+        for i in range(sent):
+            device.send(can.Message(arbitration_id=i % 0x400, data=bytes(8), is_extended_id=False))
+            while (message := host.recv(0.0)) is not None:
+                found += len(message.data) == 8
+        while host.recv(0.2) is not None:
+            found += 1
+        counts = hub.counts()
+        host.shutdown()
+        device.shutdown()
+    hub.close()
+    lost = sent - found
+    assert 0 < lost <= counts["to_host_dropped"] + 2 * counts["to_host_corrupted"]
+    assert lost >= counts["to_host_dropped"]

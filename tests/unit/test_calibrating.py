@@ -1,0 +1,157 @@
+"""The line through the loads, and when a calibration is refused."""
+
+from math import sqrt
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import ConfigurationError, RunError
+from common.hardware.calibrating import (
+    Level,
+    Step,
+    Travel,
+    fit,
+    forces_of,
+    level_of,
+    range_of,
+    require_line,
+    require_steady,
+    require_travel,
+    travel_of,
+    walk_of,
+)
+
+
+def still(native: float) -> Level:
+    return Level(native, 0.0, 0.0, 0.0, 40)
+
+
+def steps(*pairs: tuple[float, float]) -> list[Step]:
+    return [Step(force_n, still(native)) for force_n, native in pairs]
+
+
+def test_a_level_is_mean_noise_and_rise_as_a_line_of_least_squares_has_them() -> None:
+    random = Random(1)
+    times_s = [0.01 * i + random.uniform(0.0, 0.004) for i in range(60)]
+    natives = [5.0 + 0.7 * t + random.gauss(0.0, 0.2) for t in times_s]
+    level = level_of(times_s, natives)
+    (slope, _), covariance = np.polyfit(times_s, natives, 1, cov=True)
+    span_s = times_s[-1] - times_s[0]
+    assert level.mean == pytest.approx(np.mean(natives))
+    assert level.drift == pytest.approx(slope * span_s)
+    assert level.drift_std == pytest.approx(sqrt(covariance[0, 0]) * span_s)
+    assert level.readings == 60
+
+
+@pytest.mark.parametrize("times_s", [[0.0, 0.1], [0.2, 0.2, 0.2]])
+def test_a_level_needs_readings_over_time(times_s: list[float]) -> None:
+    with pytest.raises(ValueError, match="expected at least 3 over some time"):
+        level_of(times_s, times_s)
+
+
+def test_noise_and_drift_are_refused_with_what_is_allowed() -> None:
+    require_steady(Level(0.0, 1.9, 0.49, 0.01, 50), -0.01, 1.0, "no load")
+    with pytest.raises(RunError, match=r"^no load: the reading moves: noise 0.021 N rms, allowed 0.02 N"):
+        require_steady(Level(0.0, 2.1, 0.0, 0.01, 50), -0.01, 1.0, "no load")
+    with pytest.raises(RunError, match=r"^1 N: the reading moves: drift -0.006 N .*, allowed 0.005 N"):
+        require_steady(Level(0.0, 0.1, -0.6, 0.05, 50), 0.01, 1.0, "1 N")
+
+
+def test_a_drift_that_noise_explains_is_none() -> None:
+    require_steady(Level(0.0, 1.5, 0.9, 0.4, 10), 0.01, 1.0, "no load")
+
+
+@given(
+    st.floats(1e-6, 1e3).flatmap(lambda gain: st.sampled_from([gain, -gain])),
+    st.floats(-1e4, 1e4),
+    st.lists(st.integers(1, 60), min_size=1, max_size=6, unique=True),
+)
+def test_exact_readings_give_the_gain_and_zero_that_they_were_made_with(
+    gain_n: float, zero: float, loads: list[int]
+) -> None:
+    walk = walk_of([0.1 * load for load in loads])
+    found = fit(steps(*((force_n, zero + force_n / gain_n) for force_n in walk)))
+    assert found.gain_n == pytest.approx(gain_n, rel=1e-6)
+    assert gain_n * (zero - found.zero) == pytest.approx(0.0, abs=1e-6 * max(1.0, abs(gain_n * zero)))
+    assert found.residual_n == pytest.approx(0.0, abs=1e-6 * max(1.0, abs(gain_n * zero)))
+
+
+def test_hysteresis_is_the_difference_between_up_and_down_and_counts_as_residual() -> None:
+    found = fit(steps((0.0, 0.0), (1.0, 10.0), (2.0, 20.0), (1.0, 10.4), (0.0, 0.2)))
+    assert found.hysteresis_n == pytest.approx(abs(found.gain_n) * 0.4)
+    natives, forces = np.array([0.0, 10.0, 20.0, 10.4, 0.2]), np.array([0.0, 1.0, 2.0, 1.0, 0.0])
+    slope, zero = np.polyfit(forces, natives, 1)
+    assert found.gain_n == pytest.approx(1.0 / slope)
+    assert found.zero == pytest.approx(zero)
+    assert found.residual_n == pytest.approx(np.sqrt(np.mean((forces - (natives - zero) / slope) ** 2)))
+
+
+def test_a_bent_cell_is_refused_with_residual_and_limit() -> None:
+    found = fit(steps((0.0, 0.0), (1.0, 10.0), (2.0, 22.0)))
+    with pytest.raises(RunError, match=r"residual 0\.\d+ N rms, allowed 0.02 N \(1.0% of 2 N\)"):
+        require_line(found, 2.0)
+    require_line(found, 2.0, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "message"),
+    [
+        ([(0.0, 0.0), (1.0, 10.0), (2.0, 9.0), (1.0, 10.0)], "not monotonic: 1 N reads 10, 2 N reads 9;"),
+        ([(0.0, 5.0), (1.0, 5.0)], "not monotonic: 0 N reads 5, 1 N reads 5;"),
+        ([(0.0, 0.0), (1.0, -10.0), (0.0, -11.0)], "not monotonic: 1 N reads -10, 0 N reads -11;"),
+        ([(0.0, 1.0), (0.0, 2.0)], "1 load: expected at least two different ones"),
+    ],
+)
+def test_a_reading_that_does_not_follow_the_load_is_refused(
+    pairs: list[tuple[float, float]], message: str
+) -> None:
+    with pytest.raises(RunError, match=message):
+        fit(steps(*pairs))
+
+
+def test_loads_go_up_and_down_in_each_direction_from_none_to_none() -> None:
+    assert walk_of([2.0, 1.0]) == [0.0, 1.0, 2.0, 1.0, 0.0]
+    assert walk_of([1.0]) == [0.0, 1.0, 0.0]
+    assert walk_of([-1.0, 1.0, -2.0]) == [0.0, 1.0, 0.0, -1.0, -2.0, -1.0, 0.0]
+    assert walk_of([-1.0]) == [0.0, -1.0, 0.0]
+    assert range_of([1.0, 2.0]) == (0.0, 2.0)
+    assert range_of([-1.0, 2.0]) == (-1.0, 2.0)
+
+
+def test_weights_are_forces_by_standard_gravity() -> None:
+    assert forces_of("0,0.1, 0.2", 9.80665, "--weights") == pytest.approx([0.980665, 1.96133])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "--weights : expected numbers with commas"),
+        ("0,x", "--weights 0,x: expected numbers with commas"),
+        ("0,,1", "--weights 0,,1: expected numbers with commas"),
+        ("0", "--weights 0: one point, no load"),
+        ("1,1", "--weights 1,1: a load stands twice"),
+        ("1,nan", "--weights 1,nan: expected finite loads"),
+        ("1e9", "--weights 1e9: expected finite loads"),
+    ],
+)
+def test_malformed_weights_are_one_line(text: str, message: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        forces_of(text, 1.0, "--weights")
+    assert str(refused.value).startswith(message)
+
+
+def test_a_travel_is_counted_from_the_reference_with_the_sign_of_the_settings() -> None:
+    assert travel_of(100.0, (100_100.0, 100.0), None, 1e6, 1) == Travel((0.0, 0.1), None)
+    assert travel_of(100.0, (100_100.0, 100.0), -5.0, 1e6, -1) == Travel((-0.1, 0.0), 5e-6)
+
+
+def test_a_stage_that_falls_short_or_does_not_find_home_is_refused() -> None:
+    require_travel(Travel((0.0, 0.1), 5e-6), (0.0, 0.1), 5e-6)
+    require_travel(Travel((-0.01, 0.11), None), (0.0, 0.1), 5e-6)
+    with pytest.raises(RunError, match=r"travel 0.000 to 99.000 mm found, .* = \[0.0, 0.1\]"):
+        require_travel(Travel((0.0, 0.099), 0.0), (0.0, 0.1), 5e-6)
+    with pytest.raises(RunError, match=r"home found again 6.0 um off, allowed 5.0 um"):
+        require_travel(Travel((0.0, 0.1), 6e-6), (0.0, 0.1), 5e-6)
