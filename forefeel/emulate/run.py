@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from common.config import checked
 from common.errors import ConfigurationError
 from common.hardware.settings import CanSettings
+from common.runtime.realtime import prepare_thread
 from forefeel.daemon_settings import load_daemon
 from forefeel.daemons import die_with_parent
 from forefeel.emulate import benches, can_benches
@@ -27,6 +28,7 @@ from slave.plant.settings import WorldSettings, preset
 from slave.settings import SlaveSettings
 from slave.stages.settings import Cia402Settings, ZaberSettings
 
+_PRIORITY = 30  # below the loops of the daemons
 Step = Callable[[], None]
 _TRAVEL_M = [-0.004, 0.124]
 _SERIAL: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., SerialBench]]] = {
@@ -68,6 +70,7 @@ def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
     if wish.device not in _SERIAL and wish.device not in CAN:
         raise ConfigurationError(f"{wish.device!r}: expected one of {', '.join([*_SERIAL, *CAN])}")
     die_with_parent()
+    prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
     faults = Faults.parse(wish.faults)
     with ExitStack() as leave:
         make = _serial if wish.device in _SERIAL else _hub if wish.device == "can_hub" else _node

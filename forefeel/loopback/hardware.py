@@ -101,7 +101,7 @@ def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Be
     handle = ports / "handle"
     master_axis["handle"] = {
         "driver": "coil_serial", "port": str(handle), "counts_per_m": 1e6, "newton_per_ampere": 2.0,
-        "max_current_a": 3.0,
+        "max_current_a": 3.0, "watchdog_s": 0.1,
     }  # fmt: skip
     emulators.append(Emulated("handle", ("coil_serial", "--config", master_file, *common), handle))
     changed = replace(

@@ -163,7 +163,7 @@ class CoilTalk:
                 f"{port}: watchdog {identity.watchdog_ms} ms, limit {identity.limit_ma} mA; "
                 f"expected at most {watchdog_ms} ms and {limit_ma} mA (watchdog_s, max_current_a)"
             )
-        self._serial = serial
+        self._serial = self._link.serial = serial
         self._link.identity = f"{name} {serial}, firmware {firmware}"
         self._link.advance(LinkState.IDENTIFIED)
 
@@ -213,6 +213,7 @@ class CoilTalk:
                 raise DeviceError("the device's clock began anew")
             self._link.counters["frames_lost"] += (state.sequence - before.state.sequence - 1) % 2**16
         self._link.counters["frames"] += 1
+        self._link.exchanged()
         self.newest = Stamped(self._clock.host_ns(state.time_us, now_ns), now_ns, state)
         if self.settled:
             self._watch(state)

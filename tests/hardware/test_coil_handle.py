@@ -31,6 +31,7 @@ def test_position_velocity_and_buttons_come_through(sign: Literal[1, -1]) -> Non
     assert (bench.reading.deadman, bench.reading.gripper) == (True, Grip.OPEN)
     assert bench.counters["frames"] == pytest.approx(723, abs=12)
     assert bench.counters["frames_lost"] == 0
+    assert bench.handle.link.exchanges == bench.counters["frames"]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
