@@ -12,11 +12,24 @@ from typing import IO, NamedTuple
 import can
 import pytest
 
+from common.errors import DeviceError
 from common.hardware.can_bus import open_bus
+from common.hardware.cia402 import DriveState
+from common.hardware.link import LinkState
 from common.hardware.settings import CanSettings
 from forefeel.emulate.can_hub import CanHub
 from forefeel.emulate.wire import Faults
-from tests.hardware.can_rig import running, wait_until
+from slave.load_cells.cia404 import Cia404LoadCell
+from slave.stages.cia402 import Cia402Stage
+from tests.hardware.can_rig import (
+    START_M,
+    cell_on,
+    cell_settings,
+    drive_on,
+    running,
+    stage_settings,
+    wait_until,
+)
 
 HEARTBEAT_S = 0.05  # of the host, as it is set there
 MAX_VELOCITY_M_S, QUICK_STOP_M_S2 = 0.2, 20.0
@@ -125,3 +138,34 @@ def test_bad_lines_are_counted_and_the_others_arrive(tmp_path: Path, faults: str
     lost = sent - found
     assert 0 < lost <= counts["to_host_dropped"] + 2 * counts["to_host_corrupted"]
     assert lost >= counts["to_host_dropped"]
+
+
+def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path) -> None:
+    links = [tmp_path / name for name in ("host", "drive", "cell")]
+    buses = [CanSettings(interface="slcan", channel=str(link)) for link in links]
+    hub = CanHub(links)
+    with running(hub):
+        drive, transducer = drive_on(open_bus(buses[1])), cell_on(open_bus(buses[2]))
+        stage, cell = Cia402Stage(stage_settings(buses[0])), Cia404LoadCell(cell_settings(buses[0]))
+        links_of = (stage.link, cell.link)
+        with running(drive, transducer):
+            stage.open()
+            cell.open()
+            hub.provoke("unplug")
+            assert wait_until(lambda: all(link.inhibited for link in links_of))
+            assert "gone" in str(stage.link.inhibited)
+            assert wait_until(lambda: drive.model.state is DriveState.QUICK_STOP)
+            hub.provoke("plug")
+            assert wait_until(lambda: all(link.state is LinkState.CONFIGURED for link in links_of))
+            with pytest.raises(DeviceError, match="gone"):
+                stage.command(0.02, 0.0, time.monotonic_ns())
+            stage.rearm()
+            cell.rearm()
+            assert wait_until(lambda: drive.model.state is DriveState.ENABLED)
+            assert wait_until(lambda: len(cell.read(time.monotonic_ns(), None)) > 0)
+            assert drive.model.position_m == pytest.approx(START_M, abs=1e-5)
+            stage.close()
+            cell.close()
+        drive.close()
+        transducer.close()
+    hub.close()
