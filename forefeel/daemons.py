@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from common.errors import ConfigurationError, EndpointError, RunError
 from common.notices import Notices, RateLimit
 from common.runtime.real import RealRuntime
-from common.runtime.realtime import prepare_thread
+from common.runtime.realtime import prepare_process, prepare_thread
 from common.settings import DaemonSettings
 from common.transport.zenoh_bus import ZenohTransport
 from master.session import Link
@@ -136,8 +136,10 @@ def _opened(settings: DaemonSettings, runtime: RealRuntime) -> Iterator[ZenohTra
 def _runtime(settings: DaemonSettings) -> RealRuntime:
     """A runtime in a process whose every thread is ahead of the machine's other work, below the loop.
 
-    Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008).
+    Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008). The process is settled
+    before a device is opened: it would hear nothing of us meanwhile.
     """
+    prepare_process()
     priority = settings.realtime.priority
     prepare_thread(max(1, priority - _BELOW_THE_LOOP) if priority else 0)
     runtime = RealRuntime(priority)

@@ -81,7 +81,14 @@ def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Be
     else:
         ends = {name: ports / name for name in ("can-slave", "can-drive", "can-cell")}
         can = {"interface": "slcan", "channel": str(ends["can-slave"])}
-        slave_axis["stage"] = {"driver": "cia402", "can": can, "node_id": 1, "counts_per_m": 1e7, **motion}
+        slave_axis["stage"] = {
+            "driver": "cia402",
+            "can": can,
+            "node_id": 1,
+            "counts_per_m": 1e7,
+            "heartbeat_s": 0.05,
+            **motion,
+        }
         slave_axis["load_cell"] = {
             "driver": "cia404",
             "can": can,
