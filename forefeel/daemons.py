@@ -136,8 +136,8 @@ def _opened(settings: DaemonSettings, runtime: RealRuntime) -> Iterator[ZenohTra
 def _runtime(settings: DaemonSettings) -> RealRuntime:
     """A runtime in a process whose every thread is ahead of the machine's other work, below the loop.
 
-    Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008). The process is settled
-    before a device is opened: it would hear nothing of us meanwhile.
+    Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008). The process is
+    settled before a device is opened: it would hear nothing of us meanwhile.
     """
     prepare_process()
     priority = settings.realtime.priority

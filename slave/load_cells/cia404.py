@@ -115,7 +115,8 @@ class Cia404LoadCell:
         who = device.identify(cia404.PROFILE)
         self.link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
         self.link.advance(LinkState.IDENTIFIED)
-        self._scale(device, f"{who['serial']:08X}")
+        self.link.serial = f"{who['serial']:08X}"
+        self._scale(device, self.link.serial)
         for number in (2, 3, 4):
             device.offer(*pdo_off(True, number, self._settings.node_id))
         device.write_all(self._pdo.parameters())
@@ -177,6 +178,7 @@ class Cia404LoadCell:
             return
         self._tpdos += 1
         self.link.counters["tpdos"] += 1
+        self.link.exchanged()
         self._readings.put(Timed(self._clock.now_ns(), None, found))
 
     def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:

@@ -114,7 +114,8 @@ class Cia402Stage:
         who = device.identify(cia402.PROFILE)
         self.link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
         self.link.advance(LinkState.IDENTIFIED)
-        scale = scale_of(self._settings, f"{who['serial']:08X}")
+        self.link.serial = f"{who['serial']:08X}"
+        scale = scale_of(self._settings, self.link.serial)
         actual_m = configure(device, self._settings, scale, conversation.pause)
         self.link.advance(LinkState.CONFIGURED)
         with _Ears(shared, self._settings, scale, self) as ears:

@@ -71,6 +71,8 @@ class ZaberExchange:
         if where is not None:
             self._took(where.host_ns, self._metres(where.value))
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
+        if where is not None:
+            self._link.exchanged(round(took_s * 1e9))
         self._usual_s += (took_s - self._usual_s) * _SMOOTHED
 
     def try_stop(self) -> None:

@@ -8,7 +8,8 @@ from common.clock import Clock, MonotonicClock
 from common.errors import DeviceError
 from common.hardware.link import Link, LinkState
 from common.hardware.streams import ByteStream, SerialStream
-from common.hardware.zaber import UNHOMED, Reply, in_words, is_fault
+from common.hardware.zaber import SPEED_DATA, UNHOMED, Reply, in_words, is_fault
+from slave.stages.port import Home
 from slave.stages.settings import ZaberSettings
 from slave.stages.zaber_setup import Configured, OpenStream, clear_faults, connect, link_name
 
@@ -20,7 +21,7 @@ class ZaberHoming:
 
     Attributes:
         link: identity and counters.
-        serial: number of the device; `native_per_m`: microsteps per m, its sign included.
+        native_per_m: microsteps per m.
     """
 
     def __init__(
@@ -31,14 +32,14 @@ class ZaberHoming:
         self.link = Link(link_name(settings))
         self._stream: ByteStream | None = None
         self._device: Configured | None = None
-        self.serial, self.native_per_m = "", 0.0
+        self.native_per_m = 0.0
 
     def __enter__(self) -> "ZaberHoming":
         self._stream = self._open_stream(self._settings)
         try:
             self.link.advance(LinkState.OPEN)
             self._device = connect(self._settings, self._clock, self.link, self._stream, date.today())
-            self.serial, self.native_per_m = self._device.serial, self._device.scale.per_m
+            self.native_per_m = abs(self._device.scale.per_m)
             clear_faults(self._device.talk, self.link)
         except BaseException:
             self._stream.close()
@@ -56,25 +57,31 @@ class ZaberHoming:
         finally:
             self._stream.close()
 
-    def home(self, timeout_s: float = 60.0) -> float:
-        """Homes; the position of home in microsteps.
+    def home(self, timeout_s: float = 60.0) -> Home:
+        """Homes; the position of home in microsteps. By how much it was off the device does not tell.
 
         Raises:
             DeviceError: a fault on the way, or not there in time; the stage is told to stop.
         """
         self._move("home", timeout_s)
-        return self._opened().talk.number("get pos")
+        return Home(self._opened().talk.number("get pos"), None)
 
-    def travel(self, timeout_s: float = 60.0) -> tuple[float, float]:
-        """Runs to both limits and stays at the lower; the ends in microsteps.
+    def travel_ends(self, velocity_m_s: float, timeout_s: float = 120.0) -> tuple[float, float]:
+        """Runs to both limits at that speed and stays at the lower; the ends in microsteps.
 
         Raises:
             DeviceError: as `home`.
         """
-        self._move("move max", timeout_s)
-        high = self._opened().talk.number("get pos")
-        self._move("move min", timeout_s)
-        return self._opened().talk.number("get pos"), high
+        talk = self._opened().talk
+        usual = talk.number("get maxspeed")
+        talk.ask(f"set maxspeed {max(1, int(min(usual, velocity_m_s * self.native_per_m * SPEED_DATA)))}")
+        try:
+            self._move("move max", timeout_s)
+            high = talk.number("get pos")
+            self._move("move min", timeout_s)
+            return talk.number("get pos"), high
+        finally:
+            talk.ask(f"set maxspeed {int(usual)}")
 
     def _move(self, text: str, timeout_s: float) -> None:
         self._opened().talk.ask(text)

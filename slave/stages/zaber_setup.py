@@ -61,7 +61,7 @@ def connect(settings: ZaberSettings, clock: Clock, link: Link, stream: ByteStrea
     """
     talk = ZaberTalk(stream, clock, (settings.device, settings.axis), settings.baud, link)
     try:
-        serial = _identify(talk, settings, link)
+        serial = link.serial = _identify(talk, settings, link)
         link.advance(LinkState.IDENTIFIED)
         scale = _scale(settings, serial, today)
         _limit(talk, settings, scale)

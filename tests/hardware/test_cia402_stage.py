@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from common.errors import DeviceError, DeviceSetupError
+from common.errors import DeviceError, DeviceSetupError, InputError
 from common.hardware import cia301, cia402
 from common.hardware.cia402 import DriveState
 from common.hardware.link import LinkState
@@ -210,7 +210,7 @@ def test_a_calibration_of_another_serial_number(tmp_path: Path) -> None:
         "repeatability_m": 1e-5,
     }
     file.write_text(yaml.safe_dump({**values, "serial": "00000001"}))
-    with rig(opened=False, calibration=file) as r, pytest.raises(DeviceError, match="serial = '00000001'"):
+    with rig(opened=False, calibration=file) as r, pytest.raises(InputError, match="serial = '00000001'"):
         r.stage.open()
     file.write_text(yaml.safe_dump(values))
     with rig(calibration=file) as r:

@@ -23,7 +23,7 @@ def calibration(folder: Path, **changes: object) -> Path:
         "serial": str(MODEL.serial),
         "date": date.today(),
         "zero": 20_000.0,
-        "native_per_m": -1e7,
+        "native_per_m": 1e7,
         "travel_m": [-0.02, 0.02],
         "repeatability_m": 1e-6,
     }
@@ -106,7 +106,7 @@ def test_a_calibration_that_does_not_fit(tmp_path: Path, changes: dict[str, Any]
 
 
 def test_a_calibration_gives_zero_scale_and_sign(tmp_path: Path) -> None:
-    rig = Rig(calibration=calibration(tmp_path), travel_m=(-0.002, 0.002))
+    rig = Rig(calibration=calibration(tmp_path), travel_m=(-0.002, 0.002), sign=-1)
 
     def script() -> Iterator[None]:
         now_ns = rig.clock.now_ns()

@@ -95,9 +95,11 @@ def homing(rig: Rig) -> ZaberHoming:
 def test_homing_and_travel_of_a_stage_that_does_not_know_where_it_is() -> None:
     rig = Rig(replace(MODEL, homed=False, start_m=0.03), sign=-1)
     with homing(rig) as found:
-        assert found.serial == "73451" and found.native_per_m == -1e7
-        assert found.home() == 0.0 and rig.x_m == pytest.approx(0.0, abs=1e-9)
-        assert found.travel() == (-50_000.0, 1_000_000.0)
+        assert found.link.serial == "73451" and found.native_per_m == 1e7
+        assert found.home() == (0.0, None) and rig.x_m == pytest.approx(0.0, abs=1e-9)
+        began_s = rig.t_s
+        assert found.travel_ends(0.05) == (-50_000.0, 1_000_000.0)
+        assert rig.t_s - began_s > (0.1 + 0.105) / 0.05
     assert rig.opened == 0 and rig.at_rest()
 
 
