@@ -63,7 +63,10 @@ def data_dir() -> Path:
 def run(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[str]], int]:
     """Runs the command line in this process as the installed script does; its exit code."""
     # what a daemon asks of the operating system would stay with this process
-    monkeypatch.setattr("common.runtime.real.prepare_process", lambda: "left alone")
+    for place in ("common.runtime.real.prepare_process", "forefeel.daemons.prepare_process"):
+        monkeypatch.setattr(place, lambda: "left alone")
+    for place in ("forefeel.daemons.prepare_thread", "forefeel.emulate.run.prepare_thread"):
+        monkeypatch.setattr(place, lambda priority: "left alone")
 
     def run(arguments: Sequence[str]) -> int:
         monkeypatch.setattr(sys, "argv", ["forefeel", *arguments])

@@ -28,7 +28,7 @@ from slave.plant.settings import WorldSettings, preset
 from slave.settings import SlaveSettings
 from slave.stages.settings import Cia402Settings, ZaberSettings
 
-_PRIORITY = 30  # below the loops of the daemons
+_PRIORITY = 60  # above the loops of the daemons: hardware of its own
 Step = Callable[[], None]
 _TRAVEL_M = [-0.004, 0.124]
 _SERIAL: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., SerialBench]]] = {
