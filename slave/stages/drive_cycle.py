@@ -7,8 +7,8 @@ from common.errors import DeviceError
 from common.hardware.cia402 import QUICK_STOP, DriveMachine, Phase
 from slave.stages.setpoint import Setpoint
 
-SILENT_PERIODS = 3
-"""So many SYNC in a row without a TPDO are a fault."""
+SILENT_PERIODS, SILENT_S = 3, 0.020
+"""So many SYNC in a row without a TPDO are a fault, but none before the readback is carried on no longer."""
 _FIRST_TPDO_S = 0.5
 _ENABLE_S = 1.0
 _BEHIND_CYCLES = 5
@@ -86,6 +86,7 @@ class DriveCycle:
         self._beat_cycles = int(3.0 * heartbeat_s / period_s) + 1
         self._no_beat = self._silent = self._behind = 0
         self._grace = round(_FIRST_TPDO_S / period_s)
+        self._most_silent = max(SILENT_PERIODS, round(SILENT_S / period_s))
         self._heard_once = False
         self._sent: deque[float] = deque(maxlen=_REMEMBERED)
         self._statusword = 0
@@ -123,7 +124,7 @@ class DriveCycle:
             self._statusword, self._heard_once = heard.statusword, True
         if emergency and self.machine.phase is not Phase.PASSIVE:
             raise DeviceError(f"drive reports emergency {emergency:04X}")
-        if self._silent > (SILENT_PERIODS if self._heard_once else self._grace):
+        if self._silent > (self._most_silent if self._heard_once else self._grace):
             raise DeviceError(f"no TPDO of the drive for {self._silent - 1} SYNC periods")
         if self._no_beat > max(self._beat_cycles, 0 if self._heard_once else self._grace):
             raise DeviceError("no heartbeat of the drive for three of its periods")
