@@ -8,7 +8,7 @@ import pytest
 from common.errors import DeviceError
 from common.hardware import cia402
 from common.hardware.cia402 import DriveState, Phase
-from slave.stages.drive_cycle import SILENT_S, DriveCycle, Readback, Tracker, Wanted
+from slave.stages.drive_cycle import DriveCycle, Readback, Tracker, Wanted
 from slave.stages.setpoint import Setpoint
 
 PERIOD_S = 0.004
@@ -68,14 +68,14 @@ def test_the_target_is_the_actual_position_until_it_follows() -> None:
     assert rig.cycle.setpoint.position_m == pytest.approx(0.037 + 0.2 * PERIOD_S)
 
 
-def test_nothing_is_heard_for_50_ms() -> None:
-    rig = Rig().follow()
-    rig.answers = False
-    patience = round(SILENT_S / PERIOD_S)
-    for _ in range(patience):
-        rig.step()
-    with pytest.raises(DeviceError, match=f"no TPDO of the drive for {patience} SYNC periods"):
-        rig.step()
+@pytest.mark.parametrize(("period_s", "periods"), [(0.02, 3), (0.01, 5), (0.004, 12), (0.002, 25)])
+def test_nothing_is_heard(period_s: float, periods: int) -> None:
+    cycle = DriveCycle(period_s, 0.5, 0.002, Setpoint(period_s, (0.0, 0.1), 0.2, 4.0))
+    cycle.step(Readback(0, WORDS[DriveState.DISABLED], 0.01, 0.0), True, None, None, 0)
+    for _ in range(periods):
+        cycle.step(None, True, None, None, 0)
+    with pytest.raises(DeviceError, match=f"no TPDO of the drive for {periods} SYNC periods"):
+        cycle.step(None, True, None, None, 0)
 
 
 def test_heartbeat_is_missed() -> None:
