@@ -64,7 +64,7 @@ class ForceAnswers:
             return self._instants[-1]._replace(stamp_ns=stamp_ns)
         after = self._instants[found]
         if found == 0:
-            return after
+            return after._replace(stamp_ns=stamp_ns)
         before = self._instants[found - 1]
         share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
         stage = StageReading(*(b + share * (a - b) for b, a in zip(before.stage, after.stage, strict=True)))

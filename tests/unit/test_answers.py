@@ -54,8 +54,8 @@ def test_readings_of_a_batch_find_their_own_ticks() -> None:
 
 
 def test_a_reading_from_before_all_that_is_remembered_belongs_to_the_oldest() -> None:
-    (sample,) = answered(0)
-    assert (sample.answers_sequence, sample.position_m) == (1, 1e-6)
+    (sample,) = answered(7)
+    assert (sample.stamp_ns, sample.answers_sequence, sample.position_m) == (7, 1, 1e-6)
 
 
 def test_a_slow_cell_gives_as_many_messages_as_readings_and_its_newest_counts_until_it_is_stale() -> None:
