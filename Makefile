@@ -33,11 +33,16 @@ check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(READY) ## start-up, memory, virtual time; the estimation beside its peers; run time of a diagnosis
+bench: $(READY) ## start-up, memory, virtual time; the estimation beside its peers; a diagnosis; the drivers
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m benchmarks.service
 	$(BIN)/python -m benchmarks.estimation
 	$(BIN)/python -m benchmarks.diagnosis
+	$(BIN)/python -m benchmarks.hardware_zaber
+	$(BIN)/python -m benchmarks.hardware_cells
+	$(BIN)/python -m benchmarks.hardware_can
+	$(BIN)/python -m benchmarks.hardware_handle
+	$(BIN)/python -m benchmarks.hardware_service
 
 hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis and PySINDy, confusion tables
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'

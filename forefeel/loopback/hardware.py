@@ -19,11 +19,10 @@ _FASTER = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Emulated:
-    """One emulator: its name, the words after `forefeel emulate`, the path that shows that it is there."""
+    """One emulator: its name, the words after `forefeel emulate`. It says a line when it is there."""
 
     name: str
     words: tuple[str, ...]
-    shows: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +74,8 @@ def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Be
         }  # fmt: skip
         slave_axis["load_cell"] = {"driver": "bota_serial", "port": str(cell), "full_scale_n": _FULL_SCALE_N}
         emulators = [
-            Emulated("cell", ("bota_serial", "--config", slave_file, *felt), cell),
-            Emulated("stage", ("zaber_ascii", "--config", slave_file, *felt), stage),
+            Emulated("cell", ("bota_serial", "--config", slave_file, *felt)),
+            Emulated("stage", ("zaber_ascii", "--config", slave_file, *felt)),
         ]
     else:
         ends = {name: ports / name for name in ("can-slave", "can-drive", "can-cell")}
@@ -97,20 +96,16 @@ def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Be
         }
         hub = ",".join(map(str, ends.values()))
         emulators = [
-            Emulated("hub", ("can_hub", "--port", hub, *common), ends["can-cell"]),
-            Emulated(
-                "cell", ("cia404", "--config", slave_file, "--port", str(ends["can-cell"]), *felt), feel
-            ),
-            Emulated(
-                "stage", ("cia402", "--config", slave_file, "--port", str(ends["can-drive"]), *felt), feel
-            ),
+            Emulated("hub", ("can_hub", "--port", hub, *common)),
+            Emulated("cell", ("cia404", "--config", slave_file, "--port", str(ends["can-cell"]), *felt)),
+            Emulated("stage", ("cia402", "--config", slave_file, "--port", str(ends["can-drive"]), *felt)),
         ]
     handle = ports / "handle"
     master_axis["handle"] = {
         "driver": "coil_serial", "port": str(handle), "counts_per_m": 1e6, "newton_per_ampere": 2.0,
         "max_current_a": 3.0, "watchdog_s": 0.1,
     }  # fmt: skip
-    emulators.append(Emulated("handle", ("coil_serial", "--config", master_file, *common), handle))
+    emulators.append(Emulated("handle", ("coil_serial", "--config", master_file, *common)))
     changed = replace(
         plan,
         slave={**plan.slave, "axes": [slave_axis]},

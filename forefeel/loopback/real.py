@@ -55,9 +55,9 @@ def run_real(plan: Plan, out: Path, progress: Progress, emulators: Sequence[Emul
         listening = TransportSettings(listen=(endpoints[1],))
         recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.tables())
         try:
-            for device, emulated in zip(devices, emulators, strict=True):
+            for device in devices:
                 device.start()
-                _await(device, emulated)
+                device.await_word()
             for child in children:
                 child.start()
             _watch(children, recorder, plan, progress)
@@ -77,17 +77,6 @@ def run_real(plan: Plan, out: Path, progress: Progress, emulators: Sequence[Emul
 def _daemon(role: str, settings: Path, duration_s: float | None) -> list[str]:
     words = ["-m", "forefeel", role, "--config", str(settings)]
     return words if duration_s is None else [*words, "--duration", f"{duration_s}"]
-
-
-def _await(device: "_Child", emulated: Emulated) -> None:
-    """Until the emulated device can be opened."""
-    end_s = time.monotonic() + _START_S
-    while not emulated.shows.exists():
-        if not device.running or time.monotonic() > end_s:
-            device.end()
-            device.check()
-            raise RunError(f"the emulated {emulated.name} did not appear (see its log)")
-        time.sleep(0.01)
 
 
 class _Child:
@@ -115,6 +104,16 @@ class _Child:
     def running(self) -> bool:
         """Whether the process lives."""
         return self._process is not None and self._process.poll() is None
+
+    def await_word(self) -> None:
+        """Until it has said a line: an emulated device can be opened then, and a start disturbs nobody."""
+        end_s = time.monotonic() + _START_S
+        while not self._log.stat().st_size:
+            if not self.running or time.monotonic() > end_s:
+                self.end()
+                self.check()
+                raise RunError(f"the emulated {self.role} did not appear (see {self._log})")
+            time.sleep(0.01)
 
     def end(self) -> None:
         """SIGTERM, and SIGKILL when it does not come to an end."""
