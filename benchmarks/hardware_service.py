@@ -1,4 +1,4 @@
-"""The whole service for a minute on simulated and on emulated devices: `python -m benchmarks.hardware_service`.
+"""The service for a minute on simulated and on emulated devices: `python -m benchmarks.hardware_service`.
 
 Emulated devices speak their real byte protocols on pseudo terminals, each in a process of its own on this
 machine, which carries seven processes then.
@@ -41,10 +41,10 @@ def main(duration_s: float = DURATION_S) -> None:
             loop, counters = report["loop"]["slave"], report["counters"]
             late = f"{loop['p50_us']:.0f} / {loop['p99_us']:.0f} / {loop['max_us']:.0f}"
             lost = counters["master_forces_dropped"] + counters["recorder_lost"]
+            age, delay = _ms(report["force_age_s"]), _ms(report["delay_s"], "p99")
             print(
                 f"{hardware:>16} {100.0 * (report['armed_share'] or 0.0):8.1f} {report['stops'] or 0:5d} "
-                f"{late:>31} {loop['missed']:6d} {_ms(report['force_age_s'])} {_ms(report['delay_s'], 'p99')} "
-                f"{lost:5d}",
+                f"{late:>31} {loop['missed']:6d} {age} {delay} {lost:5d}",
                 flush=True,
             )
 
