@@ -49,7 +49,7 @@ def main(duration_s: float = DURATION_S) -> None:
             )
 
 
-def _ms(value: Any, key: str = "median") -> str:  # noqa: ANN401 - a number, or its quantiles
+def _ms(value: Any, key: str = "p50") -> str:  # noqa: ANN401 - a number, or its quantiles
     if isinstance(value, dict):
         found = next((number for name, number in value.items() if name.startswith(key)), None)
     else:
