@@ -20,7 +20,8 @@ from tests.unit.recording_samples import force, put
 
 COMMANDS = [
     ["slave"], ["master"], ["config", "check"], ["record"], ["report"],
-    ["loopback"], ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
+    ["loopback"], ["emulate"],
+    ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
     ["devices"], ["device", "probe"], ["calibrate", "load-cell"], ["calibrate", "stage"],
 ]  # fmt: skip
 ROOT = Path(__file__).parents[2]
