@@ -252,7 +252,7 @@ def test_the_master_waits_visibly_when_the_slave_is_killed_and_works_with_a_new_
     assert master.process.poll() is None
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.soak)])
 def test_each_end_ends_in_order_the_master_first(cell: Cell, number: signal.Signals) -> None:
     slave, master = cell.pair()
     for end, who in ((slave, "slave: axis insertion: "), (master, "master: axis insertion: slave ")):
@@ -276,6 +276,7 @@ def test_a_slave_that_ends_while_armed_comes_to_rest_first(cell: Cell) -> None:
     assert master.end(signal.SIGINT) == (0, "master: handle released, closed")
 
 
+@pytest.mark.soak
 def test_a_viewer_that_sleeps_disturbs_nobody(cell: Cell) -> None:
     cell.pair()
     viewed: list[None] = []
@@ -349,7 +350,7 @@ def test_an_interrupted_loopback_ends_both_and_leaves_its_recording(
     assert run.count("insertion", FORCE) > 500
 
 
-@pytest.mark.parametrize("when", ["at once", "while it runs"])
+@pytest.mark.parametrize("when", [pytest.param("at once", marks=pytest.mark.soak), "while it runs"])
 def test_a_loopback_that_is_killed_leaves_no_orphan(loopback: Daemon, tmp_path: Path, when: str) -> None:
     if when == "while it runs":
         wait_until(lambda: running(loopback))

@@ -62,11 +62,8 @@ def live_rms_n(run: Run) -> float:
 @pytest.mark.parametrize(
     "effect",
     [
-        "presliding_hysteresis",
-        *(
-            pytest.param(name, marks=pytest.mark.soak)
-            for name in ("stiffening", "hunt_crossley_damping", "coulomb_friction")
-        ),
+        pytest.param(name, marks=pytest.mark.soak)
+        for name in ("presliding_hysteresis", "stiffening", "hunt_crossley_damping", "coulomb_friction")
     ],
 )
 def test_what_is_hidden_in_a_run_is_named_and_the_next_run_predicts_better(
