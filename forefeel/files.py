@@ -41,6 +41,16 @@ def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) 
     return folder
 
 
+def check_new_file(out: Path, suffixes: Sequence[str], expected: str, overwrite: bool) -> None:
+    """Raises ConfigurationError: another suffix than is expected, a folder, or a file that may not go."""
+    if out.suffix.lower() not in suffixes:
+        raise ConfigurationError(f"--out {out}: suffix {out.suffix!r}, expected {expected}")
+    if out.is_dir():
+        raise ConfigurationError(f"--out {out}: is a folder, expected a file")
+    if out.exists() and not overwrite:
+        raise ConfigurationError(f"--out {out}: exists, expected a new file, or --overwrite")
+
+
 @contextmanager
 def results_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> Iterator[None]:
     """As `fresh_folder`, for results that are written at the end of the body: earlier ones stay until then.
@@ -81,7 +91,14 @@ def _prove_writable(folder: Path) -> None:
 
 
 def write_whole(path: Path, text: str, what: str = "the report") -> None:
-    """Beside the file, then in its place: a reader sees the old file or the new one.
+    """See `whole`."""
+    with whole(path, what) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def whole(path: Path, what: str) -> Iterator[Path]:
+    """What the body writes beside the file comes in its place: a reader sees the old file or the new one.
 
     Raises:
         RunError: it can not be written.
@@ -89,8 +106,9 @@ def write_whole(path: Path, text: str, what: str = "the report") -> None:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8")
+        yield part
         part.replace(path)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise RunError(f"{path}: {error.strerror or error}, {what} is not written") from error
+    finally:
+        part.unlink(missing_ok=True)
