@@ -18,7 +18,7 @@ from slave.load_cells.settings import AsciiLineSettings, BotaSettings
 from slave.plant.settings import WorldSettings
 from slave.stages.settings import ZaberSettings
 
-NEWTON_NOISE = 0.002
+_NOISE_N = 0.002
 _BEHIND_M = 0.001
 
 
@@ -56,21 +56,21 @@ def zaber(settings: ZaberSettings, around: Surroundings, leave: ExitStack) -> Se
 
 def bota(settings: BotaSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
     """The six-axis cell on the stage."""
-    sensing = Sensing(
-        settings.rate_hz, full_scale_n=settings.full_scale_n, noise_n=NEWTON_NOISE, seed=around.seed
-    )
+    sensing = _sensing(settings, around)
     device = EmulatedBota(felt(around, settings.sign, leave), sensing, settings.component)
     return SerialBench(device, Path(settings.port), settings.baud)
 
 
 def ascii_line(settings: AsciiLineSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
     """A cell that prints: Loadstar's where it is asked, an HX711 sketch's where it streams counts."""
-    sensing = Sensing(
-        settings.rate_hz, full_scale_n=settings.full_scale_n, noise_n=NEWTON_NOISE, seed=around.seed
-    )
+    sensing = _sensing(settings, around)
     feel = felt(around, settings.sign, leave)
     device = EmulatedHx711(feel, sensing) if settings.unit == "counts" else EmulatedLoadstar(feel, sensing)
     return SerialBench(device, Path(settings.port), settings.baud)
+
+
+def _sensing(settings: BotaSettings | AsciiLineSettings, around: Surroundings) -> Sensing:
+    return Sensing(settings.rate_hz, full_scale_n=settings.full_scale_n, noise_n=_NOISE_N, seed=around.seed)
 
 
 def coil(settings: CoilSettings, around: Surroundings, leave: ExitStack) -> SerialBench:

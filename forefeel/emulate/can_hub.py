@@ -9,7 +9,7 @@ from pathlib import Path
 
 from common.hardware.slcan import BELL, BITRATES, OK, Frame, Lines, decoded, encoded
 from forefeel.emulate.pty import Pty
-from forefeel.emulate.wire import Faults, Wire
+from forefeel.emulate.wire import Faults, Timetable, Wire
 
 _USB_BAUD = 12_000_000
 _WAIT_S = 0.002
@@ -152,7 +152,7 @@ class CanHub:
             _Port(link, bitrate, Faults() if i else faults, f"{i} {seed}") for i, link in enumerate(links)
         ]
         self.wire = CanWire(bitrate)
-        self._at = list(faults.at)
+        self._timetable = Timetable(faults)
         self._start_s = time.monotonic()
 
     @property
@@ -184,8 +184,8 @@ class CanHub:
         for port in self._readable():
             port.to_adapter.send(port.pty.read(0.0), self._now())
         t_s = self._now()
-        while self._at and self._at[0][0] <= t_s:
-            self.provoke(self._at.pop(0)[1])
+        for fault in self._timetable.due(t_s):
+            self.provoke(fault)
         for i, port in enumerate(self._ports):
             frames, answers = port.adapter.receive(port.to_adapter.arrived(t_s))
             for frame in frames:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from common.errors import ConfigurationError
 from forefeel.emulate.device import EmulatedDevice
-from forefeel.emulate.wire import Faults, Wire
+from forefeel.emulate.wire import Faults, Timetable, Wire
 
 _PERIOD_S = 0.001
 _CHUNK = 4096
@@ -95,15 +95,15 @@ class PtyServer:
     def __init__(self, device: EmulatedDevice, pty: Pty, baud: int, faults: Faults, seed: int = 0) -> None:
         self._device, self._pty = device, pty
         self.to_device, self.to_host = (Wire(baud, faults, f"{way} {seed}") for way in ("in", "out"))
-        self._at = list(faults.at)
+        self._timetable = Timetable(faults)
         self._start_s = time.monotonic()
 
     def step(self) -> None:
         """One round: host to device, the device lives, device to host, and what is to happen now."""
         data = self._pty.read(self._wait_s())
         t_s = time.monotonic() - self._start_s
-        while self._at and self._at[0][0] <= t_s:
-            self._happen(self._at.pop(0)[1])
+        for fault in self._timetable.due(t_s):
+            self._happen(fault)
         self.to_device.send(data, t_s)
         arrived = self.to_device.arrived(t_s)
         if arrived:

@@ -16,11 +16,12 @@ from common.hardware.settings import CanSettings
 from common.runtime.realtime import prepare_thread
 from forefeel.daemon_settings import load_daemon
 from forefeel.daemons import die_with_parent
+from forefeel.devices.configured import configured
 from forefeel.emulate import benches, can_benches
 from forefeel.emulate.benches import SerialBench, Surroundings
 from forefeel.emulate.canopen_device import CanopenDevice
 from forefeel.emulate.pty import Pty, PtyServer
-from forefeel.emulate.wire import Faults
+from forefeel.emulate.wire import Faults, Timetable
 from forefeel.interrupt import interruptible
 from master.settings import CoilSettings, MasterSettings
 from slave.load_cells.settings import AsciiLineSettings, BotaSettings, Cia404Settings
@@ -116,11 +117,11 @@ def _node(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callable[
     device = build(settings, Surroundings(world, wish.feel, wish.seed), leave)
     place = f"{settings.can.interface} {settings.can.channel}"
     print(f"{wish.device} node {settings.node_id} on {place}", flush=True)
-    start_s, due = time.monotonic(), list(faults.at)
+    start_s, timetable = time.monotonic(), Timetable(faults)
 
     def step() -> None:
-        while due and time.monotonic() - start_s >= due[0][0]:
-            device.provoke(due.pop(0)[1])
+        for fault in timetable.due(time.monotonic() - start_s):
+            device.provoke(fault)
         device.step()
 
     return step, lambda: {"node": settings.node_id}
@@ -148,8 +149,8 @@ def section(wish: Wish, kind: type[BaseModel], defaults: dict[str, Any]) -> tupl
         raise ConfigurationError(
             f"--axis {wish.axis}: expected one of {', '.join(names)}, the axes of {wish.config}"
         )
-    slots = [getattr(axis, slot, None) for slot in ("stage", "load_cell", "handle")]
-    found = next((slot for slot in slots if isinstance(slot, kind)), None)
+    devices = [device.settings for device in configured(daemon) if device.axis == axis.name]
+    found = next((settings for settings in devices if isinstance(settings, kind)), None)
     if found is None:
         raise ConfigurationError(
             f"{wish.config}: axis {axis.name} has no driver {wish.device!r}; expected one"

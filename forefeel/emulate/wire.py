@@ -51,6 +51,20 @@ class Faults:
         return cls(**rates, at=tuple(sorted(at)))
 
 
+class Timetable:
+    """What of `Faults.at` is still to happen."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._at = deque(faults.at)
+
+    def due(self, t_s: float) -> list[str]:
+        """What is to happen by then, once, in order."""
+        found: list[str] = []
+        while self._at and self._at[0][0] <= t_s:
+            found.append(self._at.popleft()[1])
+        return found
+
+
 def _is_share(text: str) -> bool:
     try:
         return 0.0 <= float(text) <= 1.0
