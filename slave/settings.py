@@ -7,8 +7,9 @@ from pydantic import Field, model_validator
 from common.config import Settings
 from common.settings import AxisLimits, DaemonSettings, Segment, require_distinct
 from common.topics import COMMAND
+from slave.load_cells.port import VALID_SHARE
 from slave.load_cells.settings import LoadCellDriver, SimulatedLoadCellDriver
-from slave.plant.settings import VALID_SHARE, WorldSettings, world_settings
+from slave.plant.settings import WorldSettings, world_settings
 from slave.stages.settings import SimulatedStageDriver, StageDriver
 
 

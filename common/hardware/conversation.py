@@ -56,6 +56,7 @@ class Conversation:
             DeviceError: the first handshake failed, with its reason, or takes too long; the thread has ended.
             InputError: what the settings name (a calibration) does not fit the device.
         """
+        self.link.begin()
         self._thread = threading.Thread(target=self._run, name=self.link.name, daemon=True)
         self._thread.start()
         self._settled.wait(timeout_s)

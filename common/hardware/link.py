@@ -85,6 +85,11 @@ class Link:
             self._inhibited = self._inhibited or reason
             self._state = LinkState.CLOSED
 
+    def begin(self) -> None:
+        """Opening a device is an explicit act: what was before it, a fault too, is over."""
+        with self._lock:
+            self._inhibited, self._state = None, LinkState.CLOSED
+
     def close(self) -> None:
         """An orderly end."""
         with self._lock:

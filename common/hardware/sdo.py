@@ -1,13 +1,14 @@
 """Objects of a CANopen device over SDO, one thread for each device; every failure is one line."""
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 import can
 import canopen
 
 from common.errors import DeviceError, DeviceSetupError
-from common.hardware.can_network import SharedNetwork
+from common.hardware.can_network import SharedNetwork, acquire, release
 from common.hardware.cia301 import (
     DEVICE_TYPE,
     ENTER_PREOPERATIONAL,
@@ -19,8 +20,32 @@ from common.hardware.cia301 import (
     Entry,
     profile,
 )
+from common.hardware.link import Link, LinkState
+from common.hardware.settings import CanSettings
 
 _TRIES = 3
+
+
+@contextmanager
+def talking_to(
+    settings: CanSettings, node: int, link: Link
+) -> Iterator[tuple[SharedNetwork, "RemoteDevice"]]:
+    """The bus and a device on it, for the length of a conversation: the link is OPEN."""
+    shared = acquire(settings)
+    try:
+        link.advance(LinkState.OPEN)
+        device = RemoteDevice(shared, node)
+        try:
+            yield shared, device
+        finally:
+            device.forget()
+    finally:
+        release(shared)
+
+
+def can_link(slot: str, driver: str, settings: CanSettings, node: int) -> Link:
+    """A link that is named after its node and bus."""
+    return Link(f"{slot} {driver} node {node} on {settings.interface} {settings.channel}")
 
 
 class RemoteDevice:
@@ -38,6 +63,13 @@ class RemoteDevice:
     def forget(self) -> None:
         """Leaves the network."""
         del self._shared.network[self.node]
+
+    def introduce(self, expected: int, link: Link) -> None:
+        """Identifies the device, see `identify`, to its link: identity, serial number, IDENTIFIED."""
+        who = self.identify(expected)
+        link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
+        link.serial = f"{who['serial']:08X}"
+        link.advance(LinkState.IDENTIFIED)
 
     def order(self, command: int) -> None:
         """An NMT command to this node."""

@@ -8,20 +8,19 @@ from common.clock import Clock, MonotonicClock
 from common.errors import DeviceError, DeviceSetupError
 from common.hardware import cia404
 from common.hardware.calibration import LoadCellCalibration, load_cell_calibration
-from common.hardware.can_network import HOST_NODE, SharedNetwork, acquire, release
+from common.hardware.can_network import HOST_NODE, SharedNetwork
 from common.hardware.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
 from common.hardware.conversation import Conversation, Timed
-from common.hardware.link import Link, LinkState
+from common.hardware.link import LinkState
 from common.hardware.pacing import Pacer
-from common.hardware.sdo import RemoteDevice
+from common.hardware.sdo import RemoteDevice, can_link, talking_to
 from common.slots import BoundedQueue
-from slave.load_cells.port import LoadCellReading
+from slave.load_cells.port import VALID_SHARE, LoadCellReading
 from slave.load_cells.settings import Cia404Settings
 
 _OPEN_S = 5.0
 _RANK = 0
 _SILENT_PERIODS, _SILENT_S = 10, 0.05
-_VALID_SHARE = 0.95
 _MICRO = 1e6
 _MOST_MICRO = 2**62
 
@@ -39,8 +38,7 @@ class Cia404LoadCell:
     def __init__(self, settings: Cia404Settings, clock: Clock | None = None) -> None:
         self._settings = settings
         self._clock = clock or MonotonicClock()
-        where = f"{settings.can.interface} {settings.can.channel}"
-        self.link = Link(f"load cell cia404 node {settings.node_id} on {where}")
+        self.link = can_link("load cell", settings.driver, settings.can, settings.node_id)
         self.stale_s = max(0.02, 5.0 / settings.rate_hz)
         self._readings: BoundedQueue[Timed[cia404.Measured]] = BoundedQueue(1024)
         self._pdo = cia404.reading_pdo(settings.node_id)
@@ -92,30 +90,22 @@ class Cia404LoadCell:
             force_n = native * self._newton_per_unit
         force_n *= self._settings.sign
         raw = round(max(-_MOST_MICRO, min(_MOST_MICRO, native * _MICRO)))
-        valid = timed.value.valid and abs(force_n) <= _VALID_SHARE * self._settings.full_scale_n
+        valid = timed.value.valid and abs(force_n) <= VALID_SHARE * self._settings.full_scale_n
         return LoadCellReading(force_n, raw, valid, timed.host_ns)
 
     # --- the conversation ---
 
     def _converse(self, conversation: Conversation) -> None:
-        shared = acquire(self._settings.can)
-        try:
-            self.link.advance(LinkState.OPEN)
-            device = RemoteDevice(shared, self._settings.node_id)
+        settings = self._settings
+        with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
             try:
                 self._set_up(device)
                 self._exchange(conversation, shared, device)
             finally:
-                device.forget()
                 shared.leave_sync(self)
-        finally:
-            release(shared)
 
     def _set_up(self, device: RemoteDevice) -> None:
-        who = device.identify(cia404.PROFILE)
-        self.link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
-        self.link.advance(LinkState.IDENTIFIED)
-        self.link.serial = f"{who['serial']:08X}"
+        device.introduce(cia404.PROFILE, self.link)
         self._scale(device, self.link.serial)
         for number in (2, 3, 4):
             device.offer(*pdo_off(True, number, self._settings.node_id))

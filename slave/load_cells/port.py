@@ -5,6 +5,9 @@ from typing import NamedTuple, Protocol
 
 from common.hardware.link import Link
 
+VALID_SHARE = 0.95
+"""Share of full scale up to which a reading is to be believed: beyond it the cell saturates soon."""
+
 
 class LoadCellReading(NamedTuple):
     """Force in N, the raw counts it comes from, whether to believe it (in range, no device error), and when

@@ -4,11 +4,9 @@ from collections import Counter
 from typing import NamedTuple
 
 from common.hardware.calibration import LoadCellCalibration
-from slave.load_cells.port import LoadCellReading
+from slave.load_cells.port import VALID_SHARE, LoadCellReading
 from slave.load_cells.stuck import StuckWatch
 
-VALID_SHARE = 0.95
-"""Beyond this share of its full scale a cell saturates."""
 _MICRO = 1_000_000
 _MAX_COUNTS = (1 << 63) - 1
 

@@ -5,8 +5,8 @@ from math import pi
 from random import Random
 
 from common.effects.first_order import FirstOrderLag
-from slave.load_cells.port import LoadCellReading
-from slave.plant.settings import VALID_SHARE, LoadCellSettings
+from slave.load_cells.port import VALID_SHARE, LoadCellReading
+from slave.plant.settings import LoadCellSettings
 
 _PERIOD_S = 1e-3
 

@@ -10,11 +10,10 @@ from common.config import Settings, checked, deep_merge
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError
 from common.model_file import load_model
+from slave.load_cells.port import VALID_SHARE
 from slave.plant.presets import PRESETS
 
 PresetName = Literal["catheter", "guidewire"]
-VALID_SHARE = 0.95
-"""Share of full scale up to which a reading is to be believed."""
 Position = Annotated[float, Field(ge=-1.0, le=1.0)]
 
 

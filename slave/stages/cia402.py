@@ -1,25 +1,23 @@
 """A CiA 402 drive in cyclic synchronous position mode behind the stage port."""
 
-from math import isfinite
-
 from common.clock import Clock, MonotonicClock
 from common.errors import DeviceError
 from common.hardware import cia402
-from common.hardware.can_network import HOST_NODE, SharedNetwork, acquire, release
+from common.hardware.can_network import HOST_NODE, SharedNetwork
 from common.hardware.cia301 import EMERGENCY, HEARTBEAT, OPERATIONAL, SYNC, emergency
 from common.hardware.cia402 import DriveState, Phase, drive_state
 from common.hardware.conversation import Conversation
-from common.hardware.link import Link, LinkState
+from common.hardware.link import LinkState
 from common.hardware.pacing import Pacer
-from common.hardware.sdo import RemoteDevice
-from slave.stages.cia402_setup import Scale, checked, command_pdo, configure, scale_of, state_pdo
-from slave.stages.drive_cycle import DriveCycle, Readback, Tracker, Wanted
-from slave.stages.port import StageReading
-from slave.stages.setpoint import Setpoint
+from common.hardware.sdo import RemoteDevice, can_link, talking_to
+from slave.stages.cia402_setup import checked, command_pdo, configure, scale_of, state_pdo
+from slave.stages.drive_cycle import DriveCycle, Readback, Tracker
+from slave.stages.port import StageReading, require_finite
+from slave.stages.scale import Scale
+from slave.stages.setpoint import Setpoint, Wanted
 from slave.stages.settings import Cia402Settings
 
 _OPEN_S = 8.0
-_CARRY_S = 0.020
 _DECELERATION_M_S2 = 4.0
 _STAND_CYCLES = 3
 _RANK = 1  # a drive's SYNC goes before a load cell's
@@ -35,8 +33,7 @@ class Cia402Stage:
     def __init__(self, settings: Cia402Settings, clock: Clock | None = None) -> None:
         self._settings = settings
         self._clock = clock or MonotonicClock()
-        where = f"{settings.can.interface} {settings.can.channel}"
-        self.link = Link(f"stage cia402 node {settings.node_id} on {where}")
+        self.link = can_link("stage", settings.driver, settings.can, settings.node_id)
         self._conversation: Conversation | None = None
         self._wanted: Wanted | None = None
         self._rearm = False
@@ -74,8 +71,7 @@ class Cia402Stage:
 
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
         """See the port."""
-        if not (isfinite(position_m) and isfinite(velocity_m_s)):
-            raise DeviceError(f"setpoint = ({position_m} m, {velocity_m_s} m/s): expected finite numbers")
+        require_finite(position_m, velocity_m_s)
         self.link.require_ready()
         applied_m = self._limits.within_travel(position_m)
         self._wanted = Wanted(applied_m, velocity_m_s, now_ns)
@@ -93,28 +89,17 @@ class Cia402Stage:
         found = self._readback
         if found is None:
             raise DeviceError(f"{self.link.name}: no position yet")
-        age_s = min(_CARRY_S, max(0.0, (now_ns - found.host_ns) * 1e-9))
-        return StageReading(found.position_m + found.velocity_m_s * age_s, found.velocity_m_s)
+        return StageReading(found.position_m, found.velocity_m_s).carried_on(found.host_ns, now_ns)
 
     # --- the conversation ---
 
     def _converse(self, conversation: Conversation) -> None:
-        shared = acquire(self._settings.can)
-        try:
-            self.link.advance(LinkState.OPEN)
-            device = RemoteDevice(shared, self._settings.node_id)
-            try:
-                self._talk(conversation, shared, device)
-            finally:
-                device.forget()
-        finally:
-            release(shared)
+        settings = self._settings
+        with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
+            self._talk(conversation, shared, device)
 
     def _talk(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:
-        who = device.identify(cia402.PROFILE)
-        self.link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
-        self.link.advance(LinkState.IDENTIFIED)
-        self.link.serial = f"{who['serial']:08X}"
+        device.introduce(cia402.PROFILE, self.link)
         scale = scale_of(self._settings, self.link.serial)
         actual_m = configure(device, self._settings, scale, conversation.pause)
         self.link.advance(LinkState.CONFIGURED)
@@ -266,7 +251,7 @@ class _Exchange:
             raise DeviceError("the drive is in a fault; expected none at the start: clear it at the drive")
 
     def _send(self, word: int, now_ns: int) -> None:
-        target = self._scale.counts(self._cycle.setpoint.position_m)
+        target = self._scale.native(self._cycle.setpoint.position_m)
         self._shared.send(self._pdo.can_id, self._pdo.pack(word, target))
         if self._shared.sends_sync(self._stage, _RANK):
             self._shared.send(SYNC, b"")

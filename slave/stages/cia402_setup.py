@@ -1,7 +1,6 @@
 """The handshake of a CiA 402 drive: who it is, and everything that its safety depends on written by us."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import date
 
 from common.errors import DeviceError, DeviceSetupError
@@ -20,26 +19,11 @@ from common.hardware.cia301 import (
     pdo_off,
 )
 from common.hardware.sdo import RemoteDevice
+from slave.stages.scale import Scale
 from slave.stages.settings import Cia402Settings
 
 _FOLLOWING_PERIODS = 5
 _SWITCH_OFF = [(transmit, number) for transmit in (False, True) for number in (2, 3, 4)]
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Counts of the drive and metres."""
-
-    counts_per_m: float
-    zero: float
-
-    def metres(self, counts: float) -> float:
-        """A position."""
-        return (counts - self.zero) / self.counts_per_m
-
-    def counts(self, metres: float) -> int:
-        """A position, rounded."""
-        return round(metres * self.counts_per_m + self.zero)
 
 
 def command_pdo(node: int) -> Pdo:
@@ -59,9 +43,9 @@ def scale_of(settings: Cia402Settings, serial: str) -> Scale:
         ConfigurationError: the calibration is of another device, or out of date.
     """
     if settings.calibration is None:
-        return Scale(settings.sign * settings.counts_per_m, 0.0)
+        return Scale(0.0, settings.sign * settings.counts_per_m)
     found = stage_calibration(settings.calibration, serial, date.today())
-    return Scale(settings.sign * found.native_per_m, found.zero)
+    return Scale(found.zero, settings.sign * found.native_per_m)
 
 
 def checked(settings: Cia402Settings) -> None:
@@ -119,10 +103,10 @@ def _timing(device: RemoteDevice, settings: Cia402Settings) -> None:
 def _protection(device: RemoteDevice, settings: Cia402Settings, scale: Scale) -> None:
     device.write(cia402.ABORT_OPTION, cia402.ABORT_QUICK_STOP)
     device.write(cia402.QUICK_STOP_OPTION, cia402.STAY_IN_QUICK_STOP)
-    low, high = sorted(scale.counts(end_m) for end_m in settings.travel_m)
+    low, high = scale.ends(settings.travel_m)
     device.write(cia402.SOFT_LIMIT_LOW, low)
     device.write(cia402.SOFT_LIMIT_HIGH, high)
-    device.write(cia402.FOLLOWING_WINDOW, round(settings.following_error_m * abs(scale.counts_per_m)))
+    device.write(cia402.FOLLOWING_WINDOW, round(settings.following_error_m * abs(scale.per_m)))
     device.write(cia402.FOLLOWING_TIMEOUT_MS, round(1e3 * _FOLLOWING_PERIODS / settings.sync_hz))
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from common.errors import DeviceError
 from common.hardware.cia402 import QUICK_STOP, DriveMachine, Phase
-from slave.stages.setpoint import Setpoint
+from slave.stages.setpoint import Setpoint, Wanted
 
 SILENT_PERIODS, SILENT_S = 3, 0.05
 """So many SYNC in a row without a TPDO, and for so long, are a fault: a host pauses for more than 12 ms."""
@@ -24,14 +24,6 @@ class Readback(NamedTuple):
     statusword: int
     position_m: float
     velocity_m_s: float
-
-
-class Wanted(NamedTuple):
-    """The newest command: position, velocity, and when it was given."""
-
-    position_m: float
-    velocity_m_s: float
-    stamp_ns: int
 
 
 class Tracker:

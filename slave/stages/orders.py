@@ -1,15 +1,8 @@
 """What the control loop wants of a drive that another thread talks to."""
 
 from threading import Lock
-from typing import NamedTuple
 
-
-class Setpoint(NamedTuple):
-    """Where the stage is to be at a stamp of the host's clock, and how fast it is to move there."""
-
-    position_m: float
-    velocity_m_s: float
-    stamp_ns: int
+from slave.stages.setpoint import Wanted
 
 
 class Orders:
@@ -21,11 +14,11 @@ class Orders:
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._setpoint: Setpoint | None = None
+        self._setpoint: Wanted | None = None
         self._stop_due = self._new = False
         self.superseded = 0
 
-    def command(self, setpoint: Setpoint) -> None:
+    def command(self, setpoint: Wanted) -> None:
         """The newest setpoint."""
         with self._lock:
             self.superseded += self._new
@@ -37,7 +30,7 @@ class Orders:
             self._stop_due = self._stop_due or self._setpoint is not None
             self._setpoint, self._new = None, False
 
-    def now(self) -> tuple[bool, Setpoint | None]:
+    def now(self) -> tuple[bool, Wanted | None]:
         """(whether a stop is due, the newest setpoint; None: hold)."""
         with self._lock:
             self._new = False

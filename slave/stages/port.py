@@ -1,9 +1,13 @@
 """The stage port: what the control loop needs of a drive."""
 
+from math import isfinite
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
+from common.errors import DeviceError
 from common.hardware.link import Link
+
+_CARRIED_S = 0.020
 
 
 class StageReading(NamedTuple):
@@ -11,6 +15,17 @@ class StageReading(NamedTuple):
 
     position_m: float
     velocity_m_s: float
+
+    def carried_on(self, stamp_ns: int, now_ns: int) -> "StageReading":
+        """As of now, when it was read at `stamp_ns`: by its velocity, for at most 20 ms."""
+        age_s = min(max(now_ns - stamp_ns, 0) * 1e-9, _CARRIED_S)
+        return StageReading(self.position_m + self.velocity_m_s * age_s, self.velocity_m_s)
+
+
+def require_finite(position_m: float, velocity_m_s: float) -> None:
+    """Raises DeviceError for a setpoint that is no number."""
+    if not (isfinite(position_m) and isfinite(velocity_m_s)):
+        raise DeviceError(f"setpoint = ({position_m} m, {velocity_m_s} m/s): expected finite numbers")
 
 
 class Stage(Protocol):

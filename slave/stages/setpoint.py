@@ -1,4 +1,14 @@
-"""The setpoint that a drive without a ramp of its own is sent, cycle by cycle. Pure."""
+"""What is wanted of a drive; the setpoint that one without a ramp of its own is sent each cycle. Pure."""
+
+from typing import NamedTuple
+
+
+class Wanted(NamedTuple):
+    """Where the stage is to be at a stamp of the host's clock, and how fast it is to move there."""
+
+    position_m: float
+    velocity_m_s: float
+    stamp_ns: int
 
 
 class Setpoint:

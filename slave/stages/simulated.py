@@ -1,10 +1,7 @@
 """The stage of a simulated world."""
 
-from math import isfinite
-
-from common.errors import DeviceError
 from slave.plant.device import SimulatedDevice
-from slave.stages.port import StageReading
+from slave.stages.port import StageReading, require_finite
 
 
 class SimulatedStage(SimulatedDevice):
@@ -12,8 +9,7 @@ class SimulatedStage(SimulatedDevice):
 
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
         """Sets the setpoint; a number that is not finite is refused with `DeviceError`."""
-        if not (isfinite(position_m) and isfinite(velocity_m_s)):
-            raise DeviceError(f"setpoint = ({position_m} m, {velocity_m_s} m/s): expected finite numbers")
+        require_finite(position_m, velocity_m_s)
         return self._world_at(now_ns).set_target(position_m, velocity_m_s, now_ns)
 
     def hold(self, now_ns: int) -> None:

@@ -6,21 +6,20 @@ by itself.
 """
 
 from datetime import date
-from math import isfinite
 
 from common.clock import Clock, MonotonicClock
 from common.errors import DeviceError
 from common.hardware.conversation import Conversation
 from common.hardware.link import Link, LinkState
 from common.hardware.streams import SerialStream
-from slave.stages.orders import Orders, Setpoint
-from slave.stages.port import StageReading
+from slave.stages.orders import Orders
+from slave.stages.port import StageReading, require_finite
+from slave.stages.setpoint import Wanted
 from slave.stages.settings import ZaberSettings
 from slave.stages.zaber_exchange import ZaberExchange
 from slave.stages.zaber_setup import OpenStream, connect, link_name, require_homed, require_travel
 
 _OPEN_S = 8.0
-_CARRIED_S = 0.020
 _WATCH_S = 0.05
 
 
@@ -50,8 +49,6 @@ class ZaberStage:
             DeviceSetupError: no such port, no such device, or it is not homed; the stage was not moved.
         """
         self.close()
-        counters, self.link = self.link.counters, Link(self.link.name)
-        self.link.counters = counters
         self._conversation = Conversation(self.link, self._converse)
         self._conversation.start(_OPEN_S)
 
@@ -69,10 +66,9 @@ class ZaberStage:
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
         """See `Stage`; a number that is not finite is refused with `DeviceError`."""
         self.link.require_ready()
-        if not (isfinite(position_m) and isfinite(velocity_m_s)):
-            raise DeviceError(f"setpoint = ({position_m} m, {velocity_m_s} m/s): expected finite numbers")
+        require_finite(position_m, velocity_m_s)
         applied_m = self._within_travel(position_m)
-        self._orders.command(Setpoint(applied_m, velocity_m_s, now_ns))
+        self._orders.command(Wanted(applied_m, velocity_m_s, now_ns))
         return applied_m
 
     def hold(self, now_ns: int) -> None:
@@ -86,9 +82,8 @@ class ZaberStage:
         self.link.require_ready()
         if self._exchange is None:
             raise DeviceError(f"{self.link.name}: used while closed, expected open() before")
-        stamp_ns, _, (position_m, velocity_m_s) = self._exchange.reading
-        age_s = min(max(now_ns - stamp_ns, 0) * 1e-9, _CARRIED_S)
-        return StageReading(position_m + velocity_m_s * age_s, velocity_m_s)
+        stamp_ns, _, reading = self._exchange.reading
+        return reading.carried_on(stamp_ns, now_ns)
 
     def _within_travel(self, position_m: float) -> float:
         low_m, high_m = self.settings.travel_m

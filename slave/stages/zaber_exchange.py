@@ -7,8 +7,9 @@ from common.errors import DeviceError
 from common.hardware.conversation import Timed
 from common.hardware.link import Link
 from common.hardware.zaber import Reply, in_words, is_fault
-from slave.stages.orders import Orders, Setpoint
+from slave.stages.orders import Orders
 from slave.stages.port import StageReading
+from slave.stages.setpoint import Wanted
 from slave.stages.settings import ZaberSettings
 from slave.stages.zaber_setup import Configured, clear_faults, require_homed
 
@@ -96,11 +97,11 @@ class ZaberExchange:
                 return
         raise DeviceError(f"{self._link.name}: still busy {_REST_NS * 1e-9:g} s after a stop")
 
-    def _move(self, setpoint: Setpoint, now_ns: int) -> str:
+    def _move(self, setpoint: Wanted, now_ns: int) -> str:
         self._link.require_ready()
         return f"move abs {self.target(setpoint, now_ns)}"
 
-    def target(self, setpoint: Setpoint, now_ns: int) -> int:
+    def target(self, setpoint: Wanted, now_ns: int) -> int:
         """Where the stage is sent, in microsteps: never further than `lead_s` ahead of the setpoint nor of
         where the stage is, and within travel and limits.
 

@@ -11,31 +11,12 @@ from common.hardware.link import Link, LinkState
 from common.hardware.settings import SerialSettings
 from common.hardware.streams import ByteStream
 from common.hardware.zaber import ACCELERATION_DATA, DRIVER_OFF, SPEED_DATA, UNHOMED, in_words, is_fault
-from slave.stages.settings import Travel, ZaberSettings
+from slave.stages.scale import Scale
+from slave.stages.settings import ZaberSettings
 from slave.stages.zaber_talk import RejectedError, SilenceError, ZaberTalk
 
 OpenStream = Callable[[SerialSettings], ByteStream]
 _ROUNDING = 1.0  # microsteps
-
-
-class Scale(NamedTuple):
-    """Positions: `native = zero + per_m * x`, in microsteps."""
-
-    zero: float
-    per_m: float
-
-    def native(self, x_m: float) -> int:
-        """The nearest microstep."""
-        return round(self.zero + self.per_m * x_m)
-
-    def metres(self, native: float) -> float:
-        """The position in m."""
-        return (native - self.zero) / self.per_m
-
-    def ends(self, travel_m: Travel) -> tuple[int, int]:
-        """A travel in microsteps, the smaller first."""
-        low, high = sorted(self.native(end_m) for end_m in travel_m)
-        return low, high
 
 
 class Configured(NamedTuple):

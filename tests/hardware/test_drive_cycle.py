@@ -8,8 +8,8 @@ import pytest
 from common.errors import DeviceError
 from common.hardware import cia402
 from common.hardware.cia402 import DriveState, Phase
-from slave.stages.drive_cycle import DriveCycle, Readback, Tracker, Wanted
-from slave.stages.setpoint import Setpoint
+from slave.stages.drive_cycle import DriveCycle, Readback, Tracker
+from slave.stages.setpoint import Setpoint, Wanted
 
 PERIOD_S = 0.004
 PERIOD_NS = 4_000_000
