@@ -57,33 +57,47 @@ class StageCalibration(Settings):
     repeatability_m: NonNegativeFloat | None
 
 
-def load_cell_calibration(path: Path, serial: str, today: date) -> LoadCellCalibration:
-    """The calibration in a file, of the device with that serial number.
+def load_cell_calibration(path: Path, driver: str, serial: str, today: date) -> LoadCellCalibration:
+    """The calibration in a file, of the device of that driver with that serial number.
 
     Raises:
         ConfigurationError: unreadable, out of date, or of another device; what to do.
     """
     found = load_settings(LoadCellCalibration, path)
-    _check(path, found, serial, today, "forefeel calibrate load-cell")
+    _check(path, found, driver, serial, today, "forefeel calibrate load-cell")
     return found
 
 
-def stage_calibration(path: Path, serial: str, today: date) -> StageCalibration:
-    """As `load_cell_calibration`, of a stage."""
+def stage_calibration(
+    path: Path, driver: str, serial: str, today: date, travel_m: tuple[float, float]
+) -> StageCalibration:
+    """As `load_cell_calibration`, of a stage; its travel must hold `travel_m`."""
     found = load_settings(StageCalibration, path)
-    _check(path, found, serial, today, "forefeel calibrate stage")
+    _check(path, found, driver, serial, today, "forefeel calibrate stage")
+    (low, high), (lowest, highest) = travel_m, found.travel_m
+    if low < lowest or high > highest:
+        raise ConfigurationError(
+            f"{path}: travel_m = [{lowest:g}, {highest:g}]: expected it to cover "
+            f"stage.travel_m = [{low:g}, {high:g}]"
+        )
     return found
 
 
 def _check(
-    path: Path, found: LoadCellCalibration | StageCalibration, serial: str, today: date, again: str
+    path: Path,
+    found: LoadCellCalibration | StageCalibration,
+    driver: str,
+    serial: str,
+    today: date,
+    again: str,
 ) -> None:
     age_days = (today - found.date).days
-    if found.serial != serial:
-        raise ConfigurationError(
-            f"{path}: serial = {found.serial!r}: expected {serial!r}, the device that answers; "
-            f"`{again}` makes a new one"
-        )
+    for name, value, expected in (("driver", found.driver, driver), ("serial", found.serial, serial)):
+        if value != expected:
+            raise ConfigurationError(
+                f"{path}: {name} = {value!r}: expected {expected!r}, the device that answers; "
+                f"`{again}` makes a new one"
+            )
     if age_days > found.valid_days:
         raise ConfigurationError(
             f"{path}: date = {found.date}: out of date by {age_days - found.valid_days} days; "

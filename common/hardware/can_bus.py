@@ -112,7 +112,9 @@ def open_bus(settings: CanSettings) -> can.BusABC:
         raise
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
         why = " ".join(str(error).split())[:120] or type(error).__name__
-        raise DeviceSetupError(f"{where}: can not be opened ({why}); expected a CAN bus") from error
+        raise DeviceSetupError(
+            f"{where}: can not be opened ({why}); expected a CAN bus that is up, see `forefeel devices`"
+        ) from error
 
 
 def _options(settings: CanSettings) -> dict[str, Any]:

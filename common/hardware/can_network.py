@@ -9,6 +9,7 @@ import canopen
 
 from common.errors import DeviceError, DeviceSetupError
 from common.hardware.can_bus import SlcanBus, open_bus
+from common.hardware.link import Link
 from common.hardware.settings import CanSettings
 
 HOST_NODE = 127
@@ -36,6 +37,7 @@ class SharedNetwork:
         self.failed: str | None = None
         self.counters: Counter[str] = Counter()
         self.users = 1
+        self._told: dict[Link, dict[str, int]] = {}
         self._bus = open_bus(settings)
         self.network = canopen.Network(self._bus)
         self._sync: tuple[object, int] | None = None
@@ -89,6 +91,14 @@ class SharedNetwork:
         parser = self._bus.parser.counts if isinstance(self._bus, SlcanBus) else Counter[str]()
         kept = {key: count for key, count in parser.items() if key != "frames" and count}
         return {**kept, **self.counters}
+
+    def tell(self, link: Link) -> None:
+        """Adds what has been counted, since this link was told last, to its counters, as `bus_...`."""
+        counts, told = self.counts(), self._told.get(link, {})
+        if counts != told:
+            for name, count in counts.items():
+                link.counters[f"bus_{name}"] += count - told.get(name, 0)
+            self._told[link] = counts
 
     def close(self) -> None:
         """Ends the thread and the bus."""

@@ -11,6 +11,9 @@ PROFILE = 402
 CSP = 8
 """Mode of operation: cyclic synchronous position."""
 CSP_SUPPORTED = 1 << (CSP - 1)
+HOMING = 6
+"""Mode of operation: homing."""
+HOMING_SUPPORTED = 1 << (HOMING - 1)
 
 ABORT_OPTION = Entry(0x6007, 0, "h")
 ERROR_CODE = Entry(0x603F, 0, "H")
@@ -22,9 +25,13 @@ POSITION_ACTUAL = Entry(0x6064, 0, "i")
 FOLLOWING_WINDOW, FOLLOWING_TIMEOUT_MS = Entry(0x6065, 0, "I"), Entry(0x6066, 0, "H")
 VELOCITY_ACTUAL = Entry(0x606C, 0, "i")
 TARGET_POSITION = Entry(0x607A, 0, "i")
+HOME_OFFSET = Entry(0x607C, 0, "i")
 SOFT_LIMIT_LOW, SOFT_LIMIT_HIGH = Entry(0x607D, 1, "i"), Entry(0x607D, 2, "i")
 QUICK_STOP_DECELERATION = Entry(0x6085, 0, "I")
 PERIOD_VALUE, PERIOD_EXPONENT = Entry(0x60C2, 1, "B"), Entry(0x60C2, 2, "b")
+HOMING_METHOD = Entry(0x6098, 0, "b")
+HOMING_SEARCH_SPEED, HOMING_ZERO_SPEED = Entry(0x6099, 1, "I"), Entry(0x6099, 2, "I")
+HOMING_ACCELERATION = Entry(0x609A, 0, "I")
 FOLLOWING_ERROR = Entry(0x60F4, 0, "i")
 SUPPORTED_MODES = Entry(0x6502, 0, "I")
 
@@ -36,6 +43,16 @@ STAY_IN_QUICK_STOP = 6
 DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x00, 0x02, 0x06, 0x07, 0x0F
 FAULT_RESET = 0x80
 LIMIT_ACTIVE, FOLLOWING_BIT = 1 << 11, 1 << 13
+
+NEGATIVE_SWITCH, POSITIVE_SWITCH = 17, 18
+"""6098: onto that limit switch, then off it; its edge is the reference."""
+HERE = frozenset({35, 37})
+"""6098: where it stands is the reference; nothing moves."""
+HALT = 1 << 8
+HOMING_START = 1 << 4
+"""Controlword in the mode of homing: the rising edge begins, it ends when the bit falls."""
+TARGET_REACHED, HOMING_ATTAINED, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
+"""Statusword in the mode of homing; none of them: under way; the first alone: interrupted, or not begun."""
 
 
 class DriveState(Enum):

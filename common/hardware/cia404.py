@@ -1,4 +1,17 @@
-"""Force transducers after CiA 404: objects, units, and the TPDO that carries force and status. Pure."""
+"""Force transducers after CiA 404: objects, units, and the TPDO that carries force and status. Pure.
+
+What is certain, and from where (the profile itself was not at hand):
+
+- Indices and types of 6110, 6112, 6125, 6131, 6132, the word `zero`, and the order of the bytes in 6131
+  (prefix in the highest, numerator, denominator, 0): SDO bytes in the manual of Baumer's DSRT strain sensor.
+- Newton is 21 hex, metre 01, and a prefix is the power of ten in two's complement: CiA DR-303-2, tables 4.1
+  and 4.3.
+- 6150 is UNSIGNED8; bit 0 not valid, bit 1 positive, bit 2 negative overload, an overload sets bit 0 as well
+  (03, 05), all other bits are reserved: manuals of esd's CAN-CBX-Pt100 and CAN-CBX-THERMO. FMS' EMGZ480
+  has the same bits in an INTEGER16 that no PDO carries: such a device refuses the mapping, and is refused.
+
+So nothing but 0 is a valid status: a bit that is not in the table is a flaw of its own.
+"""
 
 from math import isfinite
 from typing import NamedTuple
@@ -19,6 +32,7 @@ ZERO = int.from_bytes(b"zero", "little")
 
 NOT_VALID, OVER, UNDER = 1, 2, 4
 """Bits of 6150."""
+_FLAWS = {NOT_VALID: "not_valid", OVER: "overrange", UNDER: "underrange"}
 
 _NEWTON = 0x21  # CiA 303-2
 _PREFIX, _NUMERATOR, _DENOMINATOR = 24, 16, 8
@@ -55,7 +69,17 @@ class Measured(NamedTuple):
     @property
     def valid(self) -> bool:
         """Whether the device believes it, and it is a number."""
-        return self.status == 0 and isfinite(self.value)
+        return not self.flaws
+
+    @property
+    def flaws(self) -> tuple[str, ...]:
+        """Why it is not to be believed: `not_valid`, `overrange`, `underrange`, `unknown_status`,
+        `not_a_number`.
+        """
+        found = [name for bit, name in _FLAWS.items() if self.status & bit]
+        if self.status & ~(NOT_VALID | OVER | UNDER):
+            found.append("unknown_status")
+        return (*found, *(() if isfinite(self.value) else ("not_a_number",)))
 
 
 def measured(pdo: Pdo, data: bytes | bytearray) -> Measured | None:

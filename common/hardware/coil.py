@@ -55,6 +55,7 @@ class Button(IntFlag):
 
     DEADMAN = 1
     GRIPPER = 2
+    ESTOP = 4
 
 
 class Flag(IntFlag):

@@ -10,9 +10,12 @@ from typing import Generic, NamedTuple, TypeVar
 
 from common.errors import DeviceError, InputError
 from common.hardware.link import Link, LinkState
+from common.runtime.realtime import go_before
 
 T = TypeVar("T")
 RETRY_S = 0.5
+_STEPS = 10
+"""Short and paced, so ahead of what computes in this process and in others, and behind the 1 kHz loop."""
 
 
 class Timed(NamedTuple, Generic[T]):
@@ -80,6 +83,7 @@ class Conversation:
         self.link.close()
 
     def _run(self) -> None:
+        go_before(_STEPS)
         while not self.stopping:
             try:
                 self._converse(self)

@@ -30,7 +30,7 @@ class DeviceTime:
         self._wire_ns = round(wire_s * 1e9)
         self._last_us: int | None = None
         self._device_us = 0
-        self._arrived_ns = self._window_ns = 0
+        self._window_ns = 0
         self._least: list[int] = []  # of the window before, and of this one
         self._stamp_ns: int | None = None
 
@@ -49,16 +49,24 @@ class DeviceTime:
 
     def _unwrapped(self, t_us: int, now_ns: int) -> int:
         if self._last_us is None:
-            self._last_us, self._arrived_ns, self._window_ns = t_us, now_ns, now_ns
-            self._device_us = t_us
+            self._last_us, self._window_ns, self._device_us = t_us, now_ns, t_us
             return t_us
         step_us = (t_us - self._last_us) % _WRAP_US
-        if step_us > (now_ns - self._arrived_ns) // 1000 + _SLACK_US:
+        if self._ahead_us(step_us, now_ns) > _SLACK_US:
             raise DeviceError(f"the device's clock jumped from {self._last_us} to {t_us} us: it was reset")
         self.counters["missing"] += max(0, round(step_us * 1e-6 / self.period_s) - 1)
-        self._last_us, self._arrived_ns = t_us, now_ns
+        self._last_us = t_us
         self._device_us += step_us
         return self._device_us
+
+    def _ahead_us(self, step_us: int, now_ns: int) -> int:
+        """By how much a reading would come before it can have been made, by the way of all before it.
+
+        Not by the way of the last one: a host that stood still finds what had come before that, late, and
+        right behind it what comes now.
+        """
+        made_ns = (self._device_us + step_us) * 1000 + min(self._least) if self._least else 0
+        return (made_ns - now_ns) // 1000
 
     def _learn(self, difference_ns: int, now_ns: int) -> None:
         if not self._least:

@@ -34,11 +34,12 @@ def talking_to(
     shared = acquire(settings)
     try:
         link.advance(LinkState.OPEN)
-        device = RemoteDevice(shared, node)
+        device = RemoteDevice(shared, node, link)
         try:
             yield shared, device
         finally:
             device.forget()
+            shared.tell(link)
     finally:
         release(shared)
 
@@ -51,10 +52,10 @@ def can_link(slot: str, driver: str, settings: CanSettings, node: int) -> Link:
 class RemoteDevice:
     """The node of a device on a shared network, from here to `forget`."""
 
-    def __init__(self, shared: SharedNetwork, node: int) -> None:
+    def __init__(self, shared: SharedNetwork, node: int, link: Link) -> None:
         self.name = f"node {node} on {shared.name}"
         self.node = node
-        self._shared = shared
+        self._shared, self._link = shared, link
         if node in shared.network.nodes:
             raise DeviceSetupError(f"{self.name}: expected one driver for each node, it has another already")
         self._remote = canopen.RemoteNode(node, canopen.ObjectDictionary())
@@ -64,12 +65,12 @@ class RemoteDevice:
         """Leaves the network."""
         del self._shared.network[self.node]
 
-    def introduce(self, expected: int, link: Link) -> None:
-        """Identifies the device, see `identify`, to its link: identity, serial number, IDENTIFIED."""
+    def introduce(self, expected: int) -> None:
+        """Identifies the device, see `identify`, to the link: identity, serial number, IDENTIFIED."""
         who = self.identify(expected)
-        link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
-        link.serial = f"{who['serial']:08X}"
-        link.advance(LinkState.IDENTIFIED)
+        self._link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
+        self._link.serial = f"{who['serial']:08X}"
+        self._link.advance(LinkState.IDENTIFIED)
 
     def order(self, command: int) -> None:
         """An NMT command to this node."""
@@ -139,12 +140,16 @@ class RemoteDevice:
     def _try(self, what: str, entry: Entry, data: bytes | None) -> bytes:
         for left in reversed(range(_TRIES)):
             self._shared.check()
+            self._shared.tell(self._link)  # a handshake over a bad wire takes its time, too
             try:
                 if data is None:
                     return bytes(self._remote.sdo.upload(entry.index, entry.sub))
                 self._remote.sdo.download(entry.index, entry.sub, data)
             except canopen.SdoAbortedError as error:
-                raise _RefusedError(f"{self.name}: {what} {entry} is refused ({error})") from error
+                raise _RefusedError(
+                    f"{self.name}: {what} {entry} is refused ({error}); expected a device that has it: "
+                    "check node_id and driver"
+                ) from error
             except canopen.SdoCommunicationError as error:
                 if not left:
                     raise _SilentError(f"{self.name}: no answer to {what} {entry}") from error
@@ -159,5 +164,5 @@ class _SilentError(DeviceError):
     """No answer over SDO."""
 
 
-class _RefusedError(DeviceError):
-    """An abort."""
+class _RefusedError(DeviceSetupError):
+    """An abort: an object that the device has not, or not so."""

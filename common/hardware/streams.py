@@ -19,6 +19,7 @@ from common.hardware.settings import SerialSettings
 _BROKEN = (serial.SerialException, OSError, termios.error, TypeError, ValueError)
 """The last two: closed while it reads."""
 _CHUNK = 4096
+_WRITE_S = 0.5
 _USUAL_LATENCY_MS = 1
 
 
@@ -52,9 +53,7 @@ class SerialStream:
     def __init__(self, settings: SerialSettings, timeout_s: float = 0.02) -> None:
         self.name, self._timeout_s = settings.port, timeout_s
         try:
-            self._serial = serial.Serial(
-                settings.port, settings.baud, timeout=timeout_s, write_timeout=0.5, exclusive=True
-            )
+            self._serial = serial.Serial(settings.port, settings.baud, timeout=timeout_s, exclusive=True)
         except (serial.SerialException, OSError, termios.error, ValueError) as error:
             raise DeviceSetupError(_why_not(settings, error)) from error
 
@@ -73,8 +72,12 @@ class SerialStream:
 
     def write(self, data: bytes) -> None:
         """See `ByteStream`."""
-        try:
-            self._serial.write(data)
+        try:  # past pyserial's write, which fails after all is written when the process was frozen meanwhile
+            number = self._serial.fileno()
+            while data:
+                if not select.select([], [number], [], _WRITE_S)[1]:
+                    raise DeviceError(f"{self.name}: takes no bytes for {_WRITE_S:g} s")
+                data = data[os.write(number, data) :]
         except _BROKEN as error:
             raise DeviceError(f"{self.name}: gone while writing ({_short(error)})") from error
 
@@ -118,7 +121,7 @@ def _why_not(settings: SerialSettings, error: BaseException) -> str:
     if not Path(port).exists():
         return f"{port}: no such port; expected one that `forefeel devices` lists"
     if "exclusively lock" in text or "Resource temporarily unavailable" in text or "busy" in text.lower():
-        return f"{port}: busy, another process holds it; expected it free"
+        return f"{port}: busy, another process holds it; expected it free: `fuser -v {port}` names who"
     if isinstance(error, PermissionError) or "Permission denied" in text:
         return f"{port}: not permitted; expected membership of the port's group (often dialout)"
     return f"{port}: can not be opened at {settings.baud} baud ({_short(error)}); expected a serial port"

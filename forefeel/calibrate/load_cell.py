@@ -23,6 +23,7 @@ from common.hardware.calibrating import (
     walk_of,
 )
 from common.hardware.calibration import LoadCellCalibration
+from common.hardware.link import Link
 from forefeel.calibrate.person import Person
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.devices.configured import Configured, device_of
@@ -72,7 +73,7 @@ def run_load_cell(wish: Wish, clock: SleepingClock | None = None, today: date | 
         try:
             cell.open_native()
             serial = require_serial(cell.link.serial, device)
-            person.say(f"{device.name}: {cell.link.identity or device.driver.name}, serial {serial}")
+            person.say(introduced(device, cell.link))
             steps = _Walk(wish, cell, person, clock or MonotonicClock()).run(forces)
         except KeyboardInterrupt:
             raise RunError("calibration interrupted; nothing was written") from None
@@ -91,10 +92,18 @@ def require_serial(serial: str, device: Configured) -> str:
         DeviceSetupError: the device has none.
     """
     if not serial:
+        slot, settable = device.driver.slot, hasattr(device.settings, "serial")
         raise DeviceSetupError(
             f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to"
+            + (f": write {slot}.serial, the number on its label" if settable else "")
         )
     return serial
+
+
+def introduced(device: Configured, link: Link) -> str:
+    """Who has answered, in a line."""
+    who = link.identity or device.driver.name
+    return f"{device.name}: {who}" + ("" if link.serial in who else f", serial {link.serial}")
 
 
 def _checked(wish: Wish) -> list[float]:

@@ -9,13 +9,18 @@ from common.clock import Clock, MonotonicClock
 from common.errors import ConfigurationError, RunError
 from common.hardware.calibrating import Travel, require_travel, travel_of
 from common.hardware.calibration import StageCalibration
-from forefeel.calibrate.load_cell import require_serial
+from common.hardware.cia402 import HERE
+from common.runtime.realtime import prepare_thread
+from forefeel.calibrate.load_cell import introduced, require_serial
 from forefeel.calibrate.person import Person
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.devices.configured import Configured, device_of
 from forefeel.interrupt import interruptible
+from forefeel.local.exclusive import no_slave_beside
 from slave.stages.port import Homing
 from slave.stages.settings import Cia402Settings, ZaberSettings
+
+_PRIORITY = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +42,8 @@ def run_stage(wish: Wish, clock: Clock | None = None, today: date | None = None)
 
     Raises:
         InputError: the wish, the configuration or the device is not as expected; nothing moved.
-        RunError: refused for what was found, or interrupted (the stage is stopped); nothing was written.
+        RunError: an emergency stop is latched, it was refused for what was found, or interrupted (the stage
+            is stopped); nothing was written.
         DeviceError: the stage failed.
     """
     _check(wish)
@@ -49,12 +55,13 @@ def run_stage(wish: Wish, clock: Clock | None = None, today: date | None = None)
             f"{settings.max_velocity_m_s:g}"
         )
     person = Person(wish.yes)
-    with interruptible():
+    with interruptible(), no_slave_beside(wish.config):
         try:
             with device.driver.make_homing(settings, clock or MonotonicClock()) as stage:
                 serial = require_serial(stage.link.serial, device)
-                person.say(f"{device.name}: {stage.link.identity or device.driver.name}, serial {serial}")
+                person.say(introduced(device, stage.link))
                 person.agree(_intent(wish, settings))
+                prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
                 zero, travel = _moved(stage, settings, wish, person.say)
         except KeyboardInterrupt:
             raise RunError("calibration interrupted; the stage was stopped, nothing was written") from None
@@ -76,9 +83,19 @@ def _check(wish: Wish) -> None:
 def _intent(wish: Wish, settings: ZaberSettings | Cia402Settings) -> str:
     length_m = settings.travel_m[1] - settings.travel_m[0]
     return (
-        f"The stage will home twice and go its whole travel, {1e3 * length_m:.4g} mm by its settings, at "
-        f"{1e3 * wish.velocity_m_s:.3g} mm/s: take out the instrument, clear the way, keep the stop at hand"
+        f"The stage will home twice{_in_words(settings)} and go its whole travel, {1e3 * length_m:.4g} mm by "
+        f"its settings, at {1e3 * wish.velocity_m_s:.3g} mm/s: take out the instrument, clear the way, keep "
+        "the stop at hand"
     )
+
+
+def _in_words(settings: ZaberSettings | Cia402Settings) -> str:
+    if not isinstance(settings, Cia402Settings):
+        return ""
+    homing, home_mm = settings.homing, 1e3 * settings.homing.home_m
+    if homing.method in HERE:
+        return f" (nothing moves for it: where it stands is taken for x = {home_mm:g} mm)"
+    return f" (method {homing.method}, at {1e3 * homing.search_velocity_m_s:g} mm/s)"
 
 
 def _moved(

@@ -80,7 +80,13 @@ DRIVERS: tuple[Driver, ...] = (
         "Zaber stage, ASCII protocol, serial",
         "slave.stages.zaber_homing:ZaberHoming",
     ),
-    Driver("stage", Cia402Settings, "slave.stages.cia402:Cia402Stage", "CiA 402 drive, CANopen"),
+    Driver(
+        "stage",
+        Cia402Settings,
+        "slave.stages.cia402:Cia402Stage",
+        "CiA 402 drive, CANopen",
+        "slave.stages.cia402_homing:Cia402Homing",
+    ),
     Driver("load_cell", SimulatedLoadCellDriver, None, "the load cell of the simulated world"),
     Driver("load_cell", RecordedLoadCellDriver, None, "the force of a recording"),
     Driver(

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from forefeel.emulate.bota import EmulatedBota
 from forefeel.emulate.coil import CoilDevice, CoilHardware
 from forefeel.emulate.device import EmulatedDevice
 from forefeel.emulate.line_cell import EmulatedHx711, EmulatedLoadstar
+from forefeel.emulate.orders import Load
 from forefeel.emulate.sensing import Sensing
 from forefeel.emulate.wall import ForceReceiver, ForceSender, Wall
 from forefeel.emulate.zaber import ZaberDevice
@@ -24,11 +25,14 @@ _BEHIND_M = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What an emulated device is put into. `feel`: the socket between stage and load cell; None: alone."""
+    """What an emulated device is put into. `feel`: the socket between stage and load cell; None: alone.
+    `load`: what hangs on the cell besides.
+    """
 
     world: WorldSettings
     feel: Path | None
     seed: int
+    load: Load = field(default_factory=Load)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +104,8 @@ def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float,
 
 def felt(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float], float]:
     """The force in N on an emulated load cell at a time."""
+    load = around.load
     if around.feel is None:
-        return lambda _t_s: 0.0
+        return lambda _t_s: sign * load.force_n
     receiver = leave.enter_context(closing(ForceReceiver(around.feel)))
-    return lambda t_s: sign * receiver.newest_n(t_s)
+    return lambda t_s: sign * (receiver.newest_n(t_s) + load.force_n)

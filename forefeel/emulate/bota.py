@@ -1,10 +1,10 @@
 """An emulated Bota six-axis cell: frames at its own rate, from the moment it has power. Pure."""
 
 from collections.abc import Callable
-from math import floor
+from math import floor, nan
 
 from common.hardware.bota import OVERRANGE, BotaFrame, encode
-from forefeel.emulate.sensing import Sensing, Sensor
+from forefeel.emulate.sensing import FAULTS, Sensing, Sensor
 
 RATE_HZ = 800.0
 _US = 1_000_000
@@ -16,6 +16,8 @@ class EmulatedBota:
 
     Its clock is `drift_ppm` fast and begins at `start_us`; `status` is set in every frame.
     """
+
+    faults = (*FAULTS, "nan")
 
     def __init__(
         self,
@@ -33,6 +35,7 @@ class EmulatedBota:
         self._others = Sensor(quiet, lambda _: 0.0)
         self._field = f"{component}_n"
         self._start_us, self._pace = start_us, 1.0 + drift_ppm * 1e-6
+        self._broken = False
         self.sent = 0
         self._resting = BotaFrame(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 25.0)
 
@@ -52,15 +55,17 @@ class EmulatedBota:
         return (number + 1) / self.sensing.rate_hz
 
     def provoke(self, fault: str) -> None:
-        """See `EmulatedDevice`: `stuck`, `overrange`."""
-        self._sensor.provoke(fault)
+        """See `EmulatedDevice`: `stuck`, `overrange`; `nan`: forces that are no numbers; `free` ends it."""
+        self._broken = fault == "nan"
+        if not self._broken:
+            self._sensor.provoke(fault)
 
     def reset(self) -> None:
         """Its clock begins anew, as after a loss of power."""
         self._start_us = -floor(self.made_s(self.sent) * self._pace * _US)
 
     def _frame(self, t_s: float) -> BotaFrame:
-        force_n = self._sensor.measure(t_s)
+        force_n = nan if self._broken else self._sensor.measure(t_s)
         status = self.status | (OVERRANGE if self._sensor.saturated else 0)
         others = {name: self._others.measure(t_s) for name in BotaFrame._fields[1:7]}
         others[self._field] = force_n

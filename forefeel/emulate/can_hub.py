@@ -144,6 +144,8 @@ class CanHub:
         wire: the bus.
     """
 
+    faults = "unplug", "plug"
+
     def __init__(
         self, links: Sequence[Path], bitrate: int = 1_000_000, faults: Faults | None = None, seed: int = 0
     ) -> None:

@@ -110,7 +110,12 @@ class CanopenDevice:
         node: its identifier.
         contents: its object dictionary.
         now_s: a clock; the system's by default.
+
+    Attributes:
+        faults: what `provoke` takes.
     """
+
+    faults: tuple[str, ...] = ("unplug", "plug")
 
     def __init__(
         self, bus: can.BusABC, node: int, contents: Contents, now_s: Callable[[], float] = time.monotonic

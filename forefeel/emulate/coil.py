@@ -94,6 +94,8 @@ class CoilDevice:
         current_a: in the coil now.
     """
 
+    faults = "stuck", "overrange", "drive_fault"
+
     def __init__(
         self, hardware: CoilHardware | None = None, person: Handle | None = None, seed: int = 0
     ) -> None:

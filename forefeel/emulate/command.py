@@ -37,7 +37,12 @@ def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of noise, operator and faults.")] = 0,
     duration: Annotated[float | None, typer.Option(min=0.0, metavar="S", help="End after it.")] = None,
 ) -> None:
-    """Emulate a device at the level of its bytes, on a pseudo terminal or a CAN bus, until Ctrl-C."""
+    """Emulate a device at the level of its bytes, on a pseudo terminal or a CAN bus, until Ctrl-C.
+
+    While it runs it obeys lines on stdin, from a terminal or a script: `load 1.5` hangs 1.5 N on a load cell
+    (positive: resists insertion), `unplug`, `plug`, `stuck`, `overrange`, `drive_fault`, ... begin a fault,
+    `free` ends one. A wrong line is answered on stderr with what that device takes. Stdin need not be open.
+    """
     from forefeel.emulate.run import Wish, run_emulator  # noqa: PLC0415 - other commands start without it
 
     run_emulator(Wish(device, port, config, axis, feel, faults, seed), duration)

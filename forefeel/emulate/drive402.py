@@ -1,17 +1,20 @@
-"""A CiA 402 drive in cyclic synchronous position mode on any python-can bus."""
+"""A CiA 402 drive in the modes of cyclic synchronous position and homing on any python-can bus."""
 
 import time
 from collections.abc import Callable
 
 import can
+import canopen
 
 from common.hardware import cia301, cia402
 from common.hardware.cia301 import Entry
 from forefeel.emulate.canopen_device import CanopenDevice, pdo_contents, unpacked
+from forefeel.emulate.drive402_homing import METHODS
 from forefeel.emulate.drive402_model import HEARTBEAT_LOST, OVERCURRENT, DriveModel, Moved
 from slave.plant.settings import StageSettings
 
 SERIAL = 0x0402_0001
+_INVALID = 0x0609_0030  # value of a parameter
 _SHOWN = {
     cia402.STATUSWORD.index: "statusword",
     cia402.POSITION_ACTUAL.index: "position",
@@ -20,7 +23,9 @@ _SHOWN = {
     cia402.ERROR_CODE.index: "error_code",
     cia402.FOLLOWING_ERROR.index: "following_error",
 }
-_SIGNED = frozenset({(0x6007, 0), (0x605A, 0), (0x607D, 1), (0x607D, 2), (0x60C2, 2)})
+_SIGNED = frozenset(
+    {(0x6007, 0), (0x607C, 0), (0x6098, 0), (0x605A, 0), (0x607D, 1), (0x607D, 2), (0x60C2, 2)}
+)
 
 
 def contents(node: int) -> dict[Entry, float]:
@@ -51,14 +56,20 @@ def contents(node: int) -> dict[Entry, float]:
         cia402.VELOCITY_ACTUAL: 0,
         cia402.TARGET_POSITION: 0,
         Entry(0x607D, 0, "B"): 2,
+        cia402.HOME_OFFSET: 0,
         cia402.SOFT_LIMIT_LOW: -(2**31),
         cia402.SOFT_LIMIT_HIGH: 2**31 - 1,
         cia402.QUICK_STOP_DECELERATION: 0,
         Entry(0x60C2, 0, "B"): 2,
         cia402.PERIOD_VALUE: 4,
         cia402.PERIOD_EXPONENT: -3,
+        cia402.HOMING_METHOD: 0,
+        Entry(0x6099, 0, "B"): 2,
+        cia402.HOMING_SEARCH_SPEED: 0,
+        cia402.HOMING_ZERO_SPEED: 0,
+        cia402.HOMING_ACCELERATION: 0,
         cia402.FOLLOWING_ERROR: 0,
-        cia402.SUPPORTED_MODES: cia402.CSP_SUPPORTED,
+        cia402.SUPPORTED_MODES: cia402.CSP_SUPPORTED | cia402.HOMING_SUPPORTED,
     }
 
 
@@ -78,6 +89,8 @@ class Drive402(CanopenDevice):
         model: the drive behind the bus.
     """
 
+    faults = "unplug", "plug", "drive_fault", "stuck", "no_switch", "free"
+
     def __init__(
         self,
         bus: can.BusABC,
@@ -89,16 +102,21 @@ class Drive402(CanopenDevice):
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.model = DriveModel(settings, counts_per_m, rate_hz, moved)
+        self._counts_per_m = counts_per_m
         self._listens_to, self._silence_s = 0, 0.0
         self._last_beat_s: float | None = None
         super().__init__(bus, node, contents(node), now_s)
 
     def provoke(self, fault: str) -> None:
-        """`drive_fault`: overcurrent, for a reset to clear; `stuck` and `free`; `unplug` and `plug`."""
+        """`drive_fault`: overcurrent, for a reset to clear; `stuck` or `no_switch` (no limit switch answers)
+        until `free`; `unplug` and `plug`.
+        """
         if fault == "drive_fault":
             self.model.fail(OVERCURRENT)
         elif fault in ("stuck", "free"):
-            self.model.stuck = fault == "stuck"
+            self.model.stuck, self.model.homing.no_switch = fault == "stuck", False
+        elif fault == "no_switch":
+            self.model.homing.no_switch = True
         else:
             super().provoke(fault)
 
@@ -169,3 +187,21 @@ class Drive402(CanopenDevice):
                 model.period_s = number * 10.0 ** self.value(cia402.PERIOD_EXPONENT)
             case (0x60C2, 2):
                 model.period_s = self.value(cia402.PERIOD_VALUE) * 10.0**number
+            case _:
+                self._homed_by(at, number)
+
+    def _homed_by(self, at: tuple[int, int], number: int) -> None:
+        homing, metres = self.model.homing, number / self._counts_per_m
+        match at:
+            case (0x607C, 0):
+                self.model.home_offset = number
+            case (0x6098, 0) if number not in METHODS:
+                raise canopen.SdoAbortedError(_INVALID)
+            case (0x6098, 0):
+                homing.method = number
+            case (0x6099, 1):
+                homing.search_m_s = metres
+            case (0x6099, 2):
+                homing.zero_m_s = metres
+            case (0x609A, 0):
+                homing.acceleration_m_s2 = metres

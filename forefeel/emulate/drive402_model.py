@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from common.hardware import cia402
 from common.hardware.cia402 import PATTERNS, DriveState
+from forefeel.emulate.drive402_homing import DriveHoming
 from slave.plant.settings import StageSettings
 from slave.plant.stage import PlantStage
 
@@ -21,11 +22,14 @@ class DriveModel:
 
     Args:
         settings: the mechanics: travel, limits, bandwidth, where it starts.
-        counts_per_m: of its encoder; zero at x = 0.
+        counts_per_m: of its encoder; zero at x = 0, until it is homed.
         rate_hz: of its servo.
         moved: the hook of every step.
 
     Attributes:
+        homing: what the mode of homing does.
+        origin_m: where its count is 0.
+        home_offset: its count at the reference, once it is homed.
         state, velocity_m_s, position_m: what it is about.
         alarms: emergency codes that have not been sent yet.
     """
@@ -50,6 +54,8 @@ class DriveModel:
         self._from_m = self._to_m = settings.start_m
         self._synced_s = self._t_s = self._behind_s = 0.0
         self._broken = False
+        self.homing = DriveHoming((settings.travel_lower_m, settings.travel_upper_m), self._dt_s)
+        self.origin_m, self.home_offset = 0.0, 0
         self.carriage = (settings.start_m, 0.0, 0.0)
 
     # --- what it shows ---
@@ -67,7 +73,7 @@ class DriveModel:
     @property
     def position(self) -> int:
         """In counts."""
-        return round(self._servo.position_m * self._counts_per_m)
+        return round((self._servo.position_m - self.origin_m) * self._counts_per_m)
 
     @property
     def velocity(self) -> int:
@@ -91,7 +97,9 @@ class DriveModel:
             word |= _FOLLOWS
         if self._limited:
             word |= cia402.LIMIT_ACTIVE
-        if self._behind_s > 0.0:
+        if self.mode == cia402.HOMING:
+            word |= self.homing.status(at_rest=abs(self.velocity_m_s) <= _AT_REST_M_S)
+        elif self._behind_s > 0.0:
             word |= cia402.FOLLOWING_BIT
         return word
 
@@ -99,14 +107,28 @@ class DriveModel:
 
     def control(self, word: int) -> None:
         """A controlword."""
-        rising = word & ~self._control & cia402.FAULT_RESET
+        rising = word & ~self._control
         self._control = word
         if self.state is DriveState.FAULT:
-            if rising and not self._broken:
+            if rising & cia402.FAULT_RESET and not self._broken:
                 self.state, self.error_code = DriveState.DISABLED, 0
             return
         if self.state is not DriveState.FAULT_REACTION:
             self._switch(word)
+        if self.mode == cia402.HOMING:
+            self._home(bool(rising & cia402.HOMING_START), word)
+
+    def _home(self, start: bool, word: int) -> None:
+        enabled = self.state is DriveState.ENABLED
+        if not enabled or not word & cia402.HOMING_START or word & cia402.HALT:
+            self.homing.interrupt()
+        elif start:
+            self._found(self.homing.start(self._servo.position_m))
+
+    def _found(self, reference_m: float | None) -> None:
+        """The reference, when it has just been found: the count begins anew."""
+        if reference_m is not None:
+            self.origin_m = reference_m - self.home_offset / self._counts_per_m
 
     def target(self, counts: int) -> None:
         """A target position, for the next SYNC."""
@@ -119,7 +141,7 @@ class DriveModel:
             low, high = self.soft_limits
             kept = max(low, min(high, self._target))
             self._limited = kept != self._target
-            self._to_m = kept / self._counts_per_m
+            self._to_m = self.origin_m + kept / self._counts_per_m
         self._synced_s = t_s
 
     def lose_host(self) -> None:
@@ -174,12 +196,15 @@ class DriveModel:
     def _start(self) -> None:
         """Follows at once whatever the target says: a drive in this mode has no ramp."""
         self.state = DriveState.ENABLED
-        if self._target is None:
+        if self._target is None or self.mode == cia402.HOMING:
             self._from_m = self._to_m = self._servo.position_m
+            self.homing.hold(self._servo.position_m)
         else:
-            self._from_m = self._to_m = self._target / self._counts_per_m
+            self._from_m = self._to_m = self.origin_m + self._target / self._counts_per_m
 
     def _reference_m(self, t_s: float) -> tuple[float, float]:
+        if self.mode == cia402.HOMING:
+            return self.homing.reference_m, self.homing.velocity_m_s
         share = (t_s - self._synced_s) / self.period_s
         if share >= 1.0:
             return self._to_m, 0.0
@@ -188,11 +213,15 @@ class DriveModel:
 
     def _step(self, t_s: float) -> None:
         if self.state is DriveState.ENABLED:
+            if self.mode == cia402.HOMING:
+                self._found(self.homing.step(self._servo.position_m, self.velocity_m_s))
+                self._from_m = self._to_m = self.homing.reference_m
             reference_m, feed_m_s = self._reference_m(t_s)
             self._servo.command(reference_m, feed_m_s, t_s)
             self._watch(reference_m)
         else:
             self._servo.hold()
+            self.homing.interrupt()
             self._behind_s = 0.0
         if self.stuck:
             self._servo.velocity_m_s = 0.0

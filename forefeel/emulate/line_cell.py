@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, encode_line
-from forefeel.emulate.sensing import Sensing, Sensor
+from forefeel.emulate.sensing import FAULTS, Sensing, Sensor
 
 LOADSTAR_RATE_HZ, HX711_RATE_HZ = 150.0, 80.0
 _LONGEST_COMMAND = 64
@@ -14,6 +14,8 @@ class EmulatedLoadstar:
     them; `SS1` and `SLC` for its number and its capacity in pounds; `CT0` tares. A carriage return ends every
     command, and alone a stream; it is answered with `A`.
     """
+
+    faults = FAULTS
 
     def __init__(
         self, feel: Callable[[float], float], sensing: Sensing | None = None, number: str = "001"
@@ -42,7 +44,7 @@ class EmulatedLoadstar:
         return out
 
     def provoke(self, fault: str) -> None:
-        """See `EmulatedDevice`: `stuck`, `overrange`."""
+        """See `EmulatedDevice`: `stuck`, `overrange`; `free` ends both."""
         self._sensor.provoke(fault)
 
     def _convert(self, t_s: float) -> None:
@@ -75,6 +77,8 @@ class EmulatedLoadstar:
 class EmulatedHx711:
     """See `EmulatedDevice`. Prints counts by itself, with a label before each; they have 24 bit."""
 
+    faults = FAULTS
+
     def __init__(
         self,
         feel: Callable[[float], float],
@@ -101,7 +105,7 @@ class EmulatedHx711:
         return found
 
     def provoke(self, fault: str) -> None:
-        """See `EmulatedDevice`: `stuck`, `overrange`."""
+        """See `EmulatedDevice`: `stuck`, `overrange`; `free` ends both."""
         self._sensor.provoke(fault)
 
     def _counts(self, force_n: float) -> int:

@@ -6,11 +6,13 @@ import select
 import tempfile
 import time
 import tty
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from common.errors import ConfigurationError
 from forefeel.emulate.device import EmulatedDevice
+from forefeel.emulate.line_speed import host_baud, misheard, set_baud
 from forefeel.emulate.wire import Faults, Timetable, Wire
 
 _PERIOD_S = 0.001
@@ -28,7 +30,14 @@ class Pty:
         self.link = link
         self._master = self._slave = -1
         self.lost = 0
+        self._baud: int | None = None
         self.plug()
+
+    def speak_at(self, baud: int) -> None:
+        """The device has that rate; a host at another mishears it, and is misheard."""
+        self._baud = baud
+        if self._slave >= 0:
+            set_baud(self._slave, baud)
 
     def plug(self) -> None:
         """A new terminal behind the same link."""
@@ -39,6 +48,8 @@ class Pty:
         self._master, self._slave = os.openpty()  # our own slave end stays open: no EIO without a host
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
+        if self._baud is not None:
+            set_baud(self._slave, self._baud)
         fresh = Path(tempfile.mktemp(dir=self.link.parent, prefix=f".{self.link.name}."))
         fresh.symlink_to(os.ttyname(self._slave))
         fresh.replace(self.link)
@@ -64,7 +75,7 @@ class Pty:
         if not select.select([self._master], [], [], timeout_s)[0]:
             return b""
         try:
-            return os.read(self._master, _CHUNK)
+            return self._heard(os.read(self._master, _CHUNK), to_host=False)
         except OSError as error:
             if error.errno in (errno.EIO, errno.EAGAIN):
                 return b""
@@ -72,12 +83,21 @@ class Pty:
 
     def write(self, data: bytes) -> None:
         """To the host; what it does not read is lost once the terminal is full, and counted."""
+        if data and self._master >= 0:
+            data = self._heard(data, to_host=True)
         while data and self._master >= 0:
             try:
                 data = data[os.write(self._master, data) :]
             except BlockingIOError:
                 self.lost += len(data)
                 return
+
+    def _heard(self, data: bytes, to_host: bool) -> bytes:
+        """What the other end makes of it."""
+        device, host = self._baud, host_baud(self._slave) if self._baud else None
+        if not device or not host:
+            return data
+        return misheard(data, device, host) if to_host else misheard(data, host, device)
 
     def __enter__(self) -> "Pty":
         return self
@@ -94,6 +114,7 @@ class PtyServer:
 
     def __init__(self, device: EmulatedDevice, pty: Pty, baud: int, faults: Faults, seed: int = 0) -> None:
         self._device, self._pty = device, pty
+        pty.speak_at(baud)
         self.to_device, self.to_host = (Wire(baud, faults, f"{way} {seed}") for way in ("in", "out"))
         self._timetable = Timetable(faults)
         self._start_s = time.monotonic()
@@ -103,7 +124,7 @@ class PtyServer:
         data = self._pty.read(self._wait_s())
         t_s = time.monotonic() - self._start_s
         for fault in self._timetable.due(t_s):
-            self._happen(fault)
+            self.provoke(fault)
         self.to_device.send(data, t_s)
         arrived = self.to_device.arrived(t_s)
         if arrived:
@@ -117,7 +138,17 @@ class PtyServer:
         due_s = [wire.next_s - t_s for wire in (self.to_device, self.to_host) if wire.next_s is not None]
         return max(0.0, min([_PERIOD_S, *due_s]))
 
-    def _happen(self, fault: str) -> None:
+    @property
+    def faults(self) -> Sequence[str]:
+        """What `provoke` takes."""
+        return ("unplug", "plug", *self._device.faults)
+
+    def provoke(self, fault: str) -> None:
+        """Begins a fault of the cable (`unplug`, `plug`) or of the device now.
+
+        Raises:
+            ConfigurationError: there is no such fault.
+        """
         if fault == "unplug":
             self._pty.unplug()
         elif fault == "plug":

@@ -2,27 +2,29 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 from pydantic import BaseModel
 
 from common.config import checked
 from common.errors import ConfigurationError
 from common.hardware.settings import CanSettings
-from common.runtime.realtime import prepare_thread
+from common.runtime.realtime import prepare_process, prepare_thread
 from forefeel.daemon_settings import load_daemon
-from forefeel.daemons import die_with_parent
 from forefeel.devices.configured import configured
 from forefeel.emulate import benches, can_benches
 from forefeel.emulate.benches import SerialBench, Surroundings
+from forefeel.emulate.can_hub import CanHub
 from forefeel.emulate.canopen_device import CanopenDevice
+from forefeel.emulate.orders import Load, Orders, OrdersFromStdin
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults, Timetable
 from forefeel.interrupt import interruptible
+from forefeel.parent import die_with_parent
 from master.settings import CoilSettings, MasterSettings
 from slave.load_cells.settings import AsciiLineSettings, BotaSettings, Cia404Settings
 from slave.plant.settings import WorldSettings, preset
@@ -30,7 +32,6 @@ from slave.settings import SlaveSettings
 from slave.stages.settings import Cia402Settings, ZaberSettings
 
 _PRIORITY = 60  # above the loops of the daemons: hardware of its own
-Step = Callable[[], None]
 _TRAVEL_M = [-0.004, 0.124]
 _SERIAL: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., SerialBench]]] = {
     "zaber_ascii": (ZaberSettings, {"microstep_m": 1e-7, "travel_m": _TRAVEL_M}, benches.zaber),
@@ -47,6 +48,7 @@ _NODES: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., CanopenDe
     "cia404": (Cia404Settings, {"node_id": 2, "full_scale_n": 10.0}, can_benches.transducer),
 }  # fmt: skip
 CAN = *_NODES, "can_hub"
+_LOAD_CELLS = "bota_serial", "ascii_line", "cia404"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,22 +77,52 @@ def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
     faults = Faults.parse(wish.faults)
     with ExitStack() as leave:
         make = _serial if wish.device in _SERIAL else _hub if wish.device == "can_hub" else _node
-        step, counts = make(wish, faults, leave)
+        running = make(wish, faults, leave)
+        orders = OrdersFromStdin(Orders(running.living.faults, running.living.provoke, running.load))
+        prepare_process()  # nor for its own collector of garbage
         with interruptible(), suppress(KeyboardInterrupt):
-            _run(step, duration_s)
-        print(json.dumps({"device": wish.device, **counts()}))
+            _run(running.living, orders, duration_s)
+        print(json.dumps({"device": wish.device, **running.counts()}))
 
 
-def _run(step: Step, duration_s: float | None) -> None:
+def _run(living: "Living", orders: OrdersFromStdin, duration_s: float | None) -> None:
     end_s = None if duration_s is None else time.monotonic() + duration_s
     while end_s is None or time.monotonic() < end_s:
-        step()
+        orders.step()
+        living.step()
 
 
-def _serial(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callable[[], dict[str, Any]]]:
+class Living(Protocol):
+    """What lives by being stepped, and can be disturbed."""
+
+    @property
+    def faults(self) -> Sequence[str]:
+        """What `provoke` takes."""
+        ...
+
+    def step(self) -> None:
+        """A round of about a millisecond."""
+        ...
+
+    def provoke(self, fault: str) -> None:
+        """Begins a fault now."""
+        ...
+
+
+class Running(NamedTuple):
+    """An emulator that is there. `load`: what hangs on it; None: it is no load cell."""
+
+    living: Living
+    counts: Callable[[], dict[str, Any]]
+    load: Load | None = None
+
+
+def _serial(wish: Wish, faults: Faults, leave: ExitStack) -> Running:
     kind, defaults, build = _SERIAL[wish.device]
     settings, world = section(wish, kind, defaults)
-    bench = build(settings, Surroundings(world, wish.feel, wish.seed), leave)
+    around = Surroundings(world, wish.feel, wish.seed)
+    bench = build(settings, around, leave)
+    faults.require_known(("unplug", "plug", *bench.device.faults))
     port = leave.enter_context(Pty(bench.port))
     server = PtyServer(bench.device, port, bench.baud, faults, wish.seed)
     print(f"{wish.device} on {bench.port} at {bench.baud} baud", flush=True)
@@ -99,32 +131,43 @@ def _serial(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callabl
         ways = {"from_host": server.to_device, "to_host": server.to_host}
         return {**{way: dict(wire.counts) for way, wire in ways.items()}, "lost": port.lost}
 
-    return server.step, counts
+    return Running(server, counts, around.load if wish.device in _LOAD_CELLS else None)
 
 
-def _hub(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callable[[], dict[str, Any]]]:
+def _hub(wish: Wish, faults: Faults, leave: ExitStack) -> Running:
     if wish.port is None:
         raise ConfigurationError("emulate can_hub: expected --port LINK,LINK")
-    step, counts = can_benches.hub(wish.port, faults, wish.seed, leave)
+    faults.require_known(CanHub.faults)
+    hub = can_benches.hub(wish.port, faults, wish.seed, leave)
     print(f"can_hub on {wish.port}", flush=True)
-    return step, counts
+    return Running(hub, hub.counts)
 
 
-def _node(wish: Wish, faults: Faults, leave: ExitStack) -> tuple[Step, Callable[[], dict[str, Any]]]:
+def _node(wish: Wish, faults: Faults, leave: ExitStack) -> Running:
     """A CANopen device on `--port` of an slcan hub, or on the bus of the file."""
     kind, defaults, build = _NODES[wish.device]
     settings, world = section(wish, kind, defaults)
-    device = build(settings, Surroundings(world, wish.feel, wish.seed), leave)
+    around = Surroundings(world, wish.feel, wish.seed)
+    device = build(settings, around, leave)
+    faults.require_known(device.faults)
     place = f"{settings.can.interface} {settings.can.channel}"
     print(f"{wish.device} node {settings.node_id} on {place}", flush=True)
-    start_s, timetable = time.monotonic(), Timetable(faults)
+    load = around.load if wish.device in _LOAD_CELLS else None
+    return Running(_OnTimetable(device, faults), lambda: {"node": settings.node_id}, load)
 
-    def step() -> None:
-        for fault in timetable.due(time.monotonic() - start_s):
-            device.provoke(fault)
-        device.step()
 
-    return step, lambda: {"node": settings.node_id}
+class _OnTimetable:
+    """A CANopen device and what is to happen to it."""
+
+    def __init__(self, device: CanopenDevice, faults: Faults) -> None:
+        self._device, self._timetable = device, Timetable(faults)
+        self._start_s = time.monotonic()
+        self.faults, self.provoke = device.faults, device.provoke
+
+    def step(self) -> None:
+        for fault in self._timetable.due(time.monotonic() - self._start_s):
+            self.provoke(fault)
+        self._device.step()
 
 
 def section(wish: Wish, kind: type[BaseModel], defaults: dict[str, Any]) -> tuple[Any, WorldSettings]:

@@ -7,7 +7,7 @@ from random import Random
 
 from common.errors import ConfigurationError
 
-FAULTS = "stuck", "overrange"
+FAULTS = "stuck", "overrange", "free"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Sensor:
         self._measured_n = 0.0
 
     def provoke(self, fault: str) -> None:
-        """Begins a fault.
+        """Begins a fault; `free` ends it.
 
         Raises:
             ConfigurationError: there is no such fault.
@@ -52,7 +52,7 @@ class Sensor:
             raise ConfigurationError(
                 f"{fault!r}: a load cell has no such fault; expected {', '.join(FAULTS)}"
             )
-        self.fault = fault
+        self.fault = None if fault == "free" else fault
 
     def measure(self, t_s: float) -> float:
         """The force in N as the cell measures it then."""

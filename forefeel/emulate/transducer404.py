@@ -50,6 +50,8 @@ class Transducer404(CanopenDevice):
         now_s: a clock.
     """
 
+    faults = "unplug", "plug", "stuck", "overrange", "free"
+
     def __init__(
         self,
         bus: can.BusABC,
@@ -93,4 +95,5 @@ class Transducer404(CanopenDevice):
             return
         felt = 2.0 * self._full_scale if self._over else self._feel(t_s) - self._zero
         self._value = felt if abs(felt) <= self._full_scale else copysign(self._full_scale, felt)
-        self._status = 0 if abs(felt) <= self._full_scale else (cia404.OVER if felt > 0 else cia404.UNDER)
+        overload = cia404.NOT_VALID | (cia404.OVER if felt > 0 else cia404.UNDER)
+        self._status = 0 if abs(felt) <= self._full_scale else overload

@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from random import Random
 
@@ -49,6 +50,12 @@ class Faults:
                     f"--faults {part!r}: expected {', '.join(_RATES)} as NAME=0..1, or NAME@SECONDS"
                 )
         return cls(**rates, at=tuple(sorted(at)))
+
+    def require_known(self, names: Sequence[str]) -> None:
+        """Raises ConfigurationError unless every fault of `at` is among the names."""
+        for t_s, name in self.at:
+            if name not in names:
+                raise ConfigurationError(f"--faults '{name}@{t_s:g}': expected one of {', '.join(names)}")
 
 
 class Timetable:

@@ -18,7 +18,6 @@ Moved = Callable[[float, float, float, float], None]
 _ENDS = re.compile(rb"[\r\n]")
 _MAX_LINE = 128
 _GRAVITY = list(WARNINGS)
-_FAULTS = ("drive_fault", "stuck", "free", "power_cycle")
 
 
 class ZaberDevice:
@@ -28,6 +27,8 @@ class ZaberDevice:
         moved: called on each step of 1 ms with (t_s, x_m, v_m_s, a_m_s2).
         counts: `commands`, `ignored` lines (noise, bad checksums), `rejected`, `moves`, `stops`.
     """
+
+    faults = "drive_fault", "stuck", "free", "power_cycle"
 
     def __init__(self, model: ZaberModel = ZaberModel(), moved: Moved | None = None) -> None:  # noqa: B008 - frozen
         self.model, self.moved = model, moved
@@ -83,7 +84,7 @@ class ZaberDevice:
         elif fault == "power_cycle":
             self._restart()
         else:
-            raise ConfigurationError(f"fault {fault!r}: expected {', '.join(_FAULTS)} of a Zaber stage")
+            raise ConfigurationError(f"fault {fault!r}: expected {', '.join(self.faults)} of a Zaber stage")
 
     def _live(self, t_s: float) -> None:
         while (self._steps + 1) * STEP_S <= t_s + 1e-9:

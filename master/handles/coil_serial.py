@@ -99,7 +99,8 @@ class CoilHandle:
         grip = Grip.OPEN if Button.GRIPPER in state.buttons else Grip.CLOSED
         position_m = (state.counts + state.velocity * min(age_s, _CARRIED_S)) / per_m
         velocity_m_s = state.velocity / per_m if age_s <= _CARRIED_S else 0.0
-        return HandleReading(position_m, velocity_m_s, pressed, grip)
+        stop = Button.ESTOP in state.buttons
+        return HandleReading(position_m, velocity_m_s, pressed, grip, estop=stop)
 
     def render(self, force_n: float, now_ns: int) -> float:
         """The current of a force, within the limit and to the milliampere; the force of that current.

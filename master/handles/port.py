@@ -8,7 +8,7 @@ from common.messages import Grip, SafetyState
 
 class HandleReading(NamedTuple):
     """Where the handle is and what is pressed. `recording_time_s`: time in the recording that is being
-    played, if one is.
+    played, if one is. `estop`: the handle has a button for the emergency stop, and it is pressed.
     """
 
     position_m: float
@@ -16,6 +16,7 @@ class HandleReading(NamedTuple):
     deadman: bool
     gripper: Grip = Grip.CLOSED
     recording_time_s: float | None = None
+    estop: bool = False
 
 
 class Indication(NamedTuple):

@@ -33,7 +33,7 @@ class HandleWatch:
         except DeviceError as error:
             self._fail(error)
             return self._reading
-        self._reading = reading._replace(velocity_m_s=0.0, deadman=False, recording_time_s=None)
+        self._reading = reading._replace(velocity_m_s=0.0, deadman=False, recording_time_s=None, estop=False)
         return self._reading if had_failed else reading
 
     def render(self, force_n: float, now_ns: int) -> float:

@@ -20,8 +20,9 @@ _RETURN = b"\r"
 class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
     """Load-cell port on a cell of numbers.
 
-    It has neither clock nor checksum: a reading is stamped when its line began to arrive, and a digit that
-    the wire changed is believed where it stays below the full scale.
+    It has neither clock nor checksum: a reading is stamped when its line began to arrive, a digit that the
+    wire changed is believed where it stays below the full scale, and of a stream a whole line that is lost
+    is not missed (an answer is: `unanswered`).
     """
 
     @property

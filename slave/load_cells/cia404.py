@@ -15,8 +15,9 @@ from common.hardware.link import LinkState
 from common.hardware.pacing import Pacer
 from common.hardware.sdo import RemoteDevice, can_link, talking_to
 from common.slots import BoundedQueue
-from slave.load_cells.port import VALID_SHARE, LoadCellReading
+from slave.load_cells.port import VALID_SHARE, LoadCellReading, NativeReading
 from slave.load_cells.settings import Cia404Settings
+from slave.load_cells.stuck import StuckWatch
 
 _OPEN_S = 5.0
 _RANK = 0
@@ -31,6 +32,9 @@ class Cia404LoadCell:
     SYNC comes from the stage's driver where one shares the bus, else from here. Tare and scale are of the
     calibration; without one the unit of the device counts. `raw_counts`: its process value in millionths.
 
+    Attributes:
+        newton_per_native: of the device's unit, once it is open; None: it is no unit of force.
+
     Raises:
         DeviceError: the device is silent, reports an emergency, or the bus is gone.
     """
@@ -43,8 +47,10 @@ class Cia404LoadCell:
         self._readings: BoundedQueue[Timed[cia404.Measured]] = BoundedQueue(1024)
         self._pdo = cia404.reading_pdo(settings.node_id)
         self._conversation: Conversation | None = None
-        self._calibration: LoadCellCalibration | None = None
-        self._newton_per_unit = 1.0
+        self.calibration: LoadCellCalibration | None = None
+        self.newton_per_native: float | None = None
+        self._native = False
+        self._stuck = StuckWatch(noisy=False)
         self._tpdos, self._emergency = 0, 0
 
     def open(self) -> None:
@@ -57,6 +63,11 @@ class Cia404LoadCell:
             raise DeviceSetupError(f"{self.link.name}: expected 1 to {HOST_NODE - 1}")
         self._conversation = Conversation(self.link, self._converse)
         self._conversation.start(_OPEN_S)
+
+    def open_native(self) -> None:
+        """As `open`, for `read_native` alone, whatever its unit. See `NativeLoadCell`."""
+        self._native = True
+        self.open()
 
     def close(self) -> None:
         """See the port."""
@@ -73,25 +84,50 @@ class Cia404LoadCell:
         """See the port."""
         del now_ns, recording_time_s
         self.link.require_ready()
+        if self._native:
+            raise DeviceError(f"{self.link.name}: opened for its native readings")
         return [self._reading(timed) for timed in self._readings.drain()]
+
+    def read_native(self, now_ns: int) -> Sequence[NativeReading]:
+        """The readings since the last call of a cell that `open_native` opened: its process value."""
+        del now_ns
+        self.link.require_ready()
+        return [self._native_reading(timed) for timed in self._readings.drain()]
 
     @property
     def dropped(self) -> int:
         """Readings that nobody took in time."""
         return self._readings.dropped
 
-    def _reading(self, timed: Timed[cia404.Measured]) -> LoadCellReading:
-        native = timed.value.value
+    def _native_reading(self, timed: Timed[cia404.Measured]) -> NativeReading:
+        native, newton = timed.value.value, self.newton_per_native
         if not isfinite(native):
-            return LoadCellReading(0.0, 0, False, timed.host_ns)
-        if self._calibration is not None:
-            force_n = self._calibration.force_n(native)
+            return NativeReading(0.0, False, timed.host_ns)
+        within = newton is None or abs(native) * newton <= VALID_SHARE * self._settings.full_scale_n
+        return NativeReading(native, timed.value.valid and within, timed.host_ns)
+
+    def _reading(self, timed: Timed[cia404.Measured]) -> LoadCellReading:
+        native, flaws = timed.value.value, timed.value.flaws
+        if not isfinite(native):
+            return LoadCellReading(0.0, 0, self._flawless(flaws), timed.host_ns)
+        if self.calibration is not None:
+            force_n = self.calibration.force_n(native)
         else:
-            force_n = native * self._newton_per_unit
+            assert self.newton_per_native is not None, "_scale refuses it"
+            force_n = native * self.newton_per_native
         force_n *= self._settings.sign
         raw = round(max(-_MOST_MICRO, min(_MOST_MICRO, native * _MICRO)))
-        valid = timed.value.valid and abs(force_n) <= VALID_SHARE * self._settings.full_scale_n
-        return LoadCellReading(force_n, raw, valid, timed.host_ns)
+        if abs(force_n) > VALID_SHARE * self._settings.full_scale_n:
+            flaws = (*flaws, "beyond_full_scale")
+        if self._stuck.take(native, timed.host_ns * 1e-9):
+            flaws = (*flaws, "stuck")
+        return LoadCellReading(force_n, raw, self._flawless(flaws), timed.host_ns)
+
+    def _flawless(self, flaws: Sequence[str]) -> bool:
+        """Whether a reading may be believed; each of its flaws is counted."""
+        for flaw in flaws:
+            self.link.counters[flaw] += 1
+        return not flaws
 
     # --- the conversation ---
 
@@ -105,7 +141,7 @@ class Cia404LoadCell:
                 shared.leave_sync(self)
 
     def _set_up(self, device: RemoteDevice) -> None:
-        device.introduce(cia404.PROFILE, self.link)
+        device.introduce(cia404.PROFILE)
         self._scale(device, self.link.serial)
         for number in (2, 3, 4):
             device.offer(*pdo_off(True, number, self._settings.node_id))
@@ -115,17 +151,16 @@ class Cia404LoadCell:
 
     def _scale(self, device: RemoteDevice, serial: str) -> None:
         path = self._settings.calibration
-        if path is not None:
-            self._calibration = load_cell_calibration(path, serial, date.today())
+        if path is not None and not self._native:
+            self.calibration = load_cell_calibration(path, self._settings.driver, serial, date.today())
             return
-        code = int(device.read(cia404.UNIT))
-        newton = cia404.newton_per_unit(code)
-        if newton is None:
+        code = int(device.read(cia404.UNIT, 0 if self._native else None))
+        self.newton_per_native = cia404.newton_per_unit(code)
+        if self.newton_per_native is None and not self._native:
             raise DeviceSetupError(
                 f"{device.name}: unit {code:08X} (6131); expected newtons ({cia404.NEWTON:08X}), "
                 "or a calibration"
             )
-        self._newton_per_unit = newton
 
     def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:
         alarm = EMERGENCY + device.node
@@ -148,6 +183,8 @@ class Cia404LoadCell:
                 shared.send(SYNC, b"")
             silent = 0 if self._tpdos != seen else silent + 1
             seen = self._tpdos
+            self.link.counters["silent_periods"] += bool(silent and seen)
+            shared.tell(self.link)
             self._judge(silent, patience)
             if seen and self.link.state is LinkState.CONFIGURED:
                 self.link.advance(LinkState.READY)
@@ -170,6 +207,7 @@ class Cia404LoadCell:
         self.link.counters["tpdos"] += 1
         self.link.exchanged()
         self._readings.put(Timed(self._clock.now_ns(), None, found))
+        self.link.counters["unread"] = self._readings.dropped
 
     def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:
         del can_id, stamp

@@ -70,9 +70,11 @@ class SerialLoadCell(Generic[S]):
     """Load-cell port on a serial port; the subclasses know what the bytes mean.
 
     Attributes:
-        link: its state, identity, counters, and serial: of the USB adapter, else the port's name.
+        link: its state, identity, counters, and serial: of the USB adapter, else as the
+            settings have it.
         stale_s: three periods and 20 ms.
         measured_hz: the rate that the last handshake found.
+        calibration: as it was loaded; None: there is none.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class SerialLoadCell(Generic[S]):
         self.link = Link(f"load cell {settings.driver} on {settings.port}")
         self.stale_s = 3.0 / settings.rate_hz + 0.02
         self.measured_hz: float | None = None
+        self.calibration: LoadCellCalibration | None = None
         self._settings: S = settings
         self._clock = clock or MonotonicClock()
         self._open_stream, self._today = open_stream, today
@@ -174,7 +177,7 @@ class SerialLoadCell(Generic[S]):
 
     def _calibrated(self) -> Scale:
         """The scale, with the calibration of the device that is there now."""
-        serial, path = port_serial(self._settings.port), self._settings.calibration
+        serial, path = self._serial(), self._settings.calibration
         if self.link.serial not in ("", serial):
             raise DeviceError(
                 f"{self.link.name}: another device, serial {serial}; expected {self.link.serial}"
@@ -182,11 +185,26 @@ class SerialLoadCell(Generic[S]):
         self.link.serial = serial
         if self._native:
             return self._scale(None)
+        if path and not serial:
+            raise DeviceSetupError(
+                f"{self.link.name}: a calibration, but the port has no serial number to check it by; "
+                "expected load_cell.serial, the number on the device's label"
+            )
         try:
-            found = load_cell_calibration(path, serial, self._today()) if path else None
+            driver = self._settings.driver
+            self.calibration = load_cell_calibration(path, driver, serial, self._today()) if path else None
         except InputError as error:
             raise DeviceSetupError(str(error)) from error
-        return self._scale(found)
+        return self._scale(self.calibration)
+
+    def _serial(self) -> str:
+        """Of the port, else of the settings; empty: of neither."""
+        found, given = port_serial(self._settings.port), self._settings.serial
+        if found and given not in (None, found):
+            raise DeviceSetupError(
+                f"{self.link.name}: serial = {given!r}: expected {found!r}, the port's own, or none"
+            )
+        return found or given or ""
 
     def _shake_hands(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> bool:
         """Identifies, measures the rate; whether it is done, False when the conversation is to end."""
@@ -199,7 +217,7 @@ class SerialLoadCell(Generic[S]):
             now_ns = self._clock.now_ns()
             came += len(data)
             if cell.take(data, now_ns):
-                self.link.identity = f"{self._settings.driver}, serial {self.link.serial}"
+                self.link.identity = f"{self._settings.driver}, serial {self.link.serial or 'unknown'}"
                 self.link.advance(LinkState.IDENTIFIED)
             elif now_ns - start_ns > patience_s * 1e9:
                 raise DeviceSetupError(self._unidentified(came, patience_s, cell))
@@ -258,7 +276,8 @@ class SerialLoadCell(Generic[S]):
     def _unidentified(self, came: int, patience_s: float, cell: Cell) -> str:
         where, expected = self._settings.port, cell.expected
         if not came:
-            return f"{where}: nothing comes within {patience_s:.2g} s; expected {expected}: is it powered?"
+            what = f"nothing comes within {patience_s:.2g} s"
+            return f"{where}: {what}; expected {expected}: no power, or another device"
         return (
             f"{where}: {came} bytes within {patience_s:.2g} s, but nothing of the expected {expected}: "
             "wrong baud or another device"

@@ -9,6 +9,10 @@ from common.hardware.settings import CanSettings, SerialSettings, Sign
 from common.settings import ColumnSettings, ExistingFile
 
 FullScale = Annotated[float, Field(gt=0.0, le=10_000.0)]
+Serial = Annotated[str, Field(min_length=1, max_length=64)]
+"""What a calibration is bound to where the port has no serial number of its own (a UART on the board, an
+adapter without): the number on the label of the device.
+"""
 
 
 class SimulatedLoadCellDriver(Settings):
@@ -37,6 +41,7 @@ class BotaSettings(SerialSettings):
     sign: Sign = 1
     full_scale_n: FullScale
     rate_hz: Annotated[float, Field(ge=1, le=2000)] = 800.0
+    serial: Serial | None = None
     calibration: ExistingFile | None = None
 
 
@@ -54,6 +59,7 @@ class AsciiLineSettings(SerialSettings):
     sign: Sign = 1
     full_scale_n: FullScale
     rate_hz: Annotated[float, Field(ge=1, le=2000)] = 80.0
+    serial: Serial | None = None
     calibration: ExistingFile | None = None
 
 

@@ -3,15 +3,16 @@
 from common.clock import Clock, MonotonicClock
 from common.errors import DeviceError
 from common.hardware import cia402
-from common.hardware.can_network import HOST_NODE, SharedNetwork
-from common.hardware.cia301 import EMERGENCY, HEARTBEAT, OPERATIONAL, SYNC, emergency
+from common.hardware.calibration import StageCalibration
+from common.hardware.can_network import SharedNetwork
 from common.hardware.cia402 import DriveState, Phase, drive_state
 from common.hardware.conversation import Conversation
 from common.hardware.link import LinkState
 from common.hardware.pacing import Pacer
 from common.hardware.sdo import RemoteDevice, can_link, talking_to
-from slave.stages.cia402_setup import checked, command_pdo, configure, scale_of, state_pdo
+from slave.stages.cia402_setup import calibration_of, checked, configure, scale_of
 from slave.stages.drive_cycle import DriveCycle, Readback, Tracker
+from slave.stages.drive_wire import DriveEars, DriveVoice
 from slave.stages.port import StageReading, require_finite
 from slave.stages.scale import Scale
 from slave.stages.setpoint import Setpoint, Wanted
@@ -20,7 +21,6 @@ from slave.stages.settings import Cia402Settings
 _OPEN_S = 8.0
 _DECELERATION_M_S2 = 4.0
 _STAND_CYCLES = 3
-_RANK = 1  # a drive's SYNC goes before a load cell's
 
 
 class Cia402Stage:
@@ -34,6 +34,7 @@ class Cia402Stage:
         self._settings = settings
         self._clock = clock or MonotonicClock()
         self.link = can_link("stage", settings.driver, settings.can, settings.node_id)
+        self.calibration: StageCalibration | None = None
         self._conversation: Conversation | None = None
         self._wanted: Wanted | None = None
         self._rearm = False
@@ -99,12 +100,30 @@ class Cia402Stage:
             self._talk(conversation, shared, device)
 
     def _talk(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:
-        device.introduce(cia402.PROFILE, self.link)
-        scale = scale_of(self._settings, self.link.serial)
+        device.introduce(cia402.PROFILE)
+        scale = self._scale()
         actual_m = configure(device, self._settings, scale, conversation.pause)
         self.link.advance(LinkState.CONFIGURED)
-        with _Ears(shared, self._settings, scale, self) as ears:
-            _Exchange(self, conversation, ears, shared, scale, actual_m).run()
+        tracker = self._new_tracker()
+        voice = DriveVoice(shared, self._settings, self.link)
+
+        def believe(host_ns: int, statusword: int, counts: float) -> Readback | None:
+            heard = tracker.take(host_ns, statusword, scale.metres(counts))
+            if heard is not None:
+                self._readback = heard
+                self.link.exchanged(None if voice.asked_ns is None else host_ns - voice.asked_ns)
+            return heard
+
+        with DriveEars(shared, self._settings.node_id, self.link, self._clock, believe) as ears:
+            _Exchange(self, conversation, ears, voice, scale, actual_m).run()
+
+    def _scale(self) -> Scale:
+        self.calibration = calibration_of(self._settings, self.link.serial)
+        return scale_of(self._settings, self.calibration)
+
+    def _new_tracker(self) -> Tracker:
+        s = self._settings
+        return Tracker(1.0 / s.sync_hz, s.max_velocity_m_s, s.following_error_m)
 
     def _new_setpoint(self) -> Setpoint:
         s = self._settings
@@ -116,65 +135,6 @@ class Cia402Stage:
         return asked and self.link.inhibited is None
 
 
-class _Ears:
-    """What the receiving thread hears of one drive; every part is taken once."""
-
-    def __init__(
-        self, shared: SharedNetwork, settings: Cia402Settings, scale: Scale, stage: Cia402Stage
-    ) -> None:
-        self._shared, self._stage, self._scale = shared, stage, scale
-        self._pdo = state_pdo(settings.node_id)
-        node = settings.node_id
-        self._tracker = Tracker(1.0 / settings.sync_hz, settings.max_velocity_m_s, settings.following_error_m)
-        self._hears = (
-            (self._pdo.can_id, self._on_state),
-            (HEARTBEAT + node, self._on_heartbeat),
-            (EMERGENCY + node, self._on_emergency),
-        )
-        self._heard: Readback | None = None
-        self._beat = False
-        self._emergency: int | None = None
-
-    def __enter__(self) -> "_Ears":
-        for can_id, heard in self._hears:
-            self._shared.subscribe(can_id, heard)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for can_id, heard in self._hears:
-            self._shared.unsubscribe(can_id, heard)
-
-    def take(self) -> tuple[Readback | None, bool, int | None]:
-        """State, heartbeat and emergency since the last call."""
-        found = self._heard, self._beat, self._emergency
-        self._heard, self._beat, self._emergency = None, False, None
-        return found
-
-    def _on_state(self, can_id: int, data: bytearray, stamp: float) -> None:
-        del can_id, stamp
-        values = self._pdo.unpack(data)
-        counters = self._stage.link.counters
-        counters["tpdos"] += 1
-        if values is None:
-            counters["bad_length"] += 1
-            return
-        host_ns = self._stage._clock.now_ns()
-        heard = self._tracker.take(host_ns, int(values[0]), self._scale.metres(values[1]))
-        if heard is None:
-            counters["implausible"] += 1
-            return
-        self._heard = self._stage._readback = heard
-
-    def _on_heartbeat(self, can_id: int, data: bytearray, stamp: float) -> None:
-        del can_id, stamp
-        self._beat = self._beat or data[:1] == bytes([OPERATIONAL])
-
-    def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:
-        del can_id, stamp
-        self._stage.link.counters["emergencies"] += 1
-        self._emergency = emergency(data) or self._emergency
-
-
 class _Exchange:
     """The cyclic part: from CONFIGURED until the conversation ends or a fault is raised."""
 
@@ -182,17 +142,14 @@ class _Exchange:
         self,
         stage: Cia402Stage,
         conversation: Conversation,
-        ears: _Ears,
-        shared: SharedNetwork,
+        ears: DriveEars,
+        voice: DriveVoice,
         scale: Scale,
         actual_m: float,
     ) -> None:
         settings = stage._settings
         self._stage, self._conversation, self._ears = stage, conversation, ears
-        self._shared, self._scale = shared, scale
-        self._pdo = command_pdo(settings.node_id)
-        self._period_ns = round(1e9 / settings.sync_hz)
-        self._beat_ns, self._next_beat_ns = round(settings.heartbeat_s * 1e9), 0
+        self._voice, self._scale = voice, scale
         setpoint = stage._new_setpoint()
         setpoint.restart(actual_m)
         self._cycle = DriveCycle(
@@ -205,7 +162,7 @@ class _Exchange:
         first = link.inhibited is None
         if not first:
             self._conversation.settled()
-        pacer = Pacer(clock, self._period_ns)
+        pacer = Pacer(clock, self._voice.period_ns)
         try:
             while not self._may_end():
                 self._cycle_once(clock.now_ns())
@@ -213,6 +170,7 @@ class _Exchange:
                 pacer.wait()
                 link.counters["late_cycles"] += pacer.missed
                 pacer.missed = 0
+                self._voice.tell()
         finally:
             self._let_go()
 
@@ -239,6 +197,7 @@ class _Exchange:
 
     def _cycle_once(self, now_ns: int) -> None:
         heard, beat, emergency_code = self._ears.take()
+        self._stage.link.counters["silent_periods"] += heard is None and self._stage._readback is not None
         self._refuse_fault_at_start(heard)
         wanted = None if self._conversation.stopping else self._stage._wanted
         word = self._cycle.step(heard, beat, emergency_code, wanted, now_ns)
@@ -251,21 +210,11 @@ class _Exchange:
             raise DeviceError("the drive is in a fault; expected none at the start: clear it at the drive")
 
     def _send(self, word: int, now_ns: int) -> None:
-        target = self._scale.native(self._cycle.setpoint.position_m)
-        self._shared.send(self._pdo.can_id, self._pdo.pack(word, target))
-        if self._shared.sends_sync(self._stage, _RANK):
-            self._shared.send(SYNC, b"")
-        if now_ns >= self._next_beat_ns:
-            self._next_beat_ns = now_ns + self._beat_ns - self._period_ns // 2
-            self._shared.send(HEARTBEAT + HOST_NODE, bytes([OPERATIONAL]))
+        self._voice.send(word, self._target(), now_ns)
+
+    def _target(self) -> int:
+        return self._scale.native(self._cycle.setpoint.position_m)
 
     def _let_go(self) -> None:
-        """Quick stop, as far as the bus still carries it; silence does the same three heartbeats later."""
         self._cycle.machine.stop()
-        try:
-            for _ in range(2):
-                self._send(cia402.QUICK_STOP, self._stage._clock.now_ns())
-        except DeviceError:
-            self._stage.link.counters["quick_stop_failed"] += 1
-        finally:
-            self._shared.leave_sync(self._stage)
+        self._voice.let_go(self._target(), self._stage._clock.now_ns())

@@ -5,7 +5,7 @@ from datetime import date
 
 from common.errors import DeviceError, DeviceSetupError
 from common.hardware import cia402
-from common.hardware.calibration import stage_calibration
+from common.hardware.calibration import StageCalibration, stage_calibration
 from common.hardware.can_network import HOST_NODE
 from common.hardware.cia301 import (
     HEARTBEAT_CONSUMER,
@@ -18,6 +18,7 @@ from common.hardware.cia301 import (
     heartbeat_consumer,
     pdo_off,
 )
+from common.hardware.cia402 import DriveState, drive_state
 from common.hardware.sdo import RemoteDevice
 from slave.stages.scale import Scale
 from slave.stages.settings import Cia402Settings
@@ -36,16 +37,23 @@ def state_pdo(node: int) -> Pdo:
     return Pdo(True, 1, TPDO1 + node, 1, (cia402.STATUSWORD, cia402.POSITION_ACTUAL))
 
 
-def scale_of(settings: Cia402Settings, serial: str) -> Scale:
-    """Of the calibration if there is one, else of the settings.
+def calibration_of(settings: Cia402Settings, serial: str) -> StageCalibration | None:
+    """The calibration that the settings name.
 
     Raises:
-        ConfigurationError: the calibration is of another device, or out of date.
+        ConfigurationError: it is of another device, or out of date.
     """
-    if settings.calibration is None:
+    path = settings.calibration
+    if path is None:
+        return None
+    return stage_calibration(path, settings.driver, serial, date.today(), settings.travel_m)
+
+
+def scale_of(settings: Cia402Settings, calibration: StageCalibration | None) -> Scale:
+    """Of the calibration if there is one, else of the settings."""
+    if calibration is None:
         return Scale(0.0, settings.sign * settings.counts_per_m)
-    found = stage_calibration(settings.calibration, serial, date.today())
-    return Scale(found.zero, settings.sign * found.native_per_m)
+    return Scale(calibration.zero, settings.sign * calibration.native_per_m)
 
 
 def checked(settings: Cia402Settings) -> None:
@@ -77,17 +85,61 @@ def configure(
         raise DeviceSetupError(
             f"{device.name}: no cyclic synchronous position (6502); expected a drive with it"
         )
-    for transmit, number in _SWITCH_OFF:
-        device.offer(*pdo_off(transmit, number, settings.node_id))
-    device.write_all(command_pdo(settings.node_id).parameters())
-    device.write_all(state_pdo(settings.node_id).parameters())
+    _exchanged(device, settings)
     _timing(device, settings)
     _protection(device, settings, scale)
-    _mode(device, pause)
+    _mode(device, cia402.CSP, pause)
     actual_m = scale.metres(device.read(cia402.POSITION_ACTUAL))
     _within_travel(device, settings, actual_m)
     device.order(START)
     return actual_m
+
+
+def require_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
+    """Asks and tells the drive how it is to be homed; nothing moves.
+
+    Raises:
+        DeviceSetupError: it can not be homed, or not so, or is in a fault.
+    """
+    homing, per_m = settings.homing, settings.counts_per_m
+    if not int(device.read(cia402.SUPPORTED_MODES)) & cia402.HOMING_SUPPORTED:
+        raise DeviceSetupError(f"{device.name}: no homing (6502); home it with its maker's tool")
+    if drive_state(int(device.read(cia402.STATUSWORD))) is DriveState.FAULT:
+        raise DeviceSetupError(
+            f"{device.name}: the drive is in a fault; expected none: clear it at the drive"
+        )
+    wanted = (
+        (cia402.HOMING_METHOD, homing.method, "method"),
+        (cia402.HOMING_SEARCH_SPEED, round(homing.search_velocity_m_s * per_m), "search_velocity_m_s"),
+        (cia402.HOMING_ZERO_SPEED, round(homing.zero_velocity_m_s * per_m), "zero_velocity_m_s"),
+        (cia402.HOMING_ACCELERATION, round(homing.acceleration_m_s2 * per_m), "acceleration_m_s2"),
+    )
+    for entry, value, name in wanted:
+        if not device.offer(entry, value) or device.read(entry) != value:
+            raise DeviceSetupError(
+                f"{device.name}: stage.homing.{name} = {getattr(homing, name):g} is refused ({entry}); "
+                "expected what the drive can do"
+            )
+
+
+def configure_homing(device: RemoteDevice, settings: Cia402Settings, pause: Callable[[float], None]) -> None:
+    """As `configure`, for the mode of homing. The software limits stay: they belong to the count before.
+
+    Raises:
+        DeviceError, DeviceSetupError: as `configure`.
+    """
+    _exchanged(device, settings)
+    _timing(device, settings)
+    _watched(device, settings, settings.counts_per_m)
+    _mode(device, cia402.HOMING, pause)
+    device.order(START)
+
+
+def _exchanged(device: RemoteDevice, settings: Cia402Settings) -> None:
+    for transmit, number in _SWITCH_OFF:
+        device.offer(*pdo_off(transmit, number, settings.node_id))
+    device.write_all(command_pdo(settings.node_id).parameters())
+    device.write_all(state_pdo(settings.node_id).parameters())
 
 
 def _timing(device: RemoteDevice, settings: Cia402Settings) -> None:
@@ -101,23 +153,28 @@ def _timing(device: RemoteDevice, settings: Cia402Settings) -> None:
 
 
 def _protection(device: RemoteDevice, settings: Cia402Settings, scale: Scale) -> None:
-    device.write(cia402.ABORT_OPTION, cia402.ABORT_QUICK_STOP)
-    device.write(cia402.QUICK_STOP_OPTION, cia402.STAY_IN_QUICK_STOP)
     low, high = scale.ends(settings.travel_m)
     device.write(cia402.SOFT_LIMIT_LOW, low)
     device.write(cia402.SOFT_LIMIT_HIGH, high)
-    device.write(cia402.FOLLOWING_WINDOW, round(settings.following_error_m * abs(scale.per_m)))
+    _watched(device, settings, abs(scale.per_m))
+
+
+def _watched(device: RemoteDevice, settings: Cia402Settings, per_m: float) -> None:
+    """What the drive does by itself: a lost host and a following error stop it."""
+    device.write(cia402.ABORT_OPTION, cia402.ABORT_QUICK_STOP)
+    device.write(cia402.QUICK_STOP_OPTION, cia402.STAY_IN_QUICK_STOP)
+    device.write(cia402.FOLLOWING_WINDOW, round(settings.following_error_m * per_m))
     device.write(cia402.FOLLOWING_TIMEOUT_MS, round(1e3 * _FOLLOWING_PERIODS / settings.sync_hz))
 
 
-def _mode(device: RemoteDevice, pause: Callable[[float], None]) -> None:
-    device.write(cia402.MODE, cia402.CSP)
+def _mode(device: RemoteDevice, mode: int, pause: Callable[[float], None]) -> None:
+    device.write(cia402.MODE, mode)
     for _ in range(30):
         shown = int(device.read(cia402.MODE_DISPLAY))
-        if shown == cia402.CSP:
+        if shown == mode:
             return
         pause(0.01)
-    raise DeviceError(f"{device.name}: mode {shown} is displayed, expected {cia402.CSP}")
+    raise DeviceError(f"{device.name}: mode {shown} is displayed, expected {mode}")
 
 
 def _within_travel(device: RemoteDevice, settings: Cia402Settings, actual_m: float) -> None:

@@ -94,9 +94,8 @@ class DriveCycle:
         Raises:
             DeviceError: a fault of the drive or of the way to it.
         """
-        self._listen(heard, beat, emergency)
         following = self.machine.phase is Phase.FOLLOWING
-        word = self.machine.step(self._statusword) if self._heard_once else QUICK_STOP
+        word = self.supervise(heard, beat, emergency)
         if not following:
             if heard is not None:
                 self.setpoint.restart(heard.position_m)
@@ -108,6 +107,15 @@ class DriveCycle:
             self._not_behind(heard.position_m)
         self._sent.append(self.setpoint.position_m)
         return word
+
+    def supervise(self, heard: Readback | None, beat: bool, emergency: int | None) -> int:
+        """The controlword alone, for a drive that moves by itself.
+
+        Raises:
+            DeviceError: as `step`, but for the following error, which is the drive's own to watch.
+        """
+        self._listen(heard, beat, emergency)
+        return self.machine.step(self._statusword) if self._heard_once else QUICK_STOP
 
     def _listen(self, heard: Readback | None, beat: bool, emergency: int | None) -> None:
         self._no_beat = 0 if beat else self._no_beat + 1

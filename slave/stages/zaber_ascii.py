@@ -9,6 +9,7 @@ from datetime import date
 
 from common.clock import Clock, MonotonicClock
 from common.errors import DeviceError
+from common.hardware.calibration import StageCalibration
 from common.hardware.conversation import Conversation
 from common.hardware.link import Link, LinkState
 from common.hardware.streams import SerialStream
@@ -28,6 +29,7 @@ class ZaberStage:
 
     Attributes:
         link: state, identity and counters.
+        calibration: as it was loaded; None: there is none.
     """
 
     def __init__(
@@ -35,6 +37,7 @@ class ZaberStage:
     ) -> None:
         self.settings, self._clock = settings, clock or MonotonicClock()
         self.link = Link(link_name(settings))
+        self.calibration: StageCalibration | None = None
         self._open_stream = open_stream
         self._orders = Orders()
         self._conversation: Conversation | None = None
@@ -96,6 +99,7 @@ class ZaberStage:
         try:
             self.link.advance(LinkState.OPEN)
             device = connect(self.settings, self._clock, self.link, stream, date.today())
+            self.calibration = device.calibration
             require_travel(device, self.settings)
             require_homed(device.talk, self.link)
             exchange = ZaberExchange(device, self.settings, self._clock, self.link, self._orders)

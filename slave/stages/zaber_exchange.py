@@ -34,6 +34,8 @@ class ZaberExchange:
         self._settings, self._clock, self._link, self._orders = settings, clock, link, orders
         self._positions: deque[tuple[int, float]] = deque(maxlen=_READINGS)
         self._usual_s = 0.0
+        self._last_ns: int | None = None
+        self._since_ns = 0
         self.reading = Timed(0, None, StageReading(0.0, 0.0))
 
     def begin(self) -> None:
@@ -42,6 +44,7 @@ class ZaberExchange:
         Raises:
             DeviceSetupError: one stays, or the stage is not homed.
         """
+        self._last_ns = None
         clear_faults(self._talk, self._link)
         require_homed(self._talk, self._link)
         self.watch()
@@ -59,7 +62,7 @@ class ZaberExchange:
             DeviceError: a rejected command, a warning flag that forbids motion, silence, the port is gone.
         """
         began_ns = self._clock.now_ns()
-        stop_due, setpoint = self._orders.now()
+        stop_due, setpoint = self._due(began_ns)
         order = ["stop"] if stop_due else [] if setpoint is None else [self._move(setpoint, began_ns)]
         texts = [*order, "get pos"]
         replies = self._talk.exchange(texts)
@@ -75,6 +78,19 @@ class ZaberExchange:
         if where is not None:
             self._link.exchanged(round(took_s * 1e9))
         self._usual_s += (took_s - self._usual_s) * _SMOOTHED
+
+    def _due(self, now_ns: int) -> tuple[bool, Wanted | None]:
+        """What is ordered now. When this thread stood still for longer than the lead, so did the stage: what
+        was wanted before is over.
+        """
+        if self._last_ns is not None and now_ns - self._last_ns > self._settings.lead_s * 1e9:
+            self._link.counters["stood_still"] += 1
+            self._orders.hold()
+            self._since_ns = now_ns
+        self._last_ns = now_ns
+        stop_due, setpoint = self._orders.now()
+        over = setpoint is not None and setpoint.stamp_ns < self._since_ns
+        return stop_due, None if over else setpoint
 
     def try_stop(self) -> None:
         """After a fault: a stop, whether or not anybody hears it."""

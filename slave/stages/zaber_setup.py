@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from common.clock import Clock
 from common.errors import ConfigurationError, DeviceError, DeviceSetupError
-from common.hardware.calibration import stage_calibration
+from common.hardware.calibration import StageCalibration, stage_calibration
 from common.hardware.link import Link, LinkState
 from common.hardware.settings import SerialSettings
 from common.hardware.streams import ByteStream
@@ -20,12 +20,15 @@ _ROUNDING = 1.0  # microsteps
 
 
 class Configured(NamedTuple):
-    """A stage that has been identified and set up. `limits`: of the device, in microsteps."""
+    """A stage that has been identified and set up. `limits`: of the device, in microsteps; `calibration`: as
+    it was loaded.
+    """
 
     talk: ZaberTalk
     serial: str
     scale: Scale
     limits: tuple[int, int]
+    calibration: StageCalibration | None = None
 
 
 def link_name(settings: ZaberSettings) -> str:
@@ -44,14 +47,15 @@ def connect(settings: ZaberSettings, clock: Clock, link: Link, stream: ByteStrea
     try:
         serial = link.serial = _identify(talk, settings, link)
         link.advance(LinkState.IDENTIFIED)
-        scale = _scale(settings, serial, today)
+        calibration = _calibration(settings, serial, today)
+        scale = _scale(settings, calibration)
         _limit(talk, settings, scale)
         low, high = (round(talk.number(f"get {name}")) for name in ("limit.min", "limit.max"))
     except DeviceSetupError:
         raise
     except DeviceError as error:
         raise DeviceSetupError(f"{error}; expected a stage that takes its settings") from error
-    return Configured(talk, serial, scale, (low, high))
+    return Configured(talk, serial, scale, (low, high), calibration)
 
 
 def require_travel(device: Configured, settings: ZaberSettings) -> None:
@@ -124,20 +128,19 @@ def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
     return f"{link_name(settings)}: {found}; {expected}"
 
 
-def _scale(settings: ZaberSettings, serial: str, today: date) -> Scale:
-    if settings.calibration is None:
+def _scale(settings: ZaberSettings, calibration: StageCalibration | None) -> Scale:
+    if calibration is None:
         return Scale(0.0, settings.sign / settings.microstep_m)
+    return Scale(calibration.zero, settings.sign * calibration.native_per_m)
+
+
+def _calibration(settings: ZaberSettings, serial: str, today: date) -> StageCalibration | None:
+    if settings.calibration is None:
+        return None
     try:
-        found = stage_calibration(settings.calibration, serial, today)
+        return stage_calibration(settings.calibration, settings.driver, serial, today, settings.travel_m)
     except ConfigurationError as error:
         raise DeviceSetupError(str(error)) from error
-    (low, high), (lowest, highest) = settings.travel_m, found.travel_m
-    if low < lowest or high > highest:
-        raise DeviceSetupError(
-            f"{settings.calibration}: travel_m = [{lowest:g}, {highest:g}]: expected it to cover "
-            f"stage.travel_m = [{low:g}, {high:g}]"
-        )
-    return Scale(found.zero, settings.sign * found.native_per_m)
 
 
 def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: Scale) -> None:

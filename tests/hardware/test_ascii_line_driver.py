@@ -31,6 +31,7 @@ def settings(**more: object) -> AsciiLineSettings:
         "baud": 115_200,
         "full_scale_n": 10.0,
         "unit": "millipound_force",
+        "serial": "L-4",
     }
     return AsciiLineSettings.model_validate({**given, **more})
 
@@ -96,7 +97,11 @@ def test_an_unanswered_request_is_counted_and_asked_again() -> None:
 
 def calibration(folder: Path) -> Path:
     path = folder / "counts.yaml"
-    text = CALIBRATION.format(serial=NAME).replace("gain_n: 2.0", "gain_n: 5.0e-6")
+    text = (
+        CALIBRATION.format(serial="L-4")
+        .replace("bota_serial", "ascii_line")
+        .replace("gain_n: 2.0", "gain_n: 5.0e-6")
+    )
     path.write_text(text.replace("zero: 0.25", "zero: 84000.0"))
     return path
 

@@ -22,7 +22,7 @@ from slave.load_cells.settings import BotaSettings
 from tests.hardware.cell_bench import NOW_S, Port
 
 NAME = "/dev/serial/by-id/bota"
-SETTINGS = BotaSettings(driver="bota_serial", port=NAME, full_scale_n=10.0)
+SETTINGS = BotaSettings(driver="bota_serial", port=NAME, full_scale_n=10.0, serial="B-17")
 CALIBRATION = """
 format: forefeel.load_cell_calibration/1
 driver: bota_serial
@@ -171,6 +171,21 @@ def test_a_device_that_falls_silent_or_was_reset_is_a_fault() -> None:
             driver.read(0, None)
 
 
+def test_a_host_that_stood_still_finds_late_readings_and_then_those_of_now_in_their_places() -> None:
+    time, second_ns = DeviceTime(1.25e-3), 1_000_000_000
+    for number in range(800):
+        stamp_us = 1_250 * number
+        assert time.stamps([stamp_us], 10 * second_ns + stamp_us * 1000) == [10 * second_ns + stamp_us * 1000]
+    woken_ns = 14 * second_ns  # 3 s later: the first 100 readings of them waited, the others were lost
+    late_us = [1_250 * number for number in range(800, 900)]
+    assert time.stamps(late_us, woken_ns) == [10 * second_ns + each * 1000 for each in late_us]
+    now_us = 4_000_000
+    assert time.stamps([now_us], woken_ns + 1_000_000) == [woken_ns]
+    assert time.counters["missing"] == (now_us - late_us[-1]) // 1_250 - 1
+    with pytest.raises(DeviceError, match="it was reset"):
+        time.stamps([0], woken_ns + 2_000_000)
+
+
 def test_a_cell_that_repeats_itself_is_not_believed() -> None:
     emulated = device(noise_n=0.002)
     port = Port(emulated, BAUD)
@@ -211,6 +226,8 @@ class Bytes:
             found += self._frame(self._sent)
             self._sent += 1
         return found
+
+    faults = ()
 
     def provoke(self, fault: str) -> None: ...
 
@@ -254,11 +271,23 @@ def calibrated(folder: Path, serial: str) -> BotaSettings:
 
 def test_a_calibration_of_this_device_is_applied(tmp_path: Path) -> None:
     port = Port(device(lambda _: 1.25), BAUD)
-    with opened(port, calibrated(tmp_path, NAME)) as driver:
+    with opened(port, calibrated(tmp_path, "B-17")) as driver:
         (reading, *_) = driver.read(0, None)
         assert reading[:3] == (-2.0, 1_250_000, True)
 
 
 def test_a_calibration_of_another_device_is_refused(tmp_path: Path) -> None:
     said = refusal(Port(device(), BAUD), calibrated(tmp_path, "X-1"))
-    assert f"serial = 'X-1': expected {NAME!r}" in said
+    assert "serial = 'X-1': expected 'B-17'" in said
+
+
+def test_a_calibration_needs_a_serial_number_and_the_ports_own_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = calibrated(tmp_path, "B-17")
+    said = refusal(Port(device(), BAUD), settings.model_copy(update={"serial": None}))
+    assert "no serial number to check it by; expected load_cell.serial, the number on the device's" in said
+    monkeypatch.setattr("slave.load_cells.serial_cell.port_serial", lambda _: "FT-9")
+    assert "serial = 'B-17': expected 'FT-9', the port's own, or none" in refusal(Port(device(), BAUD))
+    with opened(Port(device(), BAUD), SETTINGS.model_copy(update={"serial": None})) as driver:
+        assert driver.link.serial == "FT-9"

@@ -118,6 +118,8 @@ def test_no_motion_after_a_fault_until_rearmed(fault: str, says: str) -> None:
             r.go(0.12, 2.0)
         assert wait_until(lambda: r.stage.link.state is LinkState.CONFIGURED)
         r.drive.provoke("free")
+        assert r.stage.link.counters["faults"] >= 1
+        assert fault != "drive_fault" or r.stage.link.counters["emergencies"] >= 1
         there_m = r.position_m
         words = len(r.words)
         for call in (lambda: r.stage.command(0.1, 0.0, 0), lambda: r.stage.read(0), lambda: r.stage.hold(0)):
@@ -206,7 +208,7 @@ def test_a_calibration_of_another_serial_number(tmp_path: Path) -> None:
         "valid_days": 3650,
         "zero": 5000.0,
         "native_per_m": COUNTS_PER_M,
-        "travel_m": [0.0, 0.12],
+        "travel_m": [-0.002, 0.12],
         "repeatability_m": 1e-5,
     }
     file.write_text(yaml.safe_dump({**values, "serial": "00000001"}))

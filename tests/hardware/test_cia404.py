@@ -90,13 +90,19 @@ def test_a_reading_at_every_second_sync() -> None:
         readings += talk.send(cia301.SYNC, b"")
     talk.close()
     values = [cia404.measured(pdo, bytes(message.data)) for message in readings]
-    assert values == [(1.0, 0), (3.0, 0), (5.0, 0), (5.0, cia404.OVER)]
+    assert values == [(1.0, 0), (3.0, 0), (5.0, 0), (5.0, cia404.NOT_VALID | cia404.OVER)]
     assert [value.valid for value in values if value] == [True, True, True, False]
 
 
 def test_what_can_not_be_a_reading() -> None:
     pdo = cia404.reading_pdo(CELL)
     assert cia404.measured(pdo, bytes(4)) is None
+    for status in range(1, 256):
+        assert not cia404.Measured(1.0, status).valid
+    assert cia404.Measured(1.0, 0).valid
+    assert cia404.Measured(1.0, 3).flaws == ("not_valid", "overrange")
+    assert cia404.Measured(-1.0, 5).flaws == ("not_valid", "underrange")
+    assert cia404.Measured(1.0, 0x48).flaws == ("unknown_status",)
     nan = cia404.measured(pdo, cia404.PROCESS_VALUE.pack(math.nan) + b"\0")
     assert nan is not None
-    assert not nan.valid
+    assert nan.flaws == ("not_a_number",)

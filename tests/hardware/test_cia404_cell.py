@@ -69,6 +69,8 @@ def test_overrange_is_not_believed_but_says_how_much() -> None:
     with rig() as (cell, driver):
         cell.provoke("overrange")
         assert wait_until(lambda: any(not r.valid and r.force_n == 10.0 for r in driver.read(0, None)))
+        counters = driver.link.counters
+        assert counters["not_valid"] == counters["overrange"] == counters["beyond_full_scale"] > 0
         cell.provoke("free")
         assert wait_until(lambda: any(r.valid for r in driver.read(0, None)))
         assert driver.link.inhibited is None
@@ -86,6 +88,7 @@ def test_silence_is_a_fault_until_rearmed() -> None:
         assert wait_until(lambda: driver.link.inhibited is not None)
         with pytest.raises(DeviceError, match="no TPDO"):
             driver.read(0, None)
+        assert driver.link.counters["faults"] >= 1 and driver.link.counters["silent_periods"] >= 10
         cell.provoke("plug")
         assert wait_until(lambda: driver.link.state is LinkState.CONFIGURED)
         with pytest.raises(DeviceError, match="no TPDO"):

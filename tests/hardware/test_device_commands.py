@@ -16,6 +16,7 @@ from forefeel.daemon_settings import load_daemon
 from forefeel.devices.configured import configured
 from forefeel.devices.drivers import DRIVERS, Driver, Slot
 from forefeel.devices.ports import can_interfaces, serial_ports
+from forefeel.speaking import warn_of_latency
 from master.settings import HandleSettings
 from slave.load_cells.settings import LoadCellDriver
 from slave.settings import GripperDriver
@@ -199,6 +200,21 @@ def test_a_wrong_device_is_one_line_and_exit_2_after_all_were_probed(
     assert "zaber_ascii on /dev/stage: failed; Fake 2000; link inhibited; 1 faults" in said.out
     assert "ascii_line on /dev/cell: refused; link closed; nothing counted" in said.out
     assert bench.stage.calls[-1] == bench.load_cell.calls[-1] == "close"
+
+
+def test_a_slow_latency_timer_is_said_by_the_probe_and_by_the_daemons_at_their_start(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    timers = {"/dev/cell": 16, "/dev/stage": 1, "/dev/handle": 4}
+    monkeypatch.setattr("common.hardware.streams.latency_timer_ms", timers.get)
+    said = "latency timer {} ms, expected 1 (deploy/udev sets it)"
+    assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "1"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"  /dev/cell: {said.format(16)}"
+    warn_of_latency("slave", load_daemon(Path("slave.yaml")))
+    warn_of_latency("master", load_daemon(Path("master.yaml")))
+    assert capsys.readouterr().err.splitlines() == [
+        f"slave: /dev/cell: {said.format(16)}", f"master: /dev/handle: {said.format(4)}",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("flaw", ["fails", "silent", "does not open"])

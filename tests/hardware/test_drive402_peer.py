@@ -10,6 +10,7 @@ from canopen.profiles.p402 import BaseNode402
 from common.hardware.cia402 import DriveState
 from forefeel.emulate.canopen_device import object_dictionary
 from forefeel.emulate.drive402 import Drive402, contents
+from forefeel.emulate.drive402_homing import HomingPhase
 from tests.hardware.can_rig import (
     COUNTS_PER_M,
     DRIVE,
@@ -68,7 +69,7 @@ def enable(node: BaseNode402) -> None:
 
 def test_it_enables_and_moves_the_drive(pair: tuple[Drive402, BaseNode402]) -> None:
     drive, node = pair
-    assert node.sdo[0x6502].raw == 0x80
+    assert node.sdo[0x6502].raw == 0xA0  # cyclic synchronous position, homing
     enable(node)
     assert node.state == "OPERATION ENABLED"
     assert node.op_mode == "CYCLIC SYNCHRONOUS POSITION"
@@ -108,3 +109,35 @@ def test_it_refuses_what_it_does_not_have(pair: tuple[Drive402, BaseNode402]) ->
         node.sdo.upload(0x6072, 0)
     with pytest.raises(canopen.SdoAbortedError, match="0x06070010"):
         node.sdo.download(0x6060, 0, bytes(4))
+
+
+@pytest.mark.parametrize(("method", "edge_m"), [(17, -0.0045), (18, 0.0255), (37, START_M)])
+def test_it_homes_the_drive(pair: tuple[Drive402, BaseNode402], method: int, edge_m: float) -> None:
+    drive, node = pair
+    drive.model.homing.switches_m = -0.0045, 0.0255
+    node.sdo[0x607C].raw = 777
+    node.sdo[0x6098].raw = method
+    node.sdo[0x6099][1].raw, node.sdo[0x6099][2].raw, node.sdo[0x609A].raw = 100_000, 2_000, 20_000_000
+    assert node.homing(timeout=10)
+    assert wait_until(lambda: drive.model.homing.phase is HomingPhase.ATTAINED)  # at rest, too
+    found = node.sdo[0x6064].raw
+    assert drive.model.position_m - edge_m == pytest.approx(
+        (found - 777) / COUNTS_PER_M, abs=3.1e-6
+    )  # a step, a count
+    assert drive.model.position_m == pytest.approx(edge_m, abs=1e-5)
+    assert node.is_homed()
+
+
+def test_a_homing_without_its_switch_is_an_error(pair: tuple[Drive402, BaseNode402]) -> None:
+    drive, node = pair
+    drive.provoke("no_switch")
+    node.sdo[0x6098].raw = 17
+    node.sdo[0x6099][1].raw, node.sdo[0x6099][2].raw, node.sdo[0x609A].raw = 100_000, 2_000, 20_000_000
+    assert not node.homing(timeout=10)
+    assert node.statusword & 0x3000 == 0x2000
+
+
+def test_a_method_that_it_has_not_is_refused(pair: tuple[Drive402, BaseNode402]) -> None:
+    _, node = pair
+    with pytest.raises(canopen.SdoAbortedError, match="0x06090030"):
+        node.sdo[0x6098].raw = 5

@@ -129,6 +129,29 @@ def test_when_the_setpoints_end_the_stage_comes_to_rest_within_the_lead() -> Non
     assert rig.stage.link.counters["faults"] == 0
 
 
+def test_a_setpoint_from_before_a_freeze_of_the_whole_process_moves_nothing_after_it() -> None:
+    rig = Rig()
+    rig.tick = lambda now_ns: rig.stage.command(0.05, 0.05, now_ns)
+
+    def script() -> Iterator[None]:
+        yield from for_seconds(rig, 0.3)
+        assert not rig.at_rest()
+        commanding, rig.tick = rig.tick, lambda now_ns: None
+        rig.rest(2.0)
+        rested_m, thawed_s = rig.x_m, rig.t_s
+        rig.stage.command(0.05, 0.05, rig.clock.now_ns() - 2000 * MS)  # a tick that was frozen on its way
+        yield from for_seconds(rig, 0.1)
+        assert rig.at_rest() and rig.x_m == rested_m
+        assert rig.moves(thawed_s) == []
+        assert rig.stage.link.counters["stood_still"] == 1
+        rig.tick = commanding
+        yield from for_seconds(rig, 0.1)
+        assert rig.x_m > rested_m + 0.002
+
+    rig.run(script())
+    assert rig.stage.link.counters["faults"] == 0
+
+
 def test_a_host_that_dies_leaves_the_stage_at_rest() -> None:
     rig = Rig()
     rig.tick = lambda now_ns: rig.stage.command(0.05, 0.05, now_ns)

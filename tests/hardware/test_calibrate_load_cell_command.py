@@ -1,4 +1,4 @@
-"""`forefeel calibrate` as a person uses it, on fakes in stepped time."""
+"""`forefeel calibrate load-cell` as a person uses it, on a fake in stepped time."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -11,38 +11,18 @@ import yaml
 
 from common.config import load_settings, load_yaml
 from common.errors import ConfigurationError
-from common.hardware.calibration import (
-    LoadCellCalibration,
-    StageCalibration,
-    load_cell_calibration,
-    stage_calibration,
-)
+from common.hardware.calibration import LoadCellCalibration, load_cell_calibration
 from common.settings import DaemonSettings
 from forefeel.calibrate.carried import calibrations
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.drivers import Driver
 from forefeel.loopback.plan import Wish, make_plan
-from tests.hardware.fake_devices import UNPLUGGED, FakeCell, FakeHoming, Hands, SteppedClock
+from tests.hardware.calibrate_bench import CELL, configure, unwritten
+from tests.hardware.fake_devices import FakeCell, Hands, SteppedClock
 
 Run = Callable[[Sequence[str]], int]
-SLAVE = """role: slave
-axes:
-- stage: {driver: zaber_ascii, port: /dev/stage, microstep_m: 1e-6, travel_m: [0, 0.09], sign: SIGN}
-  load_cell: {driver: ascii_line, port: /dev/cell, unit: counts, full_scale_n: 10, sign: SIGN}
-  limits: {workspace_m: [0, 0.08]}
-"""
-CELL = ["calibrate", "load-cell", "--config", "slave.yaml", "--axis", "insertion", "--out", "cell.yaml"]
-STAGE = ["calibrate", "stage", "--config", "slave.yaml", "--axis", "insertion", "--out", "stage.yaml"]
 FORCES = ["--forces", "1,2,4"]
 WALK = [0.0, 1.0, 2.0, 4.0, 2.0, 1.0, 0.0]
-
-
-def configure(sign: int = 1) -> None:
-    Path("slave.yaml").write_text(SLAVE.replace("SIGN", str(sign)))
-
-
-def unwritten() -> bool:
-    return [path.name for path in Path().iterdir()] == ["slave.yaml"]
 
 
 @pytest.fixture
@@ -57,19 +37,6 @@ def cell(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeCell:
     return cell
 
 
-@pytest.fixture
-def homing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeHoming:
-    homing = FakeHoming(SteppedClock())
-    monkeypatch.setattr(Driver, "make_homing", lambda *_: homing)
-    monkeypatch.setattr(sys, "stdin", Hands(says=["yes\n"]))
-    monkeypatch.chdir(tmp_path)
-    configure()
-    return homing
-
-
-# --- the load cell ---
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_load_cell_is_calibrated_and_the_file_gives_the_loads_back(
     run: Run, cell: FakeCell, capsys: pytest.CaptureFixture[str], sign: int
@@ -77,7 +44,7 @@ def test_a_load_cell_is_calibrated_and_the_file_gives_the_loads_back(
     configure(sign)
     assert run([*CELL, *FORCES, "--temperature", "21.5"]) == 0
     said = capsys.readouterr()
-    found = load_cell_calibration(Path("cell.yaml"), "SN-7", date.today())
+    found = load_cell_calibration(Path("cell.yaml"), "ascii_line", "SN-7", date.today())
     assert found.gain_n == pytest.approx(sign * cell.gain_n, rel=1e-4)
     assert [sign * found.force_n(native) for native, _ in found.points] == pytest.approx(WALK, abs=1e-3)
     assert [force_n for _, force_n in found.points] == WALK
@@ -270,6 +237,7 @@ def test_an_earlier_file_is_replaced_when_it_may_be(run: Run, cell: FakeCell) ->
         ({"date": "2020-01-01"}, "date = 2020-01-01: out of date by"),
         ({"serial": "SN-8"}, "serial = 'SN-8': expected 'SN-7', the device that answers"),
         ({"gain_n": float("nan")}, "gain_n"),
+        ({"driver": "bota_serial"}, "driver = 'bota_serial': expected 'ascii_line'"),
         ({"format": "forefeel.stage_calibration/1"}, "format = 'forefeel.stage_calibration/1'"),
     ],
 )
@@ -280,114 +248,9 @@ def test_a_calibration_that_does_not_fit_is_one_line_that_says_what_to_do(
     path = Path("cell.yaml")
     path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **change}))
     with pytest.raises(ConfigurationError) as refused:
-        load_cell_calibration(path, "SN-7", date.today())
+        load_cell_calibration(path, "ascii_line", "SN-7", date.today())
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-# --- the stage ---
-
-
-@pytest.mark.parametrize(("sign", "ends_m"), [(1, (-0.001, 0.099)), (-1, (-0.099, 0.001))])
-def test_a_stage_is_homed_twice_and_run_from_end_to_end(
-    run: Run,
-    homing: FakeHoming,
-    capsys: pytest.CaptureFixture[str],
-    sign: int,
-    ends_m: tuple[float, float],
-) -> None:
-    configure(sign)
-    if sign < 0:
-        text = Path("slave.yaml").read_text()
-        Path("slave.yaml").write_text(
-            text.replace("[0, 0.09]", "[-0.09, 0]").replace("[0, 0.08]", "[-0.08, 0]")
-        )
-    assert run([*STAGE, "--velocity", "0.01"]) == 0
-    found = stage_calibration(Path("stage.yaml"), "SN-7", date.today())
-    assert found.travel_m == pytest.approx(ends_m)
-    assert found.native_per_m == pytest.approx(1e6)
-    assert found.zero == 0.0
-    assert found.repeatability_m == pytest.approx(3e-6)
-    assert homing.calls == ["open", "homed", "travelled at 0.01", "homed", "stop", "close"]
-    said = capsys.readouterr()
-    assert "90 mm by its settings, at 10 mm/s" in said.err
-    assert "found again within 3 um" in said.out
-
-
-def test_a_device_that_does_not_tell_its_repeatability_has_none_in_the_file(
-    run: Run, homing: FakeHoming, capsys: pytest.CaptureFixture[str]
-) -> None:
-    homing.off = None
-    assert run([*STAGE, "--yes"]) == 0
-    assert load_settings(StageCalibration, Path("stage.yaml")).repeatability_m is None
-    assert "not told by the device" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("answer", ["no\n", "\n", None])
-def test_a_stage_does_not_move_without_a_yes(
-    run: Run, homing: FakeHoming, monkeypatch: pytest.MonkeyPatch, answer: str | None
-) -> None:
-    monkeypatch.setattr(sys, "stdin", Hands(says=[] if answer is None else [answer]))
-    assert run(STAGE) == 1
-    assert homing.calls == ["open", "stop", "close"]
-    assert unwritten()
-
-
-@pytest.mark.parametrize(
-    ("flaw", "message"),
-    [
-        ("short", "travel -1.000 to 50.000 mm found, settings say stage.travel_m = [0.0, 0.09]"),
-        ("off", "home found again 60.0 um off, allowed 50.0 um"),
-        ("fault", "unplugged"),
-        ("interrupt", "calibration interrupted; the stage was stopped, nothing was written"),
-    ],
-)
-def test_a_stage_that_fails_is_stopped_and_nothing_is_written(
-    run: Run, homing: FakeHoming, capsys: pytest.CaptureFixture[str], flaw: str, message: str
-) -> None:
-    match flaw:
-        case "short":
-            homing.ends = (-1000.0, 50_000.0)
-        case "off":
-            homing.off = 60.0
-        case "fault":
-            homing.stuck = UNPLUGGED
-        case _:
-            homing.stuck = KeyboardInterrupt()
-    assert run(STAGE) == 1
-    assert capsys.readouterr().err.splitlines()[-1].startswith(f"forefeel: {message}")
-    assert homing.calls[-2:] == ["stop", "close"]
-    assert unwritten()
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--velocity", "1"], "--velocity 1: expected 0.0001 to 0.05"),
-        (["--out", "slave.yaml"], "--out slave.yaml: exists, expected a new file, or --overwrite"),
-        (["--valid-days", "0"], "--valid-days 0: expected 1 to 3650"),
-    ],
-)
-def test_bad_input_is_one_line_before_the_stage_is_opened(
-    run: Run, homing: FakeHoming, capsys: pytest.CaptureFixture[str], words: list[str], message: str
-) -> None:
-    assert run([*STAGE, *words]) == 2
-    assert capsys.readouterr().err == f"forefeel: {message}\n"
-    assert homing.calls == []
-
-
-def test_a_driver_that_can_not_be_homed_from_here_says_so(
-    run: Run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    scale = "counts_per_m: 1e6, travel_m: [0, 0.2]"
-    can = f"{{driver: cia402, can: {{interface: virtual, channel: x}}, node_id: 3, {scale}}}"
-    limits = "{workspace_m: [0, 0.08]}"
-    Path("slave.yaml").write_text(f"role: slave\naxes:\n- stage: {can}\n  limits: {limits}\n")
-    assert run([*STAGE, "--yes"]) == 2
-    assert capsys.readouterr().err == (
-        "forefeel: stage.driver = 'cia402': can not be homed from here; use its maker's tools\n"
-    )
 
 
 # --- the recording ---

@@ -1,0 +1,82 @@
+"""A load cell behind Linux' industrial I/O: reading one file makes a conversion and gives its counts."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from common.clock import Clock, MonotonicClock
+from common.config import Settings
+from common.errors import DeviceError
+from common.hardware.conversation import Conversation
+from common.hardware.link import Link, LinkState
+from common.hardware.settings import Sign
+from common.slots import BoundedQueue
+from slave.load_cells.port import LoadCellReading
+from slave.load_cells.scale import Native, Scale
+from slave.load_cells.settings import FullScale
+from slave.load_cells.stuck import StuckWatch
+
+
+class IioSettings(Settings):
+    """`file`: the raw value of the channel. `zero_counts`: of the unloaded cell."""
+
+    driver: Literal["iio"]
+    file: Path
+    newton_per_count: Annotated[float, Field(gt=0, le=1)]
+    zero_counts: float = 0.0
+    sign: Sign = 1
+    full_scale_n: FullScale
+    rate_hz: Annotated[float, Field(ge=1, le=500)] = 80.0
+
+
+class IioLoadCell:
+    """Load-cell port. A thread of its own waits for the conversions, so that the control loop never does."""
+
+    def __init__(self, settings: IioSettings, clock: Clock | None = None) -> None:
+        self.link, self.stale_s = Link(f"load cell iio at {settings.file}"), 3.0 / settings.rate_hz + 0.02
+        self._settings, self._clock = settings, clock or MonotonicClock()
+        self._queue, self._watch = BoundedQueue[LoadCellReading](1024), StuckWatch(noisy=True)
+        self._conversation = Conversation(self.link, self._converse)
+
+    def open(self) -> None:
+        """Returns when the cell has given a value; DeviceError says why it has not."""
+        self._conversation = Conversation(self.link, self._converse)
+        self._conversation.start(timeout_s=3.0)
+
+    def close(self) -> None:
+        """See the port."""
+        self._conversation.stop()
+
+    def rearm(self) -> None:
+        """See the port: what was measured before the fault is forgotten."""
+        if self.link.inhibited is not None:
+            self._queue.drain()
+            self.link.rearm()
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
+        """See the port."""
+        self.link.require_ready()
+        return self._queue.drain()
+
+    def _converse(self, conversation: Conversation) -> None:
+        s = self._settings
+        scale = Scale(s.full_scale_n, s.sign, s.newton_per_count, None, self._watch, self.link.counters)
+        self._measured()
+        for step in (LinkState.OPEN, LinkState.IDENTIFIED, LinkState.CONFIGURED, LinkState.READY):
+            self.link.advance(step)
+        conversation.settled()
+        while not conversation.stopping:
+            native = self._measured()
+            if self.link.state is LinkState.READY:
+                self._queue.put(scale.reading(scale.checked(native)))
+                self.link.exchanged()
+            conversation.pause(1.0 / s.rate_hz)
+
+    def _measured(self) -> Native:
+        try:
+            counts = int(self._settings.file.read_text(encoding="ascii"))
+        except (OSError, ValueError) as error:
+            raise DeviceError(f"{self.link.name}: {error}; expected a file with an integer") from error
+        return Native(counts - self._settings.zero_counts, self._clock.now_ns())

@@ -1,0 +1,87 @@
+"""The devices of one axis as its control loop sees them: readings that can be believed, faults by name."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from common.errors import DeviceError
+from slave.grippers.port import Gripper
+from slave.load_cells.port import LoadCell, LoadCellReading
+from slave.stages.port import Stage, StageReading
+
+_NO_FORCE = LoadCellReading(0.0, 0, False)
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """The three ports of one axis."""
+
+    stage: Stage
+    gripper: Gripper
+    load_cell: LoadCell
+
+
+class DeviceWatch:
+    """Reads the devices once per tick; `on_fault(device, reason)` is told what fails.
+
+    Attributes:
+        stage: the newest readback.
+        force: the newest reading of the load cell, not valid any more when it is too old.
+    """
+
+    def __init__(self, devices: Devices, on_fault: Callable[[str, str], None]) -> None:
+        self.stage = StageReading(0.0, 0.0)
+        self.force, self._force_ns = _NO_FORCE, 0
+        self._devices = devices
+        self._on_fault = on_fault
+
+    def open(self, now_ns: int) -> None:
+        """Opens the devices.
+
+        Raises:
+            DeviceError: one does not answer, or the stage does not say where it is.
+        """
+        for device in (self._devices.stage, self._devices.gripper, self._devices.load_cell):
+            device.open()
+        self._read_stage(now_ns)
+
+    def close(self) -> None:
+        """Closes the devices."""
+        for device in (self._devices.load_cell, self._devices.gripper, self._devices.stage):
+            device.close()
+
+    def rearm(self) -> None:
+        """A clearing is the explicit act that a device waits for after its fault."""
+        for name, device in (("stage", self._devices.stage), ("load_cell", self._devices.load_cell)):
+            try:
+                device.rearm()
+            except DeviceError as error:
+                self._on_fault(name, str(error))
+                return
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
+        """The new readings of the load cell; the newest counts until it is too old."""
+        cell, name = self._devices.load_cell, "stage"
+        try:
+            self._read_stage(now_ns)
+            name = "load_cell"
+            readings = cell.read(now_ns, recording_time_s)
+            for reading in readings:
+                if not isfinite(reading.force_n):
+                    raise DeviceError(f"load cell = {reading.force_n} N: expected a finite force")
+        except DeviceError as error:
+            self._on_fault(name, str(error))
+            readings = (_NO_FORCE,)
+        if readings:
+            self.force, self._force_ns = readings[-1], now_ns
+        elif now_ns - self._force_ns > cell.stale_s * 1e9:
+            self.force = self.force._replace(valid=False)
+        return readings
+
+    def _read_stage(self, now_ns: int) -> None:
+        reading = self._devices.stage.read(now_ns)
+        if not (isfinite(reading.position_m) and isfinite(reading.velocity_m_s)):
+            raise DeviceError(
+                f"stage = ({reading.position_m} m, {reading.velocity_m_s} m/s): expected finite numbers"
+            )
+        self.stage = reading
