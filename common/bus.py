@@ -60,6 +60,7 @@ class Bus:
 
     def outlet(self, topic: Topic[Message]) -> Outlet:
         """Declares the publisher of a topic."""
+        assert topic.published, topic.name
         return Outlet(self._transport.publisher(topic.key(self._cell, self._axis), topic.qos))
 
     def subscribe(
@@ -85,7 +86,14 @@ class Bus:
 
         self._transport.subscribe(topic.key(self._cell, self._axis), receive)
 
+    @property
+    def refused(self) -> int:
+        """Payloads that came under a key with a wildcard."""
+        return self._transport.refused()
+
     def counts(self) -> dict[str, int]:
         """`malformed` and `counters` for a state message."""
         counted = list(self.malformed.items())  # at once: the transport's threads go on counting
-        return {**self.counters, **{f"malformed_{name.replace('/', '_')}": n for name, n in counted}}
+        wildcards = {"refused_wildcard": self.refused} if self.refused else {}
+        malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
+        return {**self.counters, **wildcards, **malformed}

@@ -1,6 +1,7 @@
 """The only reader of the system's time."""
 
 import time
+from datetime import UTC, datetime
 from typing import Protocol
 
 
@@ -47,3 +48,22 @@ class VirtualClock:
         if now_ns < self._now_ns:
             raise ValueError(f"time goes back: {now_ns} < {self._now_ns}")
         self._now_ns = now_ns
+
+
+def now_utc() -> datetime:
+    """The calendar's time, which may jump: for what expires on a date, never for control."""
+    return datetime.now(UTC)
+
+
+class WallClock:
+    """The host's wall clock: it may be wrong, and step. For people who read a log, never for a loop."""
+
+    def utc(self) -> str:
+        """Now, as ISO 8601 with microseconds."""
+        return utc_text(time.time_ns())
+
+
+def utc_text(wall_ns: int) -> str:
+    """Nanoseconds since 1970 as ISO 8601 in UTC, to the microsecond."""
+    second, rest_ns = divmod(wall_ns, 1_000_000_000)
+    return f"{datetime.fromtimestamp(second, UTC):%Y-%m-%dT%H:%M:%S}.{rest_ns // 1000:06d}Z"

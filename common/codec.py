@@ -9,6 +9,7 @@ from common.errors import CodecError
 from common.messages import PROTOCOL_VERSION, Handshake, Message
 
 MAX_MESSAGE_BYTES = 64 * 1024
+_MAX_ITEMS = 1024
 
 M = TypeVar("M", bound=Message)
 
@@ -19,16 +20,22 @@ def encode(message: Message) -> bytes:
     return packed
 
 
-def unpack(payload: bytes) -> dict[str, object]:
+def unpack(
+    payload: bytes, most_bytes: int = MAX_MESSAGE_BYTES, most_items: int = _MAX_ITEMS
+) -> dict[str, object]:
     """The bare map of a payload, its size and shape checked but its fields not.
+
+    An array is built as long as it claims to be, at every level of nesting: 64 kB that claim 1000 arrays of
+    65536 in one another hold the interpreter, and with it the control loop, for 0.1 s. So its length is
+    bounded, too.
 
     Raises:
         CodecError: empty, oversized, truncated, trailing bytes, or not a map with text keys.
     """
-    if len(payload) > MAX_MESSAGE_BYTES:
-        raise CodecError(f"message of {len(payload)} bytes, at most {MAX_MESSAGE_BYTES} are accepted")
+    if len(payload) > most_bytes:
+        raise CodecError(f"message of {len(payload)} bytes, at most {most_bytes} are accepted")
     try:
-        fields = msgpack.unpackb(payload, use_list=False)  # nothing in it can be longer than the payload
+        fields = msgpack.unpackb(payload, use_list=False, max_array_len=most_items, max_map_len=most_items)
     except (ValueError, TypeError, RecursionError) as error:  # msgpack's own errors are ValueErrors
         raise CodecError(f"not msgpack: {type(error).__name__}") from error
     if type(fields) is not dict:
@@ -44,7 +51,7 @@ def decode(kind: type[M], payload: bytes) -> M:
     Raises:
         CodecError: the bytes are no message of that type, or speak another protocol version.
     """
-    fields = unpack(payload)
+    fields = unpack(payload, kind.most_bytes, kind.most_items)
     try:
         message = kind.model_validate(fields)
     except ValidationError as error:

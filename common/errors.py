@@ -6,6 +6,7 @@ ForefeelError
 │   ├── ConfigurationError  a YAML file or one of its values
 │   ├── RecordingError      a CSV, Parquet or MCAP file
 │   └── EndpointError       a Zenoh endpoint that is taken, malformed or never answers
+│       └── NoRouterError   no router answers there yet
 ├── RunError                the run failed, exit 1
 ├── CodecError              a byte string that is no message of ours
 └── DeviceError             a stage, load cell, gripper or handle; always reaches the safety state
@@ -32,6 +33,10 @@ class RecordingError(InputError):
 
 class EndpointError(InputError):
     """A network endpoint is taken, malformed or unreachable."""
+
+
+class NoRouterError(EndpointError):
+    """A client found no router; one that starts later would do."""
 
 
 class RunError(ForefeelError):

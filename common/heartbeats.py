@@ -4,6 +4,8 @@ from common.bus import Outlet
 from common.clock_offset import ClockOffset, OffsetEstimate
 from common.messages import Heartbeat
 
+_REMEMBERED = 256  # beats: 13 s of them, more than any round trip that a session outlives
+
 
 class Heartbeats:
     """One end of the exchange. `heard` runs where the transport delivers, `beat` on asyncio."""
@@ -16,23 +18,39 @@ class Heartbeats:
         """A new session: nothing is known of the peer. A new estimator, for the old one may be in use."""
         self._clock = ClockOffset()
         self._newest: tuple[int, int] | None = None
+        self._sequence = 0
+        self._answered = False
+        self._sent_ns: tuple[int, ...] = ()
 
     @property
     def offset(self) -> OffsetEstimate | None:
         """The peer's clock minus ours, None before the first exchange."""
         return self._clock.best
 
-    def heard(self, heartbeat: Heartbeat, receive_ns: int) -> None:
-        """A heartbeat of the peer, received at `receive_ns` of our clock."""
+    def heard(self, heartbeat: Heartbeat, receive_ns: int) -> bool:
+        """A heartbeat of the peer, received at `receive_ns` of our clock; whether it is of this session.
+
+        One that was heard before, or that echoes what was never sent, is a replay or a forgery and says
+        nothing: neither that the peer lives nor what its clock shows.
+        """
+        echo_ns, echo_receive_ns = heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns
+        if heartbeat.sequence <= self._sequence or not self._may_echo(echo_ns):
+            return False
+        self._sequence = heartbeat.sequence
         self._newest = heartbeat.stamp_ns, receive_ns
-        if heartbeat.echo_stamp_ns is not None and heartbeat.echo_receive_ns is not None:
-            self._clock.update(
-                heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns, heartbeat.stamp_ns, receive_ns
-            )
+        if echo_ns is not None and echo_receive_ns is not None:
+            self._answered = True
+            self._clock.update(echo_ns, echo_receive_ns, heartbeat.stamp_ns, receive_ns)
+        return True
+
+    def _may_echo(self, echo_ns: int | None) -> bool:
+        """Nothing before the first answer, from then on a stamp of ours."""
+        return not self._answered if echo_ns is None else echo_ns in self._sent_ns
 
     def beat(self, session_id: int, now_ns: int) -> None:
         """Sends one, echoing the peer's newest."""
         stamp_ns, receive_ns = self._newest or (None, None)
+        self._sent_ns = (*self._sent_ns[1 - _REMEMBERED :], now_ns)
         self._outlet.send(
             Heartbeat(
                 **self._outlet.header(session_id, now_ns), echo_stamp_ns=stamp_ns, echo_receive_ns=receive_ns

@@ -20,7 +20,14 @@ Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.
 
 
 class Message(BaseModel):
-    """What every message carries: protocol version, session, sequence and the sender's monotonic stamp."""
+    """What every message carries: protocol version, session, sequence and the sender's monotonic stamp.
+
+    `most_bytes`, `most_items`: what an encoded message of the kind, and an array or map in it, may hold. A
+    forged one that claims more is refused before it costs the control loop its time.
+    """
+
+    most_bytes: ClassVar[int] = 2048
+    most_items: ClassVar[int] = 64
 
     model_config: ClassVar[ConfigDict] = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, protected_namespaces=()
@@ -57,6 +64,8 @@ Gripper = Annotated[Grip, Field(strict=False)]
 
 class Handshake(Message):
     """Opens a session (master) or answers it (slave). Both refuse to arm when protocol or settings differ."""
+
+    most_bytes: ClassVar[int] = 24 * 1024
 
     role: Literal["master", "slave"]
     instance_id: NonNegativeInt
@@ -121,6 +130,9 @@ class HapticSample(Message):
 class ModelParameters(Message):
     """The identified contact model: values, standard deviations and what the motion lets one tell apart."""
 
+    most_bytes: ClassVar[int] = 64 * 1024
+    most_items: ClassVar[int] = 256
+
     names: tuple[Name, ...]
     values: tuple[float, ...]
     standard_deviations: tuple[float, ...]
@@ -135,6 +147,9 @@ class ModelParameters(Message):
 class SlaveState(Message):
     """The slave's state, 50 Hz: safety state, readback and counters."""
 
+    most_bytes: ClassVar[int] = 24 * 1024
+    most_items: ClassVar[int] = 256
+
     state: State
     reason: ShortText
     position_m: float
@@ -148,6 +163,9 @@ class SlaveState(Message):
 
 class MasterState(Message):
     """The master's state, 10 Hz: what it shows to the operator, delay and counters."""
+
+    most_bytes: ClassVar[int] = 24 * 1024
+    most_items: ClassVar[int] = 256
 
     indication: Name
     reason: ShortText
@@ -168,8 +186,8 @@ class Heartbeat(Message):
 
 
 class LimitEvent(Message):
-    """The gate changed or refused a command: what was asked, what was applied, by which rule, how often since
-    the last event.
+    """A command that the slave's gate changed or refused, or a force that the master's renderer changed: what
+    was asked, what was applied, by which rule, how often since the last event.
     """
 
     rule: Name
@@ -188,6 +206,33 @@ class SafetyEvent(Message):
     reason: ShortText
 
 
+class ControlCycle(Message):
+    """One tick of the slave's control loop. Never published: the flight recorder writes it.
+
+    `executed_sequence`: of the command that the setpoint follows.
+    """
+
+    setpoint_m: float
+    setpoint_velocity_m_s: float
+    moving: bool
+    position_m: float
+    velocity_m_s: float
+    force_n: float
+    force_valid: bool
+    state: State
+    gripper: Gripper
+    executed_sequence: NonNegativeInt | None
+
+
+class MasterEvent(Message):
+    """A change of how the master stands: `no_link`, `linked`, `handle_fault` or `failed`."""
+
+    before: Name
+    event: Name
+    after: Name
+    reason: ShortText
+
+
 class EmergencyStop(Message):
     """Latched stop from anyone; outside every queue and filter. Cleared only by a local act at the slave."""
 
@@ -195,8 +240,30 @@ class EmergencyStop(Message):
     reason: ShortText
 
 
+class Calibration(Message):
+    """The calibration that a driver of the slave has loaded, said again and again for whoever records.
+
+    Load cell: `F = gain_n (native - zero)`. Stage: `native = zero + native_per_m x`. The sign of the settings
+    is in neither. `serial`: of the device that answers; `date`: ISO 8601. What a slot does not have is None.
+    """
+
+    slot: Literal["stage", "load_cell"]
+    driver: ShortText
+    serial: ShortText
+    date: ShortText
+    zero: float
+    gain_n: float | None = None
+    residual_n: float | None = None
+    hysteresis_n: float | None = None
+    native_per_m: float | None = None
+    repeatability_m: float | None = None
+
+
 class LoopTiming(Message):
     """Lateness of a fixed-rate loop since its start: quantiles, maximum, and the histogram they come from."""
+
+    most_bytes: ClassVar[int] = 24 * 1024
+    most_items: ClassVar[int] = 1024
 
     loop: Name
     ticks: NonNegativeInt
@@ -211,6 +278,9 @@ class LoopTiming(Message):
 
 class ImpairmentTrace(Message):
     """What the impairment did to each message of a link: its delays in ns; none = lost, two = doubled."""
+
+    most_bytes: ClassVar[int] = 64 * 1024
+    most_items: ClassVar[int] = 1024
 
     link: ShortText
     first_index: NonNegativeInt

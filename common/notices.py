@@ -6,6 +6,11 @@ from common.slots import BoundedQueue
 _NANOSECONDS = 1_000_000_000
 
 
+def printable(text: str) -> str:
+    """`text` with a question mark for what could speak to a terminal; it may come from the network."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
 class Notices:
     """Lines that wait for being said. Filled by any thread, drained by one."""
 
@@ -13,8 +18,8 @@ class Notices:
         self._queue: BoundedQueue[str] = BoundedQueue(64)
 
     def add(self, text: str) -> None:
-        """One line; what is not printable in it is replaced, for it may come from the network."""
-        self._queue.put("".join(c if c.isprintable() else "?" for c in text))
+        """One line, made printable."""
+        self._queue.put(printable(text))
 
     def drain(self) -> list[str]:
         """The lines since the last call, oldest first; the oldest of very many are lost."""

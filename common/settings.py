@@ -103,9 +103,32 @@ class LinkImpairment(Settings):
 
 
 class RealtimeSettings(Settings):
-    """`priority` of SCHED_FIFO for the 1 kHz loop, 0 for normal scheduling; where the system permits it."""
+    """`priority` of SCHED_FIFO for the 1 kHz loop where the system permits it, 0 for normal scheduling;
+    devices come 10 below it, everything else of the daemon 20.
+    """
 
     priority: Annotated[int, Field(ge=0, le=90)] = 50
+
+    @model_validator(mode="after")
+    def _room_below(self) -> "RealtimeSettings":
+        if 0 < self.priority <= 20:
+            raise ValueError(f"priority = {self.priority}: expected 0, or 21 to 90")
+        return self
+
+
+def _beside_the_settings(path: Path, info: ValidationInfo) -> Path:
+    return Path((info.context or {}).get("directory", Path()) / path).absolute()
+
+
+class StateSettings(Settings):
+    """Where a daemon keeps its audit log, flight records and local socket, relative to this file.
+
+    Without `directory`: STATE_DIRECTORY of systemd, else XDG_STATE_HOME/forefeel or ~/.local/state/forefeel,
+    and in it CELL-ROLE. `flight_records`: how many of them are kept.
+    """
+
+    directory: Annotated[Path, AfterValidator(_beside_the_settings)] | None = None
+    flight_records: Annotated[int, Field(ge=1, le=10_000)] = 20
 
 
 class DaemonSettings(Settings):
@@ -115,6 +138,12 @@ class DaemonSettings(Settings):
     transport: TransportSettings = TransportSettings()
     impairment: LinkImpairment = LinkImpairment()
     realtime: RealtimeSettings = RealtimeSettings()
+    state: StateSettings = StateSettings()
+
+    @property
+    def real_stage(self) -> bool:
+        """Whether a stage that is not simulated is configured."""
+        return False
 
 
 def require_distinct(names: list[str]) -> None:

@@ -30,6 +30,7 @@ class Topic(Generic[M_co]):
     """One row of the table. `rate_hz` None: on occasion. `stale_after_s` None: never stale.
 
     `crosses`: the other end consumes it. What does not cross is published for the recorder only.
+    `published`: it goes over the network; what does not stands in flight records only.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Topic(Generic[M_co]):
     stale_after_s: float | None = None
     recorded: bool = True
     crosses: bool = True
+    published: bool = True
 
     def key(self, cell: str, axis: str) -> str:
         """The Zenoh key expression of this topic for one axis of one cell."""
@@ -57,23 +59,28 @@ SLAVE_HANDSHAKE = Topic("slave/handshake", m.Handshake, "slave", None, Qos.EVENT
 MASTER_HEARTBEAT = Topic("master/heartbeat", m.Heartbeat, "master", 20, Qos.STATE, 1.0, recorded=False)
 SLAVE_HEARTBEAT = Topic("slave/heartbeat", m.Heartbeat, "slave", 20, Qos.STATE, 1.0, recorded=False)
 LIMIT_EVENT = Topic("slave/limit", m.LimitEvent, "slave", None, Qos.EVENT)
+MASTER_LIMIT = Topic("master/limit", m.LimitEvent, "master", None, Qos.EVENT, crosses=False)
+MASTER_EVENT = Topic("master/event", m.MasterEvent, "master", None, Qos.EVENT, crosses=False)
 SAFETY_EVENT = Topic("slave/safety", m.SafetyEvent, "slave", None, Qos.EVENT)
+CALIBRATION = Topic("slave/calibration", m.Calibration, "slave", None, Qos.EVENT, crosses=False)
 EMERGENCY_STOP = Topic("any/estop", m.EmergencyStop, "any", None, Qos.EVENT)
 MASTER_TIMING = Topic("master/timing", m.LoopTiming, "master", 1, Qos.STATE, crosses=False)
 SLAVE_TIMING = Topic("slave/timing", m.LoopTiming, "slave", 1, Qos.STATE, crosses=False)
 MASTER_IMPAIRMENT = Topic("master/impairment", m.ImpairmentTrace, "master", 10, Qos.STATE, crosses=False)
 SLAVE_IMPAIRMENT = Topic("slave/impairment", m.ImpairmentTrace, "slave", 10, Qos.STATE, crosses=False)
+CONTROL_CYCLE = Topic(
+    "slave/cycle", m.ControlCycle, "slave", 1000, Qos.STREAM, recorded=False, crosses=False, published=False
+)
 
 TOPICS: tuple[Topic[m.Message], ...] = (
     COMMAND, FORCE, HAPTICS, PARAMETERS, SLAVE_STATE, MASTER_STATE, MASTER_HANDSHAKE, SLAVE_HANDSHAKE,
-    MASTER_HEARTBEAT,
-    SLAVE_HEARTBEAT, LIMIT_EVENT, SAFETY_EVENT, EMERGENCY_STOP, MASTER_TIMING, SLAVE_TIMING,
-    MASTER_IMPAIRMENT,
-    SLAVE_IMPAIRMENT,
+    MASTER_HEARTBEAT, SLAVE_HEARTBEAT, LIMIT_EVENT, SAFETY_EVENT, MASTER_LIMIT, MASTER_EVENT, CALIBRATION,
+    EMERGENCY_STOP, MASTER_TIMING, SLAVE_TIMING, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, CONTROL_CYCLE,
 )  # fmt: skip
 
 BY_NAME: dict[str, Topic[m.Message]] = {topic.name: topic for topic in TOPICS}
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
+PUBLISHED = tuple(topic for topic in TOPICS if topic.published)
 
 _SEGMENT = re.compile(r"[^@*$?#/\s][^*$?#/\s]*")
 

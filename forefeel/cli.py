@@ -10,16 +10,27 @@ from common.errors import ConfigurationError
 from common.recording.tabular import Mapping
 from common.transport.settings import PRESETS
 from forefeel.calibrate.cli import calibrate_app
-from forefeel.daemon_settings import load_daemon
+from forefeel.daemon_settings import load_any, load_daemon
 from forefeel.devices.cli import EPILOG as DEVICES_EPILOG
 from forefeel.devices.cli import device_app, devices
 from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
 from forefeel.diagnose.command import diagnose
+from forefeel.doctor.cli import EPILOG as DOCTOR_EPILOG
+from forefeel.doctor.cli import doctor
 from forefeel.emulate.command import EPILOG as EMULATE_EPILOG
 from forefeel.emulate.command import emulate
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
+from forefeel.local.commands import CLEAR_EPILOG, ESTOP_EPILOG, audit_app, clear, estop
+from forefeel.metrics.command import EPILOG as METRICS_EPILOG
+from forefeel.metrics.command import metrics
+from forefeel.options import Duration
+from forefeel.pki.cli import pki_app
+from forefeel.record_cli import EPILOG as RECORD_EPILOG
+from forefeel.record_cli import record
 from forefeel.reproduction.cli import EPILOG, reproduce
+from forefeel.router_cli import EPILOG as ROUTER_EPILOG
+from forefeel.router_cli import router
 from forefeel.simulate.command import EPILOG as SIMULATE_EPILOG
 from forefeel.simulate.command import simulate
 
@@ -34,56 +45,52 @@ config_app = typer.Typer(help="Settings.", no_args_is_help=True)
 app.add_typer(config_app, name="config")
 app.add_typer(device_app, name="device")
 app.add_typer(calibrate_app, name="calibrate")
+app.add_typer(pki_app, name="pki")
+app.add_typer(audit_app, name="audit")
 app.command(epilog=EPILOG)(reproduce)
 app.command(epilog=DEVICES_EPILOG)(devices)
+app.command(epilog=DOCTOR_EPILOG)(doctor)
+app.command(epilog=ESTOP_EPILOG)(estop)
+app.command(epilog=CLEAR_EPILOG)(clear)
 
 ConfigFile = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
-Duration = Annotated[
-    float | None, typer.Option("--duration", min=0.0, help="End after this many seconds.", metavar="S")
+Insecure = Annotated[
+    bool,
+    typer.Option("--insecure", help="Do without certificates outside this host; never with a real stage."),
 ]
 
 
 @app.command(epilog="Example: forefeel slave --config deploy/config/slave.yaml")
-def slave(config: ConfigFile, duration: Duration = None) -> None:
+def slave(config: ConfigFile, duration: Duration = None, insecure: Insecure = False) -> None:
     """Run the slave daemon: stage, load cell, safety gate."""
     from forefeel.daemons import run_slave  # noqa: PLC0415 - the other commands start without Zenoh
     from slave.settings import SlaveSettings  # noqa: PLC0415
 
     settings = load_daemon(config, "slave")
     assert isinstance(settings, SlaveSettings)
-    run_slave(settings, duration)
+    run_slave(settings, duration, insecure)
 
 
 @app.command(epilog="Example: forefeel master --config deploy/config/master.yaml")
-def master(config: ConfigFile, duration: Duration = None) -> None:
+def master(config: ConfigFile, duration: Duration = None, insecure: Insecure = False) -> None:
     """Run the master daemon: handle, haptic loop, prediction."""
     from forefeel.daemons import run_master  # noqa: PLC0415
     from master.settings import MasterSettings  # noqa: PLC0415
 
     settings = load_daemon(config, "master")
     assert isinstance(settings, MasterSettings)
-    run_master(settings, duration)
+    run_master(settings, duration, insecure)
 
 
 @config_app.command("check", epilog="Example: forefeel config check deploy/config/slave.yaml")
 def config_check(file: Annotated[Path, typer.Argument(metavar="FILE")]) -> None:
     """Print the effective settings of a file, defaults included, or what is wrong with it."""
-    typer.echo(dump_yaml(load_daemon(file)), nl=False)
+    typer.echo(dump_yaml(load_any(file)), nl=False)
 
 
-@app.command(epilog="Example: forefeel record --cell cathlab --connect tcp/10.0.0.2:7447 --out run.mcap")
-def record(
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="A new .mcap file.")],
-    connect: Annotated[
-        list[str], typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
-    ],
-    cell: Annotated[str, typer.Option("--cell", help="Which cell to record.")] = "cell",
-    duration: Duration = None,
-) -> None:
-    """Record a cell to MCAP until Ctrl-C, in a process of its own."""
-    from forefeel.record import run_record  # noqa: PLC0415 - the other commands start without Zenoh
-
-    run_record(out, cell, tuple(connect), duration)
+app.command(epilog=RECORD_EPILOG)(record)
+app.command(epilog=METRICS_EPILOG)(metrics)
+app.command(epilog=ROUTER_EPILOG)(router)
 
 
 @app.command(

@@ -1,8 +1,8 @@
-"""The settings of either daemon from its YAML file."""
+"""The settings of a daemon, or of whoever has a YAML file of ours."""
 
 from pathlib import Path
 
-from common.config import load_settings, load_yaml
+from common.config import Settings, load_settings, load_yaml
 from common.errors import ConfigurationError
 from common.settings import DaemonSettings
 
@@ -17,10 +17,32 @@ def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
     from slave.settings import SlaveSettings  # noqa: PLC0415
 
     kinds: dict[str, type[DaemonSettings]] = {"slave": SlaveSettings, "master": MasterSettings}
+    return load_settings(kinds[_role(path, (role,) if role else tuple(kinds))], path)
+
+
+def load_any(path: Path) -> Settings:
+    """The settings of any of our YAML files, told apart by its `role`.
+
+    Raises:
+        ConfigurationError: one line on the first mistake.
+    """
+    from forefeel.network_settings import ObserverSettings, RouterSettings  # noqa: PLC0415
+
+    others: dict[str, type[Settings]] = {
+        "recorder": ObserverSettings,
+        "viewer": ObserverSettings,
+        "router": RouterSettings,
+    }
+    role = _role(path, ("slave", "master", *others))
+    return load_settings(others[role], path) if role in others else load_daemon(path)
+
+
+def _role(path: Path, expected: tuple[str, ...]) -> str:
     data, lines = load_yaml(path)
     found = data.get("role")
-    if not isinstance(found, str) or found not in kinds or (role is not None and found != role):
+    if not isinstance(found, str) or found not in expected:
         line = f":{lines[('role',)]}" if ("role",) in lines else ""
-        expected = repr(role) if role else "'slave' or 'master'"
-        raise ConfigurationError(f"{path}{line}: role = {found!r}: expected {expected}")
-    return load_settings(kinds[found], path)
+        *first, last = (repr(role) for role in expected)
+        words = f"{', '.join(first)} or {last}" if first else last
+        raise ConfigurationError(f"{path}{line}: role = {found!r}: expected {words}")
+    return found

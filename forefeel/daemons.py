@@ -3,22 +3,22 @@ closed.
 """
 
 import asyncio
-import ctypes
 import os
 import signal
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from secrets import randbits
 from typing import TYPE_CHECKING
 
-from common.errors import ConfigurationError, EndpointError, RunError
-from common.notices import Notices, RateLimit
 from common.runtime.real import RealRuntime
 from common.runtime.realtime import prepare_process, prepare_thread
+from common.runtime.service_manager import Attendance, ServiceManager
 from common.settings import DaemonSettings
-from common.transport.zenoh_bus import ZenohTransport
-from master.session import Link
+from forefeel.linking import POLL_S, closed_on_failure, open_session, opened, show_link, watch_strands
+from forefeel.local.acts import MasterActs, SlaveActs
+from forefeel.local.daemon_state import daemon_state
+from forefeel.local.server import LocalServer
+from forefeel.parent import die_with_parent
+from forefeel.speaking import Speaker, endpoints, say, warn_of_latency
 from master.settings import MasterSettings
 from slave.settings import SlaveSettings
 
@@ -28,109 +28,96 @@ if TYPE_CHECKING:
     from slave.axis import SlaveAxis
     from slave.daemon import SlaveDaemon
 
-_POLL_S = 0.05
 _SPEAK_NS = 100_000_000
 _BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
 _REST_S = 2.0
 _FAREWELL_S = 0.3  # the master says "deadman released" for this long, and the force fades, before it goes
-_REMIND_S = 5.0
-_PR_SET_PDEATHSIG = 1
 
 
-def say(text: str) -> None:
-    """One line to the person at the terminal or to the journal."""
-    print(text, file=sys.stderr, flush=True)
-
-
-class _Speaker:
-    """Says what the axes of a daemon have to tell; a terminal that is gone stops nothing."""
-
-    def __init__(self, role: str, notices: Mapping[str, Notices]) -> None:
-        self._role = role
-        self._notices = notices
-        self._limit = RateLimit()
-
-    def speak(self, now_ns: int) -> None:
-        """What came since the last call; about ten times a second."""
-        for name, notices in self._notices.items():
-            for text in self._limit.passed(notices.drain(), now_ns):
-                with suppress(OSError):
-                    say(f"{self._role}: axis {name}: {text}")
-
-
-def run_slave(settings: SlaveSettings, duration_s: float | None = None) -> None:
-    """Runs the slave until SIGINT, SIGTERM, the duration or a fault.
+def run_slave(settings: SlaveSettings, duration_s: float | None = None, insecure: bool = False) -> None:
+    """Runs the slave until SIGINT, SIGTERM, the duration or a fault. `insecure`: see `check_exposure`.
 
     Raises:
         InputError: an endpoint or a file can not be used. RunError: a fault ended it.
     """
     die_with_parent()
-    asyncio.run(_slave(settings, duration_s))
+    asyncio.run(_slave(settings, duration_s, insecure))
 
 
-def run_master(settings: MasterSettings, duration_s: float | None = None) -> None:
+def run_master(settings: MasterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
     """Runs the master until SIGINT, SIGTERM, the duration (from the opened session), the end of a played
-    motion, or a fault.
+    motion, or a fault. `insecure`: see `check_exposure`.
 
     Raises:
         InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
     """
     die_with_parent()
-    asyncio.run(_master(settings, duration_s))
+    asyncio.run(_master(settings, duration_s, insecure))
 
 
-async def _slave(settings: SlaveSettings, duration_s: float | None) -> None:
+async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bool) -> None:
     from slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
     runtime = _runtime(settings)
-    with _opened(settings, runtime) as transport:
-        daemon = SlaveDaemon(settings, transport, runtime, _new_id)
-    speaker = _Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
-    runtime.task("notices", _SPEAK_NS, speaker.speak)
-    say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
-    async with runtime:
-        await _until(runtime, duration_s)
-        daemon.shut_down()
-        await _rest(daemon)
-    daemon.close(runtime.clock.now_ns())
-    speaker.speak(runtime.clock.now_ns())
-    say(f"slave: {'stage at rest' if daemon.at_rest else 'stage told to hold'}, closed")
-    runtime.raise_fault()
-
-
-async def _master(settings: MasterSettings, duration_s: float | None) -> None:
-    from master.daemon import MasterDaemon  # noqa: PLC0415 - the slave does without its compiled predictor
-
-    runtime = _runtime(settings)
-    with _opened(settings, runtime) as transport:
-        daemon = MasterDaemon(settings, transport, runtime, _new_id)
-    speaker = _Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
-    runtime.task("notices", _SPEAK_NS, speaker.speak)
-    say(f"master: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for the slave")
-    try:
-        async with runtime:
-            await _session(daemon, runtime, settings.peer_timeout_s, settings.transport.connect)
-            if not runtime.stopping.is_set():
-                say(f"master: session open; loop: {runtime.scheduling}")
-            await _until(runtime, duration_s, daemon)
+    with daemon_state(settings, "slave", runtime.clock) as state:
+        transport = await opened(settings, "slave", runtime, insecure, duration_s)
+        if transport is None:
+            return
+        with closed_on_failure(transport):
+            daemon = SlaveDaemon(settings, transport, runtime, _new_id, state.journal)
+        speaker = Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
+        runtime.task("notices", _SPEAK_NS, speaker.speak)
+        warn_of_latency("slave", settings)
+        watch_strands(runtime, "slave", transport)
+        attendance = _attendance(runtime, daemon.axes)
+        acts = SlaveActs(daemon, state.journal, runtime.clock)
+        async with runtime, LocalServer(state.path, "slave", acts):
+            say(f"slave: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for a master")
+            await _until(runtime, duration_s)
+            attendance.stopping(_why(runtime))
             daemon.shut_down()
-            await asyncio.sleep(_FAREWELL_S)
-    finally:
+            await _rest(daemon)
         daemon.close(runtime.clock.now_ns())
-    speaker.speak(runtime.clock.now_ns())
-    say("master: handle released, closed")
-    runtime.raise_fault()
+        speaker.speak(runtime.clock.now_ns())
+        end = "stage at rest" if daemon.at_rest else "stage told to hold"
+        say(f"slave: {state.close(_ended(runtime, end))}")
+        say(f"slave: {end}, closed")
+        runtime.raise_fault()
 
 
-@contextmanager
-def _opened(settings: DaemonSettings, runtime: RealRuntime) -> Iterator[ZenohTransport]:
-    """The daemon's transport, which the daemon closes; closed here when the daemon can not be composed."""
-    transport = ZenohTransport.open(settings.transport, runtime.clock, runtime.fault)
-    try:
-        yield transport
-    except BaseException:
-        transport.close()
-        raise
+async def _master(settings: MasterSettings, duration_s: float | None, insecure: bool) -> None:
+    from common.estimation.forecast import compile_kernels  # noqa: PLC0415 - the slave does without it
+    from master.daemon import MasterDaemon  # noqa: PLC0415
+
+    compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
+    runtime = _runtime(settings)
+    with daemon_state(settings, "master", runtime.clock) as state:
+        transport = await opened(settings, "master", runtime, insecure, settings.peer_timeout_s)
+        if transport is None:
+            return
+        with closed_on_failure(transport):
+            daemon = MasterDaemon(settings, transport, runtime, _new_id, state.journal)
+        speaker = Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
+        runtime.task("notices", _SPEAK_NS, speaker.speak)
+        warn_of_latency("master", settings)
+        watch_strands(runtime, "master", transport)
+        attendance = _attendance(runtime, daemon.axes)
+        say(f"master: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for the slave")
+        try:
+            async with runtime, LocalServer(state.path, "master", MasterActs(daemon, runtime.clock)):
+                await open_session(daemon, runtime, settings, transport)
+                if not runtime.stopping.is_set():
+                    say(f"master: session open; loop: {runtime.scheduling}")
+                await _until(runtime, duration_s, daemon)
+                attendance.stopping(_why(runtime))
+                daemon.shut_down()
+                await asyncio.sleep(_FAREWELL_S)
+        finally:
+            daemon.close(runtime.clock.now_ns())
+        speaker.speak(runtime.clock.now_ns())
+        say(f"master: {state.close(_ended(runtime, 'handle released'))}")
+        say("master: handle released, closed")
+        runtime.raise_fault()
 
 
 def _runtime(settings: DaemonSettings) -> RealRuntime:
@@ -141,7 +128,7 @@ def _runtime(settings: DaemonSettings) -> RealRuntime:
     """
     prepare_process()
     priority = settings.realtime.priority
-    prepare_thread(max(1, priority - _BELOW_THE_LOOP) if priority else 0)
+    prepare_thread(priority - _BELOW_THE_LOOP if priority else 0)
     runtime = RealRuntime(priority)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -149,28 +136,20 @@ def _runtime(settings: DaemonSettings) -> RealRuntime:
     return runtime
 
 
-async def _session(
-    daemon: "MasterDaemon", runtime: RealRuntime, timeout_s: float | None, connect: tuple[str, ...]
-) -> None:
-    """Waits visibly until every axis has its session."""
-    start_ns, reminded_s = runtime.clock.now_ns(), 0.0
-    while not runtime.stopping.is_set():
-        waiting = [axis for axis in daemon.axes if axis.session.link is not Link.OPEN]
-        if not waiting:
-            return
-        axis, waited_s = waiting[0], (runtime.clock.now_ns() - start_ns) * 1e-9
-        where = ", ".join(connect) or "our own endpoint"
-        _refuse_mismatch(waiting)
-        if timeout_s is not None and waited_s > timeout_s:
-            word = axis.session.reason if axis.session.heard_ns else "no answer"
-            raise EndpointError(
-                f"{where}: no session with a slave within {timeout_s:g} s ({word}); "
-                f"expected a running slave of the same cell (peer_timeout_s)"
-            )
-        if waited_s - reminded_s >= _REMIND_S:
-            reminded_s = waited_s
-            say(f"master: waiting for the slave at {where}: {axis.session.reason} ({waited_s:.0f} s)")
-        await asyncio.sleep(_POLL_S)
+def _attendance(runtime: RealRuntime, axes: "Sequence[SlaveAxis | MasterAxis]") -> Attendance:
+    """Tells systemd, where it started this process, how the daemon does."""
+
+    def status(now_ns: int) -> str:
+        return "; ".join(f"axis {axis.name}: {axis.status(now_ns)}" for axis in axes)
+
+    manager = ServiceManager(os.environ, os.getpid())
+    attendance = Attendance(manager, lambda: runtime.ticks, status)
+    runtime.task("attendance", attendance.period_ns, attendance.look)
+    return attendance
+
+
+def _why(runtime: RealRuntime) -> str:
+    return "stopping" if runtime.error is None else f"stopping, fault: {runtime.error}"
 
 
 async def _until(
@@ -186,34 +165,22 @@ async def _until(
         if daemon is not None:
             if daemon.finished:
                 return
-            linked = _show_link(daemon, linked)
-        await asyncio.sleep(_POLL_S)
+            linked = show_link(daemon, linked)
+        await asyncio.sleep(POLL_S)
 
 
-def _show_link(daemon: "MasterDaemon", linked: bool) -> bool:
-    """Says when a session was lost and when all are open again; whether they are."""
-    waiting = [axis for axis in daemon.axes if axis.session.link is not Link.OPEN]
-    _refuse_mismatch(waiting)
-    if waiting and linked:
-        say(f"master: axis {waiting[0].name}: {waiting[0].session.reason}; waiting for the slave")
-    elif not waiting and not linked:
-        say("master: session open again")
-    return not waiting
-
-
-def _refuse_mismatch(waiting: "list[MasterAxis]") -> None:
-    """Settings that differ do not come right by waiting."""
-    for axis in waiting:
-        if axis.session.link is Link.MISMATCH:
-            raise ConfigurationError(f"axis {axis.name}: the slave refuses: {axis.session.reason}")
+def _ended(runtime: RealRuntime, how: str) -> str:
+    """How the daemon ended, for its audit log."""
+    error = runtime.error
+    return how if error is None else f"{how}; by a fault: {type(error).__name__}: {error}"[:500]
 
 
 async def _rest(daemon: "SlaveDaemon") -> None:
-    for _ in range(int(_REST_S / _POLL_S)):
+    for _ in range(int(_REST_S / POLL_S)):
         if daemon.at_rest:
             break
-        await asyncio.sleep(_POLL_S)
-    await asyncio.sleep(_POLL_S)  # the last events go out
+        await asyncio.sleep(POLL_S)
+    await asyncio.sleep(POLL_S)  # the last events go out
 
 
 def _new_id() -> int:
@@ -222,20 +189,3 @@ def _new_id() -> int:
 
 def _names(axes: "list[SlaveAxis] | list[MasterAxis]") -> str:
     return ", ".join(axis.name for axis in axes)
-
-
-def _endpoints(settings: DaemonSettings) -> str:
-    transport = settings.transport
-    parts = [f"listening on {', '.join(transport.listen)}"] if transport.listen else []
-    parts += [f"connecting to {', '.join(transport.connect)}"] if transport.connect else []
-    return " and ".join(parts) or "no endpoint configured"
-
-
-def die_with_parent() -> None:
-    """A daemon that a loopback started does not outlive it, however that ends."""
-    parent = os.environ.get("FOREFEEL_PARENT")
-    if parent is None:
-        return
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if os.getppid() != int(parent):  # it ended before we asked for the signal
-        raise RunError("the loopback that started this daemon has ended")

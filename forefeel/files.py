@@ -33,7 +33,7 @@ def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) 
             raise ConfigurationError(f"--out {folder}: less than 200 MB free; expected room for the results")
         _prove_writable(folder)
         for path in old:
-            path.unlink()
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
     except OSError as error:
         raise ConfigurationError(
             f"--out {folder}: {error.strerror}; expected a folder that can be written"

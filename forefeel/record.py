@@ -7,29 +7,38 @@ from pathlib import Path
 from rich.console import Console
 
 from common.errors import RunError
-from common.topics import checked_segment
-from common.transport.settings import TransportSettings
+from common.runtime.service_manager import attended
+from common.transport.security import Party
 from forefeel.interrupt import interruptible
+from forefeel.network_settings import ObserverSettings
 from forefeel.recorder import Recorder
+from forefeel.strand_watch import PERIOD_NS, StrandWatch
 
 _POLL_S = 0.1
 _REMIND_S = 5.0
 
 
-def run_record(out: Path, cell: str, connect: tuple[str, ...], duration_s: float | None) -> None:
+def run_record(
+    out: Path, settings: ObserverSettings, duration_s: float | None, insecure: bool = False
+) -> None:
     """Records until SIGINT, SIGTERM or the duration; says while nobody is heard, and what was missed.
 
     Raises:
-        InputError: the file, an endpoint or the cell's name can not be used; nothing was written.
+        InputError: the file, an endpoint or a certificate can not be used; nothing was written.
         RunError: recording failed, or nothing was recorded; then there is no file.
     """
-    checked_segment(cell, "--cell")
-    recorder = Recorder(out, cell, TransportSettings(connect=connect), {"run": {"cell": cell}})
-    console, where = Console(stderr=True, highlight=False, markup=False, soft_wrap=True), ", ".join(connect)
+    cell = settings.cell
+    party = Party(settings.role, (cell,))
+    recorder = Recorder(out, cell, settings.transport, {"run": {"cell": cell}}, party, insecure)
+    where = ", ".join(settings.transport.connect + settings.transport.listen)
+    console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    if recorder.notice:
+        console.print(recorder.notice)
     console.print(f"recording cell {cell} to {out}; Ctrl-C ends")
     with interruptible() as ignore_signals:
         try:
-            _wait(recorder, duration_s, lambda s: console.print(f"nobody heard yet at {where} ({s:.0f} s)"))
+            strands = StrandWatch(recorder, console.print)
+            _wait(recorder, duration_s, lambda s: console.print(_nobody(recorder, where, s)), strands)
         except KeyboardInterrupt:
             pass
         finally:
@@ -41,11 +50,23 @@ def run_record(out: Path, cell: str, connect: tuple[str, ...], duration_s: float
     console.print(f"{out}: closed, {recorder.summary}")
 
 
-def _wait(recorder: Recorder, duration_s: float | None, remind: Callable[[float], None]) -> None:
-    start_s = reminded_s = time.monotonic()
+def _nobody(recorder: Recorder, where: str, waited_s: float) -> str:
+    hint = recorder.hint
+    return f"nobody heard yet at {where}{hint and f': {hint}'} ({waited_s:.0f} s)"
+
+
+def _wait(
+    recorder: Recorder, duration_s: float | None, remind: Callable[[float], None], strands: StrandWatch
+) -> None:
+    start_s = reminded_s = looked_s = time.monotonic()
+    attend = attended(lambda: "recording" if recorder.newest else "nobody heard yet", lambda: recorder.rounds)
     while duration_s is None or time.monotonic() - start_s < duration_s:
         recorder.check()
+        attend()
         if not recorder.newest and time.monotonic() - reminded_s >= _REMIND_S:
             reminded_s = time.monotonic()
             remind(reminded_s - start_s)
+        if time.monotonic() - looked_s >= PERIOD_NS * 1e-9:
+            looked_s = time.monotonic()
+            strands.look(0)
         time.sleep(_POLL_S)

@@ -11,8 +11,9 @@ from common.errors import RunError
 from common.recording.mcap_writer import RunWriter
 from common.slots import BoundedQueue
 from common.topics import parse_key
+from common.transport.security import Party
 from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from common.transport.strands import StrandedTransport
 
 _QUEUE = 100_000
 _WRITE_EVERY_S = 0.1
@@ -24,20 +25,32 @@ class Recorder:
 
     Attributes:
         newest: newest payload of each key, for whoever shows progress.
+        rounds: how often it has looked for what to write; stands when the disk does.
+        notice: what the user must be told loudly, or empty.
     """
 
     def __init__(
-        self, path: Path, cell: str, transport: TransportSettings, tables: Mapping[str, Mapping[str, str]]
+        self,
+        path: Path,
+        cell: str,
+        transport: TransportSettings,
+        tables: Mapping[str, Mapping[str, str]],
+        party: Party | None = None,
+        insecure: bool = False,
     ) -> None:
-        """`tables`: metadata by name; `run` is what was asked for.
+        """`tables`: metadata by name; `run` is what was asked for. `party`, `insecure`: as for a transport.
 
         Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be used.
         """
         self.newest: dict[str, bytes] = {}
+        self.rounds = 0
         self._error: BaseException | None = None
         self._queue: BoundedQueue[tuple[str, bytes, int]] = BoundedQueue(_QUEUE)
         self._closing = threading.Event()
-        self._transport = ZenohTransport.open(transport, MonotonicClock(), self._fail)
+        self._transport = StrandedTransport.open(
+            transport, MonotonicClock(), self._fail, party, insecure=insecure
+        )
+        self.notice = self._transport.notice
         try:
             self._writer = RunWriter(path)
         except BaseException:
@@ -48,6 +61,16 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
         self._transport.subscribe_all(f"forefeel/{cell}", self._hear)
+
+    @property
+    def hint(self) -> str:
+        """What may stand in the way while nobody is heard, or empty."""
+        return self._transport.hint
+
+    @property
+    def amiss(self) -> str:
+        """What is wrong with the connections while somebody is heard, or empty."""
+        return self._transport.amiss
 
     @property
     def lost(self) -> int:
@@ -99,11 +122,10 @@ class Recorder:
     def _run(self) -> None:
         try:
             with self._writer:
-                batches = 0
                 while not self._closing.wait(_WRITE_EVERY_S):
                     self._write_batch()
-                    batches += 1
-                    if batches % _FLUSH_EVERY == 0:
+                    self.rounds += 1
+                    if self.rounds % _FLUSH_EVERY == 0:
                         self._writer.flush()
                 self._write_batch()
                 self._writer.add_metadata("recorder", {k: str(n) for k, n in self.missed.items()})

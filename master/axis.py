@@ -4,33 +4,35 @@
 
 from collections import Counter
 from collections.abc import Callable
-from typing import TypedDict
 
 from common import topics
 from common.bus import Bus, Outlet
 from common.errors import DeviceError
-from common.estimation.forecast import Estimate
 from common.heartbeats import Heartbeats
+from common.journal import NOTHING_KEPT, Journal
 from common.messages import (
     EmergencyStop,
     ForceSample,
     Handshake,
-    HapticSample,
     Heartbeat,
     MasterState,
-    ModelParameters,
     MotionCommand,
     SafetyState,
     SlaveState,
 )
+from common.notices import printable
 from common.settings import differences, settings_hash, shared_text
+from master.diary import AxisDiary
 from master.handles.port import Handle, Indication
 from master.handles.watch import HandleWatch
 from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from master.identification import IdentificationTask
+from master.own_events import OwnEvents, Standing
+from master.samples import haptic_sample, model_parameters
 from master.session import Link, Session
 from master.settings import MasterAxisSettings
 from master.slave_events import SlaveEvents
+from master.stop import StopWish
 
 
 class MasterAxis:
@@ -39,7 +41,7 @@ class MasterAxis:
     Threads: `_on_*` run where the transport delivers; `tick` in the haptic loop; the rest on asyncio.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913, PLR0917 - who it is, what it works with, where it is written down
         self,
         cell: str,
         settings: MasterAxisSettings,
@@ -48,6 +50,7 @@ class MasterAxis:
         identification: IdentificationTask,
         bus: Bus,
         new_id: Callable[[], int],
+        journal: Journal = NOTHING_KEPT,
     ) -> None:
         self.name = settings.name
         self.counters: Counter[str] = Counter()
@@ -64,12 +67,15 @@ class MasterAxis:
         self._stage_position_m: float | None = None
         self._slave_state: SlaveState | None = None
         self._state_heard_ns = 0
-        self.events = SlaveEvents(bus)
+        self.stop = StopWish()
+        self.diary = AxisDiary(journal, settings.name)
+        self.events = SlaveEvents(bus, self.diary)
+        self._own = OwnEvents(bus)
         self._hand = HandleWatch(handle, self.events.notices, loop.let_go)
         self._deadman = False
         self._identifiable: tuple[str, ...] = ()
         self.stopping = False
-        self._failed = False
+        self._failed = self._pressed = False
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
@@ -105,17 +111,19 @@ class MasterAxis:
             self._slave_state, self._state_heard_ns = state, receive_ns
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
-        before, accepted, reason = self.session.link, handshake.accepted, handshake.reason
+        before, accepted, reason = self.session.link, handshake.accepted, printable(handshake.reason)
         if accepted and handshake.settings_hash != settings_hash(self._shared):
             accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
         self.session.answered(handshake.session_id, accepted, reason, receive_ns)
-        if before is not Link.OPEN and self.session.link is Link.OPEN:
+        opened = before is not Link.OPEN and self.session.link is Link.OPEN
+        self.diary.answered(handshake, opened, accepted, reason, receive_ns)
+        if opened:
             self._heartbeats.restart()
             self._force = self._force_stamp_ns = self._slave_state = None
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
         if heartbeat.session_id == self.session.session_id:
-            self._heartbeats.heard(heartbeat, receive_ns)
+            self.counters["heartbeats_refused"] += not self._heartbeats.heard(heartbeat, receive_ns)
 
     # --- the haptic loop ---
 
@@ -129,9 +137,23 @@ class MasterAxis:
             now_ns, HapticInputs(reading, live_state, stage_position_m, force, self.identification.estimate)
         )
         rendered_n = self._hand.render(0.0 if self._failed else outputs.rendered_n, now_ns)
-        self._deadman = outputs.deadman and not self.stopping and self._hand.fault is None
+        if reading.estop and (not self._pressed or state is not SafetyState.ESTOPPED):
+            self.emergency_stop("the handle's button", now_ns, "handle")
+        self._pressed = reading.estop
+        self._own.limited(outputs.hits)
+        held = outputs.deadman and not self.stopping and self._hand.fault is None
+        self._deadman = held and not self.stop.wanted
         if self.session.link is Link.OPEN:
             self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
+
+    @property
+    def _standing(self) -> tuple[Standing, str]:
+        """How it stands, and why."""
+        if self._failed:
+            return "failed", "a fault of the master"
+        if self._hand.fault is not None:
+            return "handle_fault", self._hand.fault
+        return "linked" if self.session.link is Link.OPEN else "no_link", self.session.reason
 
     def _shown_state(self, now_ns: int) -> SafetyState | None:
         """The slave's state; None without a session or when the slave has been silent."""
@@ -156,37 +178,26 @@ class MasterAxis:
                 recording_time_s=outputs.recording_time_s,
             )
         )
-        age_s, delay_s = self._ages(now_ns, force)
-        self._haptics.send(
-            HapticSample(
-                **header,
-                handle_position_m=handle_m,
-                command_position_m=outputs.position_m,
-                **_forecast(outputs.predicted),
-                held_n=outputs.held_n,
-                rendered_n=outputs.rendered_n,
-                force_age_s=age_s,
-                delay_s=delay_s,
-                answered_sequence=force.sample.answers_sequence if force else None,
-                limited=outputs.limited,
-                energy_j=outputs.energy_j,
-            )
-        )
-
-    def _ages(self, now_ns: int, force: NewestForce | None) -> tuple[float | None, float | None]:
-        """Age of the newest force on the master's clock, and round trip of the command that it answers."""
-        if force is None:
-            return None, None
-        sample, best = force.sample, self._heartbeats.offset
-        age_s = None if best is None else (now_ns - sample.stamp_ns + best.offset_ns) * 1e-9
-        sent_ns = sample.answers_stamp_ns
-        return age_s, None if sent_ns is None else (force.arrived_ns - sent_ns) * 1e-9
+        offset = self._heartbeats.offset
+        self._haptics.send(haptic_sample(header, outputs, handle_m, force, offset))
 
     # --- on asyncio ---
 
+    def status(self, now_ns: int) -> str:
+        """The slave's safety state, or what the session waits for."""
+        state = self._shown_state(now_ns)
+        return f"slave {state.value}" if state else f"{self.session.link.value}: {self.session.reason}"
+
     def serve(self, now_ns: int) -> None:
         """Asks for a session when there is none; about every 50 ms."""
-        if self.session.link is Link.MISMATCH or self.stopping or not self.session.should_ask(now_ns):
+        self.diary.serve(now_ns, self._bus, self._hand.fault, self.events.notices)
+        self._own.serve(now_ns, self.session.session_id, *self._standing)
+        asks = (
+            not self.stopping and self.session.link is not Link.MISMATCH and self.session.should_ask(now_ns)
+        )
+        if self.session.link is not Link.OPEN:
+            self.diary.session_lost(now_ns, self.session.reason)
+        if not asks:
             return
         self._handshake.send(
             Handshake(
@@ -220,20 +231,8 @@ class MasterAxis:
         self.identification.update_estimate()
         estimate = self.identification.estimate
         assert estimate is not None
-        self._parameters.send(
-            ModelParameters(
-                **self._parameters.header(self.session.session_id, now_ns),
-                names=estimate.names,
-                values=estimate.values,
-                standard_deviations=estimate.standard_deviations,
-                identifiable=self._identifiable,
-                valid=estimate.valid,
-                samples=estimate.samples,
-                updates=estimate.updates,
-                resets=estimate.resets,
-                innovation_rms_n=estimate.innovation_rms_n,
-            )
-        )
+        header = self._parameters.header(self.session.session_id, now_ns)
+        self._parameters.send(model_parameters(header, estimate, self._identifiable))
 
     def report(self, now_ns: int) -> None:
         """The axis' state, about 10 Hz."""
@@ -251,10 +250,25 @@ class MasterAxis:
             )
         )
 
-    def emergency_stop(self, reason: str, now_ns: int) -> None:
-        """Tells the slave to stop; repeat it until the state shows it."""
+    def emergency_stop(self, reason: str, now_ns: int, by: str = "master") -> None:
+        """The deadman counts as released at once, and the slave is told to stop until its state shows it."""
+        if self.stop.ask(reason, now_ns):
+            self.diary.stop_asked(now_ns, by, reason)
+            self.events.notices.add(f"emergency stop asked for by {by}: {reason}")
+        self.say_stop(now_ns)
+
+    @property
+    def slave_state(self) -> SlaveState | None:
+        """The newest of this session."""
+        return self._slave_state
+
+    def say_stop(self, now_ns: int) -> None:
+        """Says the stop that is wanted, if it is due; about every 20 ms."""
+        state = self._slave_state
+        if not self.stop.due(now_ns, state.state if state else None, self._state_heard_ns):
+            return
         header = self._estop.header(self.session.session_id, now_ns)
-        self._estop.send(EmergencyStop(**header, source="master", reason=reason[:256]))
+        self._estop.send(EmergencyStop(**header, source="master", reason=self.stop.reason[:256]))
 
     def fail(self, error: BaseException) -> None:
         """A fault of any thread: no force on the hand, no deadman; the slave's watchdog does the rest."""
@@ -273,24 +287,6 @@ class MasterAxis:
             **{f"handle_{name}": number for name, number in dict(self.handle.counters).items()},
             **self.counters,
             **self.events.counters,
+            **self._own.counts(),
             **self._bus.counts(),
         }
-
-
-class _Forecast(TypedDict):
-    """The fields of a HapticSample that say what was predicted."""
-
-    predicted_n: float | None
-    low_n: float | None
-    high_n: float | None
-    leading: str
-
-
-_NOTHING: _Forecast = {"predicted_n": None, "low_n": None, "high_n": None, "leading": ""}
-
-
-def _forecast(predicted: Estimate | None) -> _Forecast:
-    if predicted is None:
-        return _NOTHING
-    force_n, low_n, high_n, leading = predicted
-    return {"predicted_n": force_n, "low_n": low_n, "high_n": high_n, "leading": leading}

@@ -12,6 +12,8 @@ from common.estimation.default_model import default_model
 from common.estimation.forecast import compile_kernels
 from common.estimation.identification import ContactIdentifier, IdentificationSettings
 from common.estimation.transfer import lasting
+from common.flight import TappedTransport
+from common.journal import NOTHING_KEPT, Journal
 from common.model_file import load_model
 from common.recording.tabular import load_recording
 from common.runtime.port import Runtime
@@ -48,7 +50,12 @@ class MasterDaemon:
     """
 
     def __init__(
-        self, settings: MasterSettings, inner: Transport, runtime: Runtime, new_id: Callable[[], int]
+        self,
+        settings: MasterSettings,
+        inner: Transport,
+        runtime: Runtime,
+        new_id: Callable[[], int],
+        journal: Journal = NOTHING_KEPT,
     ) -> None:
         """Registers loops and tasks.
 
@@ -58,9 +65,13 @@ class MasterDaemon:
         """
         compile_kernels()  # before a loop runs: the first call must not be a late one
         self.transport = impaired(inner, settings.impairment, "master", runtime)
-        buses = [Bus(self.transport, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
+        seen: Transport = self.transport
+        if journal.rings is not None:
+            seen = TappedTransport(self.transport, journal.rings, runtime.clock.now_ns)
+        self._journal, self._now_ns = journal, runtime.clock.now_ns
+        buses = [Bus(seen, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
         self.axes = [
-            _axis(settings.cell, axis, bus, new_id, runtime.clock)
+            _axis(settings.cell, axis, bus, new_id, runtime.clock, journal)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when one of them can not be opened
@@ -71,6 +82,7 @@ class MasterDaemon:
         runtime.on_fault(self.fail)
         lateness = runtime.loop("haptic", TICK_NS, self.tick)
         runtime.task("serve", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.serve, now_ns))
+        runtime.task("stop", SECOND_NS // 50, lambda now_ns: self._each(MasterAxis.say_stop, now_ns))
         runtime.task("heartbeat", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.beat, now_ns))
         runtime.task(
             "identification", SECOND_NS // 200, lambda now_ns: self._each(MasterAxis.identify, now_ns)
@@ -94,6 +106,9 @@ class MasterDaemon:
 
     def fail(self, error: BaseException) -> None:
         """Reaction to a fault of any thread."""
+        reason, now_ns = f"{type(error).__name__}: {error}"[:200], self._now_ns()
+        self._journal.note("thread_fault", now_ns, reason=reason)
+        self._journal.flight(self.axes[0].name, "thread_fault", reason, now_ns)
         for axis in self.axes:
             axis.fail(error)
 
@@ -108,6 +123,7 @@ class MasterDaemon:
         self._reports.timing(now_ns)
         self._reports.impairment(now_ns)
         for axis in self.axes:
+            axis.diary.last_words(now_ns)
             axis.handle.close()
         self.transport.close()
 
@@ -120,7 +136,12 @@ class MasterDaemon:
 
 
 def _axis(
-    cell: str, settings: MasterAxisSettings, bus: Bus, new_id: Callable[[], int], clock: Clock
+    cell: str,
+    settings: MasterAxisSettings,
+    bus: Bus,
+    new_id: Callable[[], int],
+    clock: Clock,
+    journal: Journal,
 ) -> MasterAxis:
     wanted = settings.prediction
     model = None if wanted.model is None else load_model(wanted.model)
@@ -131,7 +152,7 @@ def _axis(
     identification = IdentificationTask(identifier, prediction.learn)
     loop = HapticLoop(prediction, settings.rendering)
     handle = make_handle(settings.handle, clock)
-    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id)
+    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, journal)
 
 
 def _identifier(model: ContactModel, wanted: PredictionSettings) -> ContactIdentifier:

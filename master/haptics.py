@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from common.estimation.forecast import Estimate
 from common.estimation.identification import ContactEstimate
+from common.limiter import LimitHit
 from common.messages import ForceSample, Grip, SafetyState
 from master.clutch import Clutch
 from master.handles.port import HandleReading
@@ -45,7 +46,7 @@ class HapticOutputs(NamedTuple):
     predicted: Estimate | None
     held_n: float | None
     rendered_n: float
-    limited: bool
+    hits: tuple[LimitHit, ...]
     energy_j: float
 
 
@@ -78,7 +79,7 @@ class HapticLoop:
             predicted=predicted,
             held_n=held_n,
             rendered_n=rendered.force_n,
-            limited=rendered.limited,
+            hits=rendered.hits,
             energy_j=rendered.energy_j,
         )
 

@@ -3,17 +3,22 @@
 from math import isfinite
 from typing import NamedTuple
 
+from common.limiter import LimitHit
 from master.passivity import PassivityController, PassivityObserver
 from master.settings import RenderingSettings
 
 _MAX_STEP_S = 0.010
+_NO_HITS: tuple[LimitHit, ...] = ()
 
 
 class Rendered(NamedTuple):
-    """The force in N, whether a limit acted, and the energy in J that the hand has put in so far."""
+    """The force in N, the limits that changed it, and the energy in J that the hand has put in so far.
+
+    Rules: `rendered_force`, its limit in N; `rendered_step`, how much it may change in a tick.
+    """
 
     force_n: float
-    limited: bool
+    hits: tuple[LimitHit, ...]
     energy_j: float
 
 
@@ -47,18 +52,21 @@ class ForceRenderer:
         moved_m = 0.0 if self._position_m is None else position_m - self._position_m
         self._position_m = position_m
         energy_j = self._observer.observe(position_m, self.force_n)
-        settings, limited = self._settings, False
+        settings, hits = self._settings, _NO_HITS
         usable = live and contact_n is not None and isfinite(contact_n)
         if usable and contact_n is not None:
             asked_n = settings.force_scale * contact_n
             self._target_n = max(-settings.max_force_n, min(settings.max_force_n, asked_n))
-            limited = self._target_n != asked_n
+            if self._target_n != asked_n:
+                hits = (LimitHit("rendered_force", asked_n, self._target_n, "N"),)
         change = dt_s / settings.fade_s
         self._fade = min(1.0, self._fade + change) if usable else max(0.0, self._fade - change)
         wanted_n = self._fade * self._passive_n(energy_j, moved_m, dt_s)
         step_n = self._step_n(abs(moved_m), dt_s) if usable else settings.max_slew_n_s * dt_s
         self.force_n = max(self.force_n - step_n, min(self.force_n + step_n, wanted_n))
-        return Rendered(self.force_n, limited or self.force_n != wanted_n, energy_j)
+        if self.force_n != wanted_n:
+            hits += (LimitHit("rendered_step", wanted_n, self.force_n, "N"),)
+        return Rendered(self.force_n, hits, energy_j)
 
     def let_go(self) -> None:
         """Nothing was applied: fades in from zero."""

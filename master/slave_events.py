@@ -6,6 +6,7 @@ from common import topics
 from common.bus import Bus
 from common.messages import LimitEvent, SafetyEvent
 from common.notices import Notices, in_words
+from master.diary import AxisDiary
 
 _REMEMBERED = 64
 
@@ -18,9 +19,10 @@ class SlaveEvents:
         notices: the transitions in words.
     """
 
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self, bus: Bus, diary: AxisDiary) -> None:
         self.counters: Counter[str] = Counter()
         self.notices = Notices()
+        self._diary = diary
         self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED)
         bus.subscribe(topics.LIMIT_EVENT, self._on_limit)
         bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
@@ -29,11 +31,12 @@ class SlaveEvents:
         del receive_ns
         if self._is_new(event):
             self.counters[f"limit_{event.rule}"] += event.count
+            self._diary.slave_limit(event)
 
     def _on_safety(self, event: SafetyEvent, receive_ns: int) -> None:
-        del receive_ns
         if self._is_new(event):
             self.notices.add(f"slave {in_words(event)}")
+            self._diary.slave_event(event, receive_ns)
 
     def _is_new(self, event: LimitEvent | SafetyEvent) -> bool:
         key = (type(event) is LimitEvent, event.sequence, event.stamp_ns)

@@ -3,13 +3,13 @@ composes it.
 """
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
-from math import isfinite
+from typing import Any
 
 from common import topics
 from common.bus import Bus, Outlet
 from common.errors import DeviceError
+from common.journal import HALTED, NOTHING_KEPT, Journal
+from common.limit_log import LimitLog
 from common.limiter import LimitHit
 from common.messages import (
     EmergencyStop,
@@ -24,27 +24,15 @@ from common.notices import Notices, in_words
 from common.slots import BoundedQueue, LatestValue
 from slave.answers import ForceAnswers, Instant
 from slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
-from slave.grippers.port import Gripper
+from slave.device_reports import DeviceReports
+from slave.devices import Devices, DeviceWatch
+from slave.diary import AxisDiary
 from slave.intake import CommandIntake
-from slave.limit_log import LimitLog
 from slave.link import SlaveLink
-from slave.load_cells.port import LoadCell, LoadCellReading
 from slave.settings import SlaveAxisSettings
-from slave.stages.port import Stage, StageReading
 
-_HALTED = frozenset({SafetyState.FAULT, SafetyState.ESTOPPED})
-_NO_FORCE = LoadCellReading(0.0, 0, False)
-_ONLY_LATE = "commands come late all the time: a new session takes the measure of the way again"
+_LATCHED = "latched before the slave was started: "
 _EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not change it
-
-
-@dataclass(frozen=True, slots=True)
-class Devices:
-    """The three ports of one axis."""
-
-    stage: Stage
-    gripper: Gripper
-    load_cell: LoadCell
 
 
 class SlaveAxis:
@@ -54,7 +42,13 @@ class SlaveAxis:
     """
 
     def __init__(
-        self, cell: str, settings: SlaveAxisSettings, devices: Devices, bus: Bus, instance_id: int
+        self,
+        cell: str,
+        settings: SlaveAxisSettings,
+        devices: Devices,
+        bus: Bus,
+        instance_id: int,
+        journal: Journal = NOTHING_KEPT,
     ) -> None:
         self.name = settings.name
         self.settings = settings
@@ -62,15 +56,17 @@ class SlaveAxis:
         self.notices = Notices()
         self.shutdown = False
         self._devices = devices
-        self._link = SlaveLink(cell, settings, bus, instance_id)
+        self._journal = journal
+        self._diary = AxisDiary(journal, cell, settings.name)
+        self._watch = DeviceWatch(devices, self._device_failed)
+        self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
+        self._link = SlaveLink(cell, settings, bus, instance_id, self._diary)
         self._transitions: BoundedQueue[tuple[int, Transition]] = BoundedQueue(256)
         self._limits = LimitLog()
         self._intake = CommandIntake(settings, self._link, self._limits)
         self._estop: LatestValue[str] = LatestValue()
         self._fault: LatestValue[str] = LatestValue()
         self._clear: LatestValue[bool] = LatestValue()
-        self._stage_reading = StageReading(0.0, 0.0)
-        self._newest, self._newest_ns = _NO_FORCE, 0
         self._executing: MotionCommand | None = None
         self._grip = Grip.CLOSED
         self._control: AxisControl | None = None
@@ -89,16 +85,18 @@ class SlaveAxis:
 
     def _on_estop(self, stop: EmergencyStop, receive_ns: int) -> None:
         del receive_ns
-        self.emergency_stop(f"{stop.source}: {stop.reason}")
+        self._diary.stop_asked(stop.source, stop.reason)
+        self._estop.put(f"{stop.source}: {stop.reason}")
 
     def _on_garbled_estop(self) -> None:
         """Whoever sent this meant a stop."""
-        self.emergency_stop("an emergency stop that can not be read")
+        self.emergency_stop("an emergency stop that can not be read", "unknown")
 
     # --- from anyone ---
 
-    def emergency_stop(self, reason: str) -> None:
+    def emergency_stop(self, reason: str, by: str = "slave") -> None:
         """Latches the stop; idempotent, heeded at the next tick whatever else waits."""
+        self._diary.stop_asked(by, reason)
         self._estop.put(reason or "emergency stop")
 
     def clear(self) -> None:
@@ -124,9 +122,29 @@ class SlaveAxis:
         return self._control is None or self._control.at_rest
 
     @property
+    def state(self) -> SafetyState:
+        """Of the safety machine."""
+        return SafetyState.IDLE if self._control is None else self._control.machine.state
+
+    @property
+    def reason(self) -> str:
+        """Why it is in that state."""
+        return "not open" if self._control is None else self._control.machine.reason
+
+    @property
     def halted(self) -> bool:
         """Whether an emergency stop or a fault is latched."""
-        return self._control is not None and self._control.machine.state in _HALTED
+        return self.state in HALTED
+
+    def _device_failed(self, device: str, reason: str) -> None:
+        self._diary.device_fault(device, reason)
+        self._fault.put(reason)
+
+    def status(self, now_ns: int) -> str:
+        """The safety state and why it is so."""
+        del now_ns
+        machine = self._control and self._control.machine
+        return f"{machine.state.value} ({machine.reason})" if machine else "not open"
 
     # --- the control loop ---
 
@@ -136,82 +154,51 @@ class SlaveAxis:
         Raises:
             DeviceError: a device does not answer, or the stage does not say where it is.
         """
-        for device in (self._devices.stage, self._devices.gripper, self._devices.load_cell):
-            device.open()
-        self._read_stage(now_ns)
-        self._control = AxisControl(self.settings.limits, self.settings.gate, self._stage_reading.position_m)
+        self._watch.open(now_ns)
+        self._control = AxisControl(self.settings.limits, self.settings.gate, self._watch.stage.position_m)
+        latched = self._journal.latched.get(self.name, self._journal.latched.get(""))
+        if latched is not None:
+            self._estop.put(f"{_LATCHED}{latched.removeprefix(_LATCHED)}")
 
     def close(self) -> None:
         """Closes the devices."""
-        for device in (self._devices.load_cell, self._devices.gripper, self._devices.stage):
-            device.close()
+        self._watch.close()
 
     def tick(self, now_ns: int) -> None:
         """One control tick: read, decide, move, answer."""
         assert self._control is not None, "open() comes first"
         cleared = self._clear.take() is not None
         if cleared:
-            self._rearm()
-        readings = self._read(now_ns)
+            self._watch.rearm()
+        readings = self._watch.read(now_ns, self._executing.recording_time_s if self._executing else None)
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
-        self._answers.note(Instant(now_ns, self._stage_reading, self._executing, self._grip))
+        holder = self._link.holder
+        self._answers.note(Instant(now_ns, self._watch.stage, self._executing, self._grip))
         for reading in readings:
-            self._answers.send(reading, self._link.holder, self._link.offset)
+            self._answers.send(reading, holder, self._link.offset)
         self._executing = outputs.executing
         self._apply(outputs, now_ns)
+        self._diary.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
         for transition in outputs.transitions:
             self._transitions.put((now_ns, transition))
+            self._diary.transition(now_ns, transition, holder)
         for hit in outputs.limits:
             self._limits.add(hit)
 
-    def _rearm(self) -> None:
-        """A clearing is the explicit act that a device waits for after its fault."""
-        try:
-            for device in (self._devices.stage, self._devices.load_cell):
-                device.rearm()
-        except DeviceError as error:
-            self._fault.put(str(error))
-
-    def _read(self, now_ns: int) -> Sequence[LoadCellReading]:
-        """The new readings; the newest counts until it is too old."""
-        recording_time_s = self._executing.recording_time_s if self._executing else None
-        cell = self._devices.load_cell
-        try:
-            self._read_stage(now_ns)
-            readings = cell.read(now_ns, recording_time_s)
-            for reading in readings:
-                if not isfinite(reading.force_n):
-                    raise DeviceError(f"load cell = {reading.force_n} N: expected a finite force")
-        except DeviceError as error:
-            self._fault.put(str(error))
-            readings = (_NO_FORCE,)
-        if readings:
-            self._newest, self._newest_ns = readings[-1], now_ns
-        elif now_ns - self._newest_ns > cell.stale_s * 1e9:
-            self._newest = self._newest._replace(valid=False)
-        return readings
-
-    def _read_stage(self, now_ns: int) -> None:
-        reading = self._devices.stage.read(now_ns)
-        if not (isfinite(reading.position_m) and isfinite(reading.velocity_m_s)):
-            raise DeviceError(
-                f"stage = ({reading.position_m} m, {reading.velocity_m_s} m/s): expected finite numbers"
-            )
-        self._stage_reading = reading
-
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
         command, released = self._intake.slot.take()
+        conflict = self._intake.conflict
         return ControlInputs(
             command=command,
             released=released,
-            position_m=self._stage_reading.position_m,
-            force_n=self._newest.force_n,
-            force_valid=self._newest.valid,
-            session_live=self._link.live(now_ns),
-            lost_reason=self._link.lost_reason,
+            position_m=self._watch.stage.position_m,
+            force_n=self._watch.force.force_n,
+            force_valid=self._watch.force.valid,
+            session_live=conflict is None and self._link.live(now_ns),
+            lost_reason=conflict or self._link.lost_reason,
             clock=self._link.offset,
             estop=self._estop.take(),
-            fault=self._fault.take(),
+            fault=self._fault.take() or self._journal.problem(now_ns),
             shutdown=self.shutdown,
             clear=cleared,
         )
@@ -225,34 +212,39 @@ class SlaveAxis:
                     self._limits.add(LimitHit("travel", asked_m, applied_m, "m"))
             else:
                 self._devices.stage.hold(now_ns)
+        except DeviceError as error:
+            self._device_failed("stage", str(error))
+            return
+        try:
             self._grip = self._devices.gripper.set(outputs.grip, now_ns)
         except DeviceError as error:
-            self._fault.put(str(error))
+            self._device_failed("gripper", str(error))
 
     # --- on asyncio ---
 
     def serve(self, now_ns: int, last: bool = False) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
         self._link.serve(now_ns, self.at_rest, self._opened)
-        if self._intake.only_late and self.at_rest:
-            self._link.let_go(now_ns, _ONLY_LATE)
+        reason = self._intake.hopeless(now_ns, self.at_rest)
+        if reason is not None:
+            self._link.let_go(now_ns, reason)
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
             header = self._safety_event.header(self._link.holder, stamp_ns)
             said = SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
             self._safety_event.send(said)
             self.notices.add(in_words(said))
         for hit, count in self._limits.due(now_ns, last):
+            self._diary.limits(hit, count)
             header = self._limit_event.header(self._link.holder, now_ns)
-            self._limit_event.send(
-                LimitEvent(
-                    **header,
-                    rule=hit.rule,
-                    requested=hit.requested,
-                    applied=hit.applied,
-                    unit=hit.unit,
-                    count=count,
-                )
-            )
+            asked: dict[str, Any] = {
+                "rule": hit.rule,
+                "requested": hit.requested,
+                "applied": hit.applied,
+                "unit": hit.unit,
+            }
+            self._limit_event.send(LimitEvent(**header, **asked, count=count))
+
+        self._diary.serve(now_ns, self._bus, self._link.holder, self._link.live(now_ns), last)
 
     def _opened(self, session_id: int) -> None:
         self._intake.open(session_id)
@@ -261,6 +253,10 @@ class SlaveAxis:
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz; none without a session."""
         self._link.beat(now_ns)
+
+    def announce(self, now_ns: int) -> None:
+        """The calibrations that the drivers have loaded, every two seconds."""
+        self._device_reports.calibrations(self._link.holder, now_ns)
 
     def report(self, now_ns: int) -> None:
         """The axis' state, about 50 Hz."""
@@ -272,8 +268,8 @@ class SlaveAxis:
                 **self._state.header(holder, now_ns),
                 state=machine.state,
                 reason=machine.reason[:256],
-                position_m=self._stage_reading.position_m,
-                velocity_m_s=self._stage_reading.velocity_m_s,
+                position_m=self._watch.stage.position_m,
+                velocity_m_s=self._watch.stage.velocity_m_s,
                 gripper=self._control.grip,
                 stops=self._control.stops,
                 clock_offset_ns=best.offset_ns if best else None,
@@ -287,6 +283,7 @@ class SlaveAxis:
             "commands_superseded": self._intake.slot.superseded,
             "events_dropped": self._transitions.dropped,
             "limit_interventions": self._limits.total,
+            **self._device_reports.counts(),
             **self.counters,
             **self._intake.counters,
             **self._link.counters,

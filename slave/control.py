@@ -84,11 +84,17 @@ class AxisControl:
 
     def tick(self, now_ns: int, inputs: ControlInputs) -> ControlOutputs:
         """One tick: take the command, let the machine react, move the setpoint."""
+        stood_ns = 0 if self._previous_ns is None else now_ns - self._previous_ns
         dt_s = self._step_s(now_ns)
         transitions: list[Transition] = []
         hits: list[LimitHit] = []
         self._take(inputs)
         self._force.take(inputs.force_n, inputs.force_valid)
+        if 0 < self._watchdog_ns < stood_ns:
+            # Whatever stopped this loop, the drive's own watchdog has stopped the stage: there it stays.
+            self.limiter.place(inputs.position_m)
+            reason = f"the control loop stood still for {stood_ns * 1e-6:.0f} ms"
+            self._fire(E.WATCHDOG, reason, now_ns, transitions)
         for event, reason in self._events(now_ns, inputs, hits):
             self._fire(event, reason, now_ns, transitions)
             if event is E.ENGAGE and self.machine.following:

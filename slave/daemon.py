@@ -1,17 +1,24 @@
 """The slave's composition root: the only place that knows concrete classes."""
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import ExitStack
 
 from common.bus import Bus
 from common.daemon import SECOND_NS, Reports, impaired
 from common.errors import RecordingError
+from common.flight import TappedTransport
+from common.journal import NOTHING_KEPT, Journal
 from common.recording.tabular import load_recording
 from common.runtime.port import Runtime
 from common.settings import TICK_NS
+from common.slots import LatestValue
 from common.transport.port import Transport
-from slave.axis import Devices, SlaveAxis
-from slave.grippers.simulated import SimulatedGripper
+from slave.axis import SlaveAxis
+from slave.clearing import FOLLOWS, Clearing, ClearRequest
+from slave.devices import Devices
+from slave.grippers.port import Gripper
+from slave.grippers.simulated import SimulatedGripper, UnseenGripper
 from slave.load_cells.port import LoadCell
 from slave.load_cells.recorded import RecordedLoadCell
 from slave.load_cells.settings import (
@@ -29,6 +36,8 @@ from slave.stages.port import Stage
 from slave.stages.settings import Cia402Settings, SimulatedStageDriver, StageDriver, ZaberSettings
 from slave.stages.simulated import SimulatedStage
 
+_ANNOUNCE_NS = 2 * SECOND_NS  # who begins to record hears the calibrations soon
+
 
 class SlaveDaemon:
     """Every axis of the slave on one runtime.
@@ -38,7 +47,12 @@ class SlaveDaemon:
     """
 
     def __init__(
-        self, settings: SlaveSettings, inner: Transport, runtime: Runtime, new_id: Callable[[], int]
+        self,
+        settings: SlaveSettings,
+        inner: Transport,
+        runtime: Runtime,
+        new_id: Callable[[], int],
+        journal: Journal = NOTHING_KEPT,
     ) -> None:
         """Registers loops and tasks; nothing moves before the runtime starts.
 
@@ -47,9 +61,14 @@ class SlaveDaemon:
             DeviceError: a device does not answer.
         """
         self.transport = impaired(inner, settings.impairment, "slave", runtime)
-        buses = [Bus(self.transport, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
+        seen: Transport = self.transport
+        if journal.rings is not None:
+            seen = TappedTransport(self.transport, journal.rings, runtime.clock.now_ns)
+        buses = [Bus(seen, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
+        self._journal, self._now_ns = journal, runtime.clock.now_ns
+        self._clear: LatestValue[ClearRequest] = LatestValue()
         self.axes = [
-            SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id())
+            SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id(), journal)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         for axis in self.axes:
@@ -59,23 +78,45 @@ class SlaveDaemon:
         runtime.task("serve", SECOND_NS // 100, self._serve)
         runtime.task("heartbeat", SECOND_NS // 20, self._beat)
         runtime.task("state", SECOND_NS // 50, self._report)
+        runtime.task("calibration", _ANNOUNCE_NS, self._announce)
         self._reports = Reports(buses[0], "slave", lateness, self.transport, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
+        clearing = self._clear.take()
+        if clearing is not None:
+            clearing.begin(self.axes)
         for axis in self.axes:
             axis.tick(now_ns)
+        if clearing is not None:
+            clearing.end()
         halted = next((axis for axis in self.axes if axis.halted), None)
         if halted is not None:
             for axis in self.axes:
                 if not axis.halted:
-                    axis.emergency_stop(f"axis {halted.name} is halted")
+                    axis.emergency_stop(FOLLOWS.format(halted.name))
+
+    def clear(self, axis: str | None = None) -> Future[list[Clearing]]:
+        """Asks the next tick to clear what is latched, of one axis and those that follow it, or of all.
+
+        Only ever called by a local act at the slave. The result is of that tick: a cause that lasts may
+        show later.
+        """
+        request = ClearRequest(axis)
+        self._clear.put(request)
+        return request.done
 
     def fail(self, error: BaseException) -> None:
         """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
         with ExitStack() as reactions:
+            reactions.callback(self._note_fault, f"{type(error).__name__}: {error}"[:200])
             for axis in self.axes:
                 reactions.callback(axis.fail, error)
+
+    def _note_fault(self, reason: str) -> None:
+        now_ns = self._now_ns()
+        self._journal.note("thread_fault", now_ns, reason=reason)
+        self._journal.flight(self.axes[0].name, "thread_fault", reason, now_ns)
 
     def shut_down(self) -> None:
         """Asks every axis to come to rest and to arm no more; see `at_rest`."""
@@ -106,6 +147,10 @@ class SlaveDaemon:
         for axis in self.axes:
             axis.beat(now_ns)
 
+    def _announce(self, now_ns: int) -> None:
+        for axis in self.axes:
+            axis.announce(now_ns)
+
     def _report(self, now_ns: int) -> None:
         for axis in self.axes:
             axis.report(now_ns)
@@ -114,9 +159,11 @@ class SlaveDaemon:
 def _devices(settings: SlaveAxisSettings) -> Devices:
     """The drivers that the settings name. All simulated ones of an axis share one world."""
     world = SimulatedWorld(settings.simulation, settings.seed)
-    return Devices(
-        _stage(settings.stage, world), SimulatedGripper(world), _load_cell(settings.load_cell, world)
+    seen = isinstance(settings.stage, SimulatedStageDriver) or isinstance(
+        settings.load_cell, SimulatedLoadCellDriver
     )
+    gripper: Gripper = SimulatedGripper(world) if seen else UnseenGripper(world)
+    return Devices(_stage(settings.stage, world), gripper, _load_cell(settings.load_cell, world))
 
 
 def _stage(settings: StageDriver, world: SimulatedWorld) -> Stage:

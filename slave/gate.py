@@ -8,6 +8,8 @@ from typing import NamedTuple
 from common.clock_offset import OffsetEstimate
 from common.messages import MotionCommand
 
+SECOND_WRITER = "second_writer"
+_GAPS = 64  # of the numbers that came, remembered
 _DRIFT_DIVISOR = 10_000  # two free crystals of 50 ppm part by at most 1 ns in this many: it ages no command
 
 
@@ -37,6 +39,8 @@ class _Window:
     def __init__(self, session_id: int) -> None:
         self.session_id = session_id
         self.sequence = 0
+        self._stamp_ns = 0
+        self._skipped: list[tuple[int, int]] = []
         self._smallest_ns: int | None = None
         self._seen_ns = 0
 
@@ -49,9 +53,19 @@ class _Window:
         elapsed_ns = receive_ns - self._seen_ns
         return self._smallest_ns + (elapsed_ns // _DRIFT_DIVISOR if elapsed_ns > 0 else 0)
 
-    def move(self, sequence: int, transit_ns: int, receive_ns: int, base_ns: int) -> None:
+    def is_of_another_writer(self, command: MotionCommand) -> bool:
+        """Whether a command that comes too late by its number was stamped after the newest, under a number
+        that nobody has used: then the newest is not of the same writer, but one of them has jumped ahead.
+        """
+        return command.stamp_ns > self._stamp_ns and any(
+            first <= command.sequence <= last for first, last in self._skipped
+        )
+
+    def move(self, command: MotionCommand, transit_ns: int, receive_ns: int, base_ns: int) -> None:
         """Takes an admitted command into account."""
-        self.sequence = sequence
+        if 0 < self.sequence < command.sequence - 1:
+            self._skipped = [*self._skipped[1 - _GAPS :], (self.sequence + 1, command.sequence - 1)]
+        self.sequence, self._stamp_ns = command.sequence, command.stamp_ns
         if self._smallest_ns is None or transit_ns <= base_ns:
             self._smallest_ns, self._seen_ns = transit_ns, receive_ns
 
@@ -73,14 +87,15 @@ class CommandGate:
         if window is None or command.session_id != window.session_id:
             return Refusal("session", 0.0, 0.0, "")
         if command.sequence <= window.sequence:
-            return Refusal("sequence", command.sequence, window.sequence, "")
+            rule = SECOND_WRITER if window.is_of_another_writer(command) else "sequence"
+            return Refusal(rule, command.sequence, window.sequence, "")
         transit_ns = receive_ns - command.stamp_ns
         base_ns = window.base(receive_ns)
         if base_ns is None:
             base_ns = transit_ns if clock is None else clock.bound_ns - clock.offset_ns
         refusal = self._check_age(base_ns, transit_ns, clock) or self._check_range(command)
         if refusal is None:
-            window.move(command.sequence, transit_ns, receive_ns, base_ns)
+            window.move(command, transit_ns, receive_ns, base_ns)
         return refusal
 
     def _check_age(self, base_ns: int, transit_ns: int, clock: OffsetEstimate | None) -> Refusal | None:

@@ -4,16 +4,21 @@ from collections import Counter
 from threading import Lock
 from typing import NamedTuple
 
+from common.limit_log import LimitLog
 from common.limiter import LimitHit
 from common.messages import MotionCommand
-from slave.gate import CommandGate, GateLimits, Refusal
-from slave.limit_log import LimitLog
+from slave.gate import SECOND_WRITER, CommandGate, GateLimits, Refusal
 from slave.link import SlaveLink
 from slave.settings import SlaveAxisSettings
 
 _RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsense, not merely too far
 _RANGE_SPEEDS = 10.0
 _LATE_FOR_NS = 3_000_000_000  # commands that are late for so long are not late, the way has become longer
+_SILENT_FOR_NS = 3_000_000_000  # a master that lives commands a thousand times a second
+_ONLY_LATE = "commands come late all the time: a new session takes the measure of the way again"
+_SILENT = "heartbeats without commands"
+_TWO_WRITERS = "two writers in one session"
+_NOBODYS = frozenset({"session", "sequence", SECOND_WRITER})
 
 
 class Taken(NamedTuple):
@@ -58,30 +63,45 @@ class CommandIntake:
     Attributes:
         counters: refusals by rule.
         slot: what was admitted.
+        conflict: that two command in the session; one of them is not the master, and nobody can say which.
     """
 
     def __init__(self, settings: SlaveAxisSettings, link: SlaveLink, limits: LimitLog) -> None:
         self.counters: Counter[str] = Counter()
         self.slot = CommandSlot()
         self._late_ns: tuple[int, int] | None = None
+        self._heard_ns: int | None = None
+        self.conflict: str | None = None
         self._gate = CommandGate(_gate_limits(settings))
         self._link = link
         self._limits = limits
 
     def open(self, session_id: int) -> None:
         """A new session."""
-        self._late_ns = None
+        self._late_ns = self._heard_ns = None
+        self.conflict = None
         self._gate.open(session_id)
 
-    @property
-    def only_late(self) -> bool:
-        """Whether nothing but late commands has come for some seconds."""
+    def hopeless(self, now_ns: int, at_rest: bool) -> str | None:
+        """Why the session is to be let go, if it is; asked many times a second.
+
+        At once where there is a conflict. Else once the stage is at rest, when for some seconds nothing but
+        late commands has come, or none at all.
+        """
+        if self._heard_ns is None:
+            self._heard_ns = now_ns
         late_ns = self._late_ns
-        return late_ns is not None and late_ns[1] - late_ns[0] > _LATE_FOR_NS
+        if self.conflict is not None:
+            return self.conflict
+        if at_rest and late_ns is not None and late_ns[1] - late_ns[0] > _LATE_FOR_NS:
+            return _ONLY_LATE
+        return _SILENT if at_rest and now_ns - self._heard_ns > _SILENT_FOR_NS else None
 
     def heard(self, command: MotionCommand, receive_ns: int) -> None:
         """A command arrived."""
         refusal = self._gate.admit(command, receive_ns, self._link.offset)
+        if refusal is None or refusal.rule not in _NOBODYS:
+            self._heard_ns = receive_ns
         if refusal is None:
             self._late_ns = None
             self.slot.put(command, receive_ns)
@@ -92,6 +112,8 @@ class CommandIntake:
         if refusal.rule == "late":
             first_ns, _ = self._late_ns or (receive_ns, receive_ns)
             self._late_ns = first_ns, receive_ns
+        if refusal.rule == SECOND_WRITER:
+            self.conflict = _TWO_WRITERS
         self.counters[f"refused_{refusal.rule}"] += 1
         self._limits.add(LimitHit(refusal.rule, refusal.requested, refusal.limit, refusal.unit))
 

@@ -10,6 +10,7 @@ from common.heartbeats import Heartbeats
 from common.messages import Handshake, Heartbeat
 from common.settings import differences, settings_hash, shared_text
 from common.slots import BoundedQueue
+from slave.diary import AxisDiary
 from slave.session import Lease
 from slave.settings import SlaveAxisSettings
 
@@ -26,11 +27,14 @@ class SlaveLink:
         lost_reason: why there is no session, if there is none.
     """
 
-    def __init__(self, cell: str, settings: SlaveAxisSettings, bus: Bus, instance_id: int) -> None:
+    def __init__(
+        self, cell: str, settings: SlaveAxisSettings, bus: Bus, instance_id: int, diary: AxisDiary
+    ) -> None:
         self.counters: Counter[str] = Counter()
         self.lost_reason = _EXPIRED
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._instance_id = instance_id
+        self._diary = diary
         self._lease = Lease(int(settings.gate.lease_s * 1e9))
         self._handshakes: BoundedQueue[tuple[Handshake, int]] = BoundedQueue(16)
         self._heartbeats = Heartbeats(bus.outlet(topics.SLAVE_HEARTBEAT))
@@ -56,13 +60,19 @@ class SlaveLink:
         self._handshakes.put((handshake, receive_ns))
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
-        if self._lease.renew(heartbeat.session_id, receive_ns):
-            self._heartbeats.heard(heartbeat, receive_ns)
+        if heartbeat.session_id != self._lease.holder or not self._lease.live(receive_ns):
+            self.counters["heartbeats_of_another_session"] += 1
+        elif self._heartbeats.heard(heartbeat, receive_ns):
+            self._lease.renew(heartbeat.session_id, receive_ns)
+        else:
+            self.counters["heartbeats_refused"] += 1
 
     def serve(self, now_ns: int, at_rest: bool, opened: Callable[[int], None]) -> None:
         """Answers what came in; `opened` is called with the id of each new session."""
         for handshake, receive_ns in self._handshakes.drain():
+            before = self._lease.holder
             reason = self._open(handshake, receive_ns, at_rest, opened)
+            self._diary.answered(now_ns, handshake, reason, before)
             self.counters["handshakes_refused" if reason else "handshakes_accepted"] += 1
             self._answer.send(
                 Handshake(

@@ -88,3 +88,8 @@ class SlaveSettings(DaemonSettings):
     def _distinct(self) -> Self:
         require_distinct([axis.name for axis in self.axes])
         return self
+
+    @property
+    def real_stage(self) -> bool:
+        """Whether a stage that is not simulated is configured; an emulated one counts as real."""
+        return any(axis.stage.driver != "simulated" for axis in self.axes)

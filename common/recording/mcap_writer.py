@@ -71,6 +71,17 @@ class RunWriter:
         except CodecError:
             self.malformed += 1
             return
+        self._add(channel, message, receive_ns)
+
+    def write_message(self, key: str, message: Message, receive_ns: int) -> None:
+        """Adds a message that never was a payload.
+
+        Raises:
+            ValueError: `key` is no key of the topic table.
+        """
+        self._add(self._channels.get(key) or self._add_channel(key), message, receive_ns)
+
+    def _add(self, channel: _Channel, message: Message, receive_ns: int) -> None:
         self._newest_ns = max(self._newest_ns, receive_ns)
         with self._failing_as_run_error():
             self._mcap.add_message(

@@ -39,6 +39,11 @@ class RealRuntime:
         """What the loops got from the operating system, in plain words."""
         return ", ".join([*sorted({loop.scheduling for loop in self._loops}), self._memory])
 
+    @property
+    def ticks(self) -> tuple[int, ...]:
+        """How often each loop has ticked."""
+        return tuple(loop.lateness.ticks for loop in self._loops)
+
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
         """Registers a hard-paced loop."""
         thread = RealtimeThread(name, period_ns, tick, self.clock, self.fault)

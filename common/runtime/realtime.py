@@ -6,8 +6,10 @@ import os
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 
 from common.clock import MonotonicClock
+from common.errors import RunError
 from common.lateness import Lateness
 from common.runtime.port import Tick
 
@@ -44,9 +46,21 @@ def prepare_thread(priority: int) -> str:
     return f"SCHED_FIFO {priority}"
 
 
+def go_before(steps: int) -> None:
+    """Raises the calling thread above those of its priority, where it runs under SCHED_FIFO; those that it
+    starts inherit it. Equals of SCHED_FIFO wait for each other, however long one of them computes.
+    """
+    if os.sched_getscheduler(0) != os.SCHED_FIFO:
+        return
+    raised = os.sched_param(os.sched_getparam(0).sched_priority + steps)
+    with suppress(OSError):  # not granted: it stays where it is
+        os.sched_setscheduler(0, os.SCHED_FIFO, raised)
+
+
 class RealtimeThread:
     """Calls `tick` every `period_ns`; a tick that is a period or more late skips the missed deadlines,
-    counted.
+    counted. A clock that goes back is a fault, for what has become too old would be young again; the loop
+    goes on, so that it can react.
     """
 
     def __init__(
@@ -91,11 +105,20 @@ class RealtimeThread:
         clock, period_ns = self._clock, self._period_ns
         deadline_ns = clock.now_ns() + period_ns
         while self._running.is_set():
-            clock.sleep_until_ns(deadline_ns)
+            clock.sleep_until_ns(self._at_hand(deadline_ns, clock.now_ns()))
             now_ns = clock.now_ns()
+            deadline_ns = self._at_hand(deadline_ns, now_ns)
             late_ns = now_ns - deadline_ns
             self.lateness.record(late_ns)
             self._tick(now_ns)
             skipped = late_ns // period_ns
             self.lateness.missed += skipped
             deadline_ns += (1 + skipped) * period_ns
+
+    def _at_hand(self, deadline_ns: int, now_ns: int) -> int:
+        """The deadline, which is never further ahead than a period by a clock that goes on; else now."""
+        ahead_ns = deadline_ns - now_ns
+        if ahead_ns <= 2 * self._period_ns:
+            return deadline_ns
+        self._fault(RunError(f"{self.name} loop: the clock went back by {ahead_ns * 1e-9:.3f} s"))
+        return now_ns

@@ -17,12 +17,9 @@ def check_endpoint(endpoint: str) -> None:
     Raises:
         EndpointError: malformed, or its host name does not resolve.
     """
-    form = _FORM.fullmatch(endpoint)
-    if form is None or not 0 < int(form["port"]) < 65536:
-        raise EndpointError(
-            f"endpoint {endpoint!r}: expected protocol/host:port as in tcp/192.0.2.7:7447, "
-            "the protocol one of tcp, tls, quic, udp, the port 1 to 65535"
-        )
+    form = _parsed(endpoint)
+    if not 0 < int(form["port"]) < 65536:
+        raise _malformed(endpoint)
     host = form["host"].strip("[]")
     try:
         socket.getaddrinfo(host, int(form["port"]))
@@ -30,6 +27,39 @@ def check_endpoint(endpoint: str) -> None:
         raise EndpointError(
             f"endpoint {endpoint!r}: host {host!r} does not resolve; check its spelling or give an IP address"
         ) from error
+
+
+def port_of(endpoint: str) -> int:
+    """Its port.
+
+    Raises:
+        EndpointError: malformed.
+    """
+    return int(_parsed(endpoint)["port"])
+
+
+def shifted(endpoint: str, by: int) -> str:
+    """The same endpoint on a port higher by that much.
+
+    Raises:
+        EndpointError: malformed.
+    """
+    form = _parsed(endpoint)
+    return f"{endpoint[: form.start('port')]}{int(form['port']) + by}{endpoint[form.end('port') :]}"
+
+
+def _parsed(endpoint: str) -> re.Match[str]:
+    form = _FORM.fullmatch(endpoint)
+    if form is None:
+        raise _malformed(endpoint)
+    return form
+
+
+def _malformed(endpoint: str) -> EndpointError:
+    return EndpointError(
+        f"endpoint {endpoint!r}: expected protocol/host:port as in tcp/192.0.2.7:7447, "
+        "the protocol one of tcp, tls, quic, udp, the port 1 to 65535"
+    )
 
 
 def explain(error: str, listen: tuple[str, ...], connect: tuple[str, ...]) -> str:
@@ -42,9 +72,9 @@ def explain(error: str, listen: tuple[str, ...], connect: tuple[str, ...]) -> st
     if "Permission denied" in error:
         return f"endpoint {at}: not permitted; listen on a port above 1023"
     if "Unable to connect" in error:
-        return f"endpoint {_all(connect)}: no router answers; start it first, or use mode 'peer', which waits"
+        return f"endpoint {_all(connect)}: no router answers; start it first"
     reason = error.partition(" at /")[0].rstrip(". ")
-    return f"endpoint {_all(listen + connect)}: {reason}; check certificates and keys in zenoh_file"
+    return f"endpoint {_all(listen + connect)}: {reason}; check certificates and keys"
 
 
 def _address(endpoint: str) -> str:

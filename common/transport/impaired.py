@@ -76,6 +76,10 @@ class ImpairedTransport:
         """How many other sessions are connected now."""
         return self._inner.peers()
 
+    def refused(self) -> int:
+        """How many payloads came under a key with a wildcard."""
+        return self._inner.refused()
+
     def close(self) -> None:
         """Closes the inner transport; what is on its way is dropped."""
         for lane in self._lanes():

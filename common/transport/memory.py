@@ -73,6 +73,10 @@ class MemoryTransport:
         """Number of other open sessions on the bus."""
         return 0 if self._closed else len(self._bus._others(self))
 
+    def refused(self) -> int:
+        """None: a key here is a key."""
+        return 0
+
     def close(self) -> None:
         """Leaves the bus."""
         if self._closed:

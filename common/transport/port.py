@@ -46,6 +46,10 @@ class Transport(Protocol):
         """How many other sessions are connected now; 0 while the other end is waited for."""
         ...
 
+    def refused(self) -> int:
+        """How many payloads came under a key that is none: one with a wildcard reaches every axis at once."""
+        ...
+
     def close(self) -> None:
         """Undeclares everything and ends every thread; idempotent. Nothing is delivered afterwards."""
         ...

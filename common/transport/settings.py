@@ -17,24 +17,37 @@ def _beside_the_settings(path: Path, info: ValidationInfo) -> Path:
     return Path((info.context or {}).get("directory", "")) / path
 
 
+def _whole_path(path: Path, info: ValidationInfo) -> Path:
+    """The same as an absolute path: effective settings that are printed may be read from elsewhere."""
+    return _beside_the_settings(path, info).absolute()
+
+
 class TransportSettings(Settings):
     """Zenoh endpoints of this daemon, as `tcp/host:port`; `tls/`, `quic/` and `udp/` too.
 
     A `peer` waits for whoever it connects to. A `client` speaks to a router, which must be up when it
-    starts. `lease_s`: a silent link counts as lost after this. `zenoh_file`: a Zenoh JSON5 file with
-    certificates and access control; endpoints and lease in it are ignored.
+    starts. `lease_s`: a silent link counts as lost after this. `pki`: the folder of certificates that
+    `forefeel pki init` made; with it every endpoint is tls/ or quic/, and each role may do its own only.
+    `zenoh_file`: a Zenoh JSON5 file with what else is wanted; endpoints and lease in it are ignored.
+    `strands`: over how many connections the 1 kHz streams take turns, on as many ports from that of each
+    endpoint upwards, the same number at every end of the cell: over a link that loses packets a single TLS
+    connection stands still for a round trip each time.
     """
 
     mode: Literal["peer", "client"] = "peer"
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     lease_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+    strands: Annotated[int, Field(ge=1, le=16)] = 1
+    pki: Annotated[Path, AfterValidator(_whole_path)] | None = None
     zenoh_file: Annotated[Path, AfterValidator(_beside_the_settings)] | None = None
 
     @model_validator(mode="after")
     def _client_connects(self) -> Self:
         if self.mode == "client" and (self.listen or not self.connect):
             raise ValueError("mode 'client': expected at least one endpoint in connect and none in listen")
+        if self.mode == "client" and self.strands > 1:
+            raise ValueError(f"strands = {self.strands}: expected 1 with mode 'client'")
         return self
 
 

@@ -1,37 +1,34 @@
 """The transport over Zenoh."""
 
-import json
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import Self
+from pathlib import Path
+from typing import Self, cast
 
 import zenoh
 from zenoh import CongestionControl, Locality, Priority, Reliability
 
-from common.clock import Clock
-from common.errors import ConfigurationError, EndpointError, RunError
+from common.clock import Clock, now_utc
+from common.errors import EndpointError, NoRouterError, RunError
 from common.topics import Qos
 from common.transport.endpoints import check_endpoint, explain
+from common.transport.exposure import check_exposure
+from common.transport.pki import read_identity
 from common.transport.port import Handler, KeyedHandler, OnFault, Put
+from common.transport.security import Party, secured
 from common.transport.settings import TransportSettings
+from common.transport.zenoh_config import Mode, configuration, secured_by_file
 
 _Receive = Callable[[zenoh.Sample], None]
 
 _WAITING_SAMPLES = 4096
 """What a subscriber that lags keeps: 4 s of a 1 kHz stream; older samples make room."""
 
-_FIXED: Mapping[str, object] = {
-    "scouting/multicast/enabled": False,
-    "scouting/gossip/enabled": False,
-    "transport/shared_memory/enabled": False,
-    "transport/unicast/open_timeout": 500,
-    "transport/unicast/accept_timeout": 500,
-    "transport/link/tx/queue/size/interactive_high": 16,
-    # Opening returns at once; the other end may come later.
-    "open/return_conditions": {"connect_scouted": False, "declares": False},
-    "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
-}
+_WAITING_OBSERVED = 65_536
+"""The same of who hears all of a cell, more than 4000 samples a second: a recorder that waits its turn for
+some seconds on a busy machine loses nothing."""
+
 # Never BLOCK: a put that waits for a frozen peer keeps the dead link from being given up and opened anew.
 # Events have a queue of their own, of 1 MB: one is dropped only where thousands wait on a dead link.
 _QOS: Mapping[Qos, tuple[CongestionControl, Priority, Reliability, bool]] = {
@@ -51,6 +48,7 @@ class ZenohTransport:
 
     Attributes:
         handler_faults: exceptions that handlers raised; each went to `on_fault`.
+        notice: what the user must be told loudly about this session, or empty.
     """
 
     def __init__(self, session: zenoh.Session, clock: Clock, on_fault: OnFault) -> None:
@@ -58,29 +56,65 @@ class ZenohTransport:
         self._now_ns = clock.now_ns
         self._on_fault = on_fault
         self._closed = False
+        self._refused = 0
         self._declared = ExitStack()
         self._declared.enter_context(session)
         self._threads: list[threading.Thread] = []
         self.handler_faults = 0
+        self.notice, self._mode, self._certified = "", "peer", False
 
     @classmethod
-    def open(cls, settings: TransportSettings, clock: Clock, on_fault: OnFault) -> Self:
+    def open(
+        cls,
+        settings: TransportSettings,
+        clock: Clock,
+        on_fault: OnFault,
+        party: Party | None = None,
+        *,
+        insecure: bool = False,
+        real_stage: bool = False,
+    ) -> Self:
         """Opens a session. A peer that is not up yet is waited for in the background.
 
+        Args:
+            settings: endpoints, and certificates.
+            clock: of the receive stamps.
+            on_fault: takes what a handler raised.
+            party: whose certificate it is, needed with `settings.pki`.
+            insecure: the user consents to endpoints outside this host without certificates.
+            real_stage: which is refused then, see `common.transport.exposure`.
+
         Raises:
-            EndpointError: an endpoint is taken, malformed, not resolvable; or no router answers a client.
-            ConfigurationError: `zenoh_file` is missing or not a Zenoh configuration.
+            EndpointError: an endpoint is taken, malformed, not resolvable, or needs certificates; or no
+                router answers a client.
+            ConfigurationError: `zenoh_file` or a file of `pki` is missing or not what it should be.
         """
-        for endpoint in settings.listen + settings.connect:
-            check_endpoint(endpoint)
-        try:
-            session = zenoh.open(_config(settings))
-        except zenoh.ZError as error:
-            raise EndpointError(explain(str(error), settings.listen, settings.connect)) from error
-        return cls(session, clock, on_fault)
+        session, notice = open_session(
+            settings, settings.mode, party, insecure=insecure, real_stage=real_stage
+        )
+        transport = cls(session, clock, on_fault)
+        transport.notice, transport._mode = notice, settings.mode
+        transport._certified = settings.pki is not None
+        return transport
 
     def publisher(self, key: str, qos: Qos) -> Put:
         """Declares a publisher; its `Put` raises RunError when the session broke down."""
+        return self._sender(key, self._declare(key, qos))
+
+    def heard_publisher(self, key: str, qos: Qos) -> tuple[Put, Callable[[], bool]]:
+        """A publisher, and whether somebody on this session's connections subscribes to it now."""
+        publisher = self._declare(key, qos)
+        heard = [False]
+
+        def changed(status: zenoh.MatchingStatus) -> None:
+            heard[0] = status.matching
+
+        self._declared.callback(publisher.declare_matching_listener(changed).undeclare)
+        # The stub says bool; it is an object that is always true.
+        heard[0] = cast(zenoh.MatchingStatus, publisher.matching_status).matching
+        return self._sender(key, publisher), lambda: heard[0]
+
+    def _declare(self, key: str, qos: Qos) -> zenoh.Publisher:
         congestion, priority, reliability, express = _QOS[qos]
         publisher = self._session.declare_publisher(
             key,
@@ -90,7 +124,10 @@ class ZenohTransport:
             express=express,
             allowed_destination=Locality.REMOTE,
         )
-        put = self._declared.enter_context(publisher).put
+        return self._declared.enter_context(publisher)
+
+    def _sender(self, key: str, publisher: zenoh.Publisher) -> Put:
+        put = publisher.put
 
         def send(payload: bytes) -> None:
             try:
@@ -110,11 +147,28 @@ class ZenohTransport:
         self._receive(
             f"{prefix}/**",
             lambda sample: handler(str(sample.key_expr), sample.payload.to_bytes(), self._now_ns()),
+            _WAITING_OBSERVED,
         )
 
     def peers(self) -> int:
         """How many other sessions are connected now."""
         return 0 if self._closed else len(self._session.info.transports())
+
+    @property
+    def hint(self) -> str:
+        """What may stand in the way while nobody answers, or empty; refused certificates show as silence."""
+        if self._closed:
+            return ""
+        transports = self._session.info.transports()
+        if self._mode == "peer" and any(each.whatami == zenoh.WhatAmI.ROUTER for each in transports):
+            return "a router answers there; expected transport.mode client"
+        if self._certified and not transports:
+            return "nobody there, or a certificate is refused: compare both ends' forefeel pki show"
+        return ""
+
+    def refused(self) -> int:
+        """How many payloads came under a key with a wildcard."""
+        return self._refused
 
     def close(self) -> None:
         """Undeclares, closes the session, waits for running handlers; not to be called from one."""
@@ -125,8 +179,8 @@ class ZenohTransport:
         for thread in self._threads:
             thread.join()
 
-    def _receive(self, key: str, receive: _Receive) -> None:
-        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_WAITING_SAMPLES))
+    def _receive(self, key: str, receive: _Receive, waiting: int = _WAITING_SAMPLES) -> None:
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
         # A daemon thread, so that a process that dies without `close` does not hang on it.
         thread = threading.Thread(
             target=self._run, args=(subscriber.handler, receive), name=f"zenoh {key}", daemon=True
@@ -140,6 +194,9 @@ class ZenohTransport:
         for sample in samples:
             if self._closed:
                 return
+            if "*" in str(sample.key_expr):  # Zenoh delivers a put to `forefeel/**` to each of us
+                self._refused += 1
+                continue
             try:
                 receive(sample)
             except Exception as error:  # noqa: BLE001 - the edge of the thread
@@ -147,24 +204,28 @@ class ZenohTransport:
                 self._on_fault(error)
 
 
-def _config(settings: TransportSettings) -> zenoh.Config:
-    """That of the file, where there is one, overruled by the settings and this module."""
-    config = zenoh.Config() if settings.zenoh_file is None else _from_file(str(settings.zenoh_file))
-    chosen = {
-        "mode": settings.mode,
-        "listen/endpoints": settings.listen,
-        "connect/endpoints": settings.connect,
-        "transport/link/tx/lease": round(settings.lease_s * 1000),
-    }
-    for key, value in {**_FIXED, **chosen}.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def _from_file(path: str) -> zenoh.Config:
+def open_session(
+    settings: TransportSettings, mode: Mode, party: Party | None, *, insecure: bool, real_stage: bool
+) -> tuple[zenoh.Session, str]:
+    """A bare session, and what the user must be told loudly about it, or empty. See `ZenohTransport.open`."""
+    for endpoint in settings.listen + settings.connect:
+        check_endpoint(endpoint)
+    added = {} if settings.pki is None else _secured(settings.pki, party)
+    notice = check_exposure(
+        settings.listen,
+        settings.connect,
+        secured=bool(added) or secured_by_file(settings),
+        insecure=insecure,
+        real_stage=real_stage,
+    )
     try:
-        return zenoh.Config.from_file(path)
+        return zenoh.open(configuration(settings, mode, added)), notice
     except zenoh.ZError as error:
-        raise ConfigurationError(
-            f"{path}: {str(error).partition(' at /')[0]}; expected a Zenoh JSON5 file"
-        ) from error
+        kind = NoRouterError if "Unable to connect" in str(error) else EndpointError
+        raise kind(explain(str(error), settings.listen, settings.connect)) from error
+
+
+def _secured(pki: Path, party: Party | None) -> dict[str, object]:
+    if party is None:
+        raise ValueError("a session with certificates needs a party: whose are they?")
+    return secured(party, read_identity(pki, party, now_utc()).identity)

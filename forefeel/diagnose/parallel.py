@@ -3,10 +3,12 @@
 import re
 import signal
 import socket
+import warnings
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
+from multiprocessing import resource_tracker
 
 import joblib
 from joblib.externals.loky import get_reusable_executor
@@ -79,14 +81,21 @@ def _started(tasks: Sequence[Task], jobs: int) -> Generator[Outcome, None, None]
     parallel = joblib.Parallel(
         n_jobs=max(1, min(jobs, len(tasks))), return_as="generator_unordered", batch_size=1
     )
-    with _interrupts_later():
-        found = parallel(joblib.delayed(attempt)(task) for task in tasks)
-    yield from found
+    found: Generator[Outcome, None, None] | None = None
+    try:
+        with _interrupts_later():
+            found = parallel(joblib.delayed(attempt)(task) for task in tasks)
+        yield from found
+    finally:
+        if found is not None:  # closed here and now: left to itself it warns after the last word
+            with warnings.catch_warnings(action="ignore", category=UserWarning):
+                found.close()
 
 
 @contextmanager
 def _interrupts_later() -> Iterator[None]:
     """Workers that are started here inherit it: one that is interrupted while it imports would say so."""
+    resource_tracker.ensure_running()  # before Python 3.13 its start unblocks SIGINT, whatever was before
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

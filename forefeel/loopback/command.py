@@ -11,7 +11,7 @@ from common.errors import RunError
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, postponed
 from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
-from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.plan import STATE, Plan, Wish, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
@@ -25,7 +25,7 @@ MIN_ARMED_SHARE = 0.9
 _RECORDING = "recording.mcap"
 _OURS = (
     _RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log",
-    "stage.log", "cell.log", "handle.log", "hub.log",
+    "stage.log", "cell.log", "handle.log", "hub.log", STATE,
 )  # fmt: skip
 
 

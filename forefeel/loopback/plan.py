@@ -18,6 +18,8 @@ from slave.plant.presets import PRESETS as WORLDS
 from slave.settings import SlaveSettings
 
 AXIS = "insertion"
+STATE = "state"
+"""Folder of both ends' audit logs and flight records."""
 DEFAULT_DURATION_S = 20.0
 _HAND_MAX_N = 4.0
 _GAP_S = 0.1

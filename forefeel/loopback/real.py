@@ -19,7 +19,7 @@ from common.topics import COMMAND, SLAVE_STATE
 from common.transport.settings import TransportSettings
 from forefeel.interrupt import interruptible
 from forefeel.loopback.hardware import Emulated, emulator_command
-from forefeel.loopback.plan import AXIS, Plan
+from forefeel.loopback.plan import AXIS, STATE, Plan
 from forefeel.recorder import Recorder
 from slave.safety import FOLLOWING
 
@@ -44,7 +44,7 @@ def run_real(plan: Plan, out: Path, progress: Progress, emulators: Sequence[Emul
         RunError: a daemon failed, or the user ended the run.
     """
     endpoints = tuple(f"tcp/127.0.0.1:{port}" for port in _free_ports(2))
-    plan = _with_endpoints(plan, *endpoints)
+    plan = with_state(_with_endpoints(plan, *endpoints), out)
     with interruptible() as ignore_signals:
         paths = plan.write(out)
         children = [
@@ -188,6 +188,12 @@ def _with_endpoints(plan: Plan, slave: str, recorder: str) -> Plan:
         slave={**plan.slave, "transport": {"listen": [slave], "connect": [recorder]}},
         master={**plan.master, "transport": {"connect": [slave, recorder]}},
     )
+
+
+def with_state(plan: Plan, out: Path) -> Plan:
+    """Both keep their audit log and flight records with the results."""
+    slave, master = ({"directory": str((out / STATE / role).absolute())} for role in ("slave", "master"))
+    return replace(plan, slave={**plan.slave, "state": slave}, master={**plan.master, "state": master})
 
 
 def _free_ports(count: int) -> list[int]:

@@ -94,6 +94,21 @@ class SafetyNote(_Part):
     reason: str
 
 
+class CalibrationFigures(_Part):
+    """A calibration that a driver of the slave had loaded, see `common.messages.Calibration`."""
+
+    slot: str
+    driver: str
+    serial: str
+    date: str
+    zero: float
+    gain_n: float | None
+    residual_n: float | None
+    hysteresis_n: float | None
+    native_per_m: float | None
+    repeatability_m: float | None
+
+
 class AxisReport(_Part):
     """One axis. What was not recorded is None, or empty."""
 
@@ -116,6 +131,7 @@ class AxisReport(_Part):
     counters: dict[str, int] = {}
     safety_events: tuple[SafetyNote, ...] = ()
     settings: dict[str, str] = {}
+    calibrations: tuple[CalibrationFigures, ...] = ()
     samples: dict[str, int] = {}
     notes: tuple[str, ...] = ()
 

@@ -10,6 +10,7 @@ import numpy as np
 from common.messages import LoopTiming
 from common.recording.mcap_reader import Run
 from common.topics import (
+    CALIBRATION,
     HAPTICS,
     MASTER_STATE,
     MASTER_TIMING,
@@ -24,6 +25,7 @@ from common.topics import (
 from forefeel.report.counters import axis_counters, impairment_counters, last, recorder_counters
 from forefeel.report.model import (
     AxisReport,
+    CalibrationFigures,
     ClockFigures,
     HandFigures,
     LoopFigures,
@@ -113,6 +115,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         counters=axis_counters(run, axis),
         safety_events=_safety_events(run, axis, traces.start_ns),
         settings=_settings(run, axis),
+        calibrations=_calibrations(run, axis),
         samples={topic.name: run.count(axis, topic) for topic in RECORDED},
         notes=_notes(run, axis, commands),
     )
@@ -216,6 +219,16 @@ def _settings(run: Run, axis: str) -> dict[str, str]:
         return {"settings": handshake.settings}
 
     return {_text(name): _text(settings[name]) for name in sorted(settings)}
+
+
+def _calibrations(run: Run, axis: str) -> tuple[CalibrationFigures, ...]:
+    """Each that was loaded, once, in the order of their first mention."""
+    names = CalibrationFigures.model_fields
+    told = (
+        CalibrationFigures(**{name: getattr(message, name) for name in names})
+        for message in run.messages(axis, CALIBRATION)
+    )
+    return tuple({figures.model_dump_json(): figures for figures in told}.values())
 
 
 def _text(value: object) -> str:

@@ -7,7 +7,7 @@ from forefeel.report import wording
 from forefeel.report.svg import Drawing
 from forefeel.report.text import DISCLAIMER
 
-_WORDS = "quantity", "micros", "share", "ratio", "number", "verdict"
+_WORDS = "quantity", "micros", "share", "ratio", "number", "verdict", "calibration"
 
 
 def render(template: str, **values: object) -> str:

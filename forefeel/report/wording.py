@@ -2,6 +2,8 @@
 
 from math import floor, log10
 
+from forefeel.report.model import CalibrationFigures
+
 UNKNOWN = "–"
 _PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
 
@@ -41,6 +43,17 @@ def number(value: float | None) -> str:
     return (
         f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}") if isinstance(value, int) else f"{value:.4g}"
     )
+
+
+def calibration(found: CalibrationFigures) -> str:
+    """A calibration in one line."""
+    who = f"{found.driver} {found.slot.replace('_', ' ')}, serial {found.serial}, calibrated {found.date}"
+    if found.slot == "stage":
+        scale = f"{number(found.native_per_m)} native units per m, zero at {number(found.zero)}"
+        return f"{who}: {scale}, home found again within {quantity(found.repeatability_m, 'm')}"
+    scale = f"{quantity(found.gain_n, 'N')} per native unit, zero at {number(found.zero)}"
+    left = f"residual {quantity(found.residual_n, 'N')}, hysteresis {quantity(found.hysteresis_n, 'N')}"
+    return f"{who}: {scale}, {left}"
 
 
 def verdict(ratio_rms: float | None) -> str:

@@ -1,0 +1,165 @@
+"""The audit log: entries that are chained by their hashes. Pure.
+
+One line of canonical JSON each: keys sorted, no blanks, ASCII. `hash` is the SHA-256 (FIPS 180-4) of the
+line without it; `previous` is the hash of the entry before, so that no entry can be changed, taken out, put
+in or moved without breaking the chain. What a chain can not show is a tail that was cut off: compare with a
+hash that was noted elsewhere, such as the one that a daemon says when it ends.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+GENESIS = "0" * 64
+"""`previous` of the first entry there is."""
+
+CLOSING = "stop"
+"""The event of an entry after which a daemon writes no more."""
+
+CONTINUED = "continued"
+"""The event of the first entry of a file that goes on with the chain of another."""
+
+SAFETY = "safety"
+"""The event of an entry that is a transition of the slave's safety state machine."""
+
+Detail = str | int | float | bool | None | list[str] | dict[str, str]
+_KEYS = frozenset({"number", "utc", "monotonic_ns", "event", "axis", "details", "previous", "hash"})
+_HEX = frozenset("0123456789abcdef")
+
+
+class Noted(NamedTuple):
+    """What happened: wall clock (ISO 8601, UTC), monotonic stamp of the host, event, axis or empty."""
+
+    utc: str
+    monotonic_ns: int
+    event: str
+    axis: str
+    details: Mapping[str, Detail]
+
+
+class Entry(NamedTuple):
+    """One entry as it stands in a log; numbers count from 1 over all files of a log."""
+
+    number: int
+    noted: Noted
+    previous: str
+    hash: str
+
+
+class Link(NamedTuple):
+    """The end of a chain, to which the next entry is tied."""
+
+    number: int = 0
+    hash: str = GENESIS
+
+
+class Flaw(NamedTuple):
+    """The first line (from 1) that is not as it was written, and what is wrong with it."""
+
+    line: int
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What `verify` found.
+
+    Attributes:
+        entries: the good ones, up to the flaw.
+        first, last: the first and the last of them.
+        flaw: None when every entry is as it was written.
+        torn: bytes of a last line without an end: its writer was killed, or writes just now.
+        head_at: number of the entry that has the hash that was asked for.
+    """
+
+    entries: int
+    first: Entry | None
+    last: Entry | None
+    flaw: Flaw | None
+    torn: int = 0
+    head_at: int | None = None
+
+    @property
+    def closed(self) -> bool:
+        """Whether it ends as a daemon ends it; else a daemon runs, was killed, or the tail was cut off."""
+        return not self.torn and self.last is not None and self.last.noted.event == CLOSING
+
+    @property
+    def intact(self) -> bool:
+        """Whether no entry is broken."""
+        return self.flaw is None
+
+
+def seal(noted: Noted, after: Link) -> tuple[bytes, Link]:
+    """The line of the next entry with its end, and the chain's new end."""
+    fields = {**noted._asdict(), "number": after.number + 1, "previous": after.hash}
+    digest = hashlib.sha256(_canonical(fields)).hexdigest()
+    return _canonical({**fields, "hash": digest}) + b"\n", Link(after.number + 1, digest)
+
+
+def parse(line: bytes) -> Entry:
+    """The entry of a line; its place in the chain is not looked at.
+
+    Raises:
+        ValueError: no entry, or one whose content does not have its hash.
+    """
+    try:
+        fields = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise ValueError("is not JSON") from error
+    if not isinstance(fields, dict) or set(fields) != _KEYS:
+        raise ValueError("is not an entry")
+    digest = fields.pop("hash")
+    if _canonical({**fields, "hash": digest}) != line:
+        raise ValueError("is not written as the log writes it")
+    if hashlib.sha256(_canonical(fields)).hexdigest() != digest:
+        raise ValueError("does not have the content that its hash was made of")
+    number, previous = fields.pop("number"), fields.pop("previous")
+    if not isinstance(number, int) or not isinstance(fields["details"], dict):
+        raise ValueError("is not an entry")
+    return Entry(number, Noted(**fields), previous, digest)
+
+
+def verify(lines: Iterable[bytes], head: str | None = None) -> Verdict:
+    """Walks a log's lines, each with its end, and stops at the first that is not as it was written.
+
+    Args:
+        lines: of a file opened in binary mode.
+        head: a hash that was noted before; an entry must have it.
+    """
+    first: Entry | None = None
+    last: Entry | None = None
+    head_at: int | None = None
+    count = 0
+    for at, line in enumerate(lines, 1):
+        if not line.endswith(b"\n"):
+            return Verdict(count, first, last, None, len(line), head_at)
+        try:
+            entry = parse(line[:-1])
+            _require_tied(entry, last)
+        except ValueError as error:
+            return Verdict(count, first, last, Flaw(at, str(error)), 0, head_at)
+        first, last, count = first or entry, entry, count + 1
+        if entry.hash == head:
+            head_at = entry.number
+    return Verdict(count, first, last, None, 0, head_at)
+
+
+def is_hash(text: str) -> bool:
+    """Whether it has the shape of an entry's hash."""
+    return len(text) == len(GENESIS) and set(text) <= _HEX
+
+
+def _require_tied(entry: Entry, last: Entry | None) -> None:
+    if last is None:
+        begins = entry.number == 1 and entry.previous == GENESIS
+        if not begins and entry.noted.event != CONTINUED:
+            raise ValueError(f"is entry {entry.number}: those before it are missing")
+    elif entry.previous != last.hash or entry.number != last.number + 1:
+        raise ValueError(f"(number {entry.number}) does not follow entry {last.number}")
+
+
+def _canonical(fields: Mapping[str, object]) -> bytes:
+    return json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=True).encode()

@@ -1,0 +1,145 @@
+"""What the flight recorder holds in memory: the newest seconds of each stream. Pure; nothing is encoded here.
+
+A ring for each key, so that a flood on one washes out no other. Rings are filled by any thread with tuples
+whose first member is their stamp, and read by the one that writes a record.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from common.messages import ControlCycle, Grip, Message, SafetyState
+from common.topics import Qos, Topic, parse_key
+from common.transport.port import Handler, KeyedHandler, Put, Transport
+
+BEFORE_NS = 2_000_000_000
+AFTER_NS = 500_000_000
+_SPARE_S = 1.5
+"""For a writer that comes late."""
+_EVENTS = 256
+_LARGEST = {Qos.STREAM: 1024, Qos.STATE: 16_384, Qos.EVENT: 8192}
+"""Longer payloads, in bytes, are no message of ours on such a topic."""
+
+Row = tuple[Any, ...]
+_RETRIES = 8
+
+
+class Ring:
+    """The newest rows of one key.
+
+    Attributes:
+        add: takes a row `(stamp_ns, ...)`; a C function, for it is called at full rate.
+        left_out: payloads that were too long to be kept.
+    """
+
+    def __init__(self, key: str, topic: Topic[Message]) -> None:
+        self.key = key
+        self.left_out = 0
+        self.largest = _LARGEST[topic.qos]
+        seconds = (BEFORE_NS + AFTER_NS) * 1e-9 + _SPARE_S
+        self._rows: deque[Row] = deque(
+            maxlen=_EVENTS if topic.rate_hz is None else int(seconds * topic.rate_hz) + 64
+        )
+        self.add: Callable[[Row], None] = self._rows.append
+
+    def between(self, first_ns: int, last_ns: int) -> list[Row]:
+        """The rows of that span, both ends included, in the order of their coming."""
+        for _ in range(_RETRIES):
+            try:
+                rows = self._rows.copy()
+            except RuntimeError:  # a row came while it was copied
+                continue
+            return [row for row in rows if first_ns <= row[0] <= last_ns]
+        return []
+
+
+class Rings:
+    """All rings of a daemon by key."""
+
+    def __init__(self) -> None:
+        self._rings: dict[str, Ring] = {}
+
+    def ring(self, key: str) -> Ring:
+        """The ring of a key of the topic table, made where there is none."""
+        if key not in self._rings:
+            parsed = parse_key(key)
+            assert parsed is not None, key
+            self._rings[key] = Ring(key, parsed[2])
+        return self._rings[key]
+
+    def all(self) -> list[Ring]:
+        """Every ring."""
+        return list(self._rings.values())
+
+
+class TappedTransport:
+    """A transport whose every payload, in and out, goes to its ring as `(stamp_ns, payload)`, too."""
+
+    def __init__(self, inner: Transport, rings: Rings, now_ns: Callable[[], int]) -> None:
+        self._inner, self._rings, self._now_ns = inner, rings, now_ns
+
+    def publisher(self, key: str, qos: Qos) -> Put:
+        """See the port."""
+        put, ring, now_ns = self._inner.publisher(key, qos), self._rings.ring(key), self._now_ns
+        add = ring.add
+
+        def send(payload: bytes) -> None:
+            add((now_ns(), payload))
+            put(payload)
+
+        return send
+
+    def subscribe(self, key: str, handler: Handler) -> None:
+        """See the port."""
+        ring = self._rings.ring(key)
+        add, largest = ring.add, ring.largest
+
+        def receive(payload: bytes, receive_ns: int) -> None:
+            if len(payload) <= largest:
+                add((receive_ns, payload))
+            else:
+                ring.left_out += 1
+            handler(payload, receive_ns)
+
+        self._inner.subscribe(key, receive)
+
+    def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
+        """See the port; what an observer hears is not kept."""
+        self._inner.subscribe_all(prefix, handler)
+
+    def peers(self) -> int:
+        """See the port."""
+        return self._inner.peers()
+
+    def refused(self) -> int:
+        """See the port."""
+        return self._inner.refused()
+
+    def close(self) -> None:
+        """See the port."""
+        self._inner.close()
+
+
+CycleRow = tuple[int, float, float, bool, float, float, float, bool, SafetyState, Grip, int | None, int]
+"""stamp_ns, setpoint_m, its velocity, moving, readback_m, its velocity, force_n, force valid, state, gripper,
+sequence of the executed command, session.
+"""
+
+
+def cycle_message(row: CycleRow, sequence: int) -> ControlCycle:
+    """The message of one control cycle."""
+    return ControlCycle(
+        session_id=row[11],
+        sequence=sequence,
+        stamp_ns=row[0],
+        setpoint_m=row[1],
+        setpoint_velocity_m_s=row[2],
+        moving=row[3],
+        position_m=row[4],
+        velocity_m_s=row[5],
+        force_n=row[6],
+        force_valid=row[7],
+        state=row[8],
+        gripper=row[9],
+        executed_sequence=row[10],
+    )

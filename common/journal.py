@@ -1,0 +1,79 @@
+"""What a daemon leaves behind of itself: a port, and the one that keeps nothing. `common.state` keeps it."""
+
+from collections.abc import Mapping
+from threading import Lock
+
+from common.audit import Detail
+from common.flight import Rings
+from common.messages import SafetyState
+
+_SECOND_NS = 1_000_000_000
+
+HALTED = frozenset({SafetyState.FAULT, SafetyState.ESTOPPED})
+UNASKED = frozenset({"watchdog", "session_lost", "misaligned", "round_trip"})
+"""Events that end a motion without the person's wish: like what halts, they are worth a flight record."""
+
+REFUSALS = frozenset({"session", "sequence", "late", "future", "range", "alignment", "round_trip"})
+"""Rules by which a command is refused; the others change a motion, and stand in the recording."""
+
+
+class Journal:
+    """The audit log and the flight recorder as loops see them: no call blocks, any thread may call.
+
+    This one keeps nothing, for simulations in virtual time.
+
+    Attributes:
+        rings: what the flight recorder holds in memory; None where there is none.
+        latched: axes whose emergency stop outlived the daemon before, with its reason.
+    """
+
+    rings: Rings | None = None
+    latched: Mapping[str, str] = {}
+
+    def note(self, event: str, now_ns: int, axis: str = "", /, **details: Detail) -> None:
+        """One entry of the audit log, with the wall clock of now."""
+
+    def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
+        """Asks for a record of what led to this and of half a second after it."""
+
+    def problem(self, now_ns: int) -> str | None:
+        """Why the audit log can not be written, if it can not."""
+        del now_ns
+        return None
+
+
+NOTHING_KEPT = Journal()
+
+
+class Tally:
+    """Gathers what may come in floods: the first of a name at once, then one entry per interval with the
+    count; none uncounted. Any thread adds, one drains.
+    """
+
+    def __init__(self, interval_ns: int = _SECOND_NS) -> None:
+        self._interval_ns = interval_ns
+        self._lock = Lock()
+        self._open: dict[tuple[str, str], tuple[int, dict[str, Detail]]] = {}
+        self._said_ns: dict[tuple[str, str], int] = {}
+
+    def add(self, event: str, name: str, count: int = 1, /, **details: Detail) -> None:
+        """`name`: what it is counted by, from a bounded set; the first details of an entry stand for all."""
+        key = event, name
+        with self._lock:
+            before, first = self._open.get(key, (0, details))
+            self._open[key] = before + count, first
+
+    def drain(self, journal: Journal, now_ns: int, axis: str, last: bool = False) -> None:
+        """Notes what is due; with `last` all there is."""
+        if not self._open:
+            return
+        with self._lock:
+            due = [
+                key
+                for key in self._open
+                if last or now_ns - self._said_ns.get(key, now_ns - self._interval_ns) >= self._interval_ns
+            ]
+            said = [(key, *self._open.pop(key)) for key in due]
+            self._said_ns.update(dict.fromkeys(due, now_ns))
+        for (event, name), count, details in said:
+            journal.note(event, now_ns, axis, name=name, count=count, **details)

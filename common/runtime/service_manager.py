@@ -1,0 +1,131 @@
+"""What a daemon tells systemd, as sd_notify(3) has it: ready, its status, that it lives, that it ends.
+
+Our own: the protocol is one datagram; the package of that name on PyPI has had no release since 2017, and
+systemd's binding needs a compiler on each host.
+"""
+
+import os
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Protocol
+
+from common.clock import MonotonicClock
+
+_MICRO_NS = 1000
+_LONGEST = 256
+_LOOK_NS = 100_000_000
+
+
+class Manager(Protocol):
+    """Who is told."""
+
+    @property
+    def watchdog_ns(self) -> int | None:
+        """Within which time a sign of life has to follow the one before; None: none is wanted."""
+        ...
+
+    def tell(self, text: str) -> None:
+        """Sends one or more lines `NAME=value`; never raises, never waits."""
+        ...
+
+
+class ServiceManager:
+    """The socket that NOTIFY_SOCKET names; without it nothing is sent.
+
+    Attributes:
+        watchdog_ns: see `Manager`; from WATCHDOG_USEC, where WATCHDOG_PID is this process or absent.
+    """
+
+    def __init__(self, environment: Mapping[str, str], pid: int) -> None:
+        self._address = _address(environment.get("NOTIFY_SOCKET", ""))
+        self.watchdog_ns = _watchdog_ns(environment, pid) if self._address is not None else None
+
+    def tell(self, text: str) -> None:
+        """See `Manager`. A manager that is gone or busy is no reason to stop."""
+        if self._address is None:
+            return
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.setblocking(False)
+            sender.sendto(text.encode(), self._address)
+
+
+class Attendance:
+    """Tells the manager how a daemon does. A sign of life is sent only where every 1 kHz loop has ticked
+    since the one before; `look` is an asyncio task, so that it stops when the tasks stand, too.
+
+    `ticks`: of each loop since its start; `status`: one line for a person, at a stamp.
+    """
+
+    def __init__(
+        self, manager: Manager, ticks: Callable[[], tuple[int, ...]], status: Callable[[int], str]
+    ) -> None:
+        self._manager = manager
+        self._ticks = ticks
+        self._status = status
+        self._said = ""
+        self._alive_at: tuple[int, ...] | None = None
+        self._due_ns = 0
+        self.ready = False
+
+    @property
+    def period_ns(self) -> int:
+        """How often `look` is to be called."""
+        watchdog_ns = self._manager.watchdog_ns
+        return _LOOK_NS if watchdog_ns is None else max(1_000_000, min(_LOOK_NS, watchdog_ns // 4))
+
+    def look(self, now_ns: int) -> None:
+        """Says what is due: readiness once all loops run, a status that changed, a sign of life."""
+        ticks = self._ticks()
+        if not self.ready and all(ticks):
+            self.ready = True
+            self._manager.tell("READY=1")
+        self._tell_status(self._status(now_ns))
+        if self.ready and now_ns >= self._due_ns:
+            self._live(ticks, now_ns)
+
+    def stopping(self, reason: str = "stopping") -> None:
+        """The daemon ends in order; `reason`: why."""
+        self._manager.tell(f"STOPPING=1\nSTATUS={_line(reason)}")
+
+    def _live(self, ticks: tuple[int, ...], now_ns: int) -> None:
+        watchdog_ns = self._manager.watchdog_ns
+        before = self._alive_at or (0,) * len(ticks)
+        if watchdog_ns is None or not all(now > then for now, then in zip(ticks, before, strict=True)):
+            return
+        self._alive_at, self._due_ns = ticks, now_ns + watchdog_ns // 4
+        self._manager.tell("WATCHDOG=1")
+
+    def _tell_status(self, status: str) -> None:
+        if status != self._said:
+            self._said = status
+            self._manager.tell(f"STATUS={_line(status)}")
+
+
+def attended(status: Callable[[], str], steps: Callable[[], int]) -> Callable[[], None]:
+    """Tells systemd how a process without 1 kHz loops does, whenever what it returns is called: a few times a
+    second, from its main thread. `steps`: counts its progress.
+    """
+    clock = MonotonicClock()
+    manager = ServiceManager(os.environ, os.getpid())
+    attendance = Attendance(manager, lambda: (steps(),), lambda _now_ns: status())
+    return lambda: attendance.look(clock.now_ns())
+
+
+def _address(text: str) -> str | None:
+    """A path, or a name of the abstract namespace, which begins with a zero byte; None for anything else."""
+    if text.startswith("@") and len(text) > 1:
+        return "\0" + text[1:]
+    return text if text.startswith("/") else None
+
+
+def _watchdog_ns(environment: Mapping[str, str], pid: int) -> int | None:
+    wanted, whose = environment.get("WATCHDOG_USEC", ""), environment.get("WATCHDOG_PID", str(pid))
+    if not wanted.isdecimal() or whose != str(pid) or int(wanted) == 0:
+        return None
+    return int(wanted) * _MICRO_NS
+
+
+def _line(text: str) -> str:
+    """One line of bounded length: a line break would begin another field."""
+    return " ".join(text.split())[:_LONGEST]

@@ -1,0 +1,165 @@
+"""The file of the audit log: what is in it stays, and there is always room for a last word.
+
+Beyond its end a reserve is allocated (fallocate with FALLOC_FL_KEEP_SIZE), so that what has to be said when
+the disk is full can still be written.
+"""
+
+import ctypes
+import errno
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from common.audit import CONTINUED, Entry, Link, Noted, parse, seal
+
+_KEEP_SIZE = 1
+_RESERVE = 64 * 1024
+_STEP = 4096
+_TAIL = 256 * 1024
+_SHOWN = 200
+_LARGEST = 16 * 1024 * 1024
+
+
+class Recovery(NamedTuple):
+    """What was found at the end of the file: bytes of a line without an end; a last line that is no entry."""
+
+    torn: bytes
+    damaged: str
+
+
+class AuditFile:
+    """One log, open for appending. For one thread.
+
+    Attributes:
+        last_event: of the entry that was found at the end; empty where there was none.
+        recovery: what the opening had to mend; None when the log was whole.
+        end: of the chain.
+        largest: size in bytes beyond which it is set aside and the next goes on; none is ever removed.
+
+    Raises:
+        OSError: it can not be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.last_event = path, ""
+        self.recovery: Recovery | None = None
+        self.end = Link()
+        self.largest = _LARGEST
+        self._descriptor = -1
+        self._open()
+        self._mend()
+
+    def _open(self) -> None:
+        self._descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        self._size = os.fstat(self._descriptor).st_size
+        self._reserved = 0
+        _sync_folder(self.path.parent)
+
+    def _mend(self) -> None:
+        """Cuts a half-written last line off, and finds the end of the chain."""
+        start = max(0, self._size - _TAIL)
+        tail = os.pread(self._descriptor, self._size - start, start)
+        whole = tail.rfind(b"\n") + 1
+        torn, damaged = tail[whole:], ""
+        if torn:
+            self._size -= len(torn)
+            os.ftruncate(self._descriptor, self._size)
+        if whole:
+            last = tail[tail.rfind(b"\n", 0, whole - 1) + 1 : whole - 1]
+            try:
+                entry = parse(last)
+                self.end = Link(entry.number, entry.hash)
+                self.last_event = entry.noted.event
+            except ValueError as error:
+                damaged = f"the last line {error}"
+                self._set_aside("damaged")
+        if torn or damaged:
+            self.recovery = Recovery(torn[:_SHOWN], damaged)
+
+    def write(self, notes: Sequence[Noted]) -> None:
+        """Appends all of them, on the disk when it returns; or none.
+
+        Raises:
+            OSError: not written; the log is as before.
+        """
+        if self._size > self.largest:
+            aside = self._set_aside(f"{self.first_number():09d}")
+            first = notes[0]
+            notes = [Noted(first.utc, first.monotonic_ns, CONTINUED, "", {"file": aside}), *notes]
+        lines, end = [], self.end
+        for noted in notes:
+            line, end = seal(noted, end)
+            lines.append(line)
+        data = b"".join(lines)
+        try:
+            done = 0
+            while done < len(data):
+                done += os.pwrite(self._descriptor, data[done:], self._size + done)
+            os.fdatasync(self._descriptor)
+        except OSError:
+            os.ftruncate(self._descriptor, self._size)
+            self._reserved = 0  # it may have gone with it
+            raise
+        self._size += len(data)
+        self.end = end
+
+    def reserve(self) -> bool:
+        """Sees to it that the reserve is allocated, and that the disk is not full behind it.
+
+        Returns:
+            False where the file system can not allocate beyond the end.
+
+        Raises:
+            OSError: there is no room.
+        """
+        disk = os.fstatvfs(self._descriptor)
+        free = disk.f_bfree if os.geteuid() == 0 else disk.f_bavail
+        if free * disk.f_frsize < _RESERVE:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        if self._reserved - self._size >= _RESERVE - _STEP:
+            return True
+        libc = ctypes.CDLL(None, use_errno=True)
+        offset, length = ctypes.c_int64(self._size), ctypes.c_int64(_RESERVE)
+        if libc.fallocate64(self._descriptor, _KEEP_SIZE, offset, length) != 0:
+            number = ctypes.get_errno()
+            if number in (errno.EOPNOTSUPP, errno.ENOSYS):
+                return False
+            raise OSError(number, os.strerror(number))
+        self._reserved = self._size + _RESERVE
+        return True
+
+    def first_number(self) -> int:
+        """The number of the file's first entry; 0 where it has none."""
+        head = os.pread(self._descriptor, _TAIL, 0).partition(b"\n")[0]
+        try:
+            found: Entry = parse(head)
+        except ValueError:
+            return 0
+        return found.number
+
+    def close(self) -> None:
+        """Closes the file."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def _set_aside(self, name: str) -> str:
+        """Renames the file, opens a new one; the name."""
+        aside = self.path.with_name(f"{self.path.stem}-{name}{self.path.suffix}")
+        count = 1
+        while aside.exists():
+            count += 1
+            aside = self.path.with_name(f"{self.path.stem}-{name}-{count}{self.path.suffix}")
+        self.path.rename(aside)
+        self.close()
+        self._open()
+        return aside.name
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,144 @@
+"""Writes flight records: at a fault the last 2 s of every stream and half a second after, as MCAP."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from time import sleep
+from typing import NamedTuple
+
+from pydantic import ValidationError
+
+from common.audit import Detail
+from common.clock import Clock, WallClock
+from common.errors import InputError, RunError
+from common.flight import AFTER_NS, BEFORE_NS, Ring, Rings, Row, cycle_message
+from common.recording.mcap_writer import RunWriter
+from common.topics import CONTROL_CYCLE
+
+_AT_MOST_EVERY_NS = 1_000_000_000
+_BLOCK = 32
+_PAUSE_S = 0.0015
+"""After each block of less than a millisecond: drivers wait for the same interpreter and processor, and
+somebody may have armed again by then.
+"""
+
+Note = Callable[..., None]
+
+
+class _Request(NamedTuple):
+    axis: str
+    event: str
+    reason: str
+    stamp_ns: int
+    utc: str
+
+
+class FlightWriter:
+    """Keeps the newest records in a folder; one a second at most, and what is left out is said.
+
+    Any thread asks; the thread `flight` waits, encodes and writes. A record is there whole or not at all.
+    """
+
+    def __init__(
+        self, folder: Path, keep: int, rings: Rings, clock: Clock, wall: WallClock, note: Note
+    ) -> None:
+        self._folder, self._keep, self._rings = folder, keep, rings
+        self._clock, self._wall, self._note = clock, wall, note
+        self.facts: dict[str, str] = {}
+        self._requests: deque[_Request] = deque()
+        self._accepted_ns: int | None = None
+        self._skipped = 0
+        self._wake = threading.Event()
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="flight", daemon=True)
+
+    def start(self) -> None:
+        """Removes what a killed daemon left half-written, and starts the thread."""
+        for part in self._folder.glob(".*.part"):
+            with suppress(OSError):
+                part.unlink()
+        self._thread.start()
+
+    def ask(self, axis: str, event: str, reason: str, now_ns: int) -> None:
+        """A record of what led to this; never blocks."""
+        accepted_ns = self._accepted_ns
+        if accepted_ns is not None and now_ns - accepted_ns < _AT_MOST_EVERY_NS:
+            self._skipped += 1
+            return
+        self._accepted_ns = now_ns
+        self._requests.append(_Request(axis, event, reason, now_ns, self._wall.utc()))
+        self._wake.set()
+
+    def close(self) -> None:
+        """Writes what was asked for, as far as it goes, and ends the thread; idempotent."""
+        self._closing = True
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not (self._closing and not self._requests):
+            self._wake.wait()
+            self._wake.clear()
+            while self._requests:
+                request = self._requests[0]
+                self._wait_for(request.stamp_ns + AFTER_NS)
+                self._record(request)
+                self._requests.popleft()
+                self._say_skipped()
+
+    def _wait_for(self, due_ns: int) -> None:
+        while not self._closing and (left_ns := due_ns - self._clock.now_ns()) > 0:
+            self._wake.wait(left_ns * 1e-9)
+            self._wake.clear()
+
+    def _say_skipped(self) -> None:
+        skipped, self._skipped = self._skipped, 0
+        if skipped:
+            self._note("flight_skipped", self._clock.now_ns(), count=skipped, what="one a second at most")
+
+    def _record(self, request: _Request) -> None:
+        name = f"{request.utc.replace(':', '').replace('-', '')}-{request.axis}-{request.event}.mcap"
+        part = self._folder / f".{name}.part"
+        first_ns, last_ns = request.stamp_ns - BEFORE_NS, request.stamp_ns + AFTER_NS
+        rings = [(ring, ring.between(first_ns, last_ns)) for ring in self._rings.all()]
+        details: dict[str, Detail] = {"file": name}
+        try:
+            details |= self._write(part, request, rings)
+            part.replace(self._folder / name)
+        except (OSError, RunError, InputError) as error:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+            self._note("flight_failed", self._clock.now_ns(), request.axis, file=name, what=str(error)[:200])
+            return
+        self._note("flight_record", self._clock.now_ns(), request.axis, **details)
+        self._prune()
+
+    def _write(self, part: Path, request: _Request, rings: list[tuple[Ring, list[Row]]]) -> dict[str, Detail]:
+        with RunWriter(part) as writer:
+            asked = {name: str(value) for name, value in request._asdict().items()}
+            writer.add_metadata("flight", {**self.facts, **asked})
+            for ring, rows in rings:
+                _write_ring(writer, ring, rows)
+            return {"messages": writer.written, "malformed": writer.malformed}
+
+    def _prune(self) -> None:
+        for old in sorted(self._folder.glob("*.mcap"))[: -self._keep]:
+            with suppress(OSError):
+                old.unlink()
+
+
+def _write_ring(writer: RunWriter, ring: Ring, rows: list[Row]) -> None:
+    cycles = ring.key.endswith(f"/{CONTROL_CYCLE.name}")
+    for number, row in enumerate(rows):
+        if number % _BLOCK == _BLOCK - 1:
+            sleep(_PAUSE_S)
+        if not cycles:
+            writer.write(ring.key, row[1], row[0])
+            continue
+        try:
+            writer.write_message(ring.key, cycle_message(row, number), row[0])
+        except ValidationError:  # a number that is none: the rows around it say more than no file
+            writer.malformed += 1

@@ -1,0 +1,85 @@
+"""What may be open to a network: endpoints with certificates, or a loud and limited consent."""
+
+import ipaddress
+from collections.abc import Sequence
+
+from common.errors import EndpointError
+
+_SECURED = ("tls", "quic")
+_OURS = frozenset({"iface", "bind", "dscp", "so_sndbuf", "so_rcvbuf"})
+"""What may follow `#` in an endpoint; the rest of what Zenoh reads there can undo the configured security."""
+
+
+def check_exposure(
+    listen: Sequence[str], connect: Sequence[str], *, secured: bool, insecure: bool, real_stage: bool
+) -> str:
+    """The line to say loudly when the traffic can be read and forged, or empty.
+
+    Args:
+        listen: endpoints, well-formed.
+        connect: endpoints, well-formed.
+        secured: certificates and access control are configured.
+        insecure: the user consents to do without.
+        real_stage: a stage that is not simulated is configured here.
+
+    Raises:
+        EndpointError: this is not allowed.
+    """
+    _refuse_plain_beside_secured(listen, connect, secured)
+    if secured:
+        return ""
+    outside = [endpoint for endpoint in (*listen, *connect) if not on_loopback(endpoint)]
+    if not outside:
+        return ""
+    if real_stage:
+        raise EndpointError(
+            f"endpoint {outside[0]!r}: a real stage and no certificates; expected transport.pki "
+            "(forefeel pki init DIR --cell ...), or loopback endpoints only; --insecure does not help here"
+        )
+    if not insecure:
+        raise EndpointError(
+            f"endpoint {outside[0]!r}: outside this host without certificates; make them with "
+            "forefeel pki init DIR --cell ... and name DIR in transport.pki, or say --insecure"
+        )
+    return (
+        f"INSECURE: {', '.join(outside)}: not encrypted, not authenticated; "
+        "whoever reaches this network can read everything and command the stage"
+    )
+
+
+def _refuse_plain_beside_secured(listen: Sequence[str], connect: Sequence[str], secured: bool) -> None:
+    plain = [endpoint for endpoint in listen if not _is_secured(endpoint)]
+    if plain and (secured or len(plain) < len(listen)):
+        raise EndpointError(
+            f"endpoint {plain[0]!r}: a plain listener beside certificates; expected tls/ or quic/ only"
+        )
+    for endpoint in (*listen, *connect) if secured else ():
+        if not _is_secured(endpoint):
+            raise EndpointError(
+                f"endpoint {endpoint!r}: plain, with certificates; expected tls/ or quic/ only"
+            )
+        options = [each.partition("=")[0] for each in endpoint.partition("#")[2].split(";") if each]
+        if unknown := [option for option in options if option not in _OURS]:
+            raise EndpointError(
+                f"endpoint {endpoint!r}: {unknown[0]!r} after #; expected one of {', '.join(sorted(_OURS))}, "
+                "certificates come from transport.pki"
+            )
+
+
+def on_loopback(endpoint: str) -> bool:
+    """Whether only this host can reach the endpoint.
+
+    True for an address of the loopback network and for `localhost`. Any other name is taken as outside, for
+    who answers for it may change.
+    """
+    host = endpoint.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return host.lower() == "localhost"
+    mapped = getattr(address, "ipv4_mapped", None)
+    return (mapped or address).is_loopback
+
+
+def _is_secured(endpoint: str) -> bool:
+    return endpoint.partition("/")[0] in _SECURED

@@ -1,0 +1,130 @@
+"""Reads the certificates of a party, and says what is wrong with them, which Zenoh would not.
+
+`forefeel.pki` makes such a folder.
+"""
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from common.errors import ConfigurationError
+from common.transport.security import Identity, Party
+
+if TYPE_CHECKING:
+    from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
+
+AUTHORITY = "ca.crt"
+
+
+@dataclass(frozen=True, slots=True)
+class Certified:
+    """A party's files, found to belong together and to be valid now; `expires`: when the first is not."""
+
+    identity: Identity
+    expires: datetime
+
+
+def read_identity(folder: Path, party: Party, now: datetime) -> Certified:
+    """The files of the party in a folder of `forefeel pki init`.
+
+    Raises:
+        ConfigurationError: one is missing, unreadable, not what it should be, expired, or open to others.
+    """
+    if not folder.is_dir():
+        raise _wrong(folder, "no such folder", _made_by(folder, party))
+    files = Identity(folder / AUTHORITY, folder / f"{party.role}.crt", folder / f"{party.role}.key")
+    authority, certificate = (
+        read_certificate(Path(path), folder, party) for path in (files.authority, files.certificate)
+    )
+    key_file = Path(files.key)
+    key = _read_key(key_file, folder, party)
+    _check_name(Path(files.certificate), certificate, party)
+    if certificate.public_key() != key.public_key():
+        raise _wrong(key_file, f"does not belong to {party.role}.crt", "both of one forefeel pki init")
+    if not _issued(certificate, authority):
+        raise _wrong(Path(files.certificate), "not signed by ca.crt", "both of one forefeel pki init")
+    for path, each in ((files.authority, authority), (files.certificate, certificate)):
+        check_period(Path(path), each, now)
+    return Certified(files, min(authority.not_valid_after_utc, certificate.not_valid_after_utc))
+
+
+def read_certificate(path: Path, folder: Path, party: Party) -> "x509.Certificate":
+    """A PEM certificate.
+
+    Raises:
+        ConfigurationError: missing, unreadable, or none.
+    """
+    from cryptography import x509  # noqa: PLC0415 - most sessions are on loopback and need none
+
+    try:
+        return x509.load_pem_x509_certificate(_read(path, folder, party))
+    except ValueError as error:
+        raise _wrong(path, "no certificate", f"PEM, {_made_by(folder, party)}") from error
+
+
+def check_period(path: Path, certificate: "x509.Certificate", now: datetime) -> None:
+    """Raises ConfigurationError where the certificate is not valid now."""
+    start, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+    if now > end:
+        raise _wrong(
+            path, f"expired on {end:%Y-%m-%d %H:%M} UTC", f"one that is valid: {_renewal(path)}, then copy it"
+        )
+    if now < start:
+        raise _wrong(
+            path, f"valid from {start:%Y-%m-%d %H:%M} UTC only", "the clock of this host to be right"
+        )
+
+
+def _renewal(path: Path) -> str:
+    if path.name == AUTHORITY:
+        return "forefeel pki init makes a new authority"
+    return "forefeel pki renew DIR where ca.key is kept"
+
+
+def _check_name(path: Path, certificate: "x509.Certificate", party: Party) -> None:
+    names = [str(each.value) for each in certificate.subject if each.oid.dotted_string == "2.5.4.3"]
+    if names != [party.name]:
+        found = ", ".join(names) or "no name"
+        raise _wrong(path, f"made for {found}", f"{party.name}, the {party.role}'s of this cell")
+
+
+def _issued(certificate: "x509.Certificate", authority: "x509.Certificate") -> bool:
+    from cryptography.exceptions import InvalidSignature  # noqa: PLC0415
+
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature):
+        return False
+    return True
+
+
+def _read_key(path: Path, folder: Path, party: Party) -> "PrivateKeyTypes":
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
+
+    data = _read(path, folder, party)
+    if path.stat().st_mode & 0o007:
+        raise _wrong(
+            path, "a private key that every user of this host may use", f"mode 0600: chmod 600 {path}"
+        )
+    try:
+        return load_pem_private_key(data, None)
+    except (ValueError, TypeError) as error:  # not PEM; encrypted
+        raise _wrong(path, "no private key", f"PEM without password, {_made_by(folder, party)}") from error
+
+
+def _read(path: Path, folder: Path, party: Party) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise _wrong(path, error.strerror or "unreadable", _made_by(folder, party)) from error
+
+
+def _made_by(folder: Path, party: Party) -> str:
+    cells = " ".join(f"--cell {cell}" for cell in party.cells)
+    return f"what forefeel pki init {folder} {cells} --hosts {party.role}=ADDRESS makes"
+
+
+def _wrong(path: Path, found: str, expected: str) -> ConfigurationError:
+    return ConfigurationError(f"{path}: {found}; expected {expected}")

@@ -1,0 +1,173 @@
+"""Who may say and hear what, as Zenoh configuration: mutual TLS, and access control by certificate name.
+
+Pure: what it is built from is the topic table. Every end enforces it against whom it is connected to, so that
+two daemons need no router between them, and a router enforces it for each of its cells.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Literal, get_args
+
+from common.codec import MAX_MESSAGE_BYTES
+from common.messages import Message
+from common.topics import PUBLISHED, Topic
+
+PartyRole = Literal["slave", "master", "recorder", "viewer", "router"]
+ROLES: tuple[PartyRole, ...] = get_args(PartyRole)
+CELL_ROLES: tuple[PartyRole, ...] = ("slave", "master", "recorder", "viewer")
+_STOPS: frozenset[PartyRole] = frozenset({"slave", "master", "viewer"})
+_ROUTER = "forefeel-router"
+
+
+@dataclass(frozen=True, slots=True)
+class Party:
+    """Who a session is: its role, and its cell; those that a router serves."""
+
+    role: PartyRole
+    cells: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The common name in its certificate."""
+        return common_name(self.role, self.cells[0] if self.cells else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """The files of a party: the authority that it trusts, its certificate, its key."""
+
+    authority: PurePath
+    certificate: PurePath
+    key: PurePath
+
+
+def common_name(role: PartyRole, cell: str) -> str:
+    """The name in the certificate of a role; Zenoh compares it as a whole. A router has no cell."""
+    return _ROUTER if role == "router" else f"forefeel-{cell}-{role}"
+
+
+def publishes(role: PartyRole, topic: Topic[Message]) -> bool:
+    """Whether the role may put that topic. Anyone but a recorder may stop."""
+    return topic.publisher == role or (topic.publisher == "any" and role in _STOPS)
+
+
+def hears(role: PartyRole, topic: Topic[Message]) -> bool:
+    """Whether the role gets that topic: observers all, the ends what comes from the other one."""
+    if role in {"recorder", "viewer"}:
+        return True
+    return role in {"slave", "master"} and topic.crosses and topic.publisher != role
+
+
+def secured(party: Party, identity: Identity) -> dict[str, object]:
+    """Everything that a session with that identity adds to its Zenoh configuration, by path."""
+    return {
+        "transport/link/protocols": ["tls", "quic"],
+        "transport/link/tls": {
+            "root_ca_certificate": str(identity.authority),
+            "listen_private_key": str(identity.key),
+            "listen_certificate": str(identity.certificate),
+            "connect_private_key": str(identity.key),
+            "connect_certificate": str(identity.certificate),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+            "close_link_on_expiration": False,  # an expiry must not end what runs; nobody new comes in
+        },
+        "access_control": access_control(party),
+        "low_pass_filter": [
+            {
+                "id": "size",
+                "flows": ["ingress", "egress"],
+                "messages": ["put", "delete", "query", "reply"],
+                "key_exprs": ["**"],
+                "size_limit": MAX_MESSAGE_BYTES,
+            }
+        ],
+    }
+
+
+def access_control(party: Party) -> dict[str, object]:
+    """Zenoh's access control for a session of that party: what is not named here is refused."""
+    rules: list[dict[str, object]] = []
+    subjects, policies = [], []
+    for remote, cell in _remotes(party):
+        allowed = _router_rules(remote, cell) if party.role == "router" else _rules(party.role, remote, cell)
+        if not allowed:
+            continue
+        name = common_name(remote, cell)
+        ids = [f"{name} {flow} {message}" for flow, message in allowed]
+        rules += [
+            {
+                "id": rule,
+                "permission": "allow",
+                "flows": [flow],
+                "messages": [message],
+                "key_exprs": list(keys),
+            }
+            for rule, ((flow, message), keys) in zip(ids, allowed.items(), strict=True)
+        ]
+        subjects.append({"id": name, "cert_common_names": [name]})
+        policies.append({"rules": ids, "subjects": [name]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+_Allowed = Mapping[tuple[str, str], Sequence[str]]
+"""By (flow, message): the key expressions."""
+
+
+def _remotes(party: Party) -> Iterable[tuple[PartyRole, str]]:
+    if party.role == "router":
+        return [(role, cell) for cell in party.cells for role in CELL_ROLES]
+    return [(role, party.cells[0]) for role in ROLES if role != party.role]
+
+
+def _rules(own: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
+    """Between two ends, or an end and its router: what the remote may say that we hear, and the reverse."""
+    through = remote == "router"
+    heard = [topic for topic in PUBLISHED if hears(own, topic) and (through or publishes(remote, topic))]
+    told = [topic for topic in PUBLISHED if publishes(own, topic) and (through or hears(remote, topic))]
+    asked = [_whole(cell)] if through else _subscriptions(remote, cell)
+    return _flows(
+        ingress_put=_keys(heard, cell),
+        egress_put=_keys(told, cell),
+        ingress_declare_subscriber=asked if told else [],
+        egress_declare_subscriber=_subscriptions(own, cell) if heard else [],
+    )
+
+
+def _router_rules(remote: PartyRole, cell: str) -> _Allowed:
+    """What a router takes from and gives to one party of a cell."""
+    told = [topic for topic in PUBLISHED if publishes(remote, topic)]
+    return _flows(
+        ingress_put=_keys(told, cell),
+        egress_put=_keys([topic for topic in PUBLISHED if hears(remote, topic)], cell),
+        ingress_declare_subscriber=_subscriptions(remote, cell),
+        egress_declare_subscriber=[_whole(cell)] if told else [],
+    )
+
+
+def _flows(**keys: Sequence[str]) -> _Allowed:
+    """Those that allow anything, by (flow, message)."""
+    parts = {name.partition("_"): found for name, found in keys.items() if found}
+    return {(flow, message): found for (flow, _, message), found in parts.items()}
+
+
+def _subscriptions(role: PartyRole, cell: str) -> list[str]:
+    """The key expressions that a role may declare; an observer's single one stands for all topics."""
+    if role in {"recorder", "viewer"}:
+        return [_whole(cell)]
+    return _keys([topic for topic in PUBLISHED if hears(role, topic)], cell)
+
+
+def _keys(topics: Iterable[Topic[Message]], cell: str) -> list[str]:
+    return [topic.key(cell, "*") for topic in topics]
+
+
+def _whole(cell: str) -> str:
+    return f"forefeel/{cell}/**"

@@ -1,0 +1,61 @@
+"""When were the devices calibrated, and for how long does that count?"""
+
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+from common.config import load_settings
+from common.errors import ConfigurationError
+from common.hardware.calibration import LoadCellCalibration, StageCalibration
+from forefeel.devices.configured import Configured
+from forefeel.doctor.findings import Finding
+
+GROUP = "calibration"
+_SOON_DAYS = 30
+_COMMANDS = {"stage": "forefeel calibrate stage", "load_cell": "forefeel calibrate load-cell"}
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """A device that can be calibrated. `made` None: it is not; `error`: its file is no calibration."""
+
+    name: str
+    command: str
+    made: date | None = None
+    valid_days: int = 0
+    error: str = ""
+
+
+def read_calibration(device: Configured) -> Calibrated | None:
+    """The calibration that the settings name; None for what needs none."""
+    command = _COMMANDS.get(device.driver.slot)
+    if command is None or device.driver.place is None:
+        return None
+    path: Path | None = getattr(device.settings, "calibration", None)
+    if path is None:
+        return Calibrated(device.name, command)
+    kind: type[StageCalibration | LoadCellCalibration] = (
+        StageCalibration if device.driver.slot == "stage" else LoadCellCalibration
+    )
+    try:
+        found = load_settings(kind, path)
+    except ConfigurationError as error:
+        return Calibrated(device.name, command, error=str(error))
+    return Calibrated(device.name, command, found.date, found.valid_days)
+
+
+def judge_calibration(found: Calibrated, today: date) -> Finding:
+    """Red: unreadable or out of date, the daemon refuses it; amber: none, or out of date within 30 days."""
+    if found.error:
+        return Finding(GROUP, found.name, "red", found.error, f"{found.command} makes a new one")
+    if found.made is None:
+        advice = f"{found.command}, then name its file at `calibration:`"
+        return Finding(GROUP, found.name, "amber", "never calibrated", advice)
+    left_days = found.valid_days - (today - found.made).days
+    words = f"calibrated on {found.made}, {left_days} days left"
+    if left_days < 0:
+        words = f"calibrated on {found.made}, out of date by {-left_days} days"
+        return Finding(GROUP, found.name, "red", words, f"{found.command} makes a new one")
+    if left_days < _SOON_DAYS:
+        return Finding(GROUP, found.name, "amber", words, f"{found.command} soon")
+    return Finding(GROUP, found.name, "green", words)

@@ -1,0 +1,24 @@
+"""`forefeel doctor` on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EPILOG = (
+    "Example: forefeel doctor --config deploy/config/slave.yaml   "
+    "Example: forefeel doctor --config slave.yaml --config master.yaml --json"
+)
+
+
+def doctor(
+    config: Annotated[
+        list[Path] | None,
+        typer.Option("--config", metavar="FILE", help="A slave's or master's YAML file; one of each."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
+) -> None:
+    """Check this host and these settings: green, amber, red, and what to do. Exit 1 when anything is red."""
+    from forefeel.doctor.command import run_doctor  # noqa: PLC0415 - other commands start without it
+
+    run_doctor(config or [], as_json)

@@ -1,0 +1,121 @@
+"""What a daemon does for its local socket."""
+
+import asyncio
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from common.clock import Clock
+from common.journal import Journal
+from common.messages import SafetyState
+from forefeel.local.protocol import Answer, AxisAnswer, Request
+
+if TYPE_CHECKING:
+    from master.daemon import MasterDaemon
+    from slave.daemon import SlaveDaemon
+
+_POLL_S = 0.01
+_STOPS_S = 1.0
+_TICK_S = 1.0
+_LASTS_S = 0.5
+"""A cause that lasts shows within this: a blind load cell takes 0.2 s, a silent drive 50 ms."""
+
+
+class SlaveActs:
+    """Of the slave: state, stop, clear."""
+
+    def __init__(self, daemon: "SlaveDaemon", journal: Journal, clock: Clock) -> None:
+        self._daemon, self._journal, self._clock = daemon, journal, clock
+
+    async def __call__(self, request: Request, by: str) -> Answer:
+        """Does what is asked for."""
+        match request.do:
+            case "estop":
+                return await self._stop(request.reason or "local stop", by)
+            case "clear":
+                return await self._clear(request.axis, by)
+            case _:
+                return self._answer(True, *_lines(self._axes()))
+
+    async def _stop(self, reason: str, by: str) -> Answer:
+        for axis in self._daemon.axes:
+            axis.emergency_stop(reason, by)
+        done = await _until(_STOPS_S, lambda: self._all(SafetyState.ESTOPPED))
+        return self._answer(done, *_lines(self._axes()))
+
+    async def _clear(self, name: str | None, by: str) -> Answer:
+        names = [axis.name for axis in self._daemon.axes]
+        if name is not None and name not in names:
+            return self._answer(False, f"no axis {name!r}; expected one of {', '.join(names)}")
+        if not any(axis.halted for axis in self._daemon.axes):
+            return self._answer(True, "nothing is latched", *_lines(self._axes()))
+        try:
+            cleared = await asyncio.wait_for(asyncio.wrap_future(self._daemon.clear(name)), _TICK_S)
+        except TimeoutError:
+            return self._noted(
+                by, False, "not cleared: the control loop does not run any more; start the slave again"
+            )
+        await _until(_LASTS_S, lambda: any(axis.halted for axis in self._daemon.axes))
+        still = {axis.name: axis.reason for axis in self._daemon.axes if axis.halted}
+        said = [f"axis {each.axis}: cleared {each.was}" for each in cleared if each.axis not in still]
+        said += [f"axis {axis}: not cleared, the cause persists: {reason}" for axis, reason in still.items()]
+        return self._noted(by, not still, *said)
+
+    def _noted(self, by: str, done: bool, *text: str) -> Answer:
+        self._journal.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))
+        return self._answer(done, *text)
+
+    def _all(self, state: SafetyState) -> bool:
+        return all(axis.state is state for axis in self._daemon.axes)
+
+    def _axes(self) -> tuple[AxisAnswer, ...]:
+        return tuple(
+            AxisAnswer(name=axis.name, state=axis.state.value, reason=axis.reason)
+            for axis in self._daemon.axes
+        )
+
+    def _answer(self, done: bool, *text: str) -> Answer:
+        return Answer(done=done, text=text, role="slave", axes=self._axes())
+
+
+class MasterActs:
+    """Of the master: state, and a stop that it hands on."""
+
+    def __init__(self, daemon: "MasterDaemon", clock: Clock) -> None:
+        self._daemon, self._clock = daemon, clock
+
+    async def __call__(self, request: Request, by: str) -> Answer:
+        """Does what is asked for."""
+        if request.do == "clear":
+            return self._answer(
+                False, "a master clears nothing; expected `forefeel clear` on the slave's host"
+            )
+        if request.do == "state":
+            return self._answer(True, *_lines(self._axes()))
+        for axis in self._daemon.axes:
+            axis.emergency_stop(request.reason or "the operator's stop", self._clock.now_ns(), by)
+        done = await _until(_STOPS_S, lambda: not any(axis.stop.wanted for axis in self._daemon.axes))
+        return self._answer(done, *_lines(self._axes()))
+
+    def _axes(self) -> tuple[AxisAnswer, ...]:
+        found = []
+        for axis in self._daemon.axes:
+            heard = axis.slave_state
+            state, reason = (heard.state.value, heard.reason) if heard else ("not heard", axis.session.reason)
+            found.append(AxisAnswer(name=axis.name, state=state, reason=reason))
+        return tuple(found)
+
+    def _answer(self, done: bool, *text: str) -> Answer:
+        return Answer(done=done, text=text, role="master", axes=self._axes())
+
+
+def _lines(axes: tuple[AxisAnswer, ...]) -> list[str]:
+    return [f"axis {axis.name}: {axis.state}, {axis.reason}" for axis in axes]
+
+
+async def _until(timeout_s: float, condition: Callable[[], bool]) -> bool:
+    """Whether it became true in time."""
+    for _ in range(int(timeout_s / _POLL_S)):
+        if condition():
+            return True
+        await asyncio.sleep(_POLL_S)
+    return condition()

@@ -1,0 +1,46 @@
+"""Asks a daemon on this machine."""
+
+import os
+import socket
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from common.errors import RunError
+from common.state.folder import SOCKET
+from forefeel.local.protocol import Answer, Request, socket_path
+
+
+class NobodyThereError(RunError):
+    """No daemon answers in that state folder."""
+
+
+def ask(folder: Path, request: Request, timeout_s: float = 5.0) -> Answer:
+    """The daemon's answer.
+
+    Raises:
+        NobodyThereError: no daemon runs there, or it does not answer in time.
+        RunError: we may not speak to it.
+    """
+    try:
+        descriptor, path = socket_path(folder, SOCKET)
+    except OSError as error:
+        raise NobodyThereError(
+            f"{folder}: {error.strerror}; expected the state folder of a daemon"
+        ) from error
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+            connection.settimeout(timeout_s)
+            connection.connect(path)
+            connection.sendall(request.model_dump_json().encode() + b"\n")
+            with connection.makefile("rb") as lines:
+                line = lines.readline()
+        return Answer.model_validate_json(line)
+    except PermissionError as error:
+        raise RunError(
+            f"{folder / SOCKET}: {error.strerror}; expected root or the daemon's own user"
+        ) from error
+    except (OSError, ValidationError) as error:
+        raise NobodyThereError(f"{folder / SOCKET}: no daemon answers") from error
+    finally:
+        os.close(descriptor)

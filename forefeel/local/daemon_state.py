@@ -1,0 +1,86 @@
+"""The state folder of a daemon from its start to its end."""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from common.clock import Clock
+from common.config import dump_yaml
+from common.errors import ForefeelError
+from common.settings import DaemonSettings
+from common.state.folder import StateFolder, state_path
+from common.state.journal import StateJournal
+from forefeel.calibrate.carried import calibrations
+
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
+
+
+class DaemonState:
+    """Folder and journal of a running daemon."""
+
+    def __init__(self, folder: StateFolder, journal: StateJournal) -> None:
+        self.path = folder.path
+        self.journal = journal
+        self._folder = folder
+        self._open = True
+
+    def close(self, reason: str) -> str:
+        """The closing entry; what to say of the log: its end, to compare with later, or what is wrong."""
+        if not self._open:
+            return ""
+        self._open = False
+        end, problem = self.journal.close(reason)
+        self._folder.close()
+        return problem or f"audit log: {end.number} entries, head {end.hash}"
+
+
+@contextmanager
+def daemon_state(settings: DaemonSettings, role: str, clock: Clock) -> Iterator[DaemonState]:
+    """The state of a daemon with these settings; how the body ended stands in its closing entry.
+
+    Raises:
+        ConfigurationError: the folder is in use, or can not be used.
+    """
+    folder = StateFolder(state_path(settings, role, os.environ))
+    try:
+        facts = _facts(settings, role)
+        state = DaemonState(folder, StateJournal(folder, clock, settings.state.flight_records))
+    except BaseException:
+        folder.close()
+        raise
+    state.journal.start(facts)
+    try:
+        yield state
+    except ForefeelError as error:
+        state.close(str(error)[:500])
+        raise
+    except BaseException as error:
+        state.close(f"{type(error).__name__}: {error}"[:500])
+        raise
+    finally:
+        state.close("ended")
+
+
+def _facts(settings: DaemonSettings, role: str) -> dict[str, str]:
+    try:
+        software = f"forefeel {version('forefeel')}"
+    except PackageNotFoundError:  # run from a source tree
+        software = "forefeel, not installed"
+    devices = {
+        name: " ".join(f"{key}={value}" for key, value in table.items())
+        for name, table in calibrations(settings).items()
+    }
+    return {
+        "role": role,
+        "cell": settings.cell,
+        "software": software,
+        "settings": hashlib.sha256(dump_yaml(settings).encode()).hexdigest()[:16],
+        "listen": " ".join(settings.transport.listen),
+        "connect": " ".join(settings.transport.connect),
+        "process": str(os.getpid()),
+        "boot": _BOOT.read_text(encoding="ascii").strip() if _BOOT.exists() else "",
+        **devices,
+    }

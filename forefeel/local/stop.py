@@ -1,0 +1,141 @@
+"""`forefeel estop`: an emergency stop from any host, said until every axis of the cell shows it."""
+
+import socket
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
+
+from common import topics
+from common.bus import Bus, Outlet
+from common.clock import MonotonicClock
+from common.codec import decode
+from common.errors import CodecError
+from common.messages import EmergencyStop, SafetyState, SlaveState
+from common.settings import DaemonSettings
+from common.topics import SLAVE_STATE, checked_segment, parse_key
+from common.transport.port import Transport
+from common.transport.security import Party, PartyRole
+from common.transport.settings import TransportSettings
+from common.transport.zenoh_bus import ZenohTransport
+
+EVERY_S = 0.020
+FOR_S = 2.0
+_ANYWHERE = ("0.0.0.0", "[::]", "")
+_NO_NAME = "unknown-host"
+
+
+class Outcome(NamedTuple):
+    """What the slave said of each axis: its state, `not heard` without a word; how long it took."""
+
+    axes: dict[str, str]
+    took_s: float
+
+    @property
+    def done(self) -> bool:
+        """Whether every axis is stopped, and there is one."""
+        return bool(self.axes) and set(self.axes.values()) == {SafetyState.ESTOPPED.value}
+
+
+@dataclass
+class Stopper:
+    """Says the stop on the keys of the axes, of every axis that is heard where none is named."""
+
+    transport: Transport
+    cell: str
+    axes: tuple[str, ...]
+    source: str
+    reason: str
+    states: dict[str, SafetyState] = field(default_factory=dict)
+    _outlets: dict[str, Outlet] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """What an end may hear is less than what an observer may: its axes are named, and asked for each."""
+        for axis in self.axes:
+            key = SLAVE_STATE.key(self.cell, axis)
+            self.transport.subscribe(key, partial(self._heard, key))
+        if not self.axes:
+            self.transport.subscribe_all(f"forefeel/{self.cell}", self._heard)
+
+    def _heard(self, key: str, payload: bytes, receive_ns: int) -> None:
+        del receive_ns
+        parsed = parse_key(key)
+        if parsed is None or parsed[2] is not SLAVE_STATE:
+            return
+        try:
+            self.states[parsed[1]] = decode(SlaveState, payload).state
+        except CodecError:
+            return
+
+    def say(self, now_ns: int) -> None:
+        """Once on each axis."""
+        for axis in self.axes or tuple(self.states):
+            if axis not in self._outlets:
+                bus = Bus(self.transport, self.cell, axis, MonotonicClock())
+                self._outlets[axis] = bus.outlet(topics.EMERGENCY_STOP)
+            outlet = self._outlets[axis]
+            header = outlet.header(0, now_ns)
+            outlet.send(EmergencyStop(**header, source=self.source, reason=self.reason))
+
+    def outcome(self, took_s: float) -> Outcome:
+        """As it is now; an axis that is only heard counts, too: a stop stops the cell."""
+        found: dict[str, str] = dict.fromkeys(self.axes, "not heard")
+        return Outcome({**found, **{axis: state.value for axis, state in dict(self.states).items()}}, took_s)
+
+
+class Caller(NamedTuple):
+    """Who stops which cell: its transport, its role there, whether it may do without certificates."""
+
+    transport: TransportSettings
+    role: PartyRole
+    cell: str
+    insecure: bool = False
+
+
+def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason: str) -> Outcome:
+    """Says the stop every 20 ms until every axis shows it, or 2 s have gone.
+
+    Raises:
+        InputError: an endpoint, a certificate or a name can not be used.
+    """
+    cell = caller.cell
+    for name in (cell, *axes):
+        checked_segment(name, "name")
+    clock, faults = MonotonicClock(), list[Exception]()
+    party = Party(caller.role, (cell,))
+    opened = ZenohTransport.open(caller.transport, clock, faults.append, party, insecure=caller.insecure)
+    try:
+        if opened.notice:
+            print(opened.notice, file=sys.stderr)
+        stopper, start_s = Stopper(opened, cell, axes, source, reason[:256]), time.monotonic()
+        while True:
+            stopper.say(clock.now_ns())
+            time.sleep(EVERY_S)
+            outcome = stopper.outcome(time.monotonic() - start_s)
+            if outcome.done or outcome.took_s > FOR_S:
+                return outcome
+    finally:
+        opened.close()
+
+
+def towards(settings: DaemonSettings) -> TransportSettings:
+    """How somebody beside the daemon of these settings reaches the cell: it listens to nobody."""
+    transport = settings.transport
+    targets = (*transport.connect, *map(_near, transport.listen))
+    return transport.model_copy(update={"listen": (), "connect": targets})
+
+
+def who(names: Iterable[str] = ()) -> str:
+    """Who asks, as a name that a message can carry: this host's."""
+    text = "-".join((*names, socket.gethostname() or _NO_NAME))
+    return "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "-" for c in text)[:64]
+
+
+def _near(endpoint: str) -> str:
+    """An own endpoint as seen from this machine."""
+    protocol, _, rest = endpoint.partition("/")
+    host, colon, port = rest.rpartition(":")
+    near = "[::1]" if host == "[::]" else "127.0.0.1"
+    return f"{protocol}/{near}{colon}{port}" if host in _ANYWHERE else endpoint

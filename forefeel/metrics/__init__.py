@@ -1,0 +1,1 @@
+"""What a cell says of itself, for Prometheus, by a viewer in a process of its own."""

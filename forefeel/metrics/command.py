@@ -1,0 +1,43 @@
+"""`forefeel metrics` on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.errors import ConfigurationError
+from forefeel.options import Duration, Insecure, Strands, ThroughRouter
+
+EPILOG = "Example: forefeel metrics --cell cathlab --connect tls/10.0.0.2:7447 --pki pki"
+
+
+def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
+    connect: Annotated[
+        list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
+    ] = None,
+    cell: Annotated[str | None, typer.Option("--cell", help="Which cell; default cell.")] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="YAML of a viewer instead of the options."),
+    ] = None,
+    pki: Annotated[
+        Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role viewer.")
+    ] = None,
+    through_router: ThroughRouter = False,
+    strands: Strands = 1,
+    insecure: Insecure = False,
+    address: Annotated[str, typer.Option("--address", help="Where Prometheus asks.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Where Prometheus asks.")] = 9464,
+    duration: Duration = None,
+) -> None:
+    """Serve what a cell says of itself to Prometheus, as a viewer in a process of its own."""
+    from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
+
+    try:
+        from forefeel.metrics.run import run_metrics  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("prometheus_client"):
+            raise
+        raise ConfigurationError("metrics: needs an extra: pip install forefeel[metrics]") from error
+    found = observer(config, cell, connect or [], pki, through_router, strands)
+    run_metrics(found, address, port, duration, insecure)

@@ -1,0 +1,88 @@
+"""The YAML files of those who move nothing: recorder, viewer and router; or the options in their place."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from common.config import Settings, checked, load_settings
+from common.errors import ConfigurationError
+from common.settings import Segment
+from common.topics import checked_segment
+from common.transport.settings import TransportSettings
+
+
+class ObserverSettings(Settings):
+    """Who only hears a cell: a recorder, or a viewer, which may stop it, too."""
+
+    role: Literal["recorder", "viewer"] = "recorder"
+    cell: Segment = "cell"
+    transport: TransportSettings
+
+    @model_validator(mode="after")
+    def _hears_someone(self) -> Self:
+        if not (self.transport.connect or self.transport.listen):
+            raise ValueError("transport.connect: expected at least one endpoint as in tls/10.0.0.1:7447")
+        return self
+
+
+class RouterSettings(Settings):
+    """Which cells a router serves, where it listens, with which certificates."""
+
+    role: Literal["router"] = "router"
+    cells: Annotated[tuple[Segment, ...], Field(min_length=1)]
+    transport: TransportSettings
+
+    @model_validator(mode="after")
+    def _listens(self) -> Self:
+        if not self.transport.listen:
+            raise ValueError("transport.listen: expected at least one endpoint as in tls/0.0.0.0:7447")
+        if self.transport.connect or self.transport.mode != "peer":
+            raise ValueError("transport.connect: expected none and no mode, for a router is connected to")
+        if len(set(self.cells)) != len(self.cells):
+            raise ValueError(f"cells = {list(self.cells)}: expected each name once")
+        return self
+
+
+def observer(
+    config: Path | None,
+    cell: str | None,
+    connect: Sequence[str],
+    pki: Path | None,
+    through_router: bool,
+    strands: int = 1,
+) -> ObserverSettings:
+    """The settings of a file, or of the options in its place.
+
+    Raises:
+        ConfigurationError: both, neither, or a value that can not be used.
+    """
+    if config is not None:
+        if cell is not None or connect or pki is not None or through_router or strands != 1:
+            raise ConfigurationError("--config: stands for every option about the network; expected it alone")
+        return load_settings(ObserverSettings, config)
+    if not connect:
+        raise ConfigurationError("--connect: missing, expected at least one endpoint, or --config FILE")
+    name = checked_segment("cell" if cell is None else cell, "--cell")
+    mode: Literal["client", "peer"] = "client" if through_router else "peer"
+    transport = {"mode": mode, "connect": list(connect), "pki": pki, "strands": strands}
+    return checked(ObserverSettings, {"cell": name, "transport": transport}, "options")
+
+
+def router_settings(
+    config: Path | None, cells: Sequence[str], listen: Sequence[str], pki: Path | None
+) -> RouterSettings:
+    """The settings of a file, or of the options in its place.
+
+    Raises:
+        ConfigurationError: both, neither, or a value that can not be used.
+    """
+    if config is not None:
+        if cells or listen or pki is not None:
+            raise ConfigurationError("--config: stands for --cell, --listen and --pki; expected it alone")
+        return load_settings(RouterSettings, config)
+    if not cells:
+        raise ConfigurationError("--cell: missing, expected the name of each cell, or --config FILE")
+    transport = {"listen": list(listen), "pki": None if pki is None else str(pki)}
+    return checked(RouterSettings, {"cells": list(cells), "transport": transport}, "router")

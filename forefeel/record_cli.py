@@ -1,0 +1,39 @@
+"""`forefeel record` on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from forefeel.options import Duration, Insecure, Strands, ThroughRouter
+
+EPILOG = (
+    "Example: forefeel record --config deploy/config/recorder.yaml --out run.mcap   "
+    "Example: forefeel record --cell cathlab --connect tls/10.0.0.2:7447 --pki pki --out run.mcap"
+)
+
+
+def record(  # noqa: PLR0913, PLR0917 - one parameter per option
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="A new .mcap file.")],
+    connect: Annotated[
+        list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
+    ] = None,
+    cell: Annotated[str | None, typer.Option("--cell", help="Which cell to record; default cell.")] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="YAML with cell and transport instead of the options."),
+    ] = None,
+    pki: Annotated[
+        Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role recorder.")
+    ] = None,
+    through_router: ThroughRouter = False,
+    strands: Strands = 1,
+    insecure: Insecure = False,
+    duration: Duration = None,
+) -> None:
+    """Record a cell to MCAP until Ctrl-C, in a process of its own."""
+    from forefeel.network_settings import observer  # noqa: PLC0415
+    from forefeel.record import run_record  # noqa: PLC0415 - the others start without Zenoh
+
+    found = observer(config, cell, connect or [], pki, through_router, strands)
+    run_record(out, found, duration, insecure)

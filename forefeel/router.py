@@ -1,0 +1,69 @@
+"""`forefeel router`: the cells of a laboratory through one Zenoh router, each kept to itself."""
+
+import time
+from itertools import count
+
+import zenoh
+
+from common.runtime.realtime import prepare_thread
+from common.runtime.service_manager import attended
+from common.transport.security import Party
+from common.transport.zenoh_bus import open_session
+from forefeel.interrupt import interruptible
+from forefeel.network_settings import RouterSettings
+from forefeel.parent import die_with_parent
+from forefeel.speaking import say
+
+_POLL_S = 0.2
+_PRIORITY = 30
+"""Of SCHED_FIFO where it is granted, as the daemons' own transports: a command waits for no other program."""
+_EVENTS = 1024
+
+
+def run_router(settings: RouterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
+    """Routes until SIGINT, SIGTERM or the duration; says who comes and goes.
+
+    Raises:
+        InputError: an endpoint or a certificate can not be used.
+    """
+    die_with_parent()
+    prepare_thread(_PRIORITY)  # Zenoh's threads inherit it
+    party = Party("router", settings.cells)
+    with interruptible() as ignore_signals:
+        session, notice = open_session(
+            settings.transport, "router", party, insecure=insecure, real_stage=False
+        )
+        with session:
+            try:
+                _greet(settings, notice)
+                _watch(session, duration_s)
+            except KeyboardInterrupt:
+                pass
+            finally:
+                ignore_signals()
+    say("router: closed")
+
+
+def _greet(settings: RouterSettings, notice: str) -> None:
+    if notice:
+        say(f"router: {notice}")
+    transport = settings.transport
+    how = f"with the certificates in {transport.pki}" if transport.pki else "without certificates"
+    say(f"router: listening on {', '.join(transport.listen)} {how}; cells {', '.join(settings.cells)}")
+
+
+def _watch(session: zenoh.Session, duration_s: float | None) -> None:
+    """Says each link that is added or removed."""
+    start_s = time.monotonic()
+    channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_EVENTS)
+    looks = count(1)
+    attend = attended(lambda: "routing", lambda: next(looks))
+    with session.info.declare_link_events_listener(channel, history=True) as links:
+        while duration_s is None or time.monotonic() - start_s < duration_s:
+            while (event := links.handler.try_recv()) is not None:
+                came = event.kind == zenoh.SampleKind.PUT
+                who = event.link.auth_identifier or "someone without certificate"
+                where = event.link.dst.partition("/")[2]
+                say(f"router: {who} {'came from' if came else 'left'} {where}")
+            attend()
+            time.sleep(_POLL_S)

@@ -1,0 +1,82 @@
+"""What one axis of the master leaves behind: entries of the audit log, and triggers of flight records."""
+
+from common.audit import Detail
+from common.bus import Bus
+from common.journal import HALTED, REFUSALS, UNASKED, Journal, Tally
+from common.messages import Handshake, LimitEvent, SafetyEvent, SafetyState
+from common.notices import Notices
+
+_FOLLOWING = frozenset({SafetyState.ENGAGING, SafetyState.ARMED})
+
+
+class AxisDiary:
+    """Any thread notes; `serve` says on asyncio what was gathered."""
+
+    def __init__(self, journal: Journal, axis: str) -> None:
+        self._journal, self._axis = journal, axis
+        self._tally = Tally()
+        self._malformed: dict[str, int] = {}
+        self._open_session: int | None = None
+        self._handle_fault: str | None = None
+        self._problem: str | None = None
+
+    def slave_event(self, event: SafetyEvent, now_ns: int) -> None:
+        """A transition of the slave, as it was heard."""
+        self._journal.note(
+            "slave_safety", now_ns, self._axis,
+            before=event.before.value, event=event.event, after=event.after.value,
+            reason=event.reason, session=event.session_id,
+        )  # fmt: skip
+        if event.after in HALTED or (event.before in _FOLLOWING and event.event in UNASKED):
+            self._journal.flight(self._axis, event.event, event.reason, now_ns)
+
+    def slave_limit(self, event: LimitEvent) -> None:
+        """What the slave refused."""
+        if event.rule in REFUSALS:
+            self._tally.add("slave_refused", event.rule, event.count)
+
+    def answered(self, handshake: Handshake, opened: bool, accepted: bool, reason: str, now_ns: int) -> None:
+        """The slave's answer to a handshake."""
+        peer: dict[str, Detail] = {
+            "session": handshake.session_id,
+            "peer": handshake.instance_id,
+            "software": handshake.software,
+            "settings": handshake.settings_hash,
+        }
+        if opened:
+            self._open_session = handshake.session_id
+            self._journal.note("session_opened", now_ns, self._axis, **peer)
+        elif not accepted:
+            self._tally.add("session_refused", "handshake", 1, **{**peer, "reason": reason})
+
+    def session_lost(self, now_ns: int, reason: str) -> None:
+        """The session is not open any more; said once. Nobody else heard what the hand felt."""
+        session, self._open_session = self._open_session, None
+        if session is not None:
+            self._journal.note("session_lost", now_ns, self._axis, session=session, reason=reason)
+            self._journal.flight(self._axis, "session_lost", reason, now_ns)
+
+    def stop_asked(self, now_ns: int, by: str, reason: str) -> None:
+        """The person asked for an emergency stop."""
+        self._journal.note("emergency_stop", now_ns, self._axis, by=by, reason=reason)
+
+    def last_words(self, now_ns: int) -> None:
+        """What was gathered and not said yet, at the end."""
+        self._tally.drain(self._journal, now_ns, self._axis, last=True)
+
+    def serve(self, now_ns: int, bus: Bus, handle_fault: str | None, notices: Notices) -> None:
+        """Says what was gathered; about every 50 ms."""
+        if handle_fault is not None and self._handle_fault is None:
+            self._journal.note("device_fault", now_ns, self._axis, name="handle", reason=handle_fault)
+            self._journal.flight(self._axis, "handle_fault", handle_fault, now_ns)
+        self._handle_fault = handle_fault
+        problem = self._journal.problem(now_ns)
+        if problem is not None and self._problem is None:
+            notices.add(f"{problem}; what happens is not written down")
+        self._problem = problem
+        for topic, count in list(bus.malformed.items()):
+            new = count - self._malformed.get(topic, 0)
+            if new:
+                self._malformed[topic] = count
+                self._tally.add("malformed", topic, new)
+        self._tally.drain(self._journal, now_ns, self._axis)

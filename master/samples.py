@@ -1,0 +1,84 @@
+"""The messages in which the master says what the hand did and felt, and how it knows the contact."""
+
+from typing import TypedDict
+
+from common.bus import Header
+from common.clock_offset import OffsetEstimate
+from common.estimation.forecast import Estimate
+from common.estimation.identification import ContactEstimate
+from common.messages import HapticSample, ModelParameters
+from master.haptics import HapticOutputs, NewestForce
+
+
+class ForecastFields(TypedDict):
+    """See HapticSample."""
+
+    predicted_n: float | None
+    low_n: float | None
+    high_n: float | None
+    leading: str
+
+
+_NOTHING: ForecastFields = {"predicted_n": None, "low_n": None, "high_n": None, "leading": ""}
+
+
+def forecast_fields(predicted: Estimate | None) -> ForecastFields:
+    """Those of an estimate, or of none."""
+    if predicted is None:
+        return _NOTHING
+    force_n, low_n, high_n, leading = predicted
+    return {"predicted_n": force_n, "low_n": low_n, "high_n": high_n, "leading": leading}
+
+
+def ages_s(
+    now_ns: int, force: NewestForce | None, clock: OffsetEstimate | None
+) -> tuple[float | None, float | None]:
+    """Age of the newest force on the master's clock, and round trip of the command that it answers."""
+    if force is None:
+        return None, None
+    sample = force.sample
+    age_s = None if clock is None else (now_ns - sample.stamp_ns + clock.offset_ns) * 1e-9
+    sent_ns = sample.answers_stamp_ns
+    return age_s, None if sent_ns is None else (force.arrived_ns - sent_ns) * 1e-9
+
+
+def haptic_sample(
+    header: Header,
+    outputs: HapticOutputs,
+    handle_m: float,
+    force: NewestForce | None,
+    clock: OffsetEstimate | None,
+) -> HapticSample:
+    """One tick of the haptic loop."""
+    age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
+    return HapticSample(
+        **header,
+        handle_position_m=handle_m,
+        command_position_m=outputs.position_m,
+        **forecast_fields(outputs.predicted),
+        held_n=outputs.held_n,
+        rendered_n=outputs.rendered_n,
+        force_age_s=age_s,
+        delay_s=delay_s,
+        answered_sequence=force.sample.answers_sequence if force else None,
+        limited=bool(outputs.hits),
+        energy_j=outputs.energy_j,
+    )
+
+
+def model_parameters(
+    header: Header, estimate: ContactEstimate, identifiable: tuple[str, ...]
+) -> ModelParameters:
+    """The contact model as it is known now."""
+    return ModelParameters(
+        **header,
+        names=estimate.names,
+        values=estimate.values,
+        standard_deviations=estimate.standard_deviations,
+        identifiable=identifiable,
+        valid=estimate.valid,
+        samples=estimate.samples,
+        updates=estimate.updates,
+        resets=estimate.resets,
+        innovation_rms_n=estimate.innovation_rms_n,
+    )

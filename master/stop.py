@@ -1,0 +1,43 @@
+"""An emergency stop that the person asked for: said again and again until the slave shows it. Pure."""
+
+from common.messages import SafetyState
+
+_OFTEN_NS = 20_000_000
+_FOR_NS = 2_000_000_000
+_SELDOM_NS = 250_000_000
+
+
+class StopWish:
+    """Every 20 ms for 2 s, then four times a second: a link that comes back must not have lost it.
+
+    Attributes:
+        wanted: from the asking until the slave says ESTOPPED; the deadman counts as released meanwhile.
+        reason: why.
+    """
+
+    def __init__(self) -> None:
+        self.wanted = False
+        self.reason = ""
+        self._asked_ns = 0
+        self._sent_ns = 0
+
+    def ask(self, reason: str, now_ns: int) -> bool:
+        """Whether it was not wanted yet; the first reason stands."""
+        if self.wanted:
+            return False
+        self.reason, self._asked_ns, self._sent_ns = reason, now_ns, now_ns - _SELDOM_NS
+        self.wanted = True
+        return True
+
+    def due(self, now_ns: int, state: SafetyState | None, heard_ns: int) -> bool:
+        """Whether it is to be said now; `state`: the slave's newest, `heard_ns`: when it came."""
+        if not self.wanted:
+            return False
+        if state is SafetyState.ESTOPPED and heard_ns > self._asked_ns:
+            self.wanted = False
+            return False
+        often = now_ns - self._asked_ns <= _FOR_NS
+        if now_ns - self._sent_ns < (_OFTEN_NS if often else _SELDOM_NS):
+            return False
+        self._sent_ns = now_ns
+        return True

@@ -1,0 +1,100 @@
+"""What one axis of the slave leaves behind: audit entries, cycles and triggers of flight records."""
+
+from common import topics
+from common.audit import SAFETY, Detail
+from common.bus import Bus
+from common.flight import CycleRow
+from common.journal import HALTED, REFUSALS, UNASKED, Journal, Tally
+from common.limiter import LimitHit
+from common.messages import Grip, Handshake, SafetyState
+from slave.control import ControlOutputs, Transition
+from slave.devices import DeviceWatch
+from slave.safety import FOLLOWING
+
+_MINUTE_NS = 60_000_000_000
+
+
+class AxisDiary:
+    """Any thread notes; `serve` says on asyncio what was gathered."""
+
+    def __init__(self, journal: Journal, cell: str, axis: str) -> None:
+        self._journal, self._axis = journal, axis
+        self._tally = Tally()
+        self._faults = Tally(_MINUTE_NS)  # a device that stays broken fails at every tick
+        self._malformed: dict[str, int] = {}
+        self._live = False
+        key = topics.CONTROL_CYCLE.key(cell, axis)
+        self._add_cycle = journal.rings.ring(key).add if journal.rings is not None else None
+
+    def cycle(
+        self,
+        now_ns: int,
+        outputs: ControlOutputs,
+        watch: DeviceWatch,
+        grip: Grip,
+        state: SafetyState,
+        session: int,
+    ) -> None:
+        """One control cycle: a tuple, and nothing else."""
+        if self._add_cycle is None:
+            return
+        executing = outputs.executing
+        row: CycleRow = (
+            now_ns, outputs.target_m, outputs.velocity_m_s, outputs.moving, *watch.stage,
+            watch.force.force_n, watch.force.valid, state, grip,
+            None if executing is None else executing.sequence, session,
+        )  # fmt: skip
+        self._add_cycle(row)
+
+    def transition(self, now_ns: int, transition: Transition, session: int) -> None:
+        """A transition of the safety state machine, from the loop itself."""
+        before, event, after, reason = transition
+        self._journal.note(
+            SAFETY, now_ns, self._axis,
+            before=before.value, event=event.value, after=after.value, reason=reason, session=session,
+        )  # fmt: skip
+        if after in HALTED or (before in FOLLOWING and event in UNASKED):
+            self._journal.flight(self._axis, event.value, reason, now_ns)
+
+    def stop_asked(self, by: str, reason: str) -> None:
+        """Somebody asked for an emergency stop."""
+        self._tally.add("emergency_stop", "any", by=by, reason=reason)
+
+    def device_fault(self, device: str, reason: str) -> None:
+        """A device failed."""
+        self._faults.add("device_fault", device, reason=reason)
+
+    def limits(self, hit: LimitHit, count: int) -> None:
+        """Interventions of one rule; only what was refused is said here, the others are in the recording."""
+        if hit.rule in REFUSALS:
+            asked = f"{hit.requested:g} {hit.unit}".strip()
+            limit = f"{hit.applied:g} {hit.unit}".strip()
+            self._tally.add("refused", hit.rule, count, requested=asked, limit=limit)
+
+    def answered(self, now_ns: int, handshake: Handshake, reason: str, session_before: int) -> None:
+        """A handshake was answered; `reason`: why it was refused, or empty."""
+        peer: dict[str, Detail] = {
+            "session": handshake.session_id,
+            "peer": handshake.instance_id,
+            "software": handshake.software,
+            "settings": handshake.settings_hash,
+        }
+        if reason:
+            self._tally.add("session_refused", "handshake", 1, **{**peer, "reason": reason})
+        elif handshake.session_id != session_before:
+            self._live = True
+            self._journal.note("session_opened", now_ns, self._axis, **peer)
+
+    def serve(self, now_ns: int, bus: Bus, session: int, live: bool, last: bool = False) -> None:
+        """Says what was gathered, and that a session was lost; about every 10 ms."""
+        if self._live and not live:
+            self._journal.note("session_lost", now_ns, self._axis, session=session)
+        self._live = live
+        wildcards = {"wildcard": bus.refused} if bus.refused else {}
+        for topic, count in {**dict(bus.malformed), **wildcards}.items():
+            new = count - self._malformed.get(topic, 0)
+            if new:
+                self._malformed[topic] = count
+                self._tally.add("malformed", topic, new)
+        for tally in (self._tally, self._faults):
+            tally.drain(self._journal, now_ns, self._axis, last)
