@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.real import with_state
 from forefeel.loopback.virtual import VirtualLoopback
 
 _STREAMING_S = 8.0
@@ -34,7 +35,7 @@ def _daemons(plan: Plan) -> None:
         master={**plan.master, "transport": {"connect": [_ENDPOINT]}},
     )
     with tempfile.TemporaryDirectory() as folder:
-        slave_file, master_file = plan.write(Path(folder))
+        slave_file, master_file = with_state(plan, Path(folder)).write(Path(folder))
         with _daemon("slave", slave_file) as slave, _daemon("master", master_file) as master:
             time.sleep(_STREAMING_S)
             for role, process in (("slave", slave), ("master", master)):

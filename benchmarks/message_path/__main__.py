@@ -1,0 +1,134 @@
+"""`python -m benchmarks.message_path [--rounds N] [--json FILE]`: round trips at 1 kHz between two processes.
+
+The ways take turns within each round; a ratio is the median over the rounds of p50 to that of bare Zenoh in
+the same round. The ways of forefeel decode, validate and gate each command before they send it back; the
+others send bytes back unread.
+"""
+
+import argparse
+import json
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+
+from benchmarks.message_path.brokered_ways import Mqtt, Nats, Redis
+from benchmarks.message_path.brokers import broker
+from benchmarks.message_path.direct_ways import Grpc, ZeroMq
+from benchmarks.message_path.ends import Way, summary
+from benchmarks.message_path.zenoh_ways import BareZenoh, GatedInCallback, Own, OwnAsyncio
+from common.runtime.realtime import prepare_process
+
+WAYS: dict[str, type[Way]] = {
+    way.__name__: way
+    for way in (BareZenoh, GatedInCallback, Own, OwnAsyncio, ZeroMq, Grpc, Mqtt, Nats, Redis)
+}
+_BROKERS = {"Mqtt": "mosquitto", "Nats": "nats-server", "Redis": "redis-server"}
+_ROUNDS, _WARM, _COUNT = 5, 500, 3000
+_PLAIN = "BareZenoh"
+Times = tuple[float, float, float, int]
+
+
+def main() -> None:
+    """See the module."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.message_path")
+    parser.add_argument("--rounds", type=int, default=_ROUNDS)
+    parser.add_argument("--json", type=Path, help="the figures, too")
+    wish = parser.parse_args()
+    found: dict[str, list[Times]] = {}
+    missing: dict[str, str] = {}
+    for _ in range(wish.rounds):
+        for name in WAYS:
+            try:
+                found.setdefault(name, []).append(_measured(name))
+            except (ImportError, FileNotFoundError) as error:
+                missing[name] = str(error)
+    rows = table(found)
+    print(text(rows, missing))
+    if wish.json is not None:
+        wish.json.write_text(json.dumps({"rows": rows, "missing": missing}, indent=2))
+
+
+def table(found: dict[str, list[Times]]) -> list[dict[str, object]]:
+    """A row for each way: medians over the rounds."""
+    plain = found[_PLAIN]
+    rows: list[dict[str, object]] = []
+    for name, rounds in found.items():
+        if not rounds:
+            continue
+        ratios = [own[0] / other[0] for own, other in zip(rounds, plain, strict=True)]
+        p50, p99, p999 = (median(each[at] for each in rounds) for at in range(3))
+        way = WAYS[name](0)
+        rows.append({
+            "way": way.name, "p50_us": p50, "p99_us": p99, "p999_us": p999, "ratio": median(ratios),
+            "lost": sum(each[3] for each in rounds), "version": way.version(),
+        })  # fmt: skip
+    return rows
+
+
+def text(rows: list[dict[str, object]], missing: dict[str, str]) -> str:
+    """The table."""
+    lines = [f"{'':>36} {'p50':>7} {'p99':>7} {'p99.9':>7} us {'ratio':>6} {'lost':>5}"]
+    for row in rows:
+        lines.append(
+            f"{row['way']:>36} {row['p50_us']:7.0f} {row['p99_us']:7.0f} {row['p999_us']:7.0f}    "
+            f"{row['ratio']:6.2f} {row['lost']:5}   {row['version']}"
+        )
+    lines += [f"{WAYS[name].name:>36} missing: {why}" for name, why in missing.items() if name in WAYS]
+    return "\n".join(lines)
+
+
+def _measured(name: str) -> Times:
+    with tempfile.TemporaryDirectory() as folder, socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+        probe.close()
+        with broker(_BROKERS.get(name), port, Path(folder)), _echo(name, port):
+            command = [sys.executable, "-m", "benchmarks.message_path", "measure", name, str(port)]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    if done.returncode != 0:
+        last = (done.stderr.splitlines() or ["nothing said"])[-1]
+        if "ModuleNotFoundError" in last:
+            raise ImportError(last)
+        raise SystemExit(f"{name}: {last}")
+    times_us = json.loads(done.stdout)
+    if len(times_us) < _COUNT // 2:
+        raise SystemExit(f"{name}: {len(times_us)} answers of {_COUNT}")
+    return *summary(times_us), _COUNT - len(times_us)
+
+
+@contextmanager
+def _echo(name: str, port: int) -> Iterator[None]:
+    command = [sys.executable, "-m", "benchmarks.message_path", "echo", name, str(port)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        if not process.stdout.readline():
+            _, said = process.communicate()
+            last = (said.splitlines() or ["nothing said"])[-1]
+            raise ImportError(last) if "ModuleNotFoundError" in last else SystemExit(f"{name}: {last}")
+        try:
+            yield
+        finally:
+            process.stdin.close()
+
+
+def _end(what: str, name: str, port: int) -> None:
+    way = WAYS[name](port)
+    prepare_process()
+    if what == "echo":
+        way.echo(lambda: print("ready", flush=True))
+    else:
+        print(json.dumps(way.measure(_WARM, _COUNT)))
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] in (["echo"], ["measure"]):
+        _end(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+    else:
+        main()

@@ -1,0 +1,259 @@
+"""What certificates and the gate cost, beside plain Zenoh in the same run: `python -m benchmarks.security`.
+
+Two processes on this machine, one echoes. Round trips back to back, and paced at 1 kHz. Variants take turns
+within each round; the figure is the median over the rounds of the ratio to plain TCP of the same round.
+"""
+
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import zenoh
+
+from common.clock import MonotonicClock, now_utc
+from common.codec import decode, encode
+from common.messages import MotionCommand
+from common.runtime.realtime import prepare_process
+from common.topics import COMMAND, FORCE, Qos
+from common.transport.port import Put
+from common.transport.security import Party
+from common.transport.settings import TransportSettings
+from common.transport.zenoh_bus import ZenohTransport
+from forefeel.pki.folder import make_folder
+from slave.gate import CommandGate, GateLimits
+
+_CELL, _SESSION = "cell", 7
+_ROUNDS, _BACK_TO_BACK, _PACED = 7, 1500, 1000
+_LIMITS = GateLimits(max_age_ns=100_000_000, position_m=(-0.1, 0.2), velocity_m_s=2.0)
+_CLOCK = MonotonicClock()
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """`axis`: what the other end does with it. `command`: a MotionCommand instead of 64 bytes."""
+
+    name: str
+    link: str
+    axis: str
+    command: bool
+
+
+VARIANTS = (
+    Variant("Zenoh tcp, 64 bytes", "tcp", "echo", False),
+    Variant("mTLS and access control, 64 bytes", "tls", "echo", False),
+    Variant("Zenoh tcp, a command unread", "tcp", "echo", True),
+    Variant("tcp, decoded, validated, gated", "tcp", "gate", True),
+    Variant("tcp, the same by way of the ring", "tcp", "ring", True),
+    Variant("mTLS, decoded, validated, gated", "tls", "gate", True),
+    Variant("mTLS, the same by way of the ring", "tls", "ring", True),
+)
+
+
+def main() -> None:
+    """Prints one line a variant."""
+    prepare_process()
+    with tempfile.TemporaryDirectory() as folder, _other_end(Path(folder)) as ends:
+        channels = {variant: _Channel(ends[variant.link], variant) for variant in VARIANTS}
+        for channel in channels.values():
+            channel.await_answer()
+        rounds = [
+            {variant: (channel.back_to_back(), channel.paced()) for variant, channel in channels.items()}
+            for _ in range(_ROUNDS)
+        ]
+        for channel in channels.values():
+            channel.close()
+    _table(rounds)
+
+
+def _table(rounds: list[dict[Variant, tuple[list[float], list[float]]]]) -> None:
+    print(
+        f"{'':>36} {'back to back, us':>17} {'ratio':>6} {'paced 1 kHz, us':>17} {'ratio':>6}\n"
+        f"{'':>36} {'p50 / p99':>17} {'p50':>6} {'p50 / p99':>17} {'p50':>6}"
+    )
+    plain = VARIANTS[0]
+    for variant in VARIANTS:
+        cells = []
+        for mode in (0, 1):
+            p50 = median(_quantile(each[variant][mode], 0.50) for each in rounds)
+            p99 = median(_quantile(each[variant][mode], 0.99) for each in rounds)
+            ratio = median(
+                _quantile(each[variant][mode], 0.50) / _quantile(each[plain][mode], 0.50) for each in rounds
+            )
+            cells.append(f"{p50:8.0f} /{p99:7.0f} {ratio:6.2f}")
+        print(f"{variant.name:>36} {'  '.join(cells)}", flush=True)
+
+
+def _quantile(times_us: list[float], q: float) -> float:
+    return sorted(times_us)[int(q * (len(times_us) - 1))]
+
+
+class _Channel:
+    """One variant as its sender sees it."""
+
+    def __init__(self, transport: ZenohTransport, variant: Variant) -> None:
+        self._variant = variant
+        self._numbers = 0
+        self._sent_ns: deque[int] = deque()
+        self._times_us: list[float] = []
+        self._answered = threading.Semaphore(0)
+        session: Any = getattr(transport, "_session")  # noqa: B009 - below the product's own rings
+        axis = f"{variant.axis}-{int(variant.command)}"
+        self._put = transport.publisher(COMMAND.key(_CELL, axis), Qos.STREAM)
+        self._subscriber: Any = session.declare_subscriber(FORCE.key(_CELL, axis), self._hear)
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        del sample
+        self._times_us.append((time.perf_counter_ns() - self._sent_ns.popleft()) * 1e-3)
+        self._answered.release()
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+
+    def _send(self) -> None:
+        self._numbers += 1
+        payload = bytes(64)
+        self._sent_ns.append(time.perf_counter_ns())
+        if self._variant.command:  # what it costs to say it is the sender's in every variant
+            command = MotionCommand(
+                session_id=_SESSION, sequence=self._numbers, stamp_ns=_CLOCK.now_ns(),
+                position_m=0.05, velocity_m_s=0.01, deadman=True, recording_time_s=None,
+            )  # fmt: skip
+            payload = encode(command)
+        self._put(payload)
+
+    def await_answer(self) -> None:
+        """Until both ends know each other; the first may be lost."""
+        while True:
+            self._sent_ns.clear()
+            self._send()
+            if self._answered.acquire(timeout=0.2):
+                break
+        time.sleep(0.3)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._sent_ns.clear()
+        self._times_us.clear()
+        while self._answered.acquire(blocking=False):
+            pass
+
+    def back_to_back(self) -> list[float]:
+        """Round trips in us, each after the one before."""
+        self._clear()
+        for _ in range(_BACK_TO_BACK):
+            self._send()
+            if not self._answered.acquire(timeout=2.0):
+                raise SystemExit(f"{self._variant.name}: no answer")
+        return list(self._times_us)
+
+    def paced(self) -> list[float]:
+        """Round trips in us, one begun every millisecond."""
+        self._clear()
+        due_s = time.perf_counter()
+        for _ in range(_PACED):
+            due_s += 1e-3
+            time.sleep(max(0.0, due_s - time.perf_counter()))
+            self._send()
+        time.sleep(0.1)
+        return list(self._times_us)
+
+
+@contextmanager
+def _other_end(folder: Path) -> Iterator[dict[str, ZenohTransport]]:
+    """The echo's process, and our sessions with it."""
+    make_folder(folder / "pki", [_CELL], {}, 2, now_utc())
+    ports = [_free_port(), _free_port()]
+    command = [sys.executable, "-m", "benchmarks.security", "echo", str(folder), *map(str, ports)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        ends = _ends(folder, ports, listens=False)
+        try:
+            yield ends
+        finally:
+            for end in ends.values():
+                end.close()
+            assert process.stdin is not None
+            process.stdin.close()
+
+
+def _ends(folder: Path, ports: list[int], listens: bool) -> dict[str, ZenohTransport]:
+    """A session of each kind."""
+    found = {}
+    for link, port in zip(("tcp", "tls"), ports, strict=True):
+        endpoint = (f"{link}/127.0.0.1:{port}",)
+        pki = folder / "pki" if link == "tls" else None
+        settings = TransportSettings(
+            listen=endpoint if listens else (), connect=() if listens else endpoint, pki=pki
+        )
+        party = Party("slave" if listens else "master", (_CELL,))
+        found[link] = ZenohTransport.open(settings, _CLOCK, _raise, party)
+    return found
+
+
+def _raise(error: BaseException) -> None:
+    raise error
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def _echo(folder: Path, ports: list[int]) -> None:
+    """Until standard input ends."""
+    prepare_process()
+    declared: list[Any] = []
+    ends = _ends(folder, ports, listens=True)
+    for transport in ends.values():
+        session: Any = getattr(transport, "_session")  # noqa: B009
+        for axis in ("echo-0", "echo-1", "gate-1", "ring-1"):
+            put = transport.publisher(FORCE.key(_CELL, axis), Qos.STREAM)
+            receive = _answer(put, axis)
+            key = COMMAND.key(_CELL, axis)
+            if axis.startswith("ring"):
+                transport.subscribe(key, receive)
+            else:
+                declared.append(session.declare_subscriber(key, _callback(receive)))
+    sys.stdin.read()
+    for subscriber in declared:
+        subscriber.undeclare()
+    for transport in ends.values():
+        transport.close()
+
+
+def _callback(receive: Callable[[bytes, int], None]) -> Callable[[zenoh.Sample], None]:
+    return lambda sample: receive(sample.payload.to_bytes(), _CLOCK.now_ns())
+
+
+def _answer(put: Put, axis: str) -> Callable[[bytes, int], None]:
+    """What is done before the answer: nothing, or what the slave does with every command."""
+    answer = bytes(64)
+    if axis.startswith("echo"):
+        return lambda payload, _receive_ns: put(answer)
+    gate = CommandGate(_LIMITS)
+    gate.open(_SESSION)
+
+    def admit(payload: bytes, receive_ns: int) -> None:
+        refusal = gate.admit(decode(MotionCommand, payload), receive_ns, None)
+        if refusal is not None:
+            raise SystemExit(f"refused: {refusal}")
+        put(answer)
+
+    return admit
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["echo"]:
+        _echo(Path(sys.argv[2]), [int(port) for port in sys.argv[3:5]])
+    else:
+        main()
