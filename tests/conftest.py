@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ settings.register_profile("repeatable", deadline=None, derandomize=True, max_exa
 settings.load_profile("repeatable")
 
 _GRACE_S = 1.0
+_states = count()
 
 
 @pytest.fixture(autouse=True)
@@ -50,6 +52,13 @@ def _new_threads(before: set[threading.Thread]) -> list[threading.Thread]:
     return [thread for thread in new if not isinstance(thread, threading._DummyThread)]
 
 
+@pytest.fixture(autouse=True)
+def no_state_in_the_home(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A daemon that a test starts keeps its state in a folder of that test."""
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.getbasetemp() / f"state-{next(_states)}"))
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """The folder of the measured recordings."""
@@ -59,14 +68,24 @@ def data_dir() -> Path:
     return Path(folder)
 
 
+@pytest.fixture(autouse=True)
+def _scheduled_as_before() -> Iterator[None]:
+    """A test that leaves its process under SCHED_FIFO takes the processor from all that come after it."""
+    before = os.sched_getscheduler(0)
+    yield
+    assert os.sched_getscheduler(0) == before, "another scheduling than before the test"
+
+
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[str]], int]:
     """Runs the command line in this process as the installed script does; its exit code."""
     # what a daemon asks of the operating system would stay with this process
-    for place in ("common.runtime.real.prepare_process", "forefeel.daemons.prepare_process"):
-        monkeypatch.setattr(place, lambda: "left alone")
-    for place in ("forefeel.daemons.prepare_thread", "forefeel.emulate.run.prepare_thread"):
-        monkeypatch.setattr(place, lambda priority: "left alone")
+    for place in ("common.runtime.real", "forefeel.daemons", "forefeel.emulate.run"):
+        monkeypatch.setattr(f"{place}.prepare_process", lambda: "left alone")
+    for place in ("forefeel.daemons", "forefeel.router", "forefeel.emulate.run", "forefeel.calibrate.stage"):
+        monkeypatch.setattr(f"{place}.prepare_thread", lambda priority: "left alone")
+
+    monkeypatch.setattr("forefeel.__main__._go_first", lambda: None)
 
     def run(arguments: Sequence[str]) -> int:
         monkeypatch.setattr(sys, "argv", ["forefeel", *arguments])

@@ -15,14 +15,17 @@ from typer.testing import CliRunner
 from common.config import dump_yaml
 from common.recording.mcap_writer import RunWriter
 from forefeel.cli import app
-from forefeel.daemon_settings import load_daemon
+from forefeel.daemon_settings import load_any, load_daemon
 from tests.unit.recording_samples import force, put
 
 COMMANDS = [
-    ["slave"], ["master"], ["config", "check"], ["record"], ["report"],
-    ["loopback"], ["emulate"],
+    ["slave"], ["master"], ["config", "check"], ["record"], ["metrics"], ["report"],
+    ["router"], ["loopback"], ["emulate"],
     ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
-    ["devices"], ["device", "probe"], ["calibrate", "load-cell"], ["calibrate", "stage"],
+    ["pki", "init"], ["pki", "add"], ["pki", "show"], ["pki", "renew"], ["pki", "bundle"],
+    ["pki", "rules"],
+    ["doctor"], ["devices"], ["device", "probe"], ["calibrate", "load-cell"], ["calibrate", "stage"],
+    ["estop"], ["clear"], ["audit", "verify"], ["audit", "show"],
 ]  # fmt: skip
 ROOT = Path(__file__).parents[2]
 SLAVE = "role: slave\ntransport: {listen: ['tcp/127.0.0.1:0']}\n"
@@ -61,7 +64,7 @@ def test_every_command_is_known_to_this_test() -> None:
     assert sorted(COMMANDS) == sorted(leaves)
 
 
-@pytest.mark.parametrize("name", ["slave.yaml", "master.yaml"])
+@pytest.mark.parametrize("name", ["slave.yaml", "master.yaml", "recorder.yaml", "router.yaml"])
 def test_config_check_prints_settings_that_load_again(
     run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str
 ) -> None:
@@ -69,11 +72,11 @@ def test_config_check_prints_settings_that_load_again(
     assert run(["config", "check", str(original)]) == 0
     effective = tmp_path / name
     effective.write_text(capsys.readouterr().out)
-    assert load_daemon(effective) == load_daemon(original)
+    assert load_any(effective) == load_any(original)
     assert run(["config", "check", str(effective)]) == 0
     assert capsys.readouterr().out == effective.read_text()
     defaults = yaml.safe_load(effective.read_text())
-    assert defaults["realtime"] == {"priority": 50}  # not in the file: a default
+    assert defaults["transport"]["lease_s"] == 1.0  # not in the file: a default
 
 
 def test_config_check_of_a_file_that_names_others_loads_again_from_elsewhere(

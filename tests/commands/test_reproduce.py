@@ -163,6 +163,7 @@ def test_the_variable_names_a_folder_of_recordings(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.soak
 def test_on_measured_recordings_the_hold_stands_beside_the_paper(data_dir: Path) -> None:
     """The measured hold at 300 ms of these files, worked out independently of this code."""
     from diagnosis.reproduction.replay import baseline_row, replay

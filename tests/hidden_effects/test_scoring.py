@@ -80,6 +80,7 @@ def _all(factor: float = 1.0, verdicts: tuple[str, ...] = _DEMANDED) -> list[Out
     return named + [scored(case, partial(_said, verdict)) for case, verdict in pairs]
 
 
+@pytest.mark.soak
 def test_the_truth_meets_every_demand() -> None:
     outcomes = _all()
     assert unmet(outcomes) == []

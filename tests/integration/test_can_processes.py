@@ -118,6 +118,7 @@ def test_python_cans_own_adapter_driver_and_ours_understand_each_other(tmp_path:
 
 
 @pytest.mark.parametrize("faults", ["corrupt=0.02,drop=0.01"])
+@pytest.mark.soak
 def test_bad_lines_are_counted_and_the_others_arrive(tmp_path: Path, faults: str) -> None:
     links = [tmp_path / "host", tmp_path / "device"]
     hub = CanHub(links, faults=Faults.parse(faults), seed=3)

@@ -1,18 +1,23 @@
 """`forefeel record` beside an end that speaks, and beside nobody."""
 
+import signal
 import socket
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from datetime import date
 from pathlib import Path
 
 import pytest
+import yaml
 
 from common.clock import MonotonicClock
 from common.codec import encode
 from common.recording.mcap_reader import read_run
-from common.topics import FORCE
+from common.topics import CALIBRATION, FORCE
 from common.transport.settings import TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
+from tests.integration.test_processes import Daemon, free_endpoint, wait_until
 from tests.unit.recording_samples import force
 
 
@@ -32,6 +37,48 @@ def test_a_recording_of_nobody_is_no_recording(
         "nobody of cell cell was heard at tcp/127.0.0.1:9"
     )
     assert list(tmp_path.iterdir()) == []
+
+
+def kill(daemons: list[Daemon]) -> None:
+    for daemon in daemons:
+        daemon.process.kill()
+
+
+def test_a_recorder_that_joins_late_gets_the_calibration_that_the_slave_has_loaded(
+    run: Callable[[Sequence[str]], int], tmp_path: Path
+) -> None:
+    """Four processes in the field, three here: the emulated cell and the slave by themselves."""
+    endpoint, config = free_endpoint(), tmp_path / "slave.yaml"
+    port = tmp_path / "cell"
+    calibration = {
+        "format": "forefeel.load_cell_calibration/1", "driver": "bota_serial", "serial": "B-7",
+        "date": date.today(), "gain_n": 1.02, "zero": -0.25, "residual_n": 0.001, "hysteresis_n": 0.002,
+        "range_n": [0.0, 3.0], "points": [[0.0, 0.0], [1.0, 1.02]],
+    }  # fmt: skip
+    (tmp_path / "calibration.yaml").write_text(yaml.safe_dump(calibration))
+    cell = {
+        "driver": "bota_serial", "port": str(port), "full_scale_n": 10.0, "rate_hz": 100, "serial": "B-7",
+        "calibration": "calibration.yaml",
+    }  # fmt: skip
+    slave = {"transport": {"listen": [endpoint]}, "axes": [{"load_cell": cell}]}
+    config.write_text(yaml.safe_dump({"role": "slave", **slave}))
+    (tmp_path / "words").mkdir()
+    words = ["--config", str(config)]
+    processes = [Daemon(tmp_path / "words", "emulate", "bota_serial", *words)]
+    with ExitStack() as left:  # none outlives the test, however that ends
+        left.callback(kill, processes)
+        wait_until(lambda: processes[0].says("bota_serial on"))
+        processes.append(Daemon(tmp_path / "words", "slave", *words))
+        wait_until(lambda: processes[1].says("waiting for a master"))
+        out = tmp_path / "run.mcap"
+        assert run(f"record --connect {endpoint} --out {out} --duration 2.5".split()) == 0
+        ended = [process.end(signal.SIGTERM)[0] for process in reversed(processes)]
+    assert ended == [0, 0]
+    told = list(read_run(out).messages("insertion", CALIBRATION))
+    assert {(t.slot, t.driver, t.serial, t.gain_n, t.zero, t.date) for t in told} == {
+        ("load_cell", "bota_serial", "B-7", 1.02, -0.25, date.today().isoformat())
+    }
+    assert 1 <= len(told) <= 2
 
 
 def test_a_recording_says_what_it_holds_and_what_it_could_not_write(

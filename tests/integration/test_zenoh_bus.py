@@ -38,7 +38,9 @@ class Net:
         self._opened: list[ZenohTransport] = []
 
     def open(self, **settings: object) -> ZenohTransport:
-        transport = ZenohTransport.open(TransportSettings.model_validate(settings), CLOCK, self.faults.append)
+        transport = ZenohTransport.open(
+            TransportSettings.model_validate(settings), CLOCK, self.faults.append, insecure=True
+        )
         self._opened.append(transport)
         return transport
 
@@ -282,7 +284,7 @@ def test_a_peer_that_is_killed_and_started_again_is_heard_again(net: Net) -> Non
         wait_until(lambda: b"second" in got)
 
 
-@pytest.mark.parametrize("qos", [Qos.STREAM, Qos.EVENT])
+@pytest.mark.parametrize("qos", [Qos.STREAM, pytest.param(Qos.EVENT, marks=pytest.mark.soak)])
 def test_no_put_waits_for_a_frozen_peer_and_its_link_is_given_up(net: Net, qos: Qos) -> None:
     transport = net.connector()
     received: list[bytes] = []
@@ -327,3 +329,28 @@ def test_an_impaired_transport_delays_and_loses_as_it_was_asked(net: Net) -> Non
     assert excess_ns[0] >= 0  # never early
     assert excess_ns[len(excess_ns) // 2] < 10_000_000  # 0.1 ms on an idle machine
     assert net.faults == []
+
+
+def test_what_is_put_to_a_pattern_of_keys_is_refused_and_counted(net: Net) -> None:
+    first, second = net.listener(), net.connector()
+    got: list[bytes] = []
+    first.subscribe(KEY, lambda payload, _: got.append(payload))
+    first.subscribe_all("forefeel", lambda _key, payload, _: got.append(payload))
+    put_until(second.publisher(KEY, Qos.EVENT), lambda: got)
+    for pattern in ("forefeel/**", "forefeel/*/*/master/command", "forefeel/ce$*/insertion/**"):
+        put_until(second.publisher(pattern, Qos.EVENT), lambda: first.refused() >= 2)
+    assert first.refused() >= 2
+    assert set(got) == {b"probe"}
+    assert len(got) < 40
+
+
+def test_what_is_far_too_large_is_not_even_put_together(net: Net) -> None:
+    first, second = net.listener(), net.connector()
+    got: list[int] = []
+    first.subscribe(KEY, lambda payload, _: got.append(len(payload)))
+    put = second.publisher(KEY, Qos.EVENT)
+    put_until(put, lambda: got)
+    put(bytes(300_000))
+    put(bytes(60_000))
+    wait_until(lambda: 60_000 in got)
+    assert 300_000 not in got

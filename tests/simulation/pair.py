@@ -21,7 +21,7 @@ from common.runtime.port import Tick
 from common.runtime.virtual import VirtualRuntime
 from common.topics import SAFETY_EVENT, SLAVE_STATE, Topic, parse_key
 from common.transport.impaired import ImpairedTransport
-from common.transport.memory import MemoryBus
+from common.transport.memory import MemoryBus, MemoryTransport
 from master.daemon import MasterDaemon
 from master.settings import MasterSettings
 from slave.daemon import SlaveDaemon
@@ -170,6 +170,10 @@ class Pair:
     def third(self) -> Bus:
         """The bus of somebody else, on the first axis."""
         return Bus(self._bus.session(self.runtime.clock), "cell", AXIS, self.runtime.clock)
+
+    def stranger(self) -> MemoryTransport:
+        """Somebody else on the same network, whatever he puts."""
+        return self._bus.session(self.runtime.clock)
 
     def run(self, duration_s: float) -> float:
         """Goes on; the time in s then."""

@@ -82,6 +82,7 @@ def test_what_is_hidden_in_a_run_is_named_and_the_next_run_predicts_better(
     assert live_rms_n(after) < most * live_rms_n(before)
 
 
+@pytest.mark.soak
 def test_the_same_with_commands_and_files(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

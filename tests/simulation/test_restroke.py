@@ -1,5 +1,7 @@
 """Grip, push, release, draw back, grip again: every stroke inserts the instrument further."""
 
+import pytest
+
 from common.codec import decode
 from common.messages import Grip
 from common.topics import FORCE
@@ -8,6 +10,7 @@ from forefeel.loopback.virtual import VirtualLoopback
 from tests.simulation.pair import AXIS
 
 
+@pytest.mark.soak
 def test_a_commanded_restroke_inserts_further_and_each_grip_is_a_new_contact() -> None:
     plan = make_plan(Wish(seed=1, impairment="lan", duration_s=9.5))
     plan.master["axes"][0]["handle"]["restroke"] = True

@@ -8,6 +8,7 @@ from common.bus import Header
 from common.codec import encode
 from common.lateness import EDGES_US
 from common.messages import (
+    Calibration,
     ForceSample,
     Handshake,
     HapticSample,
@@ -164,6 +165,9 @@ class RunBuilder:
             **self.header(t_ms), before=S.READY, event=event, after=S.ENGAGING, reason=reason
         )
         self.put("slave/safety", message, t_ms)
+
+    def calibration(self, t_ms: int, **fields: str | float | None) -> None:
+        self.put("slave/calibration", Calibration.model_validate({**self.header(t_ms), **fields}), t_ms)
 
     def impairment(self, t_ms: int, role: str, delays_ns: tuple[tuple[int, ...], ...]) -> None:
         message = ImpairmentTrace(**self.header(t_ms), link="inbound", first_index=0, delays_ns=delays_ns)

@@ -6,6 +6,7 @@ from common import topics
 from common.bus import Bus, Outlet
 from common.clock import VirtualClock
 from common.errors import DeviceError
+from common.journal import NOTHING_KEPT, Journal
 from common.messages import (
     EmergencyStop,
     ForceSample,
@@ -21,7 +22,9 @@ from common.messages import (
 from common.settings import AxisLimits, settings_hash, shared_text
 from common.topics import Qos
 from common.transport.memory import MemoryBus
-from slave.axis import Devices, SlaveAxis
+from common.transport.port import Put
+from slave.axis import SlaveAxis
+from slave.devices import Devices
 from slave.load_cells.port import LoadCellReading
 from slave.settings import GateSettings, SlaveAxisSettings
 from slave.stages.port import StageReading
@@ -128,13 +131,14 @@ class FakeLoadCell:
 class SlaveRig:
     """A millisecond per `step`; asyncio's tasks run at their rates."""
 
-    def __init__(self, settings: SlaveAxisSettings = SETTINGS) -> None:
+    def __init__(self, settings: SlaveAxisSettings = SETTINGS, journal: Journal = NOTHING_KEPT) -> None:
         self.clock = VirtualClock(1000 * MS)
         self.network = MemoryBus()
         self.stage, self.gripper, self.load_cell = FakeStage(), FakeGripper(), FakeLoadCell()
         devices = Devices(self.stage, self.gripper, self.load_cell)
         bus = Bus(self.network.session(self.clock), "cell", "insertion", self.clock)
-        self.axis = SlaveAxis("cell", settings, devices, bus, 99)
+        self.journal = journal
+        self.axis = SlaveAxis("cell", settings, devices, bus, 99, journal)
         self._connect()
         self.session_id = SESSION
         self.beating = True
@@ -170,6 +174,10 @@ class SlaveRig:
     def put_raw(self, topic: topics.Topic[Any], payload: bytes) -> None:
         """Bytes on a topic, whatever they are."""
         self._puts[topic.name](payload)
+
+    def put_anything(self, topic: topics.Topic[Any]) -> Put:
+        """A publisher of whoever else is on the network."""
+        return self.network.session(self.clock).publisher(topic.key("cell", "insertion"), Qos.STREAM)
 
     @property
     def now_ns(self) -> int:

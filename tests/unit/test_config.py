@@ -284,7 +284,9 @@ def test_the_effective_settings_load_again(
 def test_the_deployed_files_load_and_share_their_limits() -> None:
     slave = load_settings(SlaveSettings, DEPLOY / "slave.yaml")
     master = load_settings(MasterSettings, DEPLOY / "master.yaml")
-    assert sorted(path.name for path in DEPLOY.glob("*.yaml")) == ["master.yaml", "slave.yaml"]
+    assert sorted(path.name for path in DEPLOY.glob("*.yaml")) == [
+        "master.yaml", "recorder.yaml", "router.yaml", "slave.yaml",
+    ]  # fmt: skip
     assert [axis.name for axis in slave.axes] == [axis.name for axis in master.axes]
     for one, other in zip(slave.axes, master.axes, strict=True):
         ours = shared_text(slave.cell, one.name, one.limits)

@@ -269,6 +269,7 @@ CLUSTER = """
 """
 
 
+@pytest.mark.soak
 def test_a_cluster_does_a_folder(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     (tmp_path / "in").mkdir()
@@ -285,7 +286,9 @@ def test_a_cluster_does_a_folder(tmp_path: Path) -> None:
     assert "b.csv: empty file" in done.stderr
 
 
-@pytest.mark.parametrize("folder", [False, True], ids=["file", "folder"])
+@pytest.mark.parametrize(
+    "folder", [pytest.param(False, marks=pytest.mark.soak), True], ids=["file", "folder"]
+)
 def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path, folder: bool) -> None:
     (tmp_path / "in").mkdir()
     for name in "ab":
@@ -299,7 +302,7 @@ def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path, folder: bool) 
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the workers get it, too
         _, said = process.communicate(timeout=30)
     assert process.returncode == 1
-    assert said.splitlines()[-1] == "forefeel: diagnosis interrupted; nothing was written"
+    assert said.splitlines()[-1] == "forefeel: diagnosis interrupted; nothing was written", said
     assert "Traceback" not in said
     assert not (tmp_path / "new").exists()
 

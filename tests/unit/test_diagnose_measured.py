@@ -29,6 +29,7 @@ def names(name: str) -> set[str]:
     return {cause.name for cause in found.causes}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", ["emps_train"])
 def test_a_motor_axis_has_dry_friction_that_no_speed_lessens(name: str) -> None:
     """Janot, Gautier and Brunot, 2019: Coulomb friction of 20.39 N and an offset; no Stribeck effect."""

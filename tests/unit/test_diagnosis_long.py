@@ -62,6 +62,7 @@ def test_a_cause_is_named_and_its_interval_is_that_of_the_whole() -> None:
     assert found.held_out.gain_low > 0.8
 
 
+@pytest.mark.soak
 def test_a_puncture_and_a_drift_far_from_the_liveliest_stretch_are_found_at_their_own_times() -> None:
     t, x, _, force = strokes(2)
     lively = liveliest(recording(t, x, force), 60.0)
@@ -76,6 +77,7 @@ def test_a_puncture_and_a_drift_far_from_the_liveliest_stretch_are_found_at_thei
     assert cause.parameters["rate_n_s"].value == pytest.approx(0.1 / SECONDS, rel=0.02)
 
 
+@pytest.mark.soak
 def test_the_frequency_of_pulses_is_that_of_the_whole() -> None:
     t, x, _, force = strokes(3)
     angle = 2.0 * np.pi * 1.2345 * t

@@ -276,3 +276,33 @@ def test_stamps_may_be_negative() -> None:
     stamps = [-(2**63) + i * MS for i in range(50)]
     assert all(gate.admit(command(i, stamp), S + i * MS, None) is None for i, stamp in enumerate(stamps, 1))
     assert all(before < after for before, after in pairwise(stamps))
+
+
+# --- two writers ---
+
+
+def test_a_used_number_with_a_newer_stamp_is_a_replay_with_a_new_coat() -> None:
+    gate = opened()
+    next_ns = stream(gate, 100)
+    assert rule(gate.admit(command(50, next_ns), next_ns + 10 * MS, None)) == "sequence"
+
+
+def test_who_jumped_ahead_is_found_out_by_the_first_fresh_command_of_the_other() -> None:
+    gate = opened()
+    next_ns = stream(gate, 100)
+    assert gate.admit(command(5000, next_ns), next_ns + 10 * MS, None) is None
+    assert rule(gate.admit(command(101, next_ns + MS), next_ns + 11 * MS, None)) == "second_writer"
+
+
+def test_a_command_that_the_network_held_back_is_no_second_writer() -> None:
+    gate = opened()
+    next_ns = stream(gate, 100)
+    assert gate.admit(command(103, next_ns + 2 * MS), next_ns + 12 * MS, None) is None
+    assert rule(gate.admit(command(101, next_ns), next_ns + 12 * MS, None)) == "sequence"
+    assert rule(gate.admit(command(102, next_ns + MS), next_ns + 12 * MS, None)) == "sequence"
+
+
+def test_what_was_lost_before_the_session_is_no_gap() -> None:
+    gate = opened()
+    next_ns = stream(gate, 10, first=5000)
+    assert rule(gate.admit(command(7, next_ns + MS), next_ns + 11 * MS, None)) == "sequence"

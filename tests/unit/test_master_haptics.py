@@ -79,7 +79,7 @@ def _said(out: HapticOutputs) -> float | None:
 
 def test_the_hand_feels_the_prediction_and_not_the_late_force() -> None:
     out = Bench().tick(300)
-    assert (out.rendered_n, _said(out), out.held_n, out.limited) == (1.0, 1.0, 0.7, False)
+    assert (out.rendered_n, _said(out), out.held_n, out.hits) == (1.0, 1.0, 0.7, ())
 
 
 def test_for_comparison_the_hand_feels_the_late_force() -> None:

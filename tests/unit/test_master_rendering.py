@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.limiter import LimitHit
 from master.rendering import ForceRenderer
 from master.settings import RenderingSettings
 
@@ -20,7 +21,11 @@ class Hand:
         self.renderer = ForceRenderer(settings)
         self.now_ns = 0
         self.position_m = self.energy_j = 0.0
-        self.limited = False
+        self.hits: tuple[LimitHit, ...] = ()
+
+    @property
+    def limited(self) -> bool:
+        return bool(self.hits)
 
     def feel(
         self,
@@ -34,9 +39,8 @@ class Hand:
         for _ in range(ticks):
             self.now_ns += tick_ns
             self.position_m += speed_m_s * tick_ns * 1e-9
-            force_n, self.limited, self.energy_j = self.renderer.render(
-                self.now_ns, contact_n, live, self.position_m
-            )
+            rendered = self.renderer.render(self.now_ns, contact_n, live, self.position_m)
+            force_n, self.energy_j, self.hits = rendered.force_n, rendered.energy_j, rendered.hits
         return force_n
 
 
@@ -50,7 +54,9 @@ def test_a_steady_contact_is_felt_scaled() -> None:
 def test_no_more_than_the_limit_is_felt_and_that_is_said(contact_n: float) -> None:
     hand = Hand()
     assert hand.feel(contact_n, ticks=1000) == (4.0 if contact_n > 0 else -4.0)
-    assert hand.limited
+    (hit,) = hand.hits
+    assert (hit.rule, hit.requested, hit.unit) == ("rendered_force", 2.0 * contact_n, "N")
+    assert abs(hit.applied) == 4.0
 
 
 def test_at_the_limit_nothing_is_limited() -> None:

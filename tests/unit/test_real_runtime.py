@@ -1,4 +1,5 @@
 import asyncio
+import os
 import subprocess
 import sys
 import threading
@@ -7,10 +8,11 @@ from itertools import pairwise
 
 import pytest
 
+from common.clock import MonotonicClock
 from common.errors import RunError
 from common.runtime import real
 from common.runtime.real import RealRuntime
-from common.runtime.realtime import prepare_thread
+from common.runtime.realtime import go_before, prepare_thread
 
 MS = 1_000_000
 PATIENCE_S = 5.0
@@ -55,6 +57,37 @@ def test_a_loop_ticks_in_a_thread_of_its_own_on_its_deadlines() -> None:
     assert all(after > before for before, after in pairwise(ticks))
     assert runtime.scheduling == "normal scheduling (priority 0 configured), memory as it was"
     runtime.raise_fault()
+
+
+def test_a_clock_that_goes_back_is_a_fault_at_once_and_the_loop_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Stepped(MonotonicClock):
+        step_ns = 0
+
+        def now_ns(self) -> int:
+            return super().now_ns() + self.step_ns
+
+        def sleep_until_ns(self, deadline_ns: int) -> None:
+            super().sleep_until_ns(deadline_ns - self.step_ns)
+
+    monkeypatch.setattr(real, "MonotonicClock", Stepped)
+    ticks = list[int]()
+
+    async def run() -> RealRuntime:
+        runtime = RealRuntime()
+        runtime.loop("pace", MS, ticks.append)
+        async with runtime:
+            await until(lambda: len(ticks) >= 10)
+            Stepped.step_ns = -3_600_000 * MS
+            await stopped(runtime)
+            went_on = len(ticks) + 20
+            await until(lambda: len(ticks) >= went_on)
+        return runtime
+
+    runtime = asyncio.run(run())
+    with pytest.raises(RunError, match=r"pace loop: the clock went back by (3600|3599)\.\d\d\d s"):
+        runtime.raise_fault()
 
 
 def test_a_late_tick_skips_the_deadlines_it_missed_and_counts_them() -> None:
@@ -260,3 +293,25 @@ def test_a_prepared_process_says_what_it_got_and_hands_the_interpreter_over_soon
     said, interval_s = done.stdout.splitlines()
     assert said == "memory locked" or said.startswith("memory not locked (")
     assert float(interval_s) == pytest.approx(1e-4)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="SCHED_FIFO needs root")
+def test_a_device_thread_goes_before_what_only_computes_and_hands_that_on() -> None:
+    found: list[int] = []
+
+    def inner() -> None:
+        found.append(os.sched_getparam(0).sched_priority)
+
+    def outer() -> None:
+        go_before(10)
+        found.append(os.sched_getparam(0).sched_priority)  # normal scheduling stays what it is
+        prepare_thread(30)
+        go_before(10)
+        thread = threading.Thread(target=inner)
+        thread.start()
+        thread.join()
+
+    thread = threading.Thread(target=outer)
+    thread.start()
+    thread.join()
+    assert found == [0, 40]

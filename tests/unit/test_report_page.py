@@ -12,6 +12,7 @@ from forefeel.report.svg import BINS, new_figure, thin, to_svg
 from tests.unit.report_run import RunBuilder, S, recorded, write_known_run
 
 HOSTILE = '<script>alert("1")</script>'
+Fields = dict[str, str | float | None]
 TITLES = (
     "Force", "Error of prediction and hold", "Position", "Safety state of the slave", "Delay",
     "Identified parameters", "Lateness of the 1 kHz loops",
@@ -97,6 +98,33 @@ def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(tmp_path: Pat
     report = write_report(tmp_path / "run.mcap", tmp_path)
     assert report.prediction.rms_n == pytest.approx(1e300)
     assert "worse than holding" in (tmp_path / "report.html").read_text()
+
+
+def test_every_calibration_is_one_line_however_often_it_was_said(tmp_path: Path) -> None:
+    cell: Fields = {
+        "slot": "load_cell", "driver": "bota_serial", "serial": "<SN-7>", "date": "2026-03-01",
+            "zero": -0.25, "gain_n": 1.02, "residual_n": 0.0012, "hysteresis_n": 0.002,
+    }  # fmt: skip
+    stage: Fields = {
+        "slot": "stage", "driver": "zaber_ascii", "serial": "4711", "date": "2026-03-02", "zero": 5000.0,
+             "native_per_m": 1e7,
+    }  # fmt: skip
+    with recorded(tmp_path / "run.mcap") as run:
+        run.slave_state(0, S.READY)
+        for t_ms in range(0, 9000, 2000):
+            run.calibration(t_ms, **stage)
+            run.calibration(t_ms, **(cell if t_ms < 5000 else {**cell, "gain_n": 1.5}))
+    report = write_report(tmp_path / "run.mcap", tmp_path)
+    assert [(found.slot, found.gain_n) for found in report.calibrations] == [
+        ("stage", None), ("load_cell", 1.02), ("load_cell", 1.5),
+    ]  # fmt: skip
+    page = (tmp_path / "report.html").read_text()
+    line = (
+        "<li>Calibration: bota_serial load cell, serial &lt;SN-7&gt;, calibrated 2026-03-01: 1.02 N per "
+        "native unit, zero at -0.25, residual 1.2 mN, hysteresis 2 mN.</li>"
+    )
+    assert page.count(line) == 1
+    assert page.count("<li>Calibration: zaber_ascii stage, serial 4711, calibrated 2026-03-02: 1e+07") == 1
 
 
 def test_two_axes_of_a_killed_recorder_have_a_page(tmp_path: Path) -> None:

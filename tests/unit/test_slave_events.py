@@ -1,14 +1,18 @@
 from common import topics
 from common.bus import Bus
 from common.clock import VirtualClock
+from common.journal import NOTHING_KEPT
 from common.messages import LimitEvent, SafetyEvent, SafetyState
 from common.transport.memory import MemoryBus
+from master.diary import AxisDiary
 from master.slave_events import SlaveEvents
 
 
 def test_limits_are_counted_by_rule_and_transitions_told_each_once() -> None:
     network, clock = MemoryBus(), VirtualClock(0)
-    events = SlaveEvents(Bus(network.session(clock), "cell", "insertion", clock))
+    events = SlaveEvents(
+        Bus(network.session(clock), "cell", "insertion", clock), AxisDiary(NOTHING_KEPT, "insertion")
+    )
     slave = Bus(network.session(clock), "cell", "insertion", clock)
     limit, safety = slave.outlet(topics.LIMIT_EVENT), slave.outlet(topics.SAFETY_EVENT)
     for rule, count in (("force", 3), ("force", 4), ("late", 5)):

@@ -1,0 +1,87 @@
+"""`forefeel emulate` and `forefeel calibrate` as processes of their own; a script hangs the weights."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from common.hardware.calibration import load_cell_calibration
+from slave.load_cells.bota_serial import BotaSerialLoadCell
+from slave.load_cells.settings import BotaSettings
+from tests.hardware.can_rig import wait_until
+
+SLAVE = """role: slave
+axes:
+- load_cell: {driver: bota_serial, port: PORT, full_scale_n: 10, sign: -1, rate_hz: 200, serial: B-7}
+"""
+LOADS = "0", "4", "0"
+
+
+@contextmanager
+def process(*words: str) -> Iterator[subprocess.Popen[str]]:
+    pipe = subprocess.PIPE
+    child = subprocess.Popen(
+        [sys.executable, "-m", "forefeel", *words], stdin=pipe, stdout=pipe, stderr=pipe, text=True
+    )
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.communicate()
+
+
+def say(child: subprocess.Popen[str], line: str) -> None:
+    assert child.stdin is not None
+    child.stdin.write(line + "\n")
+    child.stdin.flush()
+
+
+@pytest.mark.soak
+def test_a_bota_cell(tmp_path: Path) -> None:
+    config, out, port = tmp_path / "slave.yaml", tmp_path / "cell.yaml", tmp_path / "cell"
+    config.write_text(SLAVE.replace("PORT", str(port)))
+    words = ["--config", str(config), "--axis", "insertion", "--out", str(out), "--settle", "0.1"]
+    with process("emulate", "bota_serial", "--config", str(config)) as emulator:
+        assert emulator.stdout is not None and emulator.stderr is not None
+        assert emulator.stdout.readline() == f"bota_serial on {port} at 460800 baud\n"
+        say(emulator, "load heavy")
+        assert emulator.stderr.readline() == (
+            "forefeel: 'load heavy': expected a force in N, such as load 1.5\n"
+        )
+        with process("calibrate", "load-cell", *words, "--forces", "4") as calibrating:
+            assert calibrating.stderr is not None
+            for load in LOADS:
+                while not calibrating.stderr.readline().endswith("then press Enter\n"):
+                    assert calibrating.poll() is None
+                say(emulator, f"load {load}")
+                say(calibrating, "")
+            assert calibrating.wait(20.0) == 0
+        found = load_cell_calibration(out, "bota_serial", "B-7", date.today())
+        assert found.gain_n == pytest.approx(1.0, rel=1e-3)
+        assert found.zero == pytest.approx(0.0, abs=0.002)
+        say(emulator, "load 2.5")
+        cell = BotaSerialLoadCell(
+            BotaSettings(
+                driver="bota_serial",
+                port=str(port),
+                full_scale_n=10,
+                sign=-1,
+                rate_hz=200,
+                serial="B-7",
+                calibration=out,
+            )
+        )
+        cell.open()
+        try:
+            time.sleep(0.05)
+            forces = [reading.force_n for reading in cell.read(0, None)]
+        finally:
+            cell.close()
+        assert forces and forces[-1] == pytest.approx(2.5, abs=0.02)
+        say(emulator, "unplug")
+        assert wait_until(lambda: not port.is_symlink())

@@ -1,0 +1,89 @@
+"""An emergency stop from a third process, latched over a kill, cleared at the slave; what is left of it."""
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from common.audit import verify
+from common.messages import SafetyState
+from common.recording.mcap_reader import read_run
+from common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS, SAFETY_EVENT
+from forefeel.local.audit_text import read_entries
+from forefeel.local.client import ask
+from forefeel.local.protocol import Request
+from forefeel.report.page import make_pages
+from tests.integration.test_processes import Cell, Daemon, wait_until
+
+S = 1_000_000_000
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Iterator[Cell]:
+    cell = Cell(tmp_path)
+    for role in ("slave", "master"):
+        path = tmp_path / f"{role}.yaml"
+        path.write_text(f"{path.read_text()}state: {{directory: {role}-state}}\n")
+    yield cell
+    cell.close()
+    assert cell.faults == []
+
+
+def ended(daemon: Daemon) -> tuple[int, str]:
+    return daemon.process.wait(20), daemon.log.read_text()
+
+
+def flights(cell: Cell, role: str) -> list[Path]:
+    return sorted((cell.folder / f"{role}-state" / "flight").glob("*.mcap"))
+
+
+def events(path: Path) -> list[str]:
+    return [entry.noted.event for entry in read_entries(path)[0]]
+
+
+def test_anyone_stops_only_the_slave_s_host_clears_and_all_of_it_is_written_down(cell: Cell) -> None:
+    slave, master = cell.pair()
+    time.sleep(0.5)
+    words = ["--cell", "cell", "--connect", cell.slave_endpoint, "--reason", "third"]
+    code, text = ended(cell.run("estop", *words))
+    assert code == 0 and "axis insertion: estopped" in text
+    assert cell.messages(SAFETY_EVENT)[-1].after is SafetyState.ESTOPPED
+    wait_until(lambda: flights(cell, "slave") and flights(cell, "master"))
+    # a kill does not clear it
+    slave.send(signal.SIGKILL)
+    slave.process.wait()
+    again = cell.slave()
+    cell.wait_for("estopped")
+    code, text = ended(cell.run("clear", "--config", "slave.yaml"))
+    assert code == 0 and "cleared estopped: latched before the slave was started: " in text
+    cell.wait_for("armed")
+    # from the other side, through the master's own socket
+    answer = ask(cell.folder / "master-state", Request(do="estop", reason="operator"))
+    assert answer.done and answer.axes[0].state == "estopped"
+    assert master.end(signal.SIGTERM)[0] == 0
+    assert again.end(signal.SIGTERM)[0] == 0
+    check_what_is_left(cell)
+
+
+def check_what_is_left(cell: Cell) -> None:
+    log = cell.folder / "slave-state" / "audit.jsonl"
+    verdict = verify(log.read_bytes().splitlines(keepends=True))
+    assert verdict.intact and verdict.closed
+    noted = events(log)
+    assert noted.count("start") == 2 and noted.count("stop") == 1
+    assert {"emergency_stop", "clear", "session_opened", "flight_record"} <= set(noted)
+    assert {"slave_safety", "emergency_stop", "session_lost"} <= set(
+        events(cell.folder / "master-state" / "audit.jsonl")
+    )
+    run = read_run(flights(cell, "slave")[0])
+    assert run.metadata["flight"]["event"] == "estop"
+    stamps = run.column("insertion", CONTROL_CYCLE, "stamp_ns")
+    stop_ns = int(run.metadata["flight"]["stamp_ns"])
+    assert stamps[0] < stop_ns - 1.9 * S and stamps[-1] > stop_ns + 0.45 * S
+    assert len(stamps) > 2000  # a busy host may skip some
+    assert run.count("insertion", COMMAND) > 1500 and run.count("insertion", FORCE) > 1500
+    assert read_run(flights(cell, "master")[0]).count("insertion", HAPTICS) > 1500
+    report, _ = make_pages(read_run(flights(cell, "master")[0]))
+    assert report.stops is not None

@@ -1,0 +1,45 @@
+"""Faults of a running service on two hosts. The whole matrix is `make faults`, a quarter of an hour."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from tests.faults import cases, required
+from tests.faults.scene import Fault, Incident, Row, Scene, judge, staged, tried
+from tests.net.hosts import needs_root
+
+pytestmark = needs_root
+FAULTS = {fault.name: fault for fault in cases.faults()}
+
+
+def named(name: str, act: Callable[[Scene], Incident]) -> Fault:
+    return Fault(name, act, "", required.BY_WATCHDOG_S)
+
+
+@pytest.mark.soak
+def test_a_stall_with_its_burst_and_a_frozen_master_stop_the_stage_and_nothing_old_moves_it(
+    tmp_path: Path,
+) -> None:
+    chosen = [FAULTS["stall 0.3 s, burst"], FAULTS["master SIGSTOP 0.3 s"]]
+    with staged(tmp_path, chosen[0]) as scene:
+        incidents = [fault.act(scene) for fault in chosen]
+        scene.service.close()
+    for fault, incident in zip(chosen, incidents, strict=True):
+        row = Row(fault.name, fault.recovery, fault.rest_s)
+        judge(row, fault, incident, tmp_path)
+        assert row.failures == []
+        assert row.speed_m_s > 0.01, "it moved when the fault came"
+        assert row.rest_s is not None and row.rest_s > required.ONE_WAY_S
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(180)
+def test_a_slave_without_watchdog_and_age_limit_is_found_out(tmp_path: Path) -> None:
+    """The measure itself: what the gate refuses is seen where the gate is open."""
+    lax = {"slave": {"gate": {"watchdog_s": 0.3, "max_age_s": 1.0}}}
+    act = partial(cases.stalled, 0.28)
+    row = tried(Fault("lax", act, "", required.BY_WATCHDOG_S, service={"axis": lax}), tmp_path)
+    assert any("stale commands executed" in failure for failure in row.failures)
+    assert any("at rest after" in failure for failure in row.failures)

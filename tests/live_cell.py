@@ -1,0 +1,192 @@
+"""A cell on the wall clock: both daemons as processes over real Zenoh, and an observer in this process."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import defaultdict, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import yaml
+
+from common.clock import MonotonicClock, now_utc
+from common.codec import decode
+from common.messages import Message, SlaveState
+from common.topics import SLAVE_STATE, Topic
+from common.transport.security import Party
+from common.transport.settings import TransportSettings
+from common.transport.zenoh_bus import ZenohTransport
+from forefeel.pki.folder import make_folder
+
+ROOT = Path(__file__).parents[1]
+CELL, AXIS = "cell", "insertion"
+M = TypeVar("M", bound=Message)
+_KEPT = 30_000
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def wait_until(condition: Callable[[], object], timeout_s: float, what: str) -> float:
+    """How long it took, in s; AssertionError when it does not come."""
+    start_s = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start_s < timeout_s, f"not within {timeout_s:g} s: {what}"
+        time.sleep(0.01)
+    return time.monotonic() - start_s
+
+
+class Process:
+    """One process of ours and its words."""
+
+    def __init__(self, role: str, folder: Path, *arguments: str, module: str = "forefeel") -> None:
+        self.role = role
+        self.log = folder / f"{role}.log"
+        self.started_s = time.monotonic()
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments],
+                cwd=folder,
+                env={**os.environ, "PYTHONPATH": str(ROOT), "FOREFEEL_PARENT": str(os.getpid())},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+
+    @property
+    def running(self) -> bool:
+        return self.process.poll() is None
+
+    def send(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    def kill(self) -> None:
+        if self.running:
+            self.process.kill()
+        self.process.wait()
+
+    def resident_mb(self) -> float:
+        status = Path(f"/proc/{self.process.pid}/status").read_text(encoding="ascii")
+        line = next(line for line in status.splitlines() if line.startswith("VmRSS"))
+        return int(line.split()[1]) / 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One payload, and when it was received."""
+
+    payload: bytes
+    stamp_ns: int
+
+
+class LiveCell:
+    """Slave, master and an observer; with `pki` over mutual TLS. Ends all that it started on exit."""
+
+    def __init__(
+        self,
+        folder: Path,
+        pki: bool = False,
+        slave: Mapping[str, Any] | None = None,
+        master: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.folder = folder
+        self.pki = folder / "pki" if pki else None
+        if self.pki is not None:
+            make_folder(self.pki, [CELL], {}, 30, now_utc())
+        protocol = "tls" if pki else "tcp"
+        self.endpoint, self.own, self.master_endpoint = (
+            f"{protocol}/127.0.0.1:{free_port()}" for _ in range(3)
+        )
+        self.heard: defaultdict[str, deque[Heard]] = defaultdict(lambda: deque(maxlen=_KEPT))
+        self.watch: Callable[[str, bytes], None] | None = None
+        self.faults: list[Exception] = []
+        self.started: list[Process] = []
+        self.observer = ZenohTransport.open(
+            TransportSettings(listen=(self.own,), pki=self.pki),
+            MonotonicClock(),
+            self.faults.append,
+            Party("recorder", (CELL,)),
+        )
+        self.observer.subscribe_all(f"forefeel/{CELL}", self._hear)
+        self.write_slave(slave or {})
+        self.write_master(master or {})
+
+    def _hear(self, key: str, payload: bytes, stamp_ns: int) -> None:
+        self.heard[key].append(Heard(payload, stamp_ns))
+        if self.watch is not None:
+            self.watch(key, payload)
+
+    def write_slave(self, extra: Mapping[str, Any]) -> None:
+        """Its settings: beside where it is, what is in `extra`."""
+        self.write("slave", {"listen": [self.endpoint], "connect": [self.own]}, extra)
+
+    def write_master(self, extra: Mapping[str, Any]) -> None:
+        transport = {"listen": [self.master_endpoint], "connect": [self.endpoint, self.own]}
+        self.write("master", transport, extra)
+
+    def write(self, role: str, transport: dict[str, Any], extra: Mapping[str, Any]) -> None:
+        certificates = {} if self.pki is None else {"pki": str(self.pki)}
+        settings = {
+            "role": role,
+            "cell": CELL,
+            "transport": {**transport, **certificates},
+            "state": {"directory": f"state-{role}"},
+            **extra,
+        }
+        (self.folder / f"{role}.yaml").write_text(yaml.safe_dump(settings))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in self.started:
+            process.kill()
+        self.observer.close()
+
+    def start(self, role: str, *words: str, module: str = "forefeel") -> Process:
+        arguments = words or (role, "--config", f"{role}.yaml")
+        process = Process(role, self.folder, *arguments, module=module)
+        self.started.append(process)
+        return process
+
+    def pair(self) -> tuple[Process, Process]:
+        """Slave and master, armed."""
+        ends = self.start("slave"), self.start("master")
+        self.await_state("armed")
+        return ends
+
+    def await_state(self, state: str, timeout_s: float = 30.0) -> float:
+        """Until the slave says so, from now on; how long that took in s."""
+        now_ns = time.monotonic_ns()
+        return wait_until(lambda: self.newest_after(now_ns) == state, timeout_s, state)
+
+    def newest_after(self, stamp_ns: int) -> str:
+        state = self.newest_state()
+        return state[1].state.value if state is not None and state[0] > stamp_ns else ""
+
+    def newest(self, topic: Topic[M]) -> M:
+        """The newest message of a topic."""
+        return decode(topic.message, self.heard[topic.key(CELL, AXIS)][-1].payload)
+
+    def newest_state(self) -> tuple[int, SlaveState] | None:
+        """(when it was received, state of the slave)."""
+        heard = self.heard[SLAVE_STATE.key(CELL, AXIS)]
+        return (heard[-1].stamp_ns, decode(SlaveState, heard[-1].payload)) if heard else None
+
+    def since(self, topic: Topic[M], stamp_ns: int) -> list[M]:
+        """The messages of a topic that were received since."""
+        heard = list(self.heard[topic.key(CELL, AXIS)])
+        return [decode(topic.message, each.payload) for each in heard if each.stamp_ns >= stamp_ns]
+
+    def payloads(self, topic: Topic[Any], last: int) -> list[bytes]:
+        """The newest payloads of a topic."""
+        return [heard.payload for heard in list(self.heard[topic.key(CELL, AXIS)])[-last:]]

@@ -1,0 +1,66 @@
+"""A disk that is soon full: a tmpfs in a mount namespace of our own, which this machine does not see."""
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Self
+
+
+class SmallDisk:
+    """Mounted on `folder` for those who are started `within`; gone with `close`.
+
+    Network namespaces that were made before are known there, later ones are not.
+    """
+
+    def __init__(self, folder: Path, size_bytes: int) -> None:
+        folder.mkdir()
+        self.folder = folder
+        mount = f"mount -t tmpfs -o size={size_bytes} tmpfs '{folder}' && echo mounted && exec sleep infinity"
+        command = ["unshare", "--mount", "--propagation", "private", "sh", "-c", mount]
+        self._holder = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+        assert self._holder.stdout is not None
+        if self._holder.stdout.readline() != "mounted\n":
+            self.close()
+            raise AssertionError(f"{folder}: no tmpfs could be mounted in a mount namespace")
+
+    @property
+    def within(self) -> tuple[str, ...]:
+        """What to start a process with that is to see it; it runs in the folder that holds it."""
+        where = f"--chdir={self.folder.parent}"  # entering a mount namespace leaves the working directory
+        return "nsenter", "--target", str(self._holder.pid), "--mount", "env", where
+
+    @property
+    def seen(self) -> Path:
+        """The folder, as it is seen from outside."""
+        return Path(f"/proc/{self._holder.pid}/root{self.folder}")
+
+    def fill(self) -> None:
+        """To the last byte."""
+        with (self.seen / "ballast").open("wb", buffering=0) as file:
+            try:
+                while True:
+                    file.write(bytes(4096))
+            except OSError:
+                return
+
+    def free(self) -> None:
+        """What `fill` put there goes."""
+        (self.seen / "ballast").unlink()
+
+    def free_bytes(self) -> int:
+        """What is left."""
+        return shutil.disk_usage(self.seen).free
+
+    def close(self) -> None:
+        """Idempotent."""
+        if self._holder.poll() is None:
+            self._holder.kill()
+        self._holder.wait()
+        if self._holder.stdout is not None:
+            self._holder.stdout.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,53 @@
+"""A recorder that daemons connect to: `python -m tests.net.recorder FILE CELL WAY ENDPOINT PKI`.
+
+`WAY`: `listen`, or `client` of a router.
+
+`forefeel record` connects, and again within a second after a daemon was started anew: in that second it hears
+nothing. This one listens beside the daemon, and hears its first word.
+"""
+
+import os
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from common.transport.security import Party
+from common.transport.settings import TransportSettings
+from forefeel.interrupt import interruptible
+from forefeel.recorder import Recorder
+
+_POLL_S = 0.1
+NICE = -15
+"""Behind the daemons, ahead of all else: a witness that gets no processor for a second loses its link.
+Not under SCHED_FIFO: the kernel's own threads, which carry the bytes of a pty, would wait for it, too.
+"""
+
+
+def onlooker(way: str, endpoint: str, pki: str) -> TransportSettings:
+    """Of who looks on: waits to be connected to (`listen`), or is a router's `client`."""
+    if way == "client":
+        return TransportSettings(mode="client", connect=(endpoint,), pki=Path(pki))
+    return TransportSettings(listen=(endpoint,), pki=Path(pki))
+
+
+def main() -> None:
+    """Until SIGTERM."""
+    out, cell, *way = sys.argv[1:]
+    os.nice(NICE)
+    tables = {"run": {"cell": cell}}
+    recorder = Recorder(Path(out), cell, onlooker(*way), tables, Party("recorder", (cell,)))
+    print("recording", flush=True)
+    with interruptible() as ignore_signals:
+        try:
+            with suppress(KeyboardInterrupt):
+                while True:
+                    recorder.check()
+                    time.sleep(_POLL_S)
+        finally:
+            ignore_signals()
+            recorder.close()
+
+
+if __name__ == "__main__":
+    main()

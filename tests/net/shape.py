@@ -1,0 +1,98 @@
+"""What one direction of an emulated cable does to packets, and when each is due. Pure.
+
+The statistics are those of `common.transport.impairment`, here for IP packets instead of messages: whatever
+runs above (TCP, TLS, QUIC, UDP) retransmits, acknowledges and reorders by itself.
+"""
+
+import heapq
+from collections import Counter
+from itertools import count
+
+from common.transport.impairment import Impairment
+from common.transport.settings import ImpairmentSettings
+
+S = 1_000_000_000
+QUEUE_BYTES = 256 * 1024
+"""What waits in front of a slow cable; more is dropped, as at a router's tail."""
+
+
+class Way:
+    """One direction: packets are offered and taken when they are due.
+
+    Attributes:
+        counts: packets `offered`, `lost`, `delivered`, `doubled`, `cut`, `overflowed`.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.counts: Counter[str] = Counter()
+        self._seed = seed
+        self._order = count()
+        self._under_way: list[tuple[int, int, bytes]] = []
+        self._impairment: Impairment | None = None
+        self._rate_bit_s: float | None = None
+        self._free_ns = self._floor_ns = self._stalled_until_ns = 0
+        self._cut = False
+
+    def shape(self, settings: ImpairmentSettings, rate_bit_s: float | None = None) -> None:
+        """From now on; what is under way keeps its time, and is not overtaken by what comes."""
+        self._seed += 1
+        self._impairment = None if settings.transparent else Impairment(settings, self._seed)
+        self._rate_bit_s = rate_bit_s
+        self._floor_ns = max((due_ns for due_ns, _, _ in self._under_way), default=0)
+
+    def stall(self, now_ns: int, stall_s: float) -> None:
+        """Holds everything, also what is under way, and delivers it in one burst at the end."""
+        self._stalled_until_ns = now_ns + round(stall_s * S)
+
+    def cut(self) -> None:
+        """Nothing passes any more, and what is under way is gone."""
+        self._cut = True
+        self.counts["cut"] += len(self._under_way)
+        self._under_way.clear()
+
+    def mend(self) -> None:
+        """After a cut."""
+        self._cut = False
+
+    def offer(self, packet: bytes, now_ns: int) -> None:
+        """A packet comes to the cable."""
+        self.counts["offered"] += 1
+        if self._cut:
+            self.counts["cut"] += 1
+            return
+        entry_ns = self._through_queue(len(packet), now_ns)
+        if entry_ns is None:
+            self.counts["overflowed"] += 1
+            return
+        delays_ns = (0,) if self._impairment is None else self._impairment.plan(entry_ns)
+        self.counts["lost"] += not delays_ns
+        self.counts["doubled"] += len(delays_ns) > 1
+        for delay_ns in delays_ns:
+            due_ns = max(entry_ns + delay_ns, self._floor_ns)
+            heapq.heappush(self._under_way, (due_ns, next(self._order), packet))
+
+    def take(self, now_ns: int) -> list[tuple[int, bytes]]:
+        """What is due by now, in order: (when it was due, packet)."""
+        if now_ns < self._stalled_until_ns:
+            return []
+        taken: list[tuple[int, bytes]] = []
+        while self._under_way and self._under_way[0][0] <= now_ns:
+            due_ns, _, packet = heapq.heappop(self._under_way)
+            taken.append((max(due_ns, self._stalled_until_ns), packet))
+        self.counts["delivered"] += len(taken)
+        return taken
+
+    @property
+    def next_ns(self) -> int | None:
+        """When something is due next; None when nothing is under way."""
+        return max(self._under_way[0][0], self._stalled_until_ns) if self._under_way else None
+
+    def _through_queue(self, size: int, now_ns: int) -> int | None:
+        """When the last bit is on the cable; None when the queue is full."""
+        if self._rate_bit_s is None:
+            return now_ns
+        start_ns = max(self._free_ns, now_ns)
+        if (start_ns - now_ns) * self._rate_bit_s / 8 > QUEUE_BYTES * S:
+            return None
+        self._free_ns = start_ns + round(size * 8 / self._rate_bit_s * S)
+        return self._free_ns

@@ -1,0 +1,108 @@
+"""Certificates for tests, and Zenoh sessions that use them: ours, and those of somebody with bad intent."""
+
+import json
+import socket
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Literal
+
+import zenoh
+
+from common.clock import MonotonicClock, now_utc
+from common.transport.pki import AUTHORITY
+from common.transport.security import Identity, Party, PartyRole, secured
+from common.transport.settings import TransportSettings
+from common.transport.zenoh_bus import ZenohTransport, open_session
+from common.transport.zenoh_config import FIXED
+from forefeel.pki.folder import make_folder
+
+CELL = "cell"
+
+
+def make_pki(
+    folder: Path,
+    cells: Sequence[str] = (CELL,),
+    hosts: Mapping[str, Sequence[str]] | None = None,
+    now: datetime | None = None,
+    days: int = 2,
+) -> Path:
+    """The folder with an authority and all roles, in some milliseconds; localhost is in every certificate."""
+    make_folder(folder, cells, hosts or {}, days, now or now_utc())
+    return folder
+
+
+def expired_pki(folder: Path) -> Path:
+    """One whose certificates of roles expired yesterday, while the authority is valid."""
+    return make_pki(folder, now=now_utc() - timedelta(days=3))
+
+
+def free_endpoint(protocol: str = "tls") -> str:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
+
+
+class Secured:
+    """Sessions with the certificates of a folder; closed at the end, the last first."""
+
+    def __init__(self) -> None:
+        self.faults: list[Exception] = []
+        self._stack = ExitStack()
+
+    def open(
+        self,
+        pki: Path,
+        role: PartyRole,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        mode: Literal["peer", "client"] = "peer",
+        cell: str = CELL,
+    ) -> ZenohTransport:
+        """A transport of ours in that role."""
+        settings = TransportSettings(mode=mode, listen=tuple(listen), connect=tuple(connect), pki=pki)
+        transport = ZenohTransport.open(settings, MonotonicClock(), self.faults.append, Party(role, (cell,)))
+        self._stack.callback(transport.close)
+        return transport
+
+    def router(self, pki: Path, endpoint: str, cells: Sequence[str]) -> zenoh.Session:
+        """A router of ours."""
+        settings = TransportSettings(listen=(endpoint,), pki=pki)
+        party = Party("router", tuple(cells))
+        session, _ = open_session(settings, "router", party, insecure=False, real_stage=False)
+        return self._stack.enter_context(session)
+
+    def attacker(
+        self, connect: str, pki: Path | None, role: PartyRole = "viewer", authority: Path | None = None
+    ) -> zenoh.Session:
+        """A bare session with a certificate, or none, that follows no rule of ours: what it may not do, the
+        other end has to refuse.
+        """
+        return self._stack.enter_context(zenoh.open(bare_config(connect, pki, role, authority)))
+
+    def close(self) -> None:
+        self._stack.close()
+
+
+@contextmanager
+def sessions() -> Iterator[Secured]:
+    """For a fixture, or a `with`."""
+    opened = Secured()
+    try:
+        yield opened
+    finally:
+        opened.close()
+
+
+def bare_config(connect: str, pki: Path | None, role: PartyRole, authority: Path | None) -> zenoh.Config:
+    """TLS without access control of its own; `authority`: whom it trusts, where that is not its own."""
+    tls: object = {"root_ca_certificate": str(authority)}
+    if pki is not None:
+        files = Identity(authority or pki / AUTHORITY, pki / f"{role}.crt", pki / f"{role}.key")
+        tls = secured(Party(role, (CELL,)), files)["transport/link/tls"]
+    config = zenoh.Config()
+    paths = {**FIXED, "mode": "client", "connect/endpoints": [connect], "transport/link/tls": tls}
+    paths |= {"connect/timeout_ms": 0, "connect/exit_on_failure": False, "mode": "peer"}
+    for path, value in paths.items():
+        config.insert_json5(path, json.dumps(value))
+    return config

@@ -1,0 +1,114 @@
+"""`python -m tests.soak [--minutes M] [--seed N] [--keep DIR]`: figures; exit 1 where one is not met."""
+
+import argparse
+import sys
+import tempfile
+from collections import defaultdict
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from common.runtime.realtime import prepare_thread
+from tests.live_cell import LiveCell
+from tests.soak.recordings import check
+from tests.soak.schedule import schedule
+from tests.soak.service import BACK_S, Soak
+
+_PRIORITY = 10
+"""Of us who watch, of the recorder and of the commands: below the daemons, ahead of all other work."""
+MOST_GROWTH, MOST_DRIFT = 0.05, 0.20
+
+
+def main() -> int:
+    """One run."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path)
+    wish = parser.parse_args()
+    duration_s = 60 * wish.minutes
+    prepare_thread(_PRIORITY)
+    with ExitStack() as leave:
+        folder = wish.keep or Path(leave.enter_context(tempfile.TemporaryDirectory()))
+        folder.mkdir(parents=True, exist_ok=True)
+        cell = leave.enter_context(LiveCell(folder))
+        soak = Soak(cell, wish.seed)
+        faults = schedule(wish.seed, duration_s)
+        print(f"{wish.minutes:g} minutes, {len(faults)} faults, seed {wish.seed}", flush=True)
+        soak.run(faults, duration_s)
+        return _report(soak)
+
+
+def _report(soak: Soak) -> int:
+    lines = [f"{life.name},{at_s:.1f},{mb:.2f}" for life in soak.lives for at_s, mb in life.samples]
+    (soak.cell.folder / "memory.csv").write_text("\n".join(["process,life_s,resident_mb", *lines]))
+    wrong = [*soak.problems, *map(str, soak.cell.faults)]
+    _faults(soak, wrong)
+    _memory(soak, wrong)
+    _latency(soak, wrong)
+    _recordings(soak, wrong)
+    motion = soak.motion
+    print(
+        f"motion: {motion.samples} forces, {motion.resting} while nothing was followed, "
+        f"{len(motion.moved)} off the place of rest; {motion.unheard} not heard by the watcher"
+    )
+    wrong += [f"moved outside ARMED by {each}" for each in motion.moved[:3]]
+    print("soak passed" if not wrong else "soak FAILED:\n  " + "\n  ".join(wrong))
+    return int(bool(wrong))
+
+
+def _faults(soak: Soak, wrong: list[str]) -> None:
+    del wrong  # said where it happened
+    back_s = defaultdict(list)
+    for done in soak.done:
+        back_s[done.fault.kind].append(done.back_s)
+    for kind, times_s in sorted(back_s.items()):
+        print(f"{kind}: {len(times_s)} times, armed again after {np.median(times_s):.1f} s, "
+              f"at most {max(times_s):.1f} s (allowed {BACK_S:g} s)")  # fmt: skip
+
+
+def _memory(soak: Soak, wrong: list[str]) -> None:
+    for life in soak.lives:
+        found = life.growth()
+        if found is None:
+            print(f"memory of {life.name}: too short a life after a warm-up to tell")
+            continue
+        print(
+            f"memory of {life.name}: {found.resident_mb:.0f} MB; in {found.span_s:.0f} s after the warm-up "
+            f"{found.total:+.2%}, steadily {found.steady:+.2%} ({found.slope_mb_h:+.1f} MB an hour)"
+        )
+        if found.share() > MOST_GROWTH:
+            wrong.append(f"{life.name} grew by {found.share():.1%}")
+
+
+def _latency(soak: Soak, wrong: list[str]) -> None:
+    """Beside a loop with nothing in it: what this machine does to both is no drift of ours."""
+    disturbed = [(done.from_ns, done.to_ns) for done in soak.done]
+    first_us, last_us = soak.loops.drift("empty", disturbed)
+    machine = last_us / first_us
+    print(
+        f"an empty loop beside them: p99 {first_us:.0f} us in the first third, {last_us:.0f} us in the last"
+    )
+    for role in ("slave", "master"):
+        first_us, last_us = soak.loops.drift(role, disturbed)
+        drift = min(last_us / first_us, last_us / first_us / machine) - 1
+        parts = f"{first_us:.0f} us in the first third, {last_us:.0f} us in the last"
+        print(f"loop of the {role}: p99 {parts}, {drift:+.0%} at least, by itself or beside the empty one")
+        if not drift < MOST_DRIFT:
+            wrong.append(f"the {role}'s p99 drifted by {drift:+.0%}")
+
+
+def _recordings(soak: Soak, wrong: list[str]) -> None:
+    disturbed = [(done.from_ns, done.to_ns) for done in soak.done]
+    for taken in soak.taken:
+        found = check(taken.path, taken.killed, disturbed)
+        state = "writer killed" if taken.killed else "closed"
+        print(
+            f"recording {found.name}: {found.messages} messages, {state}, {len(found.wrong)} gaps of its own"
+        )
+        wrong += [f"{found.name}: {each}" for each in found.wrong]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,151 @@
+"""The access control that is generated from the topic table, judged rule by rule as Zenoh would."""
+
+import json
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from common.topics import PUBLISHED
+from common.transport.security import (
+    CELL_ROLES,
+    ROLES,
+    Identity,
+    Party,
+    PartyRole,
+    access_control,
+    common_name,
+    secured,
+)
+from common.transport.settings import TransportSettings
+from common.transport.zenoh_config import secured_by_file
+from forefeel.pki.zenoh_files import zenoh_files
+
+ROOT = Path(__file__).parents[2]
+WHOLE = "forefeel/c/**"
+MASTER = {topic.name for topic in PUBLISHED if topic.name.startswith("master/")}
+SLAVE = {topic.name for topic in PUBLISHED if topic.name.startswith("slave/")}
+STOP = {"any/estop"}
+CROSSES = {topic.name for topic in PUBLISHED if topic.crosses}
+SAYS = {
+    "slave": SLAVE | STOP, "master": MASTER | STOP, "viewer": STOP, "recorder": set[str](),
+    "router": MASTER | SLAVE | STOP,
+}  # fmt: skip
+HEARS = {
+    "slave": (MASTER | STOP) & CROSSES, "master": (SLAVE | STOP) & CROSSES, "viewer": MASTER | SLAVE | STOP,
+    "recorder": MASTER | SLAVE | STOP, "router": MASTER | SLAVE | STOP,
+}  # fmt: skip
+
+
+def allowed(rules: dict[str, Any], name: str, flow: str, message: str, key: str) -> bool:
+    """Whether a peer of that certificate may; what is included in an allowed expression is allowed."""
+    assert (rules["enabled"], rules["default_permission"]) == (True, "deny")
+    subjects = {each["id"] for each in rules["subjects"] if each["cert_common_names"] == [name]}
+    ids = {
+        rule for policy in rules["policies"] for rule in policy["rules"] if subjects & set(policy["subjects"])
+    }
+    return any(
+        rule["permission"] == "allow"
+        and flow in rule["flows"]
+        and message in rule["messages"]
+        and any(zenoh.KeyExpr(each).includes(zenoh.KeyExpr(key)) for each in rule["key_exprs"])
+        for rule in rules["rules"]
+        if rule["id"] in ids
+    )
+
+
+@pytest.mark.parametrize("own", CELL_ROLES)
+def test_an_end_takes_and_gives_what_both_roles_allow(own: PartyRole) -> None:
+    rules = access_control(Party(own, ("c",)))
+    for remote, topic in product(ROLES, PUBLISHED):
+        if remote == own:
+            continue
+        key, name = topic.key("c", "insertion"), common_name(remote, "c")
+        comes = topic.name in SAYS[remote] & HEARS[own]
+        goes = topic.name in SAYS[own] & HEARS[remote]
+        assert allowed(rules, name, "ingress", "put", key) == comes, (remote, topic.name)
+        assert allowed(rules, name, "egress", "put", key) == goes, (remote, topic.name)
+
+
+@pytest.mark.parametrize("remote", CELL_ROLES)
+def test_a_router_takes_and_gives_what_the_role_allows_in_its_own_cell_only(remote: PartyRole) -> None:
+    rules = access_control(Party("router", ("c", "d")))
+    for topic, cell in product(PUBLISHED, "cde"):
+        key, name = topic.key(cell, "insertion"), common_name(remote, "c")
+        inside = cell == "c"
+        assert allowed(rules, name, "ingress", "put", key) == (inside and topic.name in SAYS[remote])
+        assert allowed(rules, name, "egress", "put", key) == (inside and topic.name in HEARS[remote])
+
+
+BEYOND = ["forefeel/**", "**", "forefeel/*/insertion/master/command", "forefeel/d/**", "@/**"]
+
+
+@pytest.mark.parametrize("own", ROLES)
+@pytest.mark.parametrize("key", [*BEYOND, WHOLE])
+def test_no_wildcard_is_put_and_none_beyond_the_own_cell_is_subscribed(own: PartyRole, key: str) -> None:
+    rules = access_control(Party(own, ("c",)))
+    for remote, flow in product(ROLES, ("ingress", "egress")):
+        name = common_name(remote, "c")
+        assert not allowed(rules, name, flow, "put", key)
+        if key != WHOLE:
+            assert not allowed(rules, name, flow, "declare_subscriber", key)
+
+
+@pytest.mark.parametrize("remote", CELL_ROLES)
+def test_observers_alone_subscribe_to_a_whole_cell(remote: PartyRole) -> None:
+    own: PartyRole = "master" if remote == "slave" else "slave"
+    for party in (Party(own, ("c",)), Party("router", ("c",))):
+        rules, name = access_control(party), common_name(remote, "c")
+        observes = remote in {"recorder", "viewer"}
+        assert allowed(rules, name, "ingress", "declare_subscriber", WHOLE) == observes
+        heard = next(topic for topic in PUBLISHED if topic.name in HEARS[remote] & SAYS[own])
+        key = heard.key("c", "insertion")
+        assert allowed(rules, name, "ingress", "declare_subscriber", key)
+
+
+@pytest.mark.parametrize("own", ROLES)
+def test_nothing_but_puts_and_subscriptions_is_ever_allowed(own: PartyRole) -> None:
+    rules: Any = access_control(Party(own, ("c", "d")))["rules"]
+    assert {message for rule in rules for message in rule["messages"]} <= {"put", "declare_subscriber"}
+    assert len({rule["id"] for rule in rules}) == len(rules)
+
+
+def test_nobody_of_another_cell_or_without_a_name_of_ours_is_a_subject() -> None:
+    rules: Any = access_control(Party("slave", ("c",)))
+    names = {name for subject in rules["subjects"] for name in subject["cert_common_names"]}
+    assert names == {common_name(role, "c") for role in ("master", "recorder", "viewer", "router")}
+    assert not any("*" in name for name in names)
+
+
+def test_a_common_name_tells_role_and_cell_apart() -> None:
+    cells = ["c", "c-slave", "router", "slave", "c-master"]
+    names = [common_name(role, cell) for role, cell in product(CELL_ROLES, cells)]
+    assert len({*names, common_name("router", "")}) == len(names) + 1
+
+
+def test_zenoh_takes_all_of_it() -> None:
+    files = Identity(Path("ca"), Path("crt"), Path("key"))
+    for role in ROLES:
+        config = zenoh.Config()
+        for path, value in secured(Party(role, ("c", "d")), files).items():
+            config.insert_json5(path, json.dumps(value))
+        assert json.loads(config.get_json("transport/link/tls/enable_mtls")) is True
+
+
+def test_the_committed_files_are_what_the_command_writes_and_they_are_secure(tmp_path: Path) -> None:
+    texts = zenoh_files(["cathlab"], Path("/etc/forefeel/pki"))
+    assert sorted(texts) == sorted(path.name for path in (ROOT / "deploy" / "zenoh").iterdir())
+    for name, text in texts.items():
+        assert (ROOT / "deploy" / "zenoh" / name).read_text() == text, (
+            f"forefeel pki rules writes another {name}"
+        )
+        assert secured_by_file(TransportSettings(zenoh_file=ROOT / "deploy" / "zenoh" / name))
+    (tmp_path / "open.json5").write_text("{access_control: {enabled: true, default_permission: 'allow'}}")
+    assert not secured_by_file(TransportSettings(zenoh_file=tmp_path / "open.json5"))
+
+
+def test_files_of_several_cells_have_the_cell_in_their_name() -> None:
+    names = sorted(zenoh_files(["a", "b"], Path("p")))
+    assert names == sorted(["router.json5", *(f"{c}-{r}.json5" for c, r in product("ab", CELL_ROLES))])

@@ -1,0 +1,47 @@
+"""The arithmetic of the benchmarks; what they measure is measured by `make bench`."""
+
+import numpy as np
+import pytest
+
+from benchmarks import lateness
+from benchmarks.message_path import __main__ as message_path
+from benchmarks.message_path.ends import Stopwatch, command, summary
+
+
+def test_a_quantile_of_a_histogram_is_the_upper_edge_of_its_bin() -> None:
+    edges_us, counts = np.array([0.0, 10.0, 20.0, 40.0]), np.array([500, 490, 10])
+    assert lateness.quantiles(edges_us, counts) == (10.0, 20.0, 40.0)
+
+
+def test_the_ratio_is_the_median_of_those_of_the_rounds() -> None:
+    rounds = [
+        {"cyclictest": (1.0, p99, p99), "slave": (2.0, ratio * p99, 9.0)}
+        for p99, ratio in ((10.0, 2.0), (100.0, 3.0), (1000.0, 9.0))
+    ]
+    reference, slave = lateness.table("quiet", rounds)
+    assert (reference["ratio_p99"], slave["ratio_p99"], slave["p99_us"]) == (1.0, 3.0, 300.0)
+    assert "quiet" in lateness.text([reference, slave])
+
+
+def test_an_answer_is_its_question_and_a_lost_one_delays_no_other() -> None:
+    watch = Stopwatch()
+    lost, heard = watch.ask(), watch.ask()
+    watch.answered(heard)
+    watch.answered(heard)
+    watch.answered(b"of nobody")
+    assert (len(watch.times_us), watch.open) == (1, 1)
+    assert lost != heard
+    assert command(7) != command(8)
+
+
+def test_a_way_is_compared_with_bare_zenoh_of_the_same_round() -> None:
+    found = {"BareZenoh": [(100.0, 1.0, 1.0, 0), (200.0, 1.0, 1.0, 0)],
+             "Own": [(150.0, 1.0, 1.0, 2), (200.0, 1.0, 1.0, 1)]}  # fmt: skip
+    bare, own = message_path.table(found)
+    assert (bare["ratio"], own["ratio"], own["lost"]) == (1.0, 1.25, 3)
+    assert "missing: no library" in message_path.text([bare, own], {"Grpc": "no library"})
+
+
+def test_the_summary_orders_its_quantiles() -> None:
+    p50, p99, p999 = summary([float(each) for each in range(1001)])
+    assert (p50, p99, p999) == pytest.approx((500.0, 990.0, 999.0))

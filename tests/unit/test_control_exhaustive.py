@@ -1,0 +1,168 @@
+"""Every safety state, reached as it is in service, with every event: what becomes of state and motion.
+
+Written from the safety concept: a row says where each event leads from a state.
+"""
+
+from itertools import product
+
+import pytest
+
+from common.clock_offset import OffsetEstimate
+from common.messages import SafetyState
+from slave.safety import SafetyEventName
+from tests.unit.control_rig import MS, START_M, Rig
+
+S, E = SafetyState, SafetyEventName
+STOP_M_S2, SPEED_M_S = 4.0, 0.1
+LONGEST_M = SPEED_M_S**2 / (2 * STOP_M_S2) + 2e-4  # of the ramp to rest, and a tick
+
+AFTER = {
+    S.IDLE: "session_opened ready, fault fault, estop estopped",
+    S.READY: "session_lost idle, engage engaging, fault fault, estop estopped",
+    S.ENGAGING: (
+        "engaged armed, release stopping, watchdog stopping, session_lost stopping, misaligned stopping,"
+        " round_trip stopping, shutdown stopping, fault fault, estop estopped"
+    ),
+    S.ARMED: (
+        "release stopping, watchdog stopping, session_lost stopping, round_trip stopping, shutdown stopping,"
+        " fault fault, estop estopped"
+    ),
+    S.STOPPING: "fault fault, estop estopped",
+    S.FAULT: "clear idle, estop estopped",
+    S.ESTOPPED: "clear idle",
+}
+"""Where an event leads that is injected once; everything else leaves the state. Two rows differ from the
+machine's table, for the loop does not raise the event: an armed stage follows whatever is asked within its
+limits, and nothing is at rest that moves."""
+
+
+def reached(state: SafetyState) -> Rig:
+    """The loop in that state, moving where it can move."""
+    rig = Rig()
+    match state:
+        case S.IDLE:
+            rig.session_live = False
+            rig.tick()
+        case S.READY:
+            rig.released(3)
+        case S.ENGAGING:
+            rig.engaged()
+            for i in range(100):
+                rig.held(1, START_M + 2e-5 * i, velocity_m_s=0.02)
+        case S.ARMED:
+            rig.moving(SPEED_M_S)
+        case S.STOPPING:
+            rig.moving(SPEED_M_S).released()
+        case S.FAULT:
+            rig.moving(SPEED_M_S).tick(fault="stage: gone")
+        case S.ESTOPPED:
+            rig.moving(SPEED_M_S).tick(estop="button")
+    assert rig.state() is state
+    return rig
+
+
+def await_event(rig: Rig, event: SafetyEventName) -> None:
+    """What must come before it can happen: 60 ms without a command, in which the stage goes on."""
+    for _ in range(60 if event is E.WATCHDOG else 0):
+        rig.tick()
+
+
+def inject(rig: Rig, event: SafetyEventName) -> None:  # noqa: PLR0912 - one case an event
+    """One event as the loop sees it, all else as it was."""
+    state, held_m = rig.state(), rig.out.target_m
+    goes_on = rig.command(held_m, state in (S.ENGAGING, S.ARMED))
+    match event:
+        case E.SESSION_OPENED:
+            rig.tick(goes_on, session_live=True)
+        case E.SESSION_LOST:
+            rig.tick(goes_on, session_live=False)
+        case E.ENGAGE:
+            rig.released()
+            if state not in (S.ENGAGING, S.ARMED):  # there a release is the event of another test
+                rig.held()
+        case E.ENGAGED:
+            for _ in range(250 if state is S.ENGAGING else 1):
+                rig.tick(goes_on if state is not S.ENGAGING else rig.command(held_m, True))
+        case E.RELEASE:
+            rig.tick(rig.command(held_m, False))
+        case E.WATCHDOG:
+            rig.tick()
+        case E.MISALIGNED:
+            rig.tick(rig.command(held_m + 0.03, state in (S.ENGAGING, S.ARMED)))
+        case E.ROUND_TRIP:
+            rig.tick(goes_on, clock=OffsetEstimate(0, 351 * MS))
+        case E.AT_REST:
+            rig.tick(goes_on)
+        case E.SHUTDOWN:
+            rig.tick(goes_on, shutdown=True)
+        case E.FAULT:
+            rig.tick(goes_on, fault="thread: died")
+        case E.ESTOP:
+            rig.tick(goes_on, estop="nurse")
+        case E.CLEAR:
+            rig.tick(goes_on, clear=True)
+
+
+def expected(state: SafetyState, event: SafetyEventName) -> SafetyState:
+    leaves = dict(entry.split() for entry in AFTER[state].split(","))
+    return SafetyState(leaves.get(event.value, state.value))
+
+
+CASES = [
+    (state, event)
+    for state, event in product(S, E)
+    if not (event is E.ENGAGE and state in (S.ENGAGING, S.ARMED))  # a press while pressed is no event at all
+]
+
+
+@pytest.mark.parametrize(("state", "event"), CASES)
+def test_every_state_with_every_event(state: SafetyState, event: SafetyEventName) -> None:
+    rig = reached(state)
+    await_event(rig, event)
+    assert rig.state() is state or (state is S.STOPPING and event is E.WATCHDOG)  # which has come to rest
+    state = rig.state()
+    inject(rig, event)
+    after = expected(state, event)
+    if event is E.CLEAR and state in (S.FAULT, S.ESTOPPED):
+        after = S.READY  # the session lives: it is opened in the tick of the clearing
+    assert rig.state() is after
+
+
+@pytest.mark.parametrize(("state", "event"), CASES)
+def test_the_motion_of_every_state_after_every_event(state: SafetyState, event: SafetyEventName) -> None:
+    """Following: within the limits. Else the speed only falls, by the ramp, and at rest nothing moves."""
+    rig = reached(state)
+    await_event(rig, event)
+    before_m, before_m_s = rig.out.target_m, rig.out.velocity_m_s
+    inject(rig, event)
+    if rig.control.machine.following:
+        assert rig.out.moving
+        assert rig.out.executing is not None
+        assert abs(rig.out.velocity_m_s) <= 0.2 + 1e-12
+        return
+    assert rig.out.executing is None
+    assert abs(rig.out.velocity_m_s) <= max(0.0, abs(before_m_s) - STOP_M_S2 * 1e-3) + 1e-12
+    assert abs(rig.out.target_m - before_m) <= LONGEST_M
+    rested_m = rig.at_rest_m()
+    assert abs(rested_m - before_m) <= LONGEST_M
+    for _ in range(100):  # what is asked without a press moves nothing
+        rig.tick(rig.command(rested_m + 5e-4, False))
+        assert (rig.out.moving, rig.out.target_m, rig.out.velocity_m_s) == (False, rested_m, 0.0)
+
+
+@pytest.mark.parametrize("halt", [S.FAULT, S.ESTOPPED])
+@pytest.mark.parametrize("event", [e for e in E if e not in (E.CLEAR,)])
+def test_of_a_halt_nothing_but_a_clearing_leads_back(halt: SafetyState, event: SafetyEventName) -> None:
+    rig = reached(halt)
+    inject(rig, event)
+    rig.at_rest_m()
+    rig.released(5)
+    rig.held(300)
+    assert rig.state() in (S.FAULT, S.ESTOPPED)
+    assert not rig.out.moving
+    rig.tick(clear=True)
+    rig.held(50)
+    assert not rig.out.moving, "a clearing is no press"
+    rig.released(3)
+    rig.held(250)
+    assert rig.state() is S.ARMED

@@ -1,0 +1,104 @@
+"""What may be open to a network, over every combination of what the rule looks at."""
+
+from itertools import product
+
+import pytest
+
+from common.errors import EndpointError
+from common.transport.exposure import check_exposure, on_loopback
+
+ENDPOINTS = {
+    ("inside", "plain"): "tcp/127.0.0.1:7447",
+    ("inside", "tls"): "tls/localhost:7447",
+    ("outside", "plain"): "tcp/0.0.0.0:7447",
+    ("outside", "tls"): "tls/10.0.0.1:7447",
+}
+KINDS = [(), *((kind,) for kind in ENDPOINTS), *product(ENDPOINTS, repeat=2)]
+FLAGS = [False, True]
+
+
+def expected(
+    listen: tuple[tuple[str, str], ...],
+    connect: tuple[tuple[str, str], ...],
+    secured: bool,
+    insecure: bool,
+    real: bool,
+) -> str:
+    """`quiet`, `loud` or `refused`, from the words of the rule."""
+    protocols = {protocol for _, protocol in listen}
+    if len(protocols) == 2 or (secured and "plain" in protocols | {protocol for _, protocol in connect}):
+        return "refused"
+    if secured or all(place == "inside" for place, _ in (*listen, *connect)):
+        return "quiet"
+    return "loud" if insecure and not real else "refused"
+
+
+def found(
+    listen: tuple[tuple[str, str], ...],
+    connect: tuple[tuple[str, str], ...],
+    secured: bool,
+    insecure: bool,
+    real: bool,
+) -> str:
+    endpoints = [[ENDPOINTS[kind] for kind in kinds] for kinds in (listen, connect)]
+    try:
+        line = check_exposure(*endpoints, secured=secured, insecure=insecure, real_stage=real)
+    except EndpointError as error:
+        assert str(error).startswith("endpoint '")
+        assert "expected" in str(error) or "--insecure" in str(error)
+        return "refused"
+    assert "\n" not in line
+    return "loud" if line else "quiet"
+
+
+def test_every_combination() -> None:
+    cases = list(product(KINDS, KINDS, FLAGS, FLAGS, FLAGS))
+    assert len(cases) == 21 * 21 * 8
+    outcomes = {case: (found(*case), expected(*case)) for case in cases}
+    assert {case: pair for case, pair in outcomes.items() if pair[0] != pair[1]} == {}
+    assert {pair[0] for pair in outcomes.values()} == {"quiet", "loud", "refused"}
+
+
+def test_what_is_said_loudly_names_the_endpoints() -> None:
+    line = check_exposure(
+        ["tcp/0.0.0.0:1"],
+        ["udp/10.0.0.1:2", "tcp/127.0.0.1:3"],
+        secured=False,
+        insecure=True,
+        real_stage=False,
+    )
+    assert line.startswith("INSECURE: tcp/0.0.0.0:1, udp/10.0.0.1:2: not encrypted, not authenticated")
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/127.0.0.1:1", "tcp/127.8.9.1:1", "udp/[::1]:1", "tcp/localhost:1", "tcp/LOCALHOST:1",
+        "tcp/127.0.0.1:1?rel=0", "tcp/[::1]:7447?prio=1-3;rel=1#iface=lo", "tcp/[::ffff:127.0.0.1]:1",
+    ],
+)  # fmt: skip
+def test_loopback(endpoint: str) -> None:
+    assert on_loopback(endpoint)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/0.0.0.0:1", "tcp/[::]:1", "tcp/10.0.0.1:1", "tcp/[fe80::1%eth0]:1", "tcp/localhost.example:1",
+        "tcp/slave-host:1", "tcp/127.1:1", "tcp/0:1", "tcp/[::ffff:10.0.0.1]:1",
+        "tcp/10.0.0.1:1#bind=127.0.0.1:2",
+    ],
+)  # fmt: skip
+def test_outside(endpoint: str) -> None:
+    assert not on_loopback(endpoint)
+
+
+@pytest.mark.parametrize(
+    "options", ["enable_mtls=false", "iface=lo;enable_mtls=false", "root_ca_certificate=/tmp/mine.crt"]
+)
+def test_an_endpoint_can_not_undo_the_security_that_was_configured(options: str) -> None:
+    for listen, connect in ((["tls/10.0.0.1:1#" + options], []), ([], ["tls/10.0.0.1:1#" + options])):
+        with pytest.raises(EndpointError, match="after #; expected one of bind"):
+            check_exposure(listen, connect, secured=True, insecure=True, real_stage=False)
+    allowed = ["tls/10.0.0.1:1?rel=1#iface=eth0"]
+    assert check_exposure(allowed, [], secured=True, insecure=False, real_stage=True) == ""

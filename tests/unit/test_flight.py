@@ -1,0 +1,168 @@
+"""The flight recorder: what it holds, when it writes, and that what it wrote is a whole MCAP file."""
+
+import errno
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from common import topics
+from common.clock import MonotonicClock, VirtualClock, WallClock
+from common.codec import encode
+from common.flight import Rings, Row, TappedTransport
+from common.messages import Grip, SafetyState
+from common.recording.mcap_reader import read_run
+from common.state.flight_writer import FlightWriter
+from common.transport.memory import MemoryBus
+from tests.unit.recording_samples import force
+
+MS = 1_000_000
+S = 1000 * MS
+CYCLES = topics.CONTROL_CYCLE.key("cell", "insertion")
+FORCES = topics.FORCE.key("cell", "insertion")
+STOPS = topics.EMERGENCY_STOP.key("cell", "insertion")
+
+
+def row(stamp_ns: int, force_n: float = 0.5) -> Row:
+    state, grip = SafetyState.ARMED, Grip.CLOSED
+    return (stamp_ns, 0.02, 0.001, True, 0.0199, 0.001, force_n, True, state, grip, stamp_ns // MS, 41)
+
+
+# --- in memory ---
+
+
+def test_a_ring_holds_what_a_record_needs_and_no_more() -> None:
+    ring = Rings().ring(CYCLES)
+    for tick in range(100_000):
+        ring.add(row(tick * MS))
+    kept = ring.between(0, 100_000 * MS)
+    assert 2500 < len(kept) < 4200
+    now_ns = 99_999 * MS
+    span = ring.between(now_ns - 2 * S, now_ns)
+    assert [r[0] for r in span] == list(range(97_999 * MS, 100_000 * MS, MS))
+
+
+def test_the_tap_keeps_every_payload_in_and_out_but_what_is_too_long_for_its_topic() -> None:
+    clock, network, rings = VirtualClock(5), MemoryBus(), Rings()
+    tapped = TappedTransport(network.session(clock), rings, clock.now_ns)
+    other = network.session(clock)
+    heard: list[bytes] = []
+    tapped.subscribe(STOPS, lambda payload, _: heard.append(payload))
+    put_in, put_out = other.publisher(STOPS, topics.Qos.EVENT), tapped.publisher(FORCES, topics.Qos.STREAM)
+    put_in(b"a")
+    clock.set_ns(9)
+    put_out(b"b")
+    put_in(b"x" * 60_000)
+    assert rings.ring(STOPS).between(0, 10) == [(5, b"a")]
+    assert rings.ring(FORCES).between(0, 10) == [(9, b"b")]
+    assert rings.ring(STOPS).left_out == 1
+    assert len(heard) == 2  # the recorder drops nothing of what is delivered
+
+
+def test_a_flood_on_one_topic_washes_out_no_other_and_is_bounded() -> None:
+    rings = Rings()
+    rings.ring(FORCES).add((1, b"kept"))
+    for number in range(50_000):
+        rings.ring(STOPS).add((number, b"x"))
+    assert rings.ring(FORCES).between(0, 2) == [(1, b"kept")]
+    assert len(rings.ring(STOPS).between(0, 50_000)) <= 256
+
+
+# --- on the disk ---
+
+
+class Recorder:
+    """A flight recorder whose rings hold five seconds that end at `now_ns`."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir()
+        self.folder, self.rings, self.clock = folder, Rings(), MonotonicClock()
+        self.noted: list[tuple[str, dict[str, Any]]] = []
+        self.writer = FlightWriter(folder, 3, self.rings, self.clock, WallClock(), self._note)
+        self.writer.facts = {"role": "slave"}
+        self.now_ns = self.clock.now_ns()
+        for tick in range(-5000, 1):
+            stamp_ns = self.now_ns + tick * MS
+            self.rings.ring(CYCLES).add(row(stamp_ns))
+            self.rings.ring(FORCES).add((stamp_ns, encode(force(6000 + tick))))
+
+    def _note(self, event: str, now_ns: int, axis: str = "", **details: Any) -> None:  # noqa: ANN401
+        del now_ns, axis
+        self.noted.append((event, details))
+
+    def files(self) -> list[Path]:
+        return sorted(self.folder.iterdir())
+
+    def noted_events(self) -> list[str]:
+        return [event for event, _ in self.noted]
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> Iterator[Recorder]:
+    recorder = Recorder(tmp_path / "flight")
+    yield recorder
+    recorder.writer.close()
+
+
+def test_a_record_has_the_two_seconds_before_and_what_came_after(recorder: Recorder) -> None:
+    recorder.writer.start()
+    recorder.writer.ask("insertion", "watchdog", "no valid command", recorder.now_ns)
+    for tick in range(1, 700):
+        recorder.rings.ring(CYCLES).add(row(recorder.now_ns + tick * MS))
+    recorder.rings.ring(FORCES).add((recorder.now_ns + MS, b"no message"))
+    recorder.rings.ring(CYCLES).add(row(recorder.now_ns + 2 * MS, float("nan")))
+    deadline_s = time.monotonic() + 10
+    while "flight_record" not in recorder.noted_events() and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    written_ns = recorder.clock.now_ns()
+    assert written_ns - recorder.now_ns >= 0.5 * S
+    (path,) = recorder.files()
+    run = read_run(path)
+    assert not run.truncated
+    stamps = run.column("insertion", topics.CONTROL_CYCLE, "stamp_ns")
+    assert (stamps[0], stamps[-1]) == (recorder.now_ns - 2 * S, recorder.now_ns + S // 2)
+    assert len(stamps) == 2501
+    assert run.count("insertion", topics.FORCE) == 2001
+    assert run.metadata["flight"]["event"] == "watchdog" and run.metadata["flight"]["role"] == "slave"
+    assert recorder.noted[-1][1]["malformed"] == 2  # the payload that is none, and the cycle without a number
+    with path.open("rb") as file:  # another reader of the format
+        topics_found = {channel.topic for _, channel, _ in make_reader(file).iter_messages()}
+    assert topics_found == {CYCLES, FORCES}
+
+
+def test_one_a_second_at_most_the_newest_are_kept_and_the_others_said(recorder: Recorder) -> None:
+    for second in range(5):
+        for _ in range(3):
+            recorder.writer.ask("insertion", "estop", "again", recorder.now_ns + second * S)
+            time.sleep(0.001)
+    recorder.writer.start()
+    recorder.writer.close()
+    assert recorder.noted_events().count("flight_record") == 5
+    assert sum(d["count"] for event, d in recorder.noted if event == "flight_skipped") == 10
+    names = [details["file"] for event, details in recorder.noted if event == "flight_record"]
+    assert [path.name for path in recorder.files()] == sorted(names)[-3:]
+
+
+def test_a_full_disk_leaves_no_half_record_and_is_said(
+    recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("common.recording.mcap_writer.os.fsync", full)
+    recorder.writer.ask("insertion", "fault", "x", recorder.now_ns)
+    recorder.writer.start()
+    recorder.writer.close()
+    assert recorder.noted_events() == ["flight_failed"]
+    assert "No space left" in recorder.noted[0][1]["what"]
+    assert recorder.files() == []
+
+
+def test_what_a_killed_daemon_left_half_written_goes_at_the_start(recorder: Recorder) -> None:
+    (recorder.folder / ".x.mcap.part").write_bytes(b"half")
+    recorder.writer.start()
+    recorder.writer.close()
+    assert recorder.files() == []

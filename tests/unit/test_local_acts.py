@@ -1,0 +1,215 @@
+"""The local socket: who may speak, what it bears, and what stop and clear say to a person."""
+
+import asyncio
+import json
+import os
+import socket
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from common.audit import Noted
+from common.state.audit_file import AuditFile
+from common.state.folder import AUDIT, SOCKET
+from forefeel.local import server
+from forefeel.local.client import NobodyThereError, ask
+from forefeel.local.protocol import Answer, Request
+from forefeel.local.server import LocalServer
+
+Run = Callable[[Sequence[str]], int]
+SLAVE = "role: slave\nstate: {directory: st}\ntransport: {listen: ['tcp/127.0.0.1:7447']}\n"
+
+
+async def act(request: Request, by: str) -> Answer:
+    return Answer(done=True, text=(f"{request.do} by {by}",), role="slave", axes=())
+
+
+def serving(folder: Path, talk: Callable[[], Awaitable[None]]) -> None:
+    async def main() -> None:
+        async with LocalServer(folder, "slave", act):
+            await talk()
+
+    asyncio.run(main())
+
+
+def raw(folder: Path, data: bytes) -> bytes:
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(5)
+        connection.connect(os.path.relpath(folder / SOCKET))
+        connection.sendall(data)
+        connection.shutdown(socket.SHUT_WR)
+        return connection.recv(65536)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    deep = tmp_path / ("d" * 100) / ("e" * 100)  # longer than the path of a socket may be
+    deep.mkdir(parents=True)
+    return deep
+
+
+def test_a_request_is_answered_and_nothing_stays(folder: Path) -> None:
+    (folder / SOCKET).touch()  # of a daemon that was killed
+
+    async def talk() -> None:
+        assert (folder / SOCKET).stat().st_mode & 0o777 == 0o600
+        answer = await asyncio.to_thread(ask, folder, Request(do="state"))
+        assert answer.text == (f"state by uid {os.getuid()}",)
+
+    serving(folder, talk)
+    assert list(folder.iterdir()) == []
+    with pytest.raises(NobodyThereError):
+        ask(folder, Request(do="state"))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\n",
+        b"{}\n",
+        b"stop\n",
+        b'{"do":"format"}\n',
+        b'{"do":"clear","axis":5}\n',
+        b"\xff\xfe\n",
+        b"x" * 100_000,
+    ],
+    ids=["nothing", "empty", "no act", "text", "unknown", "wrong type", "bytes", "endless"],
+)
+def test_what_is_no_request_is_refused_and_the_next_is_served(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: bytes
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    async def talk() -> None:
+        try:
+            said = await asyncio.to_thread(raw, tmp_path, data)
+        except OSError:  # closed on it
+            said = b""
+        assert not said or not json.loads(said)["done"]
+        assert (await asyncio.to_thread(ask, tmp_path, Request(do="state"))).done
+
+    serving(tmp_path, talk)
+
+
+def test_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "peer_uid", lambda _: 12345)
+
+    async def talk() -> None:
+        answer = await asyncio.to_thread(ask, tmp_path, Request(do="clear"))
+        assert not answer.done and "user 12345 may not" in answer.text[0]
+
+    serving(tmp_path, talk)
+
+
+def test_who_says_nothing_holds_nobody_up_and_ends_with_the_daemon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    async def talk() -> None:
+        silent = [socket.socket(socket.AF_UNIX) for _ in range(5)]
+        for each in silent:
+            each.connect(SOCKET)
+        assert (await asyncio.to_thread(ask, tmp_path, Request(do="state"))).done
+        for each in silent:
+            each.close()
+
+    serving(tmp_path, talk)
+
+
+# --- the commands, with nobody there ---
+
+
+@pytest.fixture
+def slave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "slave.yaml").write_text(SLAVE)
+    (tmp_path / "st").mkdir()
+    return tmp_path
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> str:
+    return capsys.readouterr().err.strip().splitlines()[-1]
+
+
+def test_clear_says_how_a_daemon_ended_that_is_not_there(
+    slave: Path, run: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["clear", "--config", "slave.yaml"]) == 1
+    assert "expected a slave that runs" in said(capsys)
+    log = AuditFile(slave / "st" / AUDIT)
+    log.write([Noted("2026-01-01T00:00:00.000000Z", 1, "start", "", {})])
+    assert run(["clear", "--config", "slave.yaml"]) == 1
+    assert "the slave was killed" in said(capsys)
+    log.write([Noted("2026-01-01T00:00:09.000000Z", 2, "stop", "", {"reason": "by a fault: ValueError: x"})])
+    log.close()
+    assert run(["clear", "--config", "slave.yaml"]) == 1
+    assert "ended at 2026-01-01T00:00:09.000000Z: by a fault: ValueError: x" in said(capsys)
+
+
+def test_a_master_clears_nothing(slave: Path, run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    (slave / "master.yaml").write_text("role: master\n")
+    assert run(["clear", "--config", "master.yaml"]) == 2
+    assert "expected the slave's file" in said(capsys)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [[], ["--cell", "c"], ["--connect", "tcp/127.0.0.1:1"], ["--config", "slave.yaml", "--cell", "c"]],
+)
+def test_estop_says_what_it_needs(slave: Path, run: Run, words: list[str]) -> None:
+    del slave
+    assert run(["estop", *words]) == 2
+
+
+def test_a_stop_that_nobody_confirms_fails_loudly(
+    slave: Path, run: Run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del slave
+    monkeypatch.setattr("forefeel.local.stop.FOR_S", 0.1)
+    assert run(["estop", "--config", "slave.yaml"]) == 1
+    assert "EMERGENCY STOP NOT CONFIRMED by cell cell" in said(capsys)
+
+
+# --- the audit log on the command line ---
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    file = AuditFile(tmp_path / AUDIT)
+    for number, event in enumerate(("start", "safety", "stop")):
+        file.write([Noted(f"2026-01-01T00:00:0{number}.000000Z", number, event, "a", {"reason": "x\ny"})])
+    file.close()
+    return tmp_path / AUDIT
+
+
+def test_an_intact_log_is_verified_and_shown(log: Path, run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["audit", "verify", str(log)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("3 entries, 1 to 3, 2026-01-01T00:00:00") and lines[-1] == "intact"
+    head = lines[1].removeprefix("head ")
+    assert run(["audit", "verify", str(log), "--head", head, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["head_at"] == 3
+    assert run(["audit", "show", str(log)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 3  # a line each, whatever a reason holds
+
+
+def test_a_log_that_is_broken_cut_or_not_there(
+    log: Path, run: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = log.read_bytes().splitlines(keepends=True)
+    head = json.loads(lines[-1])["hash"]
+    log.write_bytes(b"".join(lines[:2]))
+    assert run(["audit", "verify", str(log)]) == 0
+    assert "does not end with a closing entry" in capsys.readouterr().out
+    assert run(["audit", "verify", str(log), "--head", head]) == 1
+    assert "NOT FOUND" in capsys.readouterr().out
+    log.write_bytes(b"".join([lines[0], lines[2]]))
+    assert run(["audit", "verify", str(log)]) == 1
+    assert "NOT INTACT: line 2" in capsys.readouterr().out
+    assert run(["audit", "show", str(log)]) == 1
+    assert run(["audit", "verify", str(log), "--head", "abc"]) == 2
+    assert run(["audit", "verify", str(log.parent / "none")]) == 2

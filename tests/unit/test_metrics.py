@@ -1,0 +1,181 @@
+"""What Prometheus gets of a cell."""
+
+from collections.abc import Iterator
+from urllib.request import urlopen
+
+import pytest
+
+pytest.importorskip("prometheus_client")
+from prometheus_client.parser import text_string_to_metric_families
+
+from common.clock import MonotonicClock
+from common.codec import encode
+from common.errors import EndpointError
+from common.messages import (
+    LimitEvent,
+    LoopTiming,
+    MasterState,
+    Message,
+    ModelParameters,
+    SafetyEvent,
+    SafetyState,
+    SlaveState,
+)
+from common.topics import (
+    FORCE,
+    LIMIT_EVENT,
+    MASTER_STATE,
+    PARAMETERS,
+    SAFETY_EVENT,
+    SLAVE_STATE,
+    SLAVE_TIMING,
+    Topic,
+)
+from forefeel.metrics.cell import CellMetrics
+from forefeel.metrics.run import CellCollector, serve
+
+HEAD = {"session_id": 1, "sequence": 1, "stamp_ns": 0}
+S = 1_000_000_000
+Found = dict[tuple[str, tuple[tuple[str, str], ...]], float]
+
+
+def slave_state(**changes: object) -> SlaveState:
+    return SlaveState.model_validate(HEAD | {
+        "state": SafetyState.ARMED, "reason": "ramp done", "position_m": 0.02, "velocity_m_s": -0.01,
+        "gripper": "closed", "stops": 3, "clock_offset_ns": -2_000_000, "clock_bound_ns": 500_000,
+        "counters": {"refused_late": 7},
+    } | changes)  # fmt: skip
+
+
+def heard(cell: CellMetrics, topic: Topic[Message], message: Message, axis: str = "insertion") -> None:
+    cell.hear(topic.key("cathlab", axis), encode(message), 5 * S)
+
+
+def values(cell: CellMetrics, now_ns: int = 6 * S) -> Found:
+    return {
+        (sample.name, tuple(sorted(sample.labels.items()))): sample.value
+        for family in cell.families(now_ns)
+        for sample in family.samples
+    }
+
+
+def at(found: Found, family: str, /, **labels: str) -> float:
+    return found[family, tuple(sorted({"axis": "insertion", **labels}.items()))]
+
+
+def test_the_newest_state_is_told_with_its_age() -> None:
+    cell = CellMetrics()
+    heard(cell, SLAVE_STATE, slave_state(state=SafetyState.READY))
+    heard(cell, SLAVE_STATE, slave_state())
+    found = values(cell)
+    assert at(found, "forefeel_safety_state", state="armed") == 1.0
+    assert at(found, "forefeel_safety_state", state="ready") == 0.0
+    assert at(found, "forefeel_stops_total") == 3
+    assert at(found, "forefeel_position_metres") == 0.02
+    assert at(found, "forefeel_counter_total", role="slave", name="refused_late") == 7
+    assert at(found, "forefeel_clock_offset_seconds", role="slave") == -0.002
+    assert at(found, "forefeel_state_age_seconds", topic="slave/state") == pytest.approx(1.0)
+    assert at(found, "forefeel_messages_total", topic="slave/state") == 2
+
+
+def test_each_axis_and_each_end_stands_for_itself() -> None:
+    cell = CellMetrics()
+    heard(cell, SLAVE_STATE, slave_state())
+    heard(cell, SLAVE_STATE, slave_state(position_m=0.5), axis="rotation")
+    heard(cell, MASTER_STATE, MasterState.model_validate(HEAD | {
+        "indication": "ready", "reason": "", "deadman": True, "clutched_s": 0.0, "clock_offset_ns": None,
+        "clock_bound_ns": None, "counters": {"forces": 9},
+    }))  # fmt: skip
+    found = values(cell)
+    assert at(found, "forefeel_position_metres", axis="rotation") == 0.5
+    assert at(found, "forefeel_deadman") == 1.0
+    assert at(found, "forefeel_counter_total", role="master", name="forces") == 9
+    assert ("forefeel_clock_offset_seconds", (("axis", "insertion"), ("role", "master"))) not in found
+    names = [family.name for family in cell.families(0)]
+    assert len(names) == len(set(names)), "one family for each name"
+
+
+def test_events_add_up_by_their_rule_and_by_their_event() -> None:
+    cell = CellMetrics()
+    for count in (2, 3):
+        heard(cell, LIMIT_EVENT, LimitEvent.model_validate(
+            HEAD | {"rule": "force", "requested": 4.0, "applied": 3.0, "unit": "N", "count": count}
+        ))  # fmt: skip
+    heard(cell, SAFETY_EVENT, SafetyEvent.model_validate(
+        HEAD | {"before": "armed", "event": "watchdog", "after": "stopping", "reason": "silence"}
+    ))  # fmt: skip
+    found = values(cell)
+    assert at(found, "forefeel_limits_total", role="slave", rule="force") == 5
+    assert at(found, "forefeel_transitions_total", role="slave", event="watchdog") == 1
+
+
+def test_a_loop_is_a_histogram_in_seconds() -> None:
+    cell = CellMetrics()
+    heard(cell, SLAVE_TIMING, LoopTiming.model_validate(HEAD | {
+        "loop": "control", "ticks": 10, "missed": 1, "p50_us": 20.0, "p99_us": 90.0, "max_us": 95.0,
+        "edges_us": (0.0, 50.0, 100.0), "counts": (8, 2), "scheduling": "SCHED_FIFO 50",
+    }))  # fmt: skip
+    found, labels = values(cell), {"role": "slave", "loop": "control"}
+    assert at(found, "forefeel_loop_lateness_seconds_bucket", le="5e-05", **labels) == 8
+    assert at(found, "forefeel_loop_lateness_seconds_bucket", le="+Inf", **labels) == 10
+    assert at(found, "forefeel_loop_lateness_seconds_count", **labels) == 10
+    assert at(found, "forefeel_loop_missed_total", **labels) == 1
+
+
+def test_the_model_is_told_with_its_uncertainty() -> None:
+    cell = CellMetrics()
+    heard(cell, PARAMETERS, ModelParameters.model_validate(HEAD | {
+        "names": ("stiffness_n_m",), "values": (40.0,), "standard_deviations": (0.5,), "identifiable": (),
+        "valid": True, "samples": 1, "updates": 1, "resets": 0, "innovation_rms_n": 0.01,
+    }))  # fmt: skip
+    found = values(cell)
+    assert at(found, "forefeel_parameter", name="stiffness_n_m") == 40.0
+    assert at(found, "forefeel_parameter_standard_deviation", name="stiffness_n_m") == 0.5
+    assert at(found, "forefeel_innovation_rms_newtons") == 0.01
+
+
+def test_what_a_stranger_says_stays_bounded() -> None:
+    cell = CellMetrics()
+    for number in range(200):
+        heard(cell, SAFETY_EVENT, SafetyEvent.model_validate(
+            HEAD | {"before": "armed", "event": f"e{number}", "after": "ready", "reason": ""}
+        ))  # fmt: skip
+        cell.hear(FORCE.key("cathlab", f"axis{number}"), b"", 0)
+    cell.hear("elsewhere/a/b/c", b"", 0)
+    cell.hear(SLAVE_STATE.key("cathlab", "insertion"), b"\xff", 0)
+    found = values(cell)
+    events = {key: value for key, value in found.items() if key[0] == "forefeel_transitions_total"}
+    assert len(events) == 65
+    assert sum(events.values()) == 200
+    assert len({dict(labels)["axis"] for name, labels in found if name == "forefeel_messages_total"}) == 32
+    assert found["forefeel_malformed_total", ()] == 1
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[CellCollector, str, int]]:
+    collector = CellCollector(MonotonicClock())
+    server, thread = serve(collector, "127.0.0.1", 0)
+    yield collector, "127.0.0.1", server.server_port
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def test_prometheus_reads_it_with_hostile_names_as_text(served: tuple[CellCollector, str, int]) -> None:
+    collector, address, port = served
+    hostile = 'a"} 1\n# EOF <b>'
+    for name in (hostile, "usual"):
+        heard(collector.cell, SAFETY_EVENT, SafetyEvent.model_validate(
+            HEAD | {"before": "armed", "event": "watchdog", "after": "ready", "reason": name}
+        ))  # fmt: skip
+    heard(collector.cell, SLAVE_STATE, slave_state(counters={"refused": 1}))
+    with urlopen(f"http://{address}:{port}/metrics", timeout=10) as answer:
+        text = answer.read().decode()
+    families = {family.name: family for family in text_string_to_metric_families(text)}
+    assert {"forefeel_safety_state", "forefeel_messages", "forefeel_counter"} <= set(families)
+
+
+def test_a_busy_port_is_one_line(served: tuple[CellCollector, str, int]) -> None:
+    _, address, port = served
+    with pytest.raises(EndpointError, match="expected a free one"):
+        serve(CellCollector(MonotonicClock()), address, port)

@@ -1,0 +1,315 @@
+"""A slave axis to which anything happens in any order, beside a model that knows only what was done to it.
+
+After every millisecond: the stage goes on only while commands are followed, or on a ramp to rest; within its
+limits of speed and acceleration; on commands of the master alone, fresh, each in its turn; never after a halt
+without a clearing, a release and a press; and 60 ms after the last of them at most.
+"""
+
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+
+from common.codec import encode
+from common.messages import EmergencyStop, MotionCommand, SafetyState
+from common.settings import AxisLimits
+from common.topics import COMMAND, EMERGENCY_STOP
+from slave.load_cells.port import LoadCellReading
+from slave.safety import FOLLOWING
+from tests.unit.slave_rig import MS, SETTINGS, SlaveRig
+
+S = SafetyState
+LIMITS = AxisLimits()
+RAMP_M_S = SETTINGS.gate.stop_deceleration_m_s2 * 1e-3
+STEP_M_S = LIMITS.max_acceleration_m_s2 * 1e-3
+WATCHDOG_NS, MAX_AGE_NS = 60 * MS, 100 * MS
+HALTS = frozenset({S.FAULT, S.ESTOPPED})
+TINY = 1e-9
+Key = tuple[int, int, int]
+
+
+class SlaveModel(RuleBasedStateMachine):
+    """The rules are what people, networks, devices and strangers do."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rig = SlaveRig()
+        self.mine: dict[Key, MotionCommand] = {}
+        self.sent: list[bytes] = []
+        self.halted = self.released = False
+        self.last_fresh_ns = 0
+        self.executed: Key | None = None
+        self.velocity_m_s, self.position_m = 0.0, self.rig.stage.position_m
+        self.stranger = 0
+
+    # --- how it begins ---
+
+    @initialize(armed=st.booleans())
+    def begin(self, armed: bool) -> None:
+        self.rig.axis.open(self.rig.now_ns)
+        assert self.rig.shake().accepted
+        self._run(120)
+        if armed:
+            self._press()
+            assert self.state is S.ARMED
+
+    @property
+    def state(self) -> SafetyState:
+        control = self.rig.axis._control
+        assert control is not None
+        return control.machine.state
+
+    # --- what the master does ---
+
+    @rule(ticks=st.integers(1, 60))
+    def go_on(self, ticks: int) -> None:
+        self._run(ticks)
+
+    @rule()
+    def arm(self) -> None:
+        self._press()
+
+    def _press(self) -> None:
+        self.rig.deadman, self.rig.fields = False, {}
+        self.rig.position_m = self.rig.stage.position_m
+        self._run(5)
+        self.rig.position_m, self.rig.deadman = self.rig.stage.position_m, True
+        self._run(30)
+
+    @rule(deadman=st.booleans())
+    def hand(self, deadman: bool) -> None:
+        self.rig.deadman = deadman
+
+    @rule(by_m=st.floats(-0.003, 0.003), speed_m_s=st.floats(-0.3, 0.3), ticks=st.integers(1, 40))
+    def move(self, by_m: float, speed_m_s: float, ticks: int) -> None:
+        self.rig.fields = {"velocity_m_s": speed_m_s}
+        for _ in range(ticks):
+            self.rig.position_m = min(max(self.rig.position_m + by_m, -0.04), 0.15)
+            self._tick(send=True)
+
+    @rule(position_m=st.floats(-0.05, 0.17) | st.floats(-1e9, 1e9))
+    def jump(self, position_m: float) -> None:
+        self.rig.position_m = position_m
+        self._tick(send=True)
+
+    @rule(session_id=st.integers(1, 2**62))
+    def ask_for_a_session(self, session_id: int) -> None:
+        if self.rig.shake(session_id).accepted:
+            self.rig.session_id, self.executed = session_id, None
+            self.released = False
+
+    @rule(beating=st.booleans())
+    def heart(self, beating: bool) -> None:
+        self.rig.beating = beating
+
+    # --- what the network does ---
+
+    @rule(ticks=st.integers(1, 150))
+    def silence(self, ticks: int) -> None:
+        for _ in range(ticks):
+            self._tick(send=False)
+
+    @rule(ticks=st.integers(2, 150), longer=st.integers(0, 200), lets_go=st.booleans())
+    def stall(self, ticks: int, longer: int, lets_go: bool) -> None:
+        """What was sent meanwhile comes at once, later still; the hand may have let go and pressed again."""
+        waiting = []
+        for tick in range(ticks):
+            if lets_go:
+                self.rig.position_m, self.rig.deadman = self.rig.stage.position_m, tick > ticks // 2
+            waiting.append(self._build())
+            self._tick(send=False)
+        for _ in range(longer):
+            self._tick(send=False)
+        for command in waiting:
+            self._deliver(command)
+        self._tick(send=False)
+
+    @rule(ticks=st.integers(2, 20), data=st.data())
+    def reorder(self, ticks: int, data: st.DataObject) -> None:
+        waiting = []
+        for _ in range(ticks):
+            waiting.append(self._build())
+            self._tick(send=False)
+        for command in data.draw(st.permutations(waiting)):
+            self._deliver(command)
+        self._tick(send=False)
+
+    # --- what strangers do ---
+
+    @precondition(lambda self: self.sent)
+    @rule(data=st.data(), times=st.integers(1, 3))
+    def replay(self, data: st.DataObject, times: int) -> None:
+        payload = data.draw(st.sampled_from(self.sent[-400:]))
+        for _ in range(times):
+            self.rig.put_raw(COMMAND, payload)
+        self._tick(send=False)
+
+    @rule(ahead_ms=st.integers(1, 10**7), deadman=st.booleans(), armed=st.booleans())
+    def from_the_future(self, ahead_ms: int, deadman: bool, armed: bool) -> None:
+        if armed:
+            self._press()
+        self._forge(self.rig.session_id, self.rig.now_ns + ahead_ms * MS, deadman)
+
+    @rule(session_id=st.integers(0, 2**62), deadman=st.booleans(), armed=st.booleans())
+    def of_nobody(self, session_id: int, deadman: bool, armed: bool) -> None:
+        if armed:
+            self._press()
+        if session_id != self.rig.session_id:
+            self._forge(session_id, self.rig.now_ns, deadman)
+
+    @rule(payload=st.binary(max_size=80))
+    def garbage(self, payload: bytes) -> None:
+        self.rig.put_raw(COMMAND, payload)
+        self._tick(send=True)
+
+    @rule(session_id=st.integers(0, 2**62))
+    def another_master(self, session_id: int) -> None:
+        """He gets a session only where nobody holds one, and then does nothing with it."""
+        if session_id != self.rig.session_id and self.rig.shake(session_id).accepted:
+            self.released = False
+
+    # --- who stops, and who clears ---
+
+    @rule(readable=st.booleans(), times=st.integers(1, 5))
+    def emergency_stop(self, readable: bool, times: int) -> None:
+        stop = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason="stop")
+        for _ in range(times):
+            self.rig.put_raw(EMERGENCY_STOP, encode(stop) if readable else b"stop")
+        self.halted = True
+        self._tick(send=True)
+        assert self.state is S.ESTOPPED
+
+    @rule()
+    def thread_fails(self) -> None:
+        self.rig.axis.fail(RuntimeError("gone"))
+        self.halted = True
+        self._tick(send=True)
+        assert self.state in HALTS
+
+    @rule(value=st.sampled_from([float("nan"), float("inf")]), ticks=st.integers(1, 5))
+    def load_cell_says_nonsense(self, value: float, ticks: int) -> None:
+        self.rig.load_cell.reading = LoadCellReading(value, 0, True)
+        self.halted = True
+        self._run(ticks)
+        self.rig.load_cell.reading = LoadCellReading(0.1, 100, True)
+        self._tick(send=True)
+        assert self.state in HALTS
+
+    @rule(force_n=st.floats(-5.0, 5.0), valid=st.booleans())
+    def force(self, force_n: float, valid: bool) -> None:
+        self.rig.load_cell.reading = LoadCellReading(force_n, 0, valid)
+
+    @rule()
+    def clear(self) -> None:
+        self.rig.load_cell.reading = LoadCellReading(0.1, 100, True)
+        self.rig.axis.clear()
+        self.halted = self.released = False
+        self._tick(send=True)
+
+    # --- the model ---
+
+    def _run(self, ticks: int) -> None:
+        for _ in range(ticks):
+            self._tick(send=True)
+
+    def _build(self) -> MotionCommand:
+        header = self.rig.outlets[COMMAND.name].header(self.rig.session_id, self.rig.now_ns)
+        fields: dict[str, Any] = {"velocity_m_s": 0.0, **self.rig.fields}
+        return MotionCommand(**header, position_m=self.rig.position_m, deadman=self.rig.deadman, **fields)
+
+    def _deliver(self, command: MotionCommand) -> None:
+        payload = encode(command)
+        self.sent.append(payload)
+        self.mine[command.session_id, command.sequence, command.stamp_ns] = command
+        if self.rig.now_ns - command.stamp_ns <= MAX_AGE_NS:
+            self.last_fresh_ns = self.rig.now_ns
+            self.released |= not command.deadman
+        self.rig.put_raw(COMMAND, payload)
+
+    def _forge(self, session_id: int, stamp_ns: int, deadman: bool) -> None:
+        self.stranger += 1
+        forged = MotionCommand(
+            session_id=session_id, sequence=2**40 + self.stranger, stamp_ns=stamp_ns,
+            position_m=self.rig.stage.position_m, velocity_m_s=0.1, deadman=deadman,
+        )  # fmt: skip
+        self.rig.put_raw(COMMAND, encode(forged))
+        self._tick(send=False)
+
+    def _tick(self, send: bool) -> None:
+        before, commands = self.state, len(self.rig.stage.commands)
+        self.rig.sends = False
+        if send:
+            self._deliver(self._build())
+        self.rig.step()
+        self._check(before, self.rig.stage.commands[commands:])
+
+    def _check(self, before: SafetyState, moved: list[tuple[int, float, float]]) -> None:
+        following = self.state in FOLLOWING
+        executing = self.rig.axis._executing
+        assert (executing is not None) == following
+        if before in FOLLOWING and not following:
+            self.released = False
+        if following and before not in FOLLOWING:
+            assert before is S.READY
+            assert self.released, "engages though nobody has let go since the last stop"
+            self.velocity_m_s, self.position_m = 0.0, self.rig.axis._watch.stage.position_m
+        self._check_motion(following, moved)
+        if executing is not None:
+            self._check_executed(executing)
+            assert not self.halted, "follows after a halt"
+            assert self.rig.now_ns - self.last_fresh_ns <= WATCHDOG_NS + MS, "the watchdog is late"
+        if self.halted:
+            assert self.state in HALTS
+        if not self.halted and self.state in HALTS:
+            self.halted = True  # blind for too long
+
+    def _check_motion(self, following: bool, moved: list[tuple[int, float, float]]) -> None:
+        assert len(moved) <= 1
+        if not moved:
+            assert not following
+            assert abs(self.velocity_m_s) <= RAMP_M_S + TINY, "the stage stood at once"
+            self.velocity_m_s = 0.0
+            return
+        _, position_m, velocity_m_s = moved[0]
+        assert abs(velocity_m_s) <= LIMITS.max_velocity_m_s + TINY
+        assert abs(position_m - self.position_m) <= LIMITS.max_velocity_m_s * 1e-3 + TINY
+        if following:
+            assert abs(velocity_m_s - self.velocity_m_s) <= STEP_M_S + TINY
+        else:
+            assert abs(velocity_m_s) <= max(0.0, abs(self.velocity_m_s) - RAMP_M_S) + TINY
+            assert velocity_m_s * self.velocity_m_s >= 0.0
+        self.velocity_m_s, self.position_m = velocity_m_s, position_m
+
+    def _check_executed(self, command: MotionCommand) -> None:
+        key = command.session_id, command.sequence, command.stamp_ns
+        assert self.mine.get(key) == command, "a command that the master did not send"
+        assert command.deadman
+        if key == self.executed:
+            return
+        assert self.executed is None or key[1:] > self.executed[1:], "an old command after a newer one"
+        assert self.rig.now_ns - command.stamp_ns <= MAX_AGE_NS + MS, "a stale command"
+        self.executed = key
+
+
+def run(examples: int, steps: int) -> None:
+    run_state_machine_as_test(
+        SlaveModel, settings=settings(max_examples=examples, stateful_step_count=steps, deadline=None)
+    )
+
+
+def test_whatever_happens_in_whatever_order_the_stage_moves_only_as_it_may() -> None:
+    run(20, 25)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1200)
+def test_whatever_happens_for_long_the_stage_moves_only_as_it_may() -> None:
+    run(400, 60)

@@ -1,0 +1,53 @@
+"""An emergency stop at the master: said until the slave shows it, and the deadman is let go meanwhile."""
+
+from common.messages import SafetyState
+from master.stop import StopWish
+from tests.unit.test_master_axis import Rig
+
+MS = 1_000_000
+S = 1000 * MS
+
+
+def said(
+    wish: StopWish, start_ns: int, end_ns: int, state: SafetyState | None = None, heard_ns: int = 0
+) -> int:
+    return sum(wish.due(now_ns, state, heard_ns) for now_ns in range(start_ns, end_ns, MS))
+
+
+def test_it_is_said_every_20_ms_for_2_s_then_seldom_and_never_given_up() -> None:
+    wish = StopWish()
+    assert said(wish, 0, 100 * MS) == 0
+    assert wish.ask("why", 1 * S)
+    assert said(wish, 1 * S, 3 * S) == 100
+    assert said(wish, 3 * S + MS, 13 * S) == 40
+    assert wish.wanted
+
+
+def test_it_ends_with_a_state_that_was_heard_after_it_and_not_with_an_older_one() -> None:
+    wish = StopWish()
+    wish.ask("first", 1 * S)
+    assert not wish.ask("second", 1 * S + MS)
+    assert wish.reason == "first"
+    assert wish.due(1 * S, SafetyState.ESTOPPED, 1 * S - MS)
+    assert wish.due(1 * S + 20 * MS, SafetyState.FAULT, 1 * S + 10 * MS)
+    assert not wish.due(1 * S + 40 * MS, SafetyState.ESTOPPED, 1 * S + 30 * MS)
+    assert not wish.wanted
+    assert wish.ask("again", 2 * S)
+
+
+def test_the_handle_s_button_stops_and_lets_the_deadman_go_as_long_as_it_is_held() -> None:
+    rig = Rig()
+    rig.axis.serve(rig.now_ns)
+    rig.answer()
+    rig.handle.reading = rig.handle.reading._replace(deadman=True)
+    rig.step(5)
+    assert [command.deadman for command in rig.commands[-3:]] == [True] * 3
+    rig.handle.reading = rig.handle.reading._replace(estop=True)
+    rig.step(1)
+    assert [command.deadman for command in rig.commands[-1:]] == [False]
+    assert [stop.reason for stop in rig.stops] == ["the handle's button"]
+    for _ in range(100):
+        rig.step(1)
+        rig.axis.say_stop(rig.now_ns)
+    assert len(rig.stops) >= 5
+    assert not any(command.deadman for command in rig.commands[-100:])
