@@ -1,0 +1,24 @@
+"""The pages of the reference, made from the code; they are never committed."""
+
+from docs.hooks import command_line, configuration, messages
+from docs.hooks.markdown import NOTE
+
+_INDEX = f"""{NOTE}
+# Reference
+
+Made from the code when this site is built, so it can not be older than the code.
+
+- [Configuration](configuration.md): every setting of every file, with unit, range and default.
+- [Messages and topics](messages.md): what crosses the network, how often, and when it is stale.
+- [Command line](command-line.md): every command with its options.
+"""
+
+
+def pages() -> dict[str, str]:
+    """Path below docs/ -> Markdown."""
+    return {
+        "reference/index.md": _INDEX,
+        "reference/configuration.md": configuration.page(),
+        "reference/messages.md": messages.page(),
+        "reference/command-line.md": command_line.page(),
+    }
