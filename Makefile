@@ -5,10 +5,10 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 # one thread for linear algebra in each of two test processes; bytecode is kept, or each start compiles anew
-test soak: export OPENBLAS_NUM_THREADS := 1
-test soak: export PYTHONDONTWRITEBYTECODE :=
+test soak faults: export OPENBLAS_NUM_THREADS := 1
+test soak faults: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test check bench hidden-effects soak fuzz format clean
+.PHONY: help demo test check docs bench hidden-effects faults soak fuzz format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -33,23 +33,27 @@ check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(READY) ## start-up, memory, virtual time; the estimation beside its peers; a diagnosis; the drivers
+docs: $(READY) ## the documentation as pages in site/, its reference from the code; any dead link fails
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	$(BIN)/python -m mkdocs build --strict
+
+bench: $(READY) ## everything beside its peers, in one run: benchmarks/RESULTS.md (an hour, quiet machine, root)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
-	$(BIN)/python -m benchmarks.service
-	$(BIN)/python -m benchmarks.estimation
-	$(BIN)/python -m benchmarks.diagnosis
-	$(BIN)/python -m benchmarks.hardware_zaber
-	$(BIN)/python -m benchmarks.hardware_cells
-	$(BIN)/python -m benchmarks.hardware_can
-	$(BIN)/python -m benchmarks.hardware_handle
-	$(BIN)/python -m benchmarks.hardware_service
+	$(BIN)/python -m benchmarks
 
 hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis and PySINDy, confusion tables
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
 	$(BIN)/python -m tests.hidden_effects
 
-soak: $(READY) ## long runs: an hour of samples, ...
-	$(BIN)/python -m pytest -m soak -s
+MINUTES ?= 60
+# of those on the wall clock the three-minute form runs the attacks alone
+soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' -rP
+	$(BIN)/python -m pytest -m 'soak and realtime' -s $(if $(filter 3,$(MINUTES)),tests/attacks)
+	$(BIN)/python -m tests.soak --minutes $(MINUTES)
+
+faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (15 minutes)
+	$(BIN)/python -m tests.faults --out docs/explanation/faults.md
 
 fuzz: $(READY) ## 100,000 byte strings for every parser
 	$(BIN)/python -m pytest -m fuzz -s --timeout 900
@@ -59,4 +63,4 @@ format: $(READY) ## format the code
 	$(BIN)/ruff format .
 
 clean: ## remove the environment and results
-	rm -rf $(VENV) out build *.egg-info
+	rm -rf $(VENV) out build site *.egg-info
