@@ -210,7 +210,8 @@ def test_c_more_samples_make_the_paper_worse_and_the_product_better(monkeypatch:
     monkeypatch.setattr(memory_module, "SEEDS", 2)
     found, _ = memory(DELAY_S)
     fast, middle, slow = found.rows
-    assert fast.paper_rms_n > 1.0 > middle.paper_rms_n > 10 * slow.paper_rms_n
+    # ill-conditioned: how bad it gets is the machine's rounding, that it gets worse is not
+    assert fast.paper_rms_n > 10 * middle.paper_rms_n > 100 * slow.paper_rms_n
     assert fast.known_mass_rms_n > middle.known_mass_rms_n > slow.known_mass_rms_n
     assert fast.product_rms_n < middle.product_rms_n < slow.product_rms_n < 0.002
     for row in found.rows:
