@@ -18,6 +18,10 @@ from tests.soak.service import BACK_S, Soak
 _PRIORITY = 10
 """Of us who watch, of the recorder and of the commands: below the daemons, ahead of all other work."""
 MOST_GROWTH, MOST_DRIFT = 0.05, 0.20
+MOST_DRIFT_SHORT = 1.0
+"""In three minutes: both processes are started anew meanwhile, over other links, and what else the machine
+does comes and goes by more than a fifth.
+"""
 
 
 def main() -> int:
@@ -83,19 +87,19 @@ def _memory(soak: Soak, wrong: list[str]) -> None:
 
 
 def _latency(soak: Soak, wrong: list[str]) -> None:
-    """Beside a loop with nothing in it: what this machine does to both is no drift of ours."""
+    """Of the lives of a process, the median; a run without a long life can tell no small drift."""
     disturbed = [(done.from_ns, done.to_ns) for done in soak.done]
-    first_us, last_us = soak.loops.drift("empty", disturbed)
-    machine = last_us / first_us
-    print(
-        f"an empty loop beside them: p99 {first_us:.0f} us in the first third, {last_us:.0f} us in the last"
-    )
     for role in ("slave", "master"):
-        first_us, last_us = soak.loops.drift(role, disturbed)
-        drift = min(last_us / first_us, last_us / first_us / machine) - 1
-        parts = f"{first_us:.0f} us in the first third, {last_us:.0f} us in the last"
-        print(f"loop of the {role}: p99 {parts}, {drift:+.0%} at least, by itself or beside the empty one")
-        if not drift < MOST_DRIFT:
+        drifts = soak.loops.drifts(role, disturbed)
+        for each in drifts:
+            print(
+                f"loop of the {role}: p99 {each.first_us:.0f} us in the first third, {each.last_us:.0f} us "
+                f"in the last (an empty loop {each.empty_first_us:.0f}, {each.empty_last_us:.0f})"
+            )
+        most = MOST_DRIFT if soak.loops.long_lives(role) else MOST_DRIFT_SHORT
+        drift = float(np.median([each.share() for each in drifts]))
+        print(f"loop of the {role}: p99 drifts by {drift:+.0%} (allowed {most:+.0%})")
+        if not drift < most:
             wrong.append(f"the {role}'s p99 drifted by {drift:+.0%}")
 
 

@@ -15,6 +15,10 @@ _WARM_S = 25.0
 _LEAST_S = 30.0
 _BLOCK_S = 5.0
 _LONG_S = 600.0
+_LONG_LIFE_S = 300.0
+Second = tuple[int, list[int]]
+"""When it ended, and a histogram of the lateness in it."""
+_AFTER_NS = 2_000_000_000
 _RAMP_NS = 150_000_000
 _STILL_M = 5e-6
 _UNHEARD = 100  # of the forces in a row: in so many the stage may have been engaged and stopped again
@@ -64,37 +68,66 @@ class Growth:
         return self.steady if self.span_s < _LONG_S else self.total
 
 
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """p99 in us of the first and of the last third of a time, and of the empty loop in the same."""
+
+    first_us: float
+    last_us: float
+    empty_first_us: float
+    empty_last_us: float
+
+    def share(self) -> float:
+        """By itself or beside the empty loop, whichever is less: what the machine does is not ours."""
+        own = self.last_us / self.first_us
+        return min(own, own * self.empty_first_us / self.empty_last_us) - 1
+
+
 class Loops:
-    """Lateness of both loops second by second."""
+    """Lateness of both loops and of the empty one second by second, in each life of a process."""
 
     def __init__(self) -> None:
         self._last: dict[str, LoopTiming] = {}
-        self.seconds: dict[str, list[tuple[int, list[int]]]] = {"slave": [], "master": [], "empty": []}
+        self.lives: dict[str, list[list[Second]]] = {"slave": [], "master": [], "empty": [[]]}
 
     def heard(self, key: str, payload: bytes, now_ns: int) -> None:
         role, timing = _ROLE_OF[key], decode(LoopTiming, payload)
         before = self._last.get(role)
         self._last[role] = timing
-        if before is not None and timing.ticks > before.ticks:
-            counts = [b - a for a, b in zip(before.counts, timing.counts, strict=True)]
-            self.seconds[role].append((now_ns, counts))
+        if before is None or timing.ticks <= before.ticks:
+            self.lives[role].append([])
+            return
+        counts = [b - a for a, b in zip(before.counts, timing.counts, strict=True)]
+        self.lives[role][-1].append((now_ns, counts))
 
-    def drift(self, role: str, disturbed_ns: Sequence[tuple[int, int]]) -> tuple[float, float]:
-        """p99 in us of the first and of the last third of the undisturbed seconds."""
-        kept = [
-            counts
-            for stamp_ns, counts in self.seconds[role]
-            if not any(start <= stamp_ns <= end + 2_000_000_000 for start, end in disturbed_ns)
-        ]
-        third = len(kept) // 3
-        if third == 0:
-            return float("nan"), float("nan")
-        return _p99_us(kept[:third]), _p99_us(kept[-third:])
+    def long_lives(self, role: str) -> list[list[Second]]:
+        """Those that are long enough to tell a drift from what the machine does."""
+        return [life for life in self.lives[role] if life and life[-1][0] - life[0][0] >= _LONG_LIFE_S * 1e9]
+
+    def drifts(self, role: str, disturbed_ns: Sequence[tuple[int, int]]) -> list[Drift]:
+        """Of each long life, for another one has another link; where there is none, of the run in all."""
+        taken = self.long_lives(role) or [[second for life in self.lives[role] for second in life]]
+        kept = [calm for life in taken if len(calm := _calm(life, disturbed_ns)) >= 3]
+        empty = _calm(self.lives["empty"][0], disturbed_ns)
+        return [_drift(seconds, empty) for seconds in kept]
 
 
-def _p99_us(seconds: Sequence[list[int]]) -> float:
+def _calm(seconds: Sequence[Second], disturbed_ns: Sequence[tuple[int, int]]) -> list[Second]:
+    """Those in which no fault was, nor shortly before."""
+    spans = [(start, end + _AFTER_NS) for start, end in disturbed_ns]
+    return [second for second in seconds if not any(start <= second[0] <= end for start, end in spans)]
+
+
+def _drift(seconds: Sequence[Second], empty: Sequence[Second]) -> Drift:
+    third = len(seconds) // 3
+    parts = seconds[:third], seconds[-third:]
+    beside = [[each for each in empty if part[0][0] <= each[0] <= part[-1][0]] for part in parts]
+    return Drift(*(_p99_us(part) for part in (*parts, *beside)))
+
+
+def _p99_us(seconds: Sequence[Second]) -> float:
     """Median over the seconds: one second that the machine stole is not the loop's drift."""
-    return float(np.median([quantile_us(counts, 0.99) for counts in seconds]))
+    return float(np.median([quantile_us(counts, 0.99) for _, counts in seconds]))
 
 
 class Motion:

@@ -136,7 +136,7 @@ class Soak:
     def _read_metronome(self, metronome: Process) -> None:
         start_ns = metronome.started_s * 1e9
         for second, line in enumerate(metronome.log.read_text(encoding="ascii").splitlines()):
-            self.loops.seconds["empty"].append((int(start_ns + (second + 1) * 1e9), json.loads(line)))
+            self.loops.lives["empty"][0].append((int(start_ns + (second + 1) * 1e9), json.loads(line)))
 
     def _sample(self, stop: threading.Event) -> None:
         """Memory of those that live, once a second."""
