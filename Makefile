@@ -37,12 +37,16 @@ docs: $(READY) ## the documentation as pages in site/, its reference from the co
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	$(BIN)/python -m mkdocs build --strict
 
+# sysidentpy asks for an older numpy than the product's and works with this one
+PEERS = $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]' \
+	&& $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'sysidentpy>=0.9'
+
 bench: $(READY) ## everything beside its peers, in one run: benchmarks/RESULTS.md (an hour, quiet machine, root)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
+	$(PEERS)
 	$(BIN)/python -m benchmarks
 
-hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis and PySINDy, confusion tables
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
+hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis, PySINDy, sysidentpy, confusion tables
+	$(PEERS)
 	$(BIN)/python -m tests.hidden_effects
 
 MINUTES ?= 60

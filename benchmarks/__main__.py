@@ -1,42 +1,58 @@
-"""`python -m benchmarks [--only NAME]... [--out FILE]`: all of them in turn, and a page of what they printed.
+"""`python -m benchmarks [--only NAME]... [--out FILE]`: all of them in turn, and a page of what they printed,
+beside it the same as JSON, with the figures of those that give them.
 
 As root, where apt-get is there, the brokers and cyclictest are installed first; none is left running.
 """
 
 import argparse
+import json
 import os
 import platform
 import shutil
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 _DEBIAN = {
     "mosquitto": "mosquitto", "nats-server": "nats-server", "redis-server": "redis-server",
     "cyclictest": "rt-tests",
 }  # fmt: skip
+_LIBRARIES = (
+    "eclipse-zenoh", "numpy", "numba", "pydantic", "mcap", "padasip", "filterpy", "statsmodels", "pysindy",
+    "sysidentpy", "pyzmq", "grpcio", "paho-mqtt", "nats-py", "redis", "pyserial", "python-can", "canopen",
+)  # fmt: skip
 _PLACES = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/bin"])
 
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """One module, and what it answers."""
+    """One module, and what it answers. `figures`: it takes `--json FILE`."""
 
     module: str
     question: str
+    figures: bool = False
 
 
 ALL = (
-    Benchmark("message_path", "How long does a message take between two processes, beside other buses?"),
-    Benchmark("lateness", "How late are the loops of the running service, beside cyclictest?"),
+    Benchmark(
+        "message_path", "How long does a message take between two processes, beside other buses?", True
+    ),
+    Benchmark("lateness", "How late are the loops of the running service, beside cyclictest?", True),
     Benchmark("security", "What do certificates and the gate cost?"),
     Benchmark("estimation", "Identification and prediction, beside padasip, statsmodels, filterpy"),
     Benchmark("diagnosis", "How long does a diagnosis take, and how does that grow?"),
+    Benchmark("diagnosis_peers", "Which causes are named right, beside PySINDy and sysidentpy?", True),
+    Benchmark("recording", "What does a recording cost by its length, beside the MCAP library?", True),
     Benchmark("service", "Start-up, memory, speed of virtual time"),
     Benchmark("cells", "How many cells does this machine carry?"),
+    Benchmark("viewers", "What do viewers cost the cell that they watch?", True),
     Benchmark("hardware_zaber", "The Zaber driver beside the raw line"),
     Benchmark("hardware_cells", "The load cells' drivers beside pyserial alone"),
     Benchmark("hardware_can", "The CAN drivers beside raw frames"),
@@ -53,45 +69,84 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("benchmarks/RESULTS.md"))
     wish = parser.parse_args()
     _install()
-    parts, failed = [_head()], 0
+    machine, parts = _machine(), list[Part]()
     for each in ALL:
         if wish.only and each.module not in wish.only:
             continue
         print(f"== {each.module}: {each.question}", flush=True)
-        part, code = _run(each)
-        parts.append(part)
-        failed += code != 0
-        wish.out.write_text("\n".join(parts))
-    return int(bool(failed))
+        parts.append(_run(each))
+        wish.out.write_text("\n".join([_head(machine), *map(_section, parts)]))
+        document = {"machine": machine, "parts": [asdict(part) for part in parts]}
+        wish.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
+    return int(any(part.code for part in parts))
 
 
-def _head() -> str:
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What came of one module."""
+
+    module: str
+    question: str
+    minutes: float
+    code: int
+    lines: list[str]
+    figures: object
+
+
+def _machine() -> dict[str, object]:
+    """What it was measured on, and the versions of all that it was measured beside."""
     model = next(
         (line.partition(":")[2].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
          if line.startswith("model name")),
         platform.machine(),
     )  # fmt: skip
-    machine = f"{os.cpu_count()} processors ({model}), Linux {platform.release()}"
+    return {
+        "date": f"{datetime.now(UTC):%Y-%m-%d}",
+        "processors": os.cpu_count(),
+        "model": model,
+        "kernel": platform.release(),
+        "python": platform.python_version(),
+        "versions": {name: _version(name) for name in _LIBRARIES},
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "missing"
+
+
+def _head(machine: Mapping[str, Any]) -> str:
+    versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
     return (
-        f"# Results\n\nWritten by `make bench` on {datetime.now(UTC):%Y-%m-%d}: {machine}, "
-        f"Python {platform.python_version()}. Each part is what its\ncommand printed. Compare within a part: "
-        "its rows were measured in one run, in turns.\n"
+        f"# Results\n\nWritten by `make bench` on {machine['date']}: {machine['processors']} processors "
+        f"({machine['model']}), Linux {machine['kernel']}, Python {machine['python']}.\nEach part is what "
+        "its command printed. Compare within a part: its rows were measured in one run, in turns.\n\n"
+        f"Versions: {versions}.\n"
     )
 
 
-def _run(each: Benchmark) -> tuple[str, int]:
+def _run(each: Benchmark) -> Part:
     start_s = time.monotonic()
-    command = [sys.executable, "-m", f"benchmarks.{each.module}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    with TemporaryDirectory() as folder:
+        figures = Path(folder) / "figures.json"
+        command = [sys.executable, "-m", f"benchmarks.{each.module}"]
+        command += ["--json", str(figures)] if each.figures else []
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        found = json.loads(figures.read_text()) if figures.exists() else None
     print(done.stdout, end="", flush=True)
-    said = done.stdout.rstrip()
+    lines = done.stdout.rstrip().splitlines()
     if done.returncode != 0:
-        last = (done.stderr.strip().splitlines() or ["nothing said"])[-1]
-        print(last, flush=True)
-        said = f"{said}\nfailed: {last}".strip()
-    took_min = (time.monotonic() - start_s) / 60.0
-    head = f"## {each.question}\n\n`python -m benchmarks.{each.module}`, {took_min:.0f} min"
-    return f"{head}\n\n```\n{said}\n```\n", done.returncode
+        lines.append(f"failed: {(done.stderr.strip().splitlines() or ['nothing said'])[-1]}")
+        print(lines[-1], flush=True)
+    minutes = round((time.monotonic() - start_s) / 60.0, 1)
+    return Part(each.module, each.question, minutes, done.returncode, lines, found)
+
+
+def _section(part: Part) -> str:
+    head = f"## {part.question}\n\n`python -m benchmarks.{part.module}`, {part.minutes:g} min"
+    return "\n".join([head, "", "```", *part.lines, "```", ""])
 
 
 def _install() -> None:

@@ -47,7 +47,6 @@ def outcomes(
 
 def attempt(task: Task) -> Outcome:
     """A task that never raises what belongs to its recording only."""
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # a worker that was started without
     try:
         return Outcome(task, examine(task))
     except InputError as error:
@@ -94,7 +93,9 @@ def _started(tasks: Sequence[Task], jobs: int) -> Generator[Outcome, None, None]
 
 @contextmanager
 def _interrupts_later() -> Iterator[None]:
-    """Workers that are started here inherit it: one that is interrupted while it imports would say so."""
+    """Workers that are started here inherit it and are ended by us alone: where a terminal interrupts them,
+    too, they say so, and the pool stumbles over what they say.
+    """
     resource_tracker.ensure_running()  # before Python 3.13 its start unblocks SIGINT, whatever was before
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -1,4 +1,4 @@
-"""400 recordings that hide something, the diagnosis and its peer: `python -m tests.hidden_effects`.
+"""400 recordings that hide something, the diagnosis and its peers: `python -m tests.hidden_effects`.
 
 Prints what was drawn, then for each method the confusion table, the rates and every miss. Exit 1
 when the diagnosis misses a rate that is demanded.
@@ -11,10 +11,17 @@ from collections.abc import Sequence
 from joblib import Parallel, delayed
 
 from tests.hidden_effects.cases import Case, full, quick
+from tests.hidden_effects.columns import KNOWN
+from tests.hidden_effects.frols import regressed
 from tests.hidden_effects.product import diagnosed
 from tests.hidden_effects.score import Method, Outcome, scored
-from tests.hidden_effects.sindy import KNOWN, sparse
+from tests.hidden_effects.sindy import sparse
 from tests.hidden_effects.tables import drawn, report, unmet
+
+PEERS: dict[str, tuple[str, Method]] = {
+    "pysindy": ("PySINDy STLSQ", sparse),
+    "sysidentpy": ("sysidentpy FROLS", regressed),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -27,11 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         outcomes = _run(chosen, diagnosed, options.jobs)
         print(drawn(outcomes), report("diagnosis", outcomes), sep="\n\n", flush=True)
         failed = unmet(outcomes)
-    if "pysindy" in options.methods:
-        outcomes = _run(chosen, sparse, options.jobs)
-        if "product" not in options.methods:
-            print(drawn(outcomes), end="\n\n")
-        print(report("PySINDy STLSQ", outcomes, intervals=False, known=KNOWN), flush=True)
+    for name, (title, method) in PEERS.items():
+        if name in options.methods:
+            outcomes = _run(chosen, method, options.jobs)
+            print(report(title, outcomes, intervals=False, known=KNOWN), flush=True)
     print("\n".join(["", *(f"NOT REACHED: {line}" for line in failed)]) if failed else "")
     return 1 if failed else 0
 
@@ -46,9 +52,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--only", default="", help="only cases whose name contains this")
     parser.add_argument("--quick", action="store_true", help="the 25 short recordings of make test")
-    parser.add_argument(
-        "--methods", nargs="+", choices=("product", "pysindy"), default=["product", "pysindy"]
-    )
+    parser.add_argument("--methods", nargs="+", choices=("product", *PEERS), default=["product", *PEERS])
     return parser.parse_args(arguments)
 
 

@@ -1,0 +1,113 @@
+"""What a recording costs by its length: `python -m benchmarks.recording [--minutes 1,4,16] [--json FILE]`.
+
+Runs in virtual time, recorded. Each file is read by a process of its own: two columns of the 1 kHz streams
+by this product, the same by the MCAP library alone (its reader and the json of Python), and its report made.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from mcap.reader import make_reader
+
+from common.recording.mcap_reader import read_run
+from common.topics import FORCE, HAPTICS
+
+_COLUMNS = (FORCE, "force_n"), (HAPTICS, "rendered_n")
+
+
+def main() -> None:
+    """Prints a row for each length."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.recording")
+    parser.add_argument("--minutes", default="1,4,16")
+    parser.add_argument("--json", type=Path, help="the figures, too")
+    wish = parser.parse_args()
+    with TemporaryDirectory() as folder:
+        rows = [row(Path(folder), float(minutes)) for minutes in wish.minutes.split(",")]
+    print(text(rows))
+    if wish.json is not None:
+        wish.json.write_text(json.dumps({"rows": rows}, indent=2))
+
+
+def row(folder: Path, minutes: float) -> dict[str, float]:
+    """Figures of one length."""
+    out = folder / f"{minutes:g}"
+    words = [
+        "loopback",
+        "--virtual-time",
+        "--duration",
+        f"{60 * minutes:g}",
+        "--seed",
+        "1",
+        "--out",
+        str(out),
+    ]
+    made_s, _ = timed(["forefeel", *words])
+    file = out / "recording.mcap"
+    read_s, read_mb = timed(["benchmarks.recording", "read", str(file)])
+    plain_s, plain_mb = timed(["benchmarks.recording", "plain", str(file)])
+    report_s, report_mb = timed(
+        ["forefeel", "report", str(file), "--out", str(folder / f"report{minutes:g}")]
+    )
+    return {
+        "minutes": minutes, "file_mb": file.stat().st_size / 1e6, "made_s": made_s,
+        "read_s": read_s, "read_mb": read_mb, "plain_s": plain_s, "plain_mb": plain_mb,
+        "report_s": report_s, "report_mb": report_mb,
+    }  # fmt: skip
+
+
+def timed(words: list[str]) -> tuple[float, float]:
+    """Processor time in s and peak of resident memory in MB of `python -m` these words."""
+    process = subprocess.Popen([sys.executable, "-m", *words], stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise SystemExit(f"{' '.join(words)}: exit code {process.returncode}")
+    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0
+
+
+def read(file: Path) -> None:
+    """By this product."""
+    run = read_run(file)
+    for topic, column in _COLUMNS:
+        run.column(run.axes[0], topic, column)
+
+
+def plain(file: Path) -> None:
+    """By the library alone."""
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        for topic, column in _COLUMNS:
+            summary = reader.get_summary()
+            assert summary is not None
+            keys = [each.topic for each in summary.channels.values() if each.topic.endswith(topic.name)]
+            found = [json.loads(message.data)[column] for _, _, message in reader.iter_messages(topics=keys)]
+            assert found, f"nothing of {topic.name}"
+
+
+def text(rows: list[dict[str, float]]) -> str:
+    """The table."""
+    lines = [
+        f"{'minutes':>7} {'file MB':>8} {'two columns read, s, MB':>24} "
+        f"{'mcap ' + version('mcap') + ', s, MB':>20} {'ratio':>6} {'report, s, MB':>15} "
+        f"{'made in virtual time, s':>24}"
+    ]
+    lines += [
+        f"{row['minutes']:7g} {row['file_mb']:8.0f} {row['read_s']:17.1f} {row['read_mb']:6.0f} "
+        f"{row['plain_s']:13.1f} {row['plain_mb']:6.0f} {row['read_s'] / row['plain_s']:6.2f} "
+        f"{row['report_s']:8.1f} {row['report_mb']:6.0f} {row['made_s']:24.1f}"
+        for row in rows
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] in (["read"], ["plain"]):
+        {"read": read, "plain": plain}[sys.argv[1]](Path(sys.argv[2]))
+    else:
+        main()
