@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from common.lateness import quantile_us
 from common.recording.mcap_reader import read_run
 from common.topics import MASTER_TIMING, SLAVE_TIMING
 
@@ -64,7 +65,8 @@ def measured(seconds: float) -> dict[str, Late]:
         run = read_run(out / "recording.mcap")
         for role, topic in (("slave", SLAVE_TIMING), ("master", MASTER_TIMING)):
             last = list(run.messages(run.axes[0], topic))[-1]
-            found[role] = quantiles(np.asarray(last.edges_us), np.asarray(last.counts))
+            p50, p99, p999 = (quantile_us(list(last.counts), q) for q in _QUANTILES)
+            found[role] = p50, p99, p999
     return found
 
 
@@ -78,16 +80,15 @@ def cyclictest(seconds: float) -> Late:
             check=True, stdout=subprocess.DEVNULL,
         )  # fmt: skip
         counts: Mapping[str, int] = json.loads(file.read_text())["thread"]["0"]["histogram"]
-    late_us = np.array(sorted(map(int, counts)))
-    return quantiles(np.append(late_us, late_us[-1] + 1), np.array([counts[str(each)] for each in late_us]))
+    return quantiles({int(late_us): count for late_us, count in counts.items()})
 
 
-def quantiles(edges_us: np.ndarray, counts: np.ndarray) -> Late:
-    """Upper edges of the bins that hold the quantiles."""
-    total = np.cumsum(counts)
-    at = [int(np.searchsorted(total, q * total[-1])) for q in _QUANTILES]
-    first, second, third = (float(edges_us[min(each + 1, len(edges_us) - 1)]) for each in at)
-    return first, second, third
+def quantiles(counts: Mapping[int, int]) -> Late:
+    """Of whole us that were counted: in the middle of the one that holds the quantile."""
+    late_us = np.array(sorted(counts))
+    total = np.cumsum([counts[each] for each in late_us])
+    p50, p99, p999 = (float(late_us[np.searchsorted(total, q * total[-1])]) + 0.5 for q in _QUANTILES)
+    return p50, p99, p999
 
 
 def table(machine: str, rounds: list[dict[str, Late]]) -> list[dict[str, object]]:

@@ -260,7 +260,10 @@ class Calibration(Message):
 
 
 class LoopTiming(Message):
-    """Lateness of a fixed-rate loop since its start: quantiles, maximum, and the histogram they come from."""
+    """Lateness of a fixed-rate loop since its start: quantiles, maximum, and the histogram they come from.
+
+    `edges_us`: upper edges of its bins; `counts` has one more, of what was later than the last.
+    """
 
     most_bytes: ClassVar[int] = 24 * 1024
     most_items: ClassVar[int] = 1024

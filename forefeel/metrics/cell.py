@@ -183,11 +183,11 @@ def _counter(family: str, text: str, value: float, /, **labels: str) -> Metric:
 def _of_loop(axis: str, role: str, timing: LoopTiming) -> Iterator[Metric]:
     labels = ["axis", "role", "loop"]
     lateness = HistogramMetricFamily("forefeel_loop_lateness_seconds", "of its ticks", labels=labels)
-    ends = [*(f"{edge * 1e-6:g}" for edge in timing.edges_us[1 : len(timing.counts)]), "+Inf"]
+    ends = [*(f"{edge * 1e-6:g}" for edge in timing.edges_us), "+Inf"]
     total = list(accumulate(timing.counts))
     mean_s = sum(
         0.5e-6 * (low + high) * count
-        for low, high, count in zip(timing.edges_us, timing.edges_us[1:], timing.counts, strict=False)
+        for low, high, count in zip((0.0, *timing.edges_us), timing.edges_us, timing.counts, strict=False)
     )
     lateness.add_metric([axis, role, timing.loop], list(zip(ends, total, strict=False)), mean_s)
     yield lateness

@@ -113,10 +113,12 @@ def test_a_loop_is_a_histogram_in_seconds() -> None:
     cell = CellMetrics()
     heard(cell, SLAVE_TIMING, LoopTiming.model_validate(HEAD | {
         "loop": "control", "ticks": 10, "missed": 1, "p50_us": 20.0, "p99_us": 90.0, "max_us": 95.0,
-        "edges_us": (0.0, 50.0, 100.0), "counts": (8, 2), "scheduling": "SCHED_FIFO 50",
+        "edges_us": (50.0, 100.0), "counts": (8, 1, 1), "scheduling": "SCHED_FIFO 50",
     }))  # fmt: skip
     found, labels = values(cell), {"role": "slave", "loop": "control"}
     assert at(found, "forefeel_loop_lateness_seconds_bucket", le="5e-05", **labels) == 8
+    assert at(found, "forefeel_loop_lateness_seconds_bucket", le="0.0001", **labels) == 9
+    assert at(found, "forefeel_loop_lateness_seconds_sum", **labels) == pytest.approx(275e-6)
     assert at(found, "forefeel_loop_lateness_seconds_bucket", le="+Inf", **labels) == 10
     assert at(found, "forefeel_loop_lateness_seconds_count", **labels) == 10
     assert at(found, "forefeel_loop_missed_total", **labels) == 1
