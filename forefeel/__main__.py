@@ -7,6 +7,7 @@ from contextlib import suppress
 import typer
 
 from common.errors import ForefeelError, InputError
+from forefeel.terminal import complain
 
 _STOP_PRIORITY = 35
 
@@ -40,7 +41,7 @@ def _go_first() -> None:
 
 def _complain(text: str, code: int) -> None:
     if text:  # empty where the help was shown instead
-        print(f"forefeel: {' '.join(text.splitlines())}", file=sys.stderr, flush=True)
+        complain(text)
     sys.exit(code)
 
 
