@@ -19,7 +19,7 @@ def main() -> None:
     from forefeel.cli import app  # noqa: PLC0415 - so that an import error of an extra is one line, too
 
     try:
-        code = app(standalone_mode=False)
+        code = app(standalone_mode=False, prog_name="forefeel")
     except InputError as error:
         _complain(str(error), 2)
     except ForefeelError as error:
