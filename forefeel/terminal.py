@@ -105,15 +105,17 @@ def console(stream: IO[str]) -> "Console":
 
 
 def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) -> "Table":
-    """An empty table for stdout. `right`: the columns of numbers, which are neither folded nor wrapped."""
+    """An empty table for stdout. `right`: columns of numbers; one that does not fit ends in an ellipsis."""
     from rich import box  # noqa: PLC0415 - as in `console`
     from rich.table import Table  # noqa: PLC0415
 
     style = box.SIMPLE_HEAD if sys.stdout.isatty() else box.ASCII2
     made = Table(title=title, title_justify="left", box=style)
     for name in columns:
-        number = name in right
-        made.add_column(name, overflow="fold", justify="right" if number else "left", no_wrap=number)
+        if name in right:
+            made.add_column(name, justify="right", no_wrap=True)
+        else:
+            made.add_column(name, overflow="fold")
     return made
 
 
@@ -121,7 +123,13 @@ def progress(*columns: "ProgressColumn") -> "Progress":
     """A bar on stderr that goes when it is done; none where nobody watches."""
     from rich.progress import Progress  # noqa: PLC0415 - as in `console`
 
-    return Progress(*columns, console=console(sys.stderr), transient=True, disable=not _watched())
+    return Progress(
+        *columns,
+        console=console(sys.stderr),
+        transient=True,
+        redirect_stdout=sys.stdout.isatty(),  # else an answer meanwhile would go to stderr
+        disable=not _watched(),
+    )
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 import io
 import os
 import pty
+import re
 import subprocess
 import sys
 import threading
@@ -82,6 +83,18 @@ def test_a_bar_is_for_a_terminal_and_the_answer_for_a_pipe(simulation: list[str]
     assert (code, bar, answer) == (0, "", "")
 
 
+def test_an_answer_while_a_bar_is_shown_goes_to_stdout(monkeypatch: pytest.MonkeyPatch) -> None:
+    out, err = io.StringIO(), Terminal()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stderr", err)
+    with terminal.stages("run") as tell:
+        tell("a")
+        terminal.answer("found", document=dict)
+        terminal.say("a remark")
+    assert out.getvalue() == "found\n"
+    assert "a remark" in err.getvalue()
+
+
 def test_an_error_on_a_terminal_is_one_line_and_coloured_unless_that_is_not_wanted() -> None:
     for variables in ({}, {"NO_COLOR": "1"}):
         code, shown, _ = on_a_terminal(["pki", "show", "/none"], **variables)
@@ -151,6 +164,35 @@ def test_a_person_is_asked_even_quietly(capsys: pytest.CaptureFixture[str]) -> N
         terminal.say("a remark")
         terminal.ask("unload the cell, then press Enter")
     assert capsys.readouterr().err == "unload the cell, then press Enter\n"
+
+
+SPEAKS_ITSELF = {
+    "emulate/run.py",  # its first line is for whoever started it
+    "doctor/realtime_child.py",  # speaks to its parent
+    "local/commands.py",  # a stop waits for no library
+    "terminal.py",
+}
+
+
+_SPEAKS = re.compile(
+    r"(?<![\w.])(?:print|Console|Progress)\((?!disable=True)|typer\.echo\(|sys\.std(?:out|err)\b"
+)
+
+
+def test_nobody_else_makes_a_console_or_prints() -> None:
+    package = ROOT / "forefeel"
+    found = [path for path in package.rglob("*.py") if _SPEAKS.search(path.read_text())]
+    assert {str(path.relative_to(package)) for path in found} == SPEAKS_ITSELF
+
+
+def test_a_number_that_does_not_fit_shows_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(terminal, "PLAIN_WIDTH", 20)
+    table = terminal.table("a", "number", right=("number",))
+    table.add_row("x", "123456789012345678901234567890")
+    terminal.answer(table, document=dict)
+    assert "…" in out.getvalue().splitlines()[3]
 
 
 @pytest.mark.parametrize(
