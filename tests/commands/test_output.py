@@ -13,9 +13,8 @@ from common.clock import MonotonicClock
 from common.state.folder import StateFolder
 from common.state.journal import StateJournal
 from forefeel.doctor.findings import Finding
-from forefeel.loopback.command import run_loopback
-from forefeel.loopback.plan import Wish
-from forefeel.terminal import output
+from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.virtual import VirtualLoopback
 from tests.commands.test_cli import COMMANDS, ROOT, group
 from tests.secured import make_pki
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
@@ -33,7 +32,7 @@ ANSWERS = {
     "diagnose @/recordings/strokes.csv --out @/out": "diagnosis.json",
     "diagnose @/recordings --out @/out": "summary.json",
     "reproduce --out @/out": None,
-    "report @/run/recording.mcap --out @/out": "report.json",
+    "report @/run.mcap --out @/out": "report.json",
     "loopback --virtual-time --duration 3 --seed 1 --out @/out": "report.json",
 }
 """A command line -> the file of the document that it answers with `--json`, where it writes one."""
@@ -55,8 +54,9 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
         journal.close("ended")
     (folder / "recordings").mkdir()
     put(folder / "recordings" / "strokes.csv", made(6.0, friction_n=FRICTION_N))
-    with output(quiet=True):
-        run_loopback(Wish(seed=1, duration_s=3.0), folder / "run", False, True)
+    loop = VirtualLoopback(make_plan(Wish(seed=1, duration_s=3.0)), 1)
+    loop.run(lambda _: None)
+    loop.write(folder / "run.mcap")
     return folder
 
 

@@ -11,9 +11,8 @@ import pytest
 from mcap.reader import make_reader
 
 from common.topics import parse_key
-from forefeel.loopback.command import run_loopback
-from forefeel.loopback.plan import Wish
-from forefeel.terminal import output
+from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.virtual import VirtualLoopback
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 FOXGLOVE: dict[str, Any] = json.loads((DEPLOY / "foxglove" / "forefeel.json").read_text())
@@ -40,8 +39,9 @@ def plotjuggler_paths() -> list[tuple[str, str]]:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Values:
     """Every value of a run: topic -> field -> values that are not null."""
     folder = tmp_path_factory.mktemp("run")
-    with output(quiet=True):
-        run_loopback(Wish(seed=1, impairment="lan", duration_s=3.0), folder, True, True)
+    loop = VirtualLoopback(make_plan(Wish(seed=1, impairment="lan", duration_s=3.0)), 1)
+    loop.run(lambda _: None)
+    loop.write(folder / "recording.mcap")
     values: Values = {}
     with (folder / "recording.mcap").open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages():
