@@ -221,3 +221,17 @@ def test_a_shell_completes_words(
     monkeypatch.setenv("COMP_CWORD", str(len(f"forefeel {line}x".split()) - 1))
     assert run([]) == 0
     assert set(capsys.readouterr().out.split()) == expected
+
+
+def test_bash_itself_completes_with_the_script_that_is_installed(tmp_path: Path) -> None:
+    command = tmp_path / "forefeel"
+    command.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m forefeel "$@"\n')
+    command.chmod(0o755)
+    script = f"""PATH={tmp_path}:$PATH
+    eval "$(forefeel --show-completion)"
+    COMP_WORDS=(forefeel loopback --impairment s) COMP_CWORD=3
+    _forefeel_completion forefeel
+    echo "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=50, check=True)
+    assert (done.stdout, done.stderr) == ("satellite\n", "")
