@@ -7,6 +7,7 @@ from contextlib import suppress
 import typer
 
 from common.errors import ForefeelError, InputError
+from forefeel.terminal import complain
 
 _STOP_PRIORITY = 35
 
@@ -18,7 +19,7 @@ def main() -> None:
     from forefeel.cli import app  # noqa: PLC0415 - so that an import error of an extra is one line, too
 
     try:
-        code = app(standalone_mode=False)
+        code = app(standalone_mode=False, prog_name="forefeel")
     except InputError as error:
         _complain(str(error), 2)
     except ForefeelError as error:
@@ -40,7 +41,7 @@ def _go_first() -> None:
 
 def _complain(text: str, code: int) -> None:
     if text:  # empty where the help was shown instead
-        print(f"forefeel: {' '.join(text.splitlines())}", file=sys.stderr, flush=True)
+        complain(text)
     sys.exit(code)
 
 

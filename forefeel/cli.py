@@ -1,5 +1,6 @@
 """The command line."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +25,7 @@ from forefeel.evaluate.command import evaluate
 from forefeel.local.commands import CLEAR_EPILOG, ESTOP_EPILOG, audit_app, clear, estop
 from forefeel.metrics.command import EPILOG as METRICS_EPILOG
 from forefeel.metrics.command import metrics
-from forefeel.options import Duration
+from forefeel.options import AsJson, Duration, Quiet, among
 from forefeel.pki.cli import pki_app
 from forefeel.record_cli import EPILOG as RECORD_EPILOG
 from forefeel.record_cli import record
@@ -33,6 +34,7 @@ from forefeel.router_cli import EPILOG as ROUTER_EPILOG
 from forefeel.router_cli import router
 from forefeel.simulate.command import EPILOG as SIMULATE_EPILOG
 from forefeel.simulate.command import simulate
+from forefeel.terminal import answer, output
 
 app = typer.Typer(
     name="forefeel",
@@ -60,32 +62,54 @@ Insecure = Annotated[
 ]
 
 
+def _instruments() -> Iterable[str]:
+    from slave.plant.presets import PRESETS as WORLDS  # noqa: PLC0415 - only when a shell asks
+
+    return WORLDS
+
+
+def _hardware() -> Iterable[str]:
+    from forefeel.loopback.hardware import HARDWARE  # noqa: PLC0415 - only when a shell asks
+
+    return HARDWARE
+
+
 @app.command(epilog="Example: forefeel slave --config deploy/config/slave.yaml")
-def slave(config: ConfigFile, duration: Duration = None, insecure: Insecure = False) -> None:
+def slave(
+    config: ConfigFile, duration: Duration = None, insecure: Insecure = False, quiet: Quiet = False
+) -> None:
     """Run the slave daemon: stage, load cell, safety gate."""
     from forefeel.daemons import run_slave  # noqa: PLC0415 - the other commands start without Zenoh
     from slave.settings import SlaveSettings  # noqa: PLC0415
 
     settings = load_daemon(config, "slave")
     assert isinstance(settings, SlaveSettings)
-    run_slave(settings, duration, insecure)
+    with output(quiet=quiet):
+        run_slave(settings, duration, insecure)
 
 
 @app.command(epilog="Example: forefeel master --config deploy/config/master.yaml")
-def master(config: ConfigFile, duration: Duration = None, insecure: Insecure = False) -> None:
+def master(
+    config: ConfigFile, duration: Duration = None, insecure: Insecure = False, quiet: Quiet = False
+) -> None:
     """Run the master daemon: handle, haptic loop, prediction."""
     from forefeel.daemons import run_master  # noqa: PLC0415
     from master.settings import MasterSettings  # noqa: PLC0415
 
     settings = load_daemon(config, "master")
     assert isinstance(settings, MasterSettings)
-    run_master(settings, duration, insecure)
+    with output(quiet=quiet):
+        run_master(settings, duration, insecure)
 
 
 @config_app.command("check", epilog="Example: forefeel config check deploy/config/slave.yaml")
-def config_check(file: Annotated[Path, typer.Argument(metavar="FILE")]) -> None:
+def config_check(
+    file: Annotated[Path, typer.Argument(metavar="FILE")], as_json: AsJson = False, quiet: Quiet = False
+) -> None:
     """Print the effective settings of a file, defaults included, or what is wrong with it."""
-    typer.echo(dump_yaml(load_any(file)), nl=False)
+    settings = load_any(file)
+    with output(as_json, quiet):
+        answer(dump_yaml(settings).rstrip("\n"), document=lambda: settings.model_dump(mode="json"))
 
 
 app.command(epilog=RECORD_EPILOG)(record)
@@ -102,7 +126,12 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     recording: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Play this recording (CSV, Parquet, MCAP).")
     ] = None,
-    impairment: Annotated[str, typer.Option(metavar="PRESET", help=f"One of {', '.join(PRESETS)}.")] = "none",
+    impairment: Annotated[
+        str,
+        typer.Option(
+            metavar="PRESET", help=f"One of {', '.join(PRESETS)}.", autocompletion=among(lambda: PRESETS)
+        ),
+    ] = "none",
     duration: Duration = None,
     seed: Annotated[
         int, typer.Option(min=0, max=2**31 - 1, help="Seed of operator, world and impairment.")
@@ -110,7 +139,10 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results; default out/run-DATE.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace the results of an earlier run in DIR.")] = False,
     preset: Annotated[
-        str | None, typer.Option(help="Simulated instrument: catheter (default) or guidewire.")
+        str | None,
+        typer.Option(
+            help="Simulated instrument: catheter (default) or guidewire.", autocompletion=among(_instruments)
+        ),
     ] = None,
     virtual_time: Annotated[
         bool, typer.Option("--virtual-time", help="One process, as fast as it can, repeatable.")
@@ -129,11 +161,17 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         float, typer.Option(metavar="S", help="When they are switched on, by the world's time.")
     ] = 0.0,
     hardware: Annotated[
-        str, typer.Option(help="simulated, emulated-serial or emulated-can: devices as their bytes.")
+        str,
+        typer.Option(
+            help="simulated, emulated-serial or emulated-can: devices as their bytes.",
+            autocompletion=among(_hardware),
+        ),
     ] = "simulated",
     time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run master and slave on this machine, record, and report."""
     from forefeel.loopback.command import run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
@@ -152,7 +190,8 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         hide_at_s=hide_at,
         hardware=hardware,
     )
-    run_loopback(wish, out, overwrite, virtual_time)
+    with output(as_json, quiet):
+        run_loopback(wish, out, overwrite, virtual_time)
 
 
 app.command(epilog=EVALUATE_EPILOG)(evaluate)
@@ -166,11 +205,14 @@ def report(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recorded run (MCAP).")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="For report.html and report.json.")],
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier report in DIR.")] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Make the report of a run that was recorded before."""
     from forefeel.report.command import run_report  # noqa: PLC0415 - other commands start without it
 
-    run_report(file, out, overwrite)
+    with output(as_json, quiet):
+        run_report(file, out, overwrite)
 
 
 def _columns(

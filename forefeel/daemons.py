@@ -18,7 +18,8 @@ from forefeel.local.acts import MasterActs, SlaveActs
 from forefeel.local.daemon_state import daemon_state
 from forefeel.local.server import LocalServer
 from forefeel.parent import die_with_parent
-from forefeel.speaking import Speaker, endpoints, say, warn_of_latency
+from forefeel.speaking import Speaker, endpoints, warn_of_latency
+from forefeel.terminal import say
 from master.settings import MasterSettings
 from slave.settings import SlaveSettings
 

@@ -11,8 +11,8 @@ from common.settings import DaemonSettings
 from common.topics import Role
 from common.transport.security import Party
 from common.transport.strands import StrandedTransport
-from forefeel.speaking import say
 from forefeel.strand_watch import PERIOD_NS, StrandWatch
+from forefeel.terminal import say
 from master.session import Link
 from master.settings import MasterSettings
 

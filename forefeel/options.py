@@ -1,5 +1,6 @@
 """Options that several commands have."""
 
+from collections.abc import Callable, Iterable
 from typing import Annotated
 
 import typer
@@ -12,3 +13,14 @@ Insecure = Annotated[bool, typer.Option("--insecure", help="Do without certifica
 Duration = Annotated[
     float | None, typer.Option("--duration", min=0.0, help="End after this many seconds.", metavar="S")
 ]
+AsJson = Annotated[bool, typer.Option("--json", help="The answer as one JSON document.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Say errors only.")]
+
+
+def among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Completes a word by names that are looked up only when the shell asks."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in names() if name.startswith(incomplete)]
+
+    return complete

@@ -4,8 +4,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rich.console import Console
-
 from common.errors import RunError
 from common.runtime.service_manager import attended
 from common.transport.security import Party
@@ -13,6 +11,7 @@ from forefeel.interrupt import interruptible
 from forefeel.network_settings import ObserverSettings
 from forefeel.recorder import Recorder
 from forefeel.strand_watch import PERIOD_NS, StrandWatch
+from forefeel.terminal import say
 
 _POLL_S = 0.1
 _REMIND_S = 5.0
@@ -31,14 +30,13 @@ def run_record(
     party = Party(settings.role, (cell,))
     recorder = Recorder(out, cell, settings.transport, {"run": {"cell": cell}}, party, insecure)
     where = ", ".join(settings.transport.connect + settings.transport.listen)
-    console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     if recorder.notice:
-        console.print(recorder.notice)
-    console.print(f"recording cell {cell} to {out}; Ctrl-C ends")
+        say(recorder.notice)
+    say(f"recording cell {cell} to {out}; Ctrl-C ends")
     with interruptible() as ignore_signals:
         try:
-            strands = StrandWatch(recorder, console.print)
-            _wait(recorder, duration_s, lambda s: console.print(_nobody(recorder, where, s)), strands)
+            strands = StrandWatch(recorder, say)
+            _wait(recorder, duration_s, lambda s: say(_nobody(recorder, where, s)), strands)
         except KeyboardInterrupt:
             pass
         finally:
@@ -47,7 +45,7 @@ def run_record(
     if not recorder.written:
         out.unlink()
         raise RunError(f"{out}: nothing was recorded, nobody of cell {cell} was heard at {where}")
-    console.print(f"{out}: closed, {recorder.summary}")
+    say(f"{out}: closed, {recorder.summary}")
 
 
 def _nobody(recorder: Recorder, where: str, waited_s: float) -> str:

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from forefeel.options import Duration, Insecure, Strands, ThroughRouter
+from forefeel.options import Duration, Insecure, Quiet, Strands, ThroughRouter
+from forefeel.terminal import output
 
 EPILOG = (
     "Example: forefeel record --config deploy/config/recorder.yaml --out run.mcap   "
@@ -30,10 +31,12 @@ def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     strands: Strands = 1,
     insecure: Insecure = False,
     duration: Duration = None,
+    quiet: Quiet = False,
 ) -> None:
     """Record a cell to MCAP until Ctrl-C, in a process of its own."""
     from forefeel.network_settings import observer  # noqa: PLC0415
     from forefeel.record import run_record  # noqa: PLC0415 - the others start without Zenoh
 
     found = observer(config, cell, connect or [], pki, through_router, strands)
-    run_record(out, found, duration, insecure)
+    with output(quiet=quiet):
+        run_record(out, found, duration, insecure)

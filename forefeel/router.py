@@ -12,7 +12,7 @@ from common.transport.zenoh_bus import open_session
 from forefeel.interrupt import interruptible
 from forefeel.network_settings import RouterSettings
 from forefeel.parent import die_with_parent
-from forefeel.speaking import say
+from forefeel.terminal import say
 
 _POLL_S = 0.2
 _PRIORITY = 30

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from forefeel.options import Duration, Insecure
+from forefeel.options import Duration, Insecure, Quiet
+from forefeel.terminal import output
 
 EPILOG = (
     "Example: forefeel router --config deploy/config/router.yaml   "
@@ -28,9 +29,11 @@ def router(
     ] = None,
     insecure: Insecure = False,
     duration: Duration = None,
+    quiet: Quiet = False,
 ) -> None:
     """Route between the ends of several cells, each kept to itself, until Ctrl-C."""
     from forefeel.network_settings import router_settings  # noqa: PLC0415
     from forefeel.router import run_router  # noqa: PLC0415 - the others start without Zenoh
 
-    run_router(router_settings(config, cell or [], listen or [], pki), duration, insecure)
+    with output(quiet=quiet):
+        run_router(router_settings(config, cell or [], listen or [], pki), duration, insecure)

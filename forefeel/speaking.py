@@ -1,18 +1,13 @@
 """What a daemon says to the person at its terminal, or to the journal."""
 
-import sys
 from collections.abc import Mapping
 from contextlib import suppress
 
 from common.hardware.streams import latency_warning
-from common.notices import Notices, RateLimit, printable
+from common.notices import Notices, RateLimit
 from common.settings import DaemonSettings
 from forefeel.devices.configured import configured
-
-
-def say(text: str) -> None:
-    """One line to the person at the terminal or to the journal."""
-    print(printable(text), file=sys.stderr, flush=True)
+from forefeel.terminal import say
 
 
 class Speaker:

@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from forefeel.options import AsJson, Quiet
+from forefeel.terminal import output
+
 calibrate_app = typer.Typer(help="Dated calibration files of load cells and stages.", no_args_is_help=True)
 
 ConfigFile = Annotated[Path, typer.Option("--config", metavar="FILE", help="The slave's YAML file.")]
@@ -43,12 +46,15 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = 0.01,
     valid_days: ValidDays = 365,
     temperature: Annotated[float | None, typer.Option(metavar="C", help="Of the cell, for the file.")] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Tare, then every weight up and down; gain and zero by least squares, residual, hysteresis."""
     from forefeel.calibrate.load_cell import Wish, run_load_cell  # noqa: PLC0415 - others start without it
 
     measuring = settle, average, steady, max_residual, valid_days, temperature
-    run_load_cell(Wish(config, axis, out, weights, forces, yes, overwrite, *measuring))
+    with output(as_json, quiet):
+        run_load_cell(Wish(config, axis, out, weights, forces, yes, overwrite, *measuring))
 
 
 @calibrate_app.command(
@@ -66,8 +72,11 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
         float, typer.Option(metavar="M", help="How far off the home may be found again.")
     ] = 50e-6,
     valid_days: ValidDays = 365,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Home twice and go from end to end; asks before it moves. Take the instrument out."""
     from forefeel.calibrate.stage import Wish, run_stage  # noqa: PLC0415
 
-    run_stage(Wish(config, axis, out, yes, overwrite, velocity, max_repeatability, valid_days))
+    with output(as_json, quiet):
+        run_stage(Wish(config, axis, out, yes, overwrite, velocity, max_repeatability, valid_days))

@@ -29,6 +29,7 @@ from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.devices.configured import Configured, device_of
 from forefeel.devices.probe import SleepingClock
 from forefeel.interrupt import interruptible
+from forefeel.terminal import answer, say
 from slave.load_cells.port import NativeLoadCell, NativeReading
 
 _POLL_NS = 5_000_000
@@ -73,7 +74,7 @@ def run_load_cell(wish: Wish, clock: SleepingClock | None = None, today: date | 
         try:
             cell.open_native()
             serial = require_serial(cell.link.serial, device)
-            person.say(introduced(device, cell.link))
+            say(introduced(device, cell.link))
             steps = _Walk(wish, cell, person, clock or MonotonicClock()).run(forces)
         except KeyboardInterrupt:
             raise RunError("calibration interrupted; nothing was written") from None
@@ -162,7 +163,7 @@ class _Walk:
             if self._scale is not None:
                 self._require_steady(judged, self._scale, high_n - low_n)
             level = steps[-1].level
-            self._person.say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
+            say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
         return steps
 
     def _require_steady(self, steps: Sequence[Step], scale_n: float, span_n: float) -> None:
@@ -226,7 +227,10 @@ def _write(
     )
     write_calibration(wish.out, calibration)
     share = found.residual_n / (calibration.range_n[1] - calibration.range_n[0])
-    print(f"Gain        {found.gain_n:.6g} N per native unit, zero {found.zero:.6g}, {len(steps)} steps")
-    print(f"Residual    {found.residual_n:.3g} N rms, {share:.2%} of the range")
-    print(f"Hysteresis  {found.hysteresis_n:.3g} N, the largest difference between up and down")
-    print(f"{wish.out}: serial {serial}, {today}, valid {wish.valid_days} days")
+    answer(
+        f"Gain        {found.gain_n:.6g} N per native unit, zero {found.zero:.6g}, {len(steps)} steps",
+        f"Residual    {found.residual_n:.3g} N rms, {share:.2%} of the range",
+        f"Hysteresis  {found.hysteresis_n:.3g} N, the largest difference between up and down",
+        f"{wish.out}: serial {serial}, {today}, valid {wish.valid_days} days",
+        document=lambda: calibration.model_dump(mode="json"),
+    )

@@ -3,6 +3,7 @@
 import sys
 
 from common.errors import RunError
+from forefeel.terminal import ask, say
 
 
 class Person:
@@ -11,18 +12,16 @@ class Person:
     def __init__(self, yes: bool) -> None:
         self._yes = yes
 
-    def say(self, text: str) -> None:
-        """A line."""
-        print(text, file=sys.stderr, flush=True)
-
     def wait(self, text: str) -> None:
         """Says what to do and waits for Enter, from a terminal or a pipe.
 
         Raises:
             RunError: stdin ended.
         """
-        self.say(text if self._yes else f"{text}, then press Enter")
-        if not self._yes:
+        if self._yes:
+            say(text)
+        else:
+            ask(f"{text}, then press Enter")
             self._line(text)
 
     def agree(self, text: str) -> None:
@@ -31,8 +30,11 @@ class Person:
         Raises:
             RunError: any other answer, or none.
         """
-        self.say(text if self._yes else f"{text}. Type yes to go on")
-        if not self._yes and self._line(text).strip().lower() not in ("yes", "y"):
+        if self._yes:
+            say(text)
+            return
+        ask(f"{text}. Type yes to go on")
+        if self._line(text).strip().lower() not in ("yes", "y"):
             raise RunError("not confirmed; nothing moved, nothing written")
 
     @staticmethod

@@ -1,6 +1,5 @@
 """`forefeel calibrate stage`: home twice, the way from end to end; asked before it moves."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -17,6 +16,7 @@ from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.devices.configured import Configured, device_of
 from forefeel.interrupt import interruptible
 from forefeel.local.exclusive import no_slave_beside
+from forefeel.terminal import answer, say
 from slave.stages.port import Homing
 from slave.stages.settings import Cia402Settings, ZaberSettings
 
@@ -59,10 +59,10 @@ def run_stage(wish: Wish, clock: Clock | None = None, today: date | None = None)
         try:
             with device.driver.make_homing(settings, clock or MonotonicClock()) as stage:
                 serial = require_serial(stage.link.serial, device)
-                person.say(introduced(device, stage.link))
+                say(introduced(device, stage.link))
                 person.agree(_intent(wish, settings))
                 prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
-                zero, travel = _moved(stage, settings, wish, person.say)
+                zero, travel = _moved(stage, settings, wish)
         except KeyboardInterrupt:
             raise RunError("calibration interrupted; the stage was stopped, nothing was written") from None
     require_travel(travel, settings.travel_m, wish.repeatability_m)
@@ -98,9 +98,7 @@ def _in_words(settings: ZaberSettings | Cia402Settings) -> str:
     return f" (method {homing.method}, at {1e3 * homing.search_velocity_m_s:g} mm/s)"
 
 
-def _moved(
-    stage: Homing, settings: ZaberSettings | Cia402Settings, wish: Wish, say: Callable[[str], None]
-) -> tuple[float, Travel]:
+def _moved(stage: Homing, settings: ZaberSettings | Cia402Settings, wish: Wish) -> tuple[float, Travel]:
     """Zero in native units and the travel in m."""
     say("homing")
     stage.home()
@@ -132,7 +130,10 @@ def _write(wish: Wish, device: Configured, serial: str, zero: float, travel: Tra
     write_calibration(wish.out, calibration)
     low_mm, high_mm = (1e3 * end_m for end_m in travel.ends_m)
     again = travel.repeatability_m
-    print(f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm")
     home = "not told by the device" if again is None else f"found again within {1e6 * again:.3g} um"
-    print(f"Home        {home}")
-    print(f"{wish.out}: serial {serial}, {today}, valid {wish.valid_days} days")
+    answer(
+        f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm",
+        f"Home        {home}",
+        f"{wish.out}: serial {serial}, {today}, valid {wish.valid_days} days",
+        document=lambda: calibration.model_dump(mode="json"),
+    )

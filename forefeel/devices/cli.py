@@ -5,16 +5,19 @@ from typing import Annotated
 
 import typer
 
+from forefeel.options import AsJson, Quiet
+from forefeel.terminal import output
+
 EPILOG = "Example: forefeel devices   Example: forefeel devices --json"
 device_app = typer.Typer(help="The devices of a configuration.", no_args_is_help=True)
-AsJson = Annotated[bool, typer.Option("--json", help="For programs.")]
 
 
-def devices(as_json: AsJson = False) -> None:
+def devices(as_json: AsJson = False, quiet: Quiet = False) -> None:
     """List drivers, serial ports with their stable names, and CAN interfaces."""
     from forefeel.devices.listing import run_devices  # noqa: PLC0415 - other commands start without it
 
-    run_devices(as_json)
+    with output(as_json, quiet):
+        run_devices()
 
 
 @device_app.callback()
@@ -27,8 +30,10 @@ def device_probe(
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="Slave's or master's YAML file.")],
     seconds: Annotated[float, typer.Option("--seconds", metavar="S", help="How long each is read.")] = 2.0,
     as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Talk to each device: what it is, its rate and round trip, its link. Nothing is moved."""
     from forefeel.devices.probing import run_probe  # noqa: PLC0415
 
-    run_probe(config, seconds, as_json)
+    with output(as_json, quiet):
+        run_probe(config, seconds)

@@ -1,11 +1,9 @@
 """`forefeel device probe`: every device of a daemon's file, a line each."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.console import Console
 from rich.text import Text
 
 from common.clock import MonotonicClock
@@ -15,12 +13,13 @@ from forefeel.daemon_settings import load_daemon
 from forefeel.devices.configured import configured
 from forefeel.devices.probe import Probed, Quantiles, SleepingClock, probe
 from forefeel.interrupt import interruptible
+from forefeel.terminal import answer, show
 
 _STYLES = {"ready": "green", "simulated": "dim", "refused": "red", "failed": "red"}
 
 
-def run_probe(config: Path, seconds: float, as_json: bool, clock: SleepingClock | None = None) -> None:
-    """Probes one device after the other and prints what was found.
+def run_probe(config: Path, seconds: float, clock: SleepingClock | None = None) -> None:
+    """Probes one device after the other and shows each as it was found.
 
     Raises:
         InputError: the file, or a device that is not the one that it names.
@@ -29,29 +28,27 @@ def run_probe(config: Path, seconds: float, as_json: bool, clock: SleepingClock 
     if not 0.05 <= seconds <= 3600.0:
         raise ConfigurationError(f"--seconds {seconds:g}: expected 0.05 to 3600 s")
     devices = configured(load_daemon(config))
-    console = Console(highlight=False, markup=False, soft_wrap=True)
     found: list[Probed] = []
     with interruptible():
         try:
             for device in devices:
                 found.append(probe(device, seconds, clock or MonotonicClock()))
-                if not as_json:
-                    _show(console, found[-1], device.serial_port)
+                show(*_in_words(found[-1], device.serial_port))
         except KeyboardInterrupt:
             raise RunError(f"probe interrupted after {len(found)} of {len(devices)} devices") from None
-    if as_json:
-        document = {"schema": "forefeel.device_probe/1", "devices": [asdict(each) for each in found]}
-        print(json.dumps(document, indent=2))
+    answer(
+        document=lambda: {"schema": "forefeel.device_probe/1", "devices": [asdict(each) for each in found]}
+    )
     _raise_worst(found)
 
 
-def _show(console: Console, found: Probed, port: str | None) -> None:
+def _in_words(found: Probed, port: str | None) -> Iterator[Text]:
     head = f"{found.axis} {found.slot}: {found.driver}{f' on {found.where}' if found.where else ''}: "
     verdict = Text(head).append(found.verdict, _STYLES[found.verdict])
-    console.print(verdict.append("; ".join(_facts(found))))
+    yield verdict.append("; ".join(_facts(found)))
     warning = latency_warning(port) if port else None
     if warning:
-        console.print(Text(f"  {warning}", style="yellow"))
+        yield Text(f"  {warning}", style="yellow")
 
 
 def _facts(found: Probed) -> Iterator[str]:

@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from forefeel.options import AsJson, Quiet
+from forefeel.terminal import output
+
 EPILOG = (
     "Example: forefeel diagnose run.csv --out out/run   "
     "Example: forefeel diagnose seal.csv --time ms:t --position mm:laser --force N:load --out out/seal   "
@@ -32,6 +35,8 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Show what the simulation gets wrong on a recording, name the cause, extend the model, measure the
     gain.
@@ -39,4 +44,5 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.diagnose.run import Wish, run_diagnosis  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column
-    run_diagnosis(Wish(file, out, model, jobs, scheduler, overwrite, columns, axis))
+    with output(as_json, quiet):
+        run_diagnosis(Wish(file, out, model, jobs, scheduler, overwrite, columns, axis))

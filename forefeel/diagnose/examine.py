@@ -20,8 +20,8 @@ from diagnosis.diagnose.prediction import Across, across_delay
 from diagnosis.diagnose.verdict import Diagnosis
 from forefeel.columns import Columns, mapping_of
 from forefeel.diagnose.page import render_page
-from forefeel.diagnose.stages import Tell
 from forefeel.diagnose.words import answer
+from forefeel.terminal import Tell
 
 JSON, PAGE, MODEL = "diagnosis.json", "report.html", "model.yaml"
 FILES = MODEL, PAGE, JSON

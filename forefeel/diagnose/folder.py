@@ -1,14 +1,12 @@
 """The diagnoses of a folder: each recording for itself, past bad ones, and a summary."""
 
 import json
-import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from rich import box
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.console import RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -16,17 +14,16 @@ from common.errors import ConfigurationError, InputError, RunError
 from diagnosis.diagnose.verdict import Diagnosis
 from forefeel.diagnose.examine import FILES, JSON, Task
 from forefeel.diagnose.parallel import Outcome, outcomes
-from forefeel.diagnose.stages import console
 from forefeel.diagnose.words import named
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.text import DISCLAIMER
 from forefeel.report.wording import quantity
+from forefeel.terminal import answer, progress, say, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"
 EARLIER = "an earlier diagnosis"
 SUFFIXES = ".csv", ".mcap", ".parquet"
-_PLAIN_WIDTH = 140
 
 
 @dataclass(slots=True)
@@ -69,7 +66,7 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
         if not summary.diagnosed and not summary.failed:
             raise InputError(list(summary.skipped.values())[-1])
         write_all(out, {SUMMARY: summary.to_json()}, written)
-    _print(summary, out)
+    answer(*_in_words(summary, out), document=summary.to_json)
     if summary.failed:
         raise RunError(
             f"{len(summary.failed)} of {len(files)} recordings failed; {SUMMARY} in {out} says why"
@@ -110,7 +107,7 @@ def _free(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -
 
 def _skip(file: Path, reason: str, summary: Summary) -> None:
     summary.skipped[file.name] = reason
-    print(f"skipped: {reason}", file=sys.stderr, flush=True)
+    say(f"skipped: {reason}")
 
 
 def _take(outcome: Outcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
@@ -119,7 +116,7 @@ def _take(outcome: Outcome, out: Path, overwrite: bool, summary: Summary, writte
     if outcome.result is None:
         if outcome.failed is not None:
             summary.failed[file.name] = outcome.failed
-            print(f"failed: {outcome.failed}", file=sys.stderr, flush=True)
+            say(f"failed: {outcome.failed}")
         else:
             _skip(file, outcome.skipped or "", summary)
         return
@@ -136,21 +133,19 @@ def _take(outcome: Outcome, out: Path, overwrite: bool, summary: Summary, writte
 
 def _shown(found: Iterable[Outcome], total: int, name: str) -> Iterator[Outcome]:
     """A bar on a terminal, elsewhere a line for each recording that is done."""
-    shown = console()
     columns = (
         TextColumn(name, markup=False),
         BarColumn(bar_width=40),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal) as bar:
+    with progress(*columns) as bar:
         task = bar.add_task("", total=total)
         for number, outcome in enumerate(found, 1):
             yield outcome
             bar.update(task, completed=number)
             if outcome.result is not None:
-                text = f"{number} of {total}: {outcome.task.file.stem}: {named(outcome.result.diagnosis)}"
-                shown.print(Text(text), soft_wrap=True)
+                say(f"{number} of {total}: {outcome.task.file.stem}: {named(outcome.result.diagnosis)}")
 
 
 def _brief(diagnosis: Diagnosis) -> dict[str, object]:
@@ -164,31 +159,23 @@ def _brief(diagnosis: Diagnosis) -> dict[str, object]:
     }
 
 
-def _print(summary: Summary, out: Path) -> None:
-    """The table to stdout; plain text when that is not a terminal."""
-    terminal = sys.stdout.isatty()
-    shown = Console(highlight=False, markup=False, width=None if terminal else _PLAIN_WIDTH)
+def _in_words(summary: Summary, out: Path) -> Iterator[RenderableType]:
     if summary.diagnosed:
-        shown.print(_table(summary, terminal))
+        yield _table(summary)
     count, all_of = (
         len(summary.diagnosed),
         len(summary.diagnosed) + len(summary.skipped) + len(summary.failed),
     )
     left = f", {len(summary.skipped)} skipped, {len(summary.failed)} failed" if count < all_of else ""
-    shown.print(
-        Text(f"{count} of {all_of} diagnosed{left}; {SUMMARY} and a folder for each in {out}"), soft_wrap=True
-    )
-    shown.print(DISCLAIMER)
+    yield f"{count} of {all_of} diagnosed{left}; {SUMMARY} and a folder for each in {out}"
+    yield DISCLAIMER
 
 
-def _table(summary: Summary, terminal: bool) -> Table:
-    table = Table(box=box.SIMPLE_HEAD if terminal else box.ASCII2)
-    table.add_column("recording", overflow="fold")
-    table.add_column("verdict", overflow="fold")
-    for name in ("simulation off by", "extended", "noise"):
-        table.add_column(name, justify="right", no_wrap=True)
+def _table(summary: Summary) -> Table:
+    numbers = "simulation off by", "extended", "noise"
+    made = table("recording", "verdict", *numbers, right=numbers)
     for stem, diagnosis in sorted(summary.diagnosed.items()):
         held = diagnosis.held_out
         sizes = held.rmse_before_n, held.rmse_after_n, diagnosis.noise_floor_n
-        table.add_row(Text(stem), Text(named(diagnosis)), *(quantity(size, "N") for size in sizes))
-    return table
+        made.add_row(Text(stem), Text(named(diagnosis)), *(quantity(size, "N") for size in sizes))
+    return made

@@ -6,11 +6,12 @@ from pathlib import Path
 from common.errors import ConfigurationError
 from common.model_file import load_model
 from forefeel.columns import Columns
-from forefeel.diagnose.examine import FILES, Task, examine
+from forefeel.diagnose.examine import FILES, JSON, Task, examine
 from forefeel.diagnose.folder import EARLIER, run_folder
-from forefeel.diagnose.stages import stages
+from forefeel.diagnose.stages import diagnosing
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order
+from forefeel.terminal import answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +46,8 @@ def run_diagnosis(wish: Wish) -> None:
         ends_in_order("diagnosis", wish.out) as written,
         results_folder(wish.out, FILES, EARLIER, wish.overwrite),
     ):
-        with stages(wish.source.stem) as tell:
+        with diagnosing(wish.source.stem) as tell:
             result = examine(task, tell)
         write_all(wish.out, result.texts, written)
-    print("\n".join(result.lines))
-    print(f"{', '.join(sorted(FILES, reverse=True))} in {wish.out}")
+    where = f"{', '.join(sorted(FILES, reverse=True))} in {wish.out}"
+    answer(*result.lines, where, document=lambda: result.texts[JSON])

@@ -1,9 +1,12 @@
 """`forefeel emulate`: the emulated devices on the command line."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from forefeel.options import among
 
 EPILOG = (
     "Example: forefeel emulate zaber_ascii --port /tmp/stage   "
@@ -12,12 +15,19 @@ EPILOG = (
 )
 
 
+def _devices() -> Iterable[str]:
+    from forefeel.emulate.run import DEVICES  # noqa: PLC0415 - as in `emulate`
+
+    return DEVICES
+
+
 def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     device: Annotated[
         str,
         typer.Argument(
             metavar="DEVICE",
             help="zaber_ascii, bota_serial, ascii_line, coil_serial, cia402, cia404 or can_hub.",
+            autocompletion=among(_devices),
         ),
     ],
     port: Annotated[

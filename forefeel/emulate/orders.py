@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from common.errors import ConfigurationError
+from forefeel.terminal import complain
 
 _LONGEST_LINE = 200
 _SHOWN = 40
@@ -97,7 +98,7 @@ class OrdersFromStdin:
         try:
             self._orders.obey(line)
         except ConfigurationError as error:
-            print(f"forefeel: {error}", file=sys.stderr, flush=True)
+            complain(str(error))
 
 
 def _open_stdin() -> int | None:

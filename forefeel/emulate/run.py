@@ -48,6 +48,7 @@ _NODES: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., CanopenDe
     "cia404": (Cia404Settings, {"node_id": 2, "full_scale_n": 10.0}, can_benches.transducer),
 }  # fmt: skip
 CAN = *_NODES, "can_hub"
+DEVICES = *_SERIAL, *CAN
 _LOAD_CELLS = "bota_serial", "ascii_line", "cia404"
 
 
@@ -70,8 +71,8 @@ def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
     Raises:
         InputError: an unknown device or fault, a file or a place for the port that can not be used.
     """
-    if wish.device not in _SERIAL and wish.device not in CAN:
-        raise ConfigurationError(f"{wish.device!r}: expected one of {', '.join([*_SERIAL, *CAN])}")
+    if wish.device not in DEVICES:
+        raise ConfigurationError(f"{wish.device!r}: expected one of {', '.join(DEVICES)}")
     die_with_parent()
     prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
     faults = Faults.parse(wish.faults)

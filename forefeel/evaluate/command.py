@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from forefeel.options import AsJson, Quiet
+from forefeel.terminal import output
+
 EPILOG = (
     "Example: forefeel evaluate seal_o_ring_1bar.csv presliding_friction.csv --delay 0.3 --out out/real   "
     "Example: forefeel evaluate run.csv --time ms:t --position mm:laser --force N:load --out out/run"
@@ -29,9 +32,12 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Replay recordings honestly: hold, the paper, m-b-k-bias and forefeel across a delay."""
     from forefeel.evaluate.run import Wish, run_evaluation  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column
-    run_evaluation(Wish(tuple(files), delay, jitter, loss, seed, model, columns), out, overwrite)
+    with output(as_json, quiet):
+        run_evaluation(Wish(tuple(files), delay, jitter, loss, seed, model, columns), out, overwrite)

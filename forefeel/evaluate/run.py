@@ -1,12 +1,10 @@
 """One evaluation from the wish to the table."""
 
-import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, TextColumn
 
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError, InputError, RecordingError
@@ -18,9 +16,10 @@ from diagnosis.evaluation.methods import METHODS
 from diagnosis.evaluation.results import to_json
 from forefeel.columns import Columns, mapping_of
 from forefeel.evaluate.page import render_page
-from forefeel.evaluate.table import print_table
+from forefeel.evaluate.table import in_words
 from forefeel.files import fresh_folder, write_whole
 from forefeel.interrupt import ends_in_order, postponed
+from forefeel.terminal import answer, complain, progress, say
 
 _JSON, _PAGE = "evaluation.json", "evaluation.html"
 
@@ -55,7 +54,7 @@ def _run(wish: Wish, out: Path, overwrite: bool, written: list[str]) -> dict[str
     prepared, skipped = _read(wish, link)
     folder = fresh_folder(out, (_JSON, _PAGE), "an earlier evaluation", overwrite)
     for reason in skipped.values():
-        print(f"skipped: {reason}", file=sys.stderr)
+        say(f"skipped: {reason}")
     evaluated = _evaluate(prepared, model)
     said = rules(link, model)
     texts = to_json(link, said, evaluated, skipped), render_page(link, said, evaluated, skipped)
@@ -63,8 +62,7 @@ def _run(wish: Wish, out: Path, overwrite: bool, written: list[str]) -> dict[str
         for name, text in zip((_JSON, _PAGE), texts, strict=True):
             write_whole(folder / name, text)
             written.append(name)
-    print_table(link, said, evaluated)
-    print(f"{_PAGE}, {_JSON} in {folder}")
+    answer(*in_words(link, said, evaluated), f"{_PAGE}, {_JSON} in {folder}", document=lambda: texts[0])
     return evaluated
 
 
@@ -94,15 +92,14 @@ def _read(wish: Wish, link: Link) -> tuple[dict[str, Prepared], dict[str, str]]:
 def _refuse(reasons: list[str]) -> None:
     """One line for each file that can not be evaluated; the last one is the error."""
     for reason in reasons[:-1]:
-        print(f"forefeel: {reason}", file=sys.stderr)
+        complain(reason)
     raise InputError(reasons[-1])
 
 
 def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict[str, Evaluated]:
-    columns = TextColumn("{task.description}"), BarColumn(bar_width=40)
-    console = Console(stderr=True, highlight=False)
+    columns = TextColumn("{task.description}", markup=False), BarColumn(bar_width=40)
     evaluated: dict[str, Evaluated] = {}
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with progress(*columns) as bar:
         task = bar.add_task("", total=len(prepared) * len(METHODS))
         for stem, recording in prepared.items():
 

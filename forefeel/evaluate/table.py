@@ -1,10 +1,8 @@
 """The table of an evaluation for the terminal."""
 
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from rich import box
-from rich.console import Console
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -13,8 +11,7 @@ from diagnosis.evaluation.evaluate import Evaluated
 from diagnosis.evaluation.methods import METHODS
 from forefeel.report.text import DISCLAIMER
 from forefeel.report.wording import quantity, share
-
-_PLAIN_WIDTH = 140
+from forefeel.terminal import table
 
 
 def ratio_to_hold(evaluated: Evaluated, name: str) -> float | None:
@@ -30,29 +27,23 @@ def best(evaluated: Evaluated) -> str | None:
     return min(finite, key=lambda name: finite[name]) if finite else None
 
 
-def print_table(link: Link, rules: Sequence[str], recordings: Mapping[str, Evaluated]) -> None:
-    """Table, notes and rules to stdout; plain text when that is not a terminal."""
-    terminal = sys.stdout.isatty()
-    console = Console(highlight=False, markup=False, width=None if terminal else _PLAIN_WIDTH)
-    console.print(_table(link, recordings, terminal))
-    lines = [f"{stem}: {'; '.join(evaluated.notes)}" for stem, evaluated in recordings.items()]
-    for line in [*lines, "", *rules, DISCLAIMER]:
-        console.print(Text(line), soft_wrap=True)
-
-
-def _table(link: Link, recordings: Mapping[str, Evaluated], terminal: bool) -> Table:
-    table = Table(
-        title=f"Error, rms and (its ratio to hold), delay {link.delay_s:g} s; * best",
-        title_justify="left",
-        box=box.SIMPLE_HEAD if terminal else box.ASCII2,
-    )
-    table.add_column("recording", overflow="fold")
-    for name in METHODS:
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("95 % band", justify="right", no_wrap=True)
+def in_words(
+    link: Link, rules: Sequence[str], recordings: Mapping[str, Evaluated]
+) -> Iterator[RenderableType]:
+    """Table, notes and rules."""
+    yield _table(link, recordings)
     for stem, evaluated in recordings.items():
-        table.add_row(Text(stem), *(_cell(evaluated, name) for name in METHODS), _band(evaluated))
-    return table
+        yield f"{stem}: {'; '.join(evaluated.notes)}"
+    yield from ("", *rules, DISCLAIMER)
+
+
+def _table(link: Link, recordings: Mapping[str, Evaluated]) -> Table:
+    title = f"Error, rms and (its ratio to hold), delay {link.delay_s:g} s; * best"
+    numbers = (*METHODS, "95 % band")
+    made = table("recording", *numbers, title=title, right=numbers)
+    for stem, evaluated in recordings.items():
+        made.add_row(Text(stem), *(_cell(evaluated, name) for name in METHODS), _band(evaluated))
+    return made
 
 
 def _cell(evaluated: Evaluated, name: str) -> Text:

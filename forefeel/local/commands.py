@@ -18,7 +18,8 @@ from forefeel.daemon_settings import load_any, load_daemon
 from forefeel.local.audit_text import describe, entry_text, read_entries, read_verdict, verdict_json
 from forefeel.local.client import NobodyThereError, ask
 from forefeel.local.protocol import Answer, Request
-from forefeel.options import Insecure, ThroughRouter
+from forefeel.options import AsJson, Insecure, Quiet, ThroughRouter
+from forefeel.terminal import answer, output, say
 
 audit_app = typer.Typer(help="The audit log of a daemon.", no_args_is_help=True)
 ESTOP_EPILOG = (
@@ -29,7 +30,6 @@ CLEAR_EPILOG = "Example: forefeel clear --config deploy/config/slave.yaml"
 _REASON = "asked for on the command line"
 
 LogFile = Annotated[Path, typer.Argument(metavar="FILE", help="STATE/audit.jsonl of a daemon.")]
-AsJson = Annotated[bool, typer.Option("--json", help="For programs.")]
 
 
 def estop(  # noqa: PLR0913, PLR0917 - one parameter per option
@@ -92,17 +92,15 @@ def audit_verify(
     file: LogFile,
     head: Annotated[str | None, typer.Option(metavar="HASH", help="Of an entry that must be there.")] = None,
     as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Check the hash chain: exit 0 intact, 1 not."""
     if head is not None and not is_hash(head):
         raise ConfigurationError(f"--head {head}: expected 64 hexadecimal digits, as an entry's hash has")
     verdict = read_verdict(file, head)
     good = verdict.intact and (head is None or verdict.head_at is not None)
-    if as_json:
-        typer.echo(json.dumps({"intact": good, **verdict_json(verdict)}))
-    else:
-        for line in describe(verdict, head):
-            typer.echo(line)
+    with output(as_json, quiet):
+        answer(*describe(verdict, head), document=lambda: {"intact": good, **verdict_json(verdict)})
     if not good:
         raise typer.Exit(1)
 
@@ -123,7 +121,7 @@ def _stopped_here(settings: DaemonSettings, reason: str) -> bool:
         folder = state_path(settings, _role(settings), os.environ)
         answer = ask(folder, Request(do="estop", reason=reason[:256]))
     except RunError as error:
-        typer.echo(f"{error}; over the network, then", err=True)
+        say(f"{error}; over the network, then")
         return False
     if answer.done:
         _say(answer)

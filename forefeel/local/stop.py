@@ -1,7 +1,6 @@
 """`forefeel estop`: an emergency stop from any host, said until every axis of the cell shows it."""
 
 import socket
-import sys
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from common.transport.port import Transport
 from common.transport.security import Party, PartyRole
 from common.transport.settings import TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
+from forefeel.terminal import say
 
 EVERY_S = 0.020
 FOR_S = 2.0
@@ -108,7 +108,7 @@ def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason
     opened = ZenohTransport.open(caller.transport, clock, faults.append, party, insecure=caller.insecure)
     try:
         if opened.notice:
-            print(opened.notice, file=sys.stderr)
+            say(opened.notice)
         stopper, start_s = Stopper(opened, cell, axes, source, reason[:256]), time.monotonic()
         while True:
             stopper.say(clock.now_ns())

@@ -4,7 +4,6 @@ from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from common.errors import RunError
@@ -20,6 +19,7 @@ from forefeel.report.states import START_S
 from forefeel.report.summary import RunReport
 from forefeel.report.text import ten_lines
 from forefeel.report.wording import micros
+from forefeel.terminal import answer, progress, say, stages
 
 MIN_ARMED_SHARE = 0.9
 _RECORDING = "recording.mcap"
@@ -47,16 +47,15 @@ def _run_in(folder: Path, wish: Wish, overwrite: bool, virtual: bool, written: l
     plan.slave_settings()
     plan.master_settings()
     fresh_folder(folder, _OURS, "an earlier run", overwrite)
-    console = Console(stderr=True, highlight=False)
     for note in plan.notes:
-        console.print(note, markup=False, soft_wrap=True)
-    with _progress(console) as bar:
+        say(note)
+    with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
         _run(plan, wish, folder, virtual, written, _shown(bar, task, plan))
-    with console.status("writing the report"):
+    with stages("loopback", said=()) as tell:
+        tell("writing the report")
         report = write_report(folder / _RECORDING, folder)
-    for line in ten_lines(report, folder):
-        print(line)
+    answer(*ten_lines(report, folder), document=report.to_json)
     require_armed(report)
     return report
 
@@ -115,12 +114,10 @@ def _host(report: RunReport) -> str:
     )
 
 
-def _progress(console: Console) -> Progress:
-    return Progress(
+def _progress() -> Progress:
+    return progress(
         TextColumn("{task.description:>12}"),
         BarColumn(bar_width=40),
         TextColumn("{task.completed:5.1f} / {task.total:.1f} s"),
         TimeRemainingColumn(),
-        console=console,
-        transient=not console.is_terminal,
     )

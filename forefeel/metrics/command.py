@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from common.errors import ConfigurationError
-from forefeel.options import Duration, Insecure, Strands, ThroughRouter
+from forefeel.options import Duration, Insecure, Quiet, Strands, ThroughRouter
+from forefeel.terminal import output
 
 EPILOG = "Example: forefeel metrics --cell cathlab --connect tls/10.0.0.2:7447 --pki pki"
 
@@ -29,6 +30,7 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
     address: Annotated[str, typer.Option("--address", help="Where Prometheus asks.")] = "127.0.0.1",
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Where Prometheus asks.")] = 9464,
     duration: Duration = None,
+    quiet: Quiet = False,
 ) -> None:
     """Serve what a cell says of itself to Prometheus, as a viewer in a process of its own."""
     from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
@@ -40,4 +42,5 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
             raise
         raise ConfigurationError("metrics: needs an extra: pip install forefeel[metrics]") from error
     found = observer(config, cell, connect or [], pki, through_router, strands)
-    run_metrics(found, address, port, duration, insecure)
+    with output(quiet=quiet):
+        run_metrics(found, address, port, duration, insecure)

@@ -8,7 +8,6 @@ from wsgiref.simple_server import WSGIServer
 from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import Metric
 from prometheus_client.registry import Collector
-from rich.console import Console
 
 from common.clock import MonotonicClock
 from common.errors import EndpointError, RunError
@@ -17,6 +16,7 @@ from common.transport.strands import StrandedTransport
 from forefeel.interrupt import interruptible
 from forefeel.metrics.cell import CellMetrics
 from forefeel.network_settings import ObserverSettings
+from forefeel.terminal import say
 
 _POLL_S = 0.2
 
@@ -70,10 +70,9 @@ def run_metrics(
         transport = StrandedTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
         try:
             transport.subscribe_all(f"forefeel/{settings.cell}", collector.hear)
-            console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
             if transport.notice:
-                console.print(transport.notice)
-            console.print(f"metrics of cell {settings.cell} at http://{address}:{port}/metrics; Ctrl-C ends")
+                say(transport.notice)
+            say(f"metrics of cell {settings.cell} at http://{address}:{port}/metrics; Ctrl-C ends")
             _wait(failed, duration_s)
         finally:
             transport.close()

@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from forefeel.options import AsJson, Quiet
+from forefeel.terminal import output
+
 pki_app = typer.Typer(help="Certificates of the cells of a laboratory.", no_args_is_help=True)
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of certificates.")]
 Cells = Annotated[list[str], typer.Option("--cell", metavar="NAME", help="A cell; repeat it.")]
@@ -41,13 +44,12 @@ def pki_add(
 
 
 @pki_app.command("show", epilog="Example: forefeel pki show pki   Example: forefeel pki show pki --json")
-def pki_show(
-    folder: Folder, as_json: Annotated[bool, typer.Option("--json", help="For programs.")] = False
-) -> None:
+def pki_show(folder: Folder, as_json: AsJson = False, quiet: Quiet = False) -> None:
     """Show names, hosts and expiry; exit 1 where one is red."""
     from forefeel.pki.command import run_show  # noqa: PLC0415
 
-    run_show(folder, as_json)
+    with output(as_json, quiet):
+        run_show(folder)
 
 
 @pki_app.command(

@@ -1,13 +1,13 @@
 """`forefeel pki`: what each subcommand does and says."""
 
-import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import typer
-from rich.console import Console
+from rich.console import RenderableType
 from rich.table import Table
+from rich.text import Text
 
 from common.clock import now_utc
 from common.errors import ConfigurationError
@@ -21,8 +21,9 @@ from forefeel.pki.layout import (
     members_of,
     parse_hosts,
 )
-from forefeel.pki.show import rows
+from forefeel.pki.show import Row, rows
 from forefeel.pki.zenoh_files import zenoh_files
+from forefeel.terminal import SHADES, answer, show, table
 
 
 def run_init(folder: Path, cells: Sequence[str], hosts: Sequence[str], days: int) -> None:
@@ -34,9 +35,9 @@ def run_init(folder: Path, cells: Sequence[str], hosts: Sequence[str], days: int
     names = checked_cells(cells)
     by_word = parse_hosts(hosts, members_of(names, apart=len(names) > 1))
     members = store.make_folder(folder, names, by_word, days, now_utc())
-    print(f"{folder}: an authority and {len(members)} certificates, valid for {days} days")
+    show(f"{folder}: an authority and {len(members)} certificates, valid for {days} days")
     _say_where(folder, members)
-    print(f"keep {folder / AUTHORITY_KEY} off the hosts: it signs; forefeel pki renew and add need it")
+    show(f"keep {folder / AUTHORITY_KEY} off the hosts: it signs; forefeel pki renew and add need it")
 
 
 def run_add(folder: Path, cell: str, hosts: Sequence[str], days: int) -> None:
@@ -48,31 +49,20 @@ def run_add(folder: Path, cell: str, hosts: Sequence[str], days: int) -> None:
     (name,) = checked_cells([cell])
     by_word = parse_hosts(hosts, [each for each in members_of([name], apart=True) if each.part])
     members = store.add_cell(folder, name, by_word, days, now_utc())
-    print(
+    show(
         f"{folder / name}: {len(members)} certificates, valid for {days} days; tell the router of cell {name}"
     )
     _say_where(folder, members)
 
 
-def run_show(folder: Path, as_json: bool) -> None:
-    """Prints what lies there.
+def run_show(folder: Path) -> None:
+    """Answers what lies there.
 
     Raises:
         ConfigurationError: no folder of certificates. typer.Exit: 1, where one is red.
     """
     found = rows(folder, now_utc())
-    if as_json:
-        print(json.dumps([asdict(row) for row in found], indent=2))
-    else:
-        table = Table("", "file", "name", "hosts", "expires", "days", box=None, pad_edge=False)
-        for row in found:
-            shade = {"green": "green", "amber": "yellow", "red": "red"}[row.colour]
-            mark = f"[{shade}]{row.colour}[/]"
-            table.add_row(mark, row.file, row.name, " ".join(row.hosts), row.expires[:10], str(row.days_left))
-        Console(width=None if Console().is_terminal else 160).print(table)
-        for row in found:
-            if row.advice:
-                print(f"{row.colour}: {row.advice}")
+    answer(*_in_words(found), document=lambda: [asdict(row) for row in found])
     if any(row.colour == "red" for row in found):
         raise typer.Exit(1)
 
@@ -87,8 +77,8 @@ def run_renew(folder: Path, who: Sequence[str], hosts: Sequence[str], days: int)
     members = chosen_members(who, known, "renew")
     store.renew(folder, members, parse_hosts(hosts, members), days, now_utc())
     for member in members:
-        print(f"{member.certificate(folder)}: renewed for {days} days; copy it to its host, the key stays")
-    print("a daemon takes a new certificate at its next start")
+        show(f"{member.certificate(folder)}: renewed for {days} days; copy it to its host, the key stays")
+    show("a daemon takes a new certificate at its next start")
 
 
 def run_bundle(folder: Path, who: str, out: Path) -> None:
@@ -102,7 +92,7 @@ def run_bundle(folder: Path, who: str, out: Path) -> None:
         known = ", ".join(member.word for member in members)
         raise ConfigurationError(f"bundle: {who!r}: expected one of {known}")
     files = store.bundle(folder, members[0], out)
-    print(f"{out}: {', '.join(files)}; copy the folder to the host and name it in transport.pki")
+    show(f"{out}: {', '.join(files)}; copy the folder to the host and name it in transport.pki")
 
 
 def run_rules(cells: Sequence[str], folder: Path, out: Path, overwrite: bool) -> None:
@@ -114,11 +104,26 @@ def run_rules(cells: Sequence[str], folder: Path, out: Path, overwrite: bool) ->
     texts = zenoh_files(checked_cells(cells), folder)
     with results_folder(out, tuple(texts), "earlier files", overwrite):
         write_all(out, texts, [])
-    print(f"{out}: {', '.join(texts)}")
+    show(f"{out}: {', '.join(texts)}")
+
+
+def _in_words(found: Sequence[Row]) -> Iterator[RenderableType]:
+    yield _table(found)
+    for row in found:
+        if row.advice:
+            yield f"{row.colour}: {row.advice}"
+
+
+def _table(found: Sequence[Row]) -> Table:
+    made = table("", "file", "name", "hosts", "expires", "days", right=("days",))
+    for row in found:
+        cells = row.file, row.name, " ".join(row.hosts), row.expires[:10], str(row.days_left)
+        made.add_row(Text(row.colour, SHADES[row.colour]), *map(Text, cells))
+    return made
 
 
 def _say_where(folder: Path, members: Sequence[Member]) -> None:
-    print(f"what each host needs (forefeel pki bundle {folder} ROLE --out DIR puts it together):")
+    show(f"what each host needs (forefeel pki bundle {folder} ROLE --out DIR puts it together):")
     for member in members:
         files = member.authority(folder), member.certificate(folder), member.key(folder)
-        print(f"  {member.word}: {' '.join(str(path.relative_to(folder)) for path in files)}")
+        show(f"  {member.word}: {' '.join(str(path.relative_to(folder)) for path in files)}")

@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from forefeel.options import AsJson, Quiet
+from forefeel.terminal import output
+
 EPILOG = (
     "Example: forefeel reproduce --out out/paper   "
     "Example: forefeel reproduce --out out/paper --overwrite --recordings measured"
@@ -31,8 +34,11 @@ def reproduce(
             "--duration", min=6.0, max=600.0, metavar="S", help="Of each run of the simulated bench."
         ),
     ] = 16.0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Reproduce the paper: its figures, what its simulation gets wrong, and the human thresholds."""
     from forefeel.reproduction.command import run_reproduction  # noqa: PLC0415 - as the other commands
 
-    run_reproduction(out, overwrite, recordings or (), seed, duration)
+    with output(as_json, quiet):
+        run_reproduction(out, overwrite, recordings or (), seed, duration)

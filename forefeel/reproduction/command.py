@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from forefeel.reproduction.draw import draw_all
 from forefeel.reproduction.page import render_page
 from forefeel.reproduction.recordings import folders_to_read, recorded_runs
 from forefeel.reproduction.text import short_table
+from forefeel.terminal import Tell, answer, stages
 
 _JSON, _PAGE = "reproduction.json", "reproduction.html"
 _OURS = "figure_*.png", "flaw_?.png", "thresholds.png", _JSON, _PAGE
@@ -37,34 +37,38 @@ def run_reproduction(
     """
     folders = folders_to_read(recordings)
     _prepare(out, overwrite)
-    runs = _bench(duration_s, seed)
+    with stages("reproduce") as tell:
+        numbers, files = _worked_out(folders, seed, duration_s, tell)
+    _write(out, files)
+    answer(*short_table(numbers, out), document=numbers.to_json)
+    return numbers
+
+
+def _worked_out(
+    folders: Sequence[Path], seed: int, duration_s: float, tell: Tell
+) -> tuple[Reproduction, dict[str, bytes]]:
+    """The numbers, and what each file holds."""
+    runs = _bench(duration_s, seed, tell)
     skipped: Mapping[str, str] | None = None
     if folders:
-        measured, skipped = recorded_runs(folders, _say)
+        measured, skipped = recorded_runs(folders, tell)
         runs += measured
-    numbers, traces = assemble(runs, skipped, STYLES, seed, _say)
-    _say("figures and page")
+    numbers, traces = assemble(runs, skipped, STYLES, seed, tell)
+    tell("figures and page")
     pictures = draw_all(numbers, traces)
     files = {picture.file: picture.png for picture in pictures}
     files[_PAGE] = render_page(numbers, pictures).encode()
     files[_JSON] = numbers.to_json().encode()
-    _write(out, files)
-    for line in short_table(numbers, out):
-        print(line)
-    return numbers
+    return numbers, files
 
 
-def _bench(duration_s: float, seed: int) -> list[Run]:
+def _bench(duration_s: float, seed: int, tell: Tell) -> list[Run]:
     runs = []
     for instrument in INSTRUMENTS:
         for style in STYLES:
-            _say(f"simulated bench: {instrument}, {style}, {duration_s:g} s")
+            tell(f"simulated bench: {instrument}, {style}, {duration_s:g} s")
             runs.append(bench_run(instrument, style, duration_s, seed))
     return runs
-
-
-def _say(what: str) -> None:
-    print(f"reproduce: {what}", file=sys.stderr, flush=True)
 
 
 def _prepare(folder: Path, overwrite: bool) -> None:

@@ -1,9 +1,13 @@
 """`forefeel simulate`: what stands on the command line."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from forefeel.options import Quiet, among
+from forefeel.terminal import output
 
 EPILOG = (
     "Example: forefeel simulate --model model.yaml --motion hand --duration 30 --seed 1 --out run.csv   "
@@ -11,11 +15,22 @@ EPILOG = (
 )
 
 
+def _motions() -> Iterable[str]:
+    from forefeel.simulate.run import MOTIONS  # noqa: PLC0415 - as in `simulate`
+
+    return MOTIONS
+
+
 def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     model: Annotated[Path, typer.Option(metavar="FILE", help="model.yaml: the contact and its sensor.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="A .csv or .parquet file.")],
     motion: Annotated[
-        str, typer.Option(metavar="MOTION", help="hand, multisine, sine, or a recording to follow.")
+        str,
+        typer.Option(
+            metavar="MOTION",
+            help="hand, multisine, sine, or a recording to follow.",
+            autocompletion=among(_motions),
+        ),
     ] = "hand",
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="Default 30, or the recording's.")
@@ -40,6 +55,7 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
         str | None, typer.Option("--time", metavar="UNIT:COLUMN", help="Of the recording to follow.")
     ] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
+    quiet: Quiet = False,
 ) -> None:
     """Make a recording of any model: time_s, position_m, force_n."""
     from forefeel.simulate.run import Wish, run_simulation  # noqa: PLC0415 - other commands start without it
@@ -48,4 +64,5 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     sensor = SensorWish(noise, noise_corner, full_scale, encoder_step)
     columns = time_column, position_column
     wish = Wish(model, motion, duration, rate, seed, start, depth, frequency, sensor, columns)
-    run_simulation(wish, out, overwrite)
+    with output(quiet=quiet):
+        run_simulation(wish, out, overwrite)

@@ -5,7 +5,6 @@ from math import isfinite
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from common.effects.conversion import at_conversion
@@ -18,6 +17,7 @@ from forefeel.simulate.motion import Hand, Piece, Recorded, multisine, sine
 from forefeel.simulate.sensor import SensorWish, counted, encoded, noise
 from forefeel.simulate.world import integrate
 from forefeel.simulate.write import check_target, write_table
+from forefeel.terminal import progress, show
 
 MOTIONS = ("hand", "multisine", "sine")
 _RATES_HZ = (1.0, 10_000.0)
@@ -55,11 +55,17 @@ def run_simulation(wish: Wish, out: Path, overwrite: bool) -> None:
     _check(wish)
     check_target(out, overwrite)
     model = load_model(wish.model)
-    console = Console(stderr=True, highlight=False)
-    columns = _simulated(model, wish, console)
+    bar = progress(
+        TextColumn("simulating"),
+        BarColumn(bar_width=40),
+        TextColumn("{task.completed:5.0f} / {task.total:.0f} s"),
+        TimeRemainingColumn(),
+    )
+    with bar:
+        columns = _simulated(model, wish, bar)
     write_table(out, columns)
     force_n = columns["force_n"]
-    print(
+    show(
         f"{out}: {len(force_n)} samples over {np.ptp(columns['time_s']):g} s of {model.name!r}, "
         f"force {force_n.min():.4g} to {force_n.max():.4g} N, seed {wish.seed}"
     )
@@ -71,27 +77,18 @@ def simulate(model: ContactModel, wish: Wish) -> dict[str, Array]:
     Raises:
         InputError: the recorded motion can not be used, or the force is not finite.
     """
-    return _simulated(model, wish, Console(quiet=True))
+    return _simulated(model, wish, Progress(disable=True))
 
 
-def _simulated(model: ContactModel, wish: Wish, console: Console) -> dict[str, Array]:
+def _simulated(model: ContactModel, wish: Wish, bar: Progress) -> dict[str, Array]:
     random = np.random.default_rng(wish.seed)
     pieces = _pieces(wish, random)
     stamps_s = np.concatenate([piece.stamps_s for piece in pieces])
     continuous, converts = at_conversion(model)
-    bar = Progress(
-        TextColumn("simulating"),
-        BarColumn(bar_width=40),
-        TextColumn("{task.completed:5.0f} / {task.total:.0f} s"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
+    task = bar.add_task("", total=float(np.ptp(stamps_s)))
+    position_m, force_n = integrate(
+        continuous, pieces, lambda now_s: bar.update(task, completed=now_s - stamps_s[0])
     )
-    with bar:
-        task = bar.add_task("", total=float(np.ptp(stamps_s)))
-        position_m, force_n = integrate(
-            continuous, pieces, lambda now_s: bar.update(task, completed=now_s - stamps_s[0])
-        )
     force_n = force_n + noise(wish.sensor, stamps_s, random)
     for effect in converts:
         force_n = effect.readings(stamps_s - stamps_s[0], force_n)

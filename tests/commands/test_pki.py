@@ -32,8 +32,8 @@ def test_a_laboratory_from_init_to_renewal(
     capsys.readouterr()
     assert run(["pki", "show", str(pki)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert any(line.startswith("green  a/slave.crt") and "10.0.0.1 slave-host" in line for line in lines)
-    assert any(line.startswith("amber  b/slave.crt") for line in lines)
+    assert any(line.startswith("| green | a/slave.crt") and "10.0.0.1 slave-host" in line for line in lines)
+    assert any(line.startswith("| amber | b/slave.crt") for line in lines)
     assert run(["pki", "show", str(tmp_path / "hand" / "pki")]) == 0
     assert run(["pki", "rules", "--cell", "a", "--cell", "b", "--out", str(tmp_path / "zenoh")]) == 0
     assert len(list((tmp_path / "zenoh").iterdir())) == 9

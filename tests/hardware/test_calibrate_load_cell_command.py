@@ -1,5 +1,6 @@
 """`forefeel calibrate load-cell` as a person uses it, on a fake in stepped time."""
 
+import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -72,6 +73,21 @@ def test_weights_are_kilograms_and_with_yes_nobody_is_asked(
     found = load_settings(LoadCellCalibration, Path("cell.yaml"))
     assert found.gain_n == pytest.approx(cell.gain_n, rel=1e-3)
     assert found.range_n == pytest.approx((0.0, 0.980665))
+
+
+def test_json_is_what_the_file_holds_and_quiet_asks_and_says_no_more(
+    run: Run, cell: FakeCell, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run([*CELL, *FORCES, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["format"] == "forefeel.load_cell_calibration/1"
+    assert document == yaml.safe_load(json.dumps(load_yaml(Path("cell.yaml"))[0], default=str))
+    monkeypatch.setattr(sys, "stdin", Hands(cell, WALK))
+    assert run([*CELL, *FORCES, "--quiet", "--overwrite"]) == 0
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.splitlines()) == len(WALK)
+    assert all(line.endswith("then press Enter") for line in said.err.splitlines())
 
 
 def test_hysteresis_is_reported(run: Run, cell: FakeCell) -> None:

@@ -56,6 +56,17 @@ def test_a_stage_is_homed_twice_and_run_from_end_to_end(
     assert "found again within 3 um" in said.out
 
 
+def test_json_is_what_the_file_holds_and_quiet_says_nothing(
+    run: Run, homing: FakeHoming, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run([*STAGE, "--yes", "--json"]) == 0
+    found = StageCalibration.model_validate_json(capsys.readouterr().out)
+    assert found == load_settings(StageCalibration, Path("stage.yaml"))
+    assert homing.calls.count("homed") == 2
+    assert run([*STAGE, "--yes", "--quiet", "--overwrite"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
 def test_a_device_that_does_not_tell_its_repeatability_has_none_in_the_file(
     run: Run, homing: FakeHoming, capsys: pytest.CaptureFixture[str]
 ) -> None:

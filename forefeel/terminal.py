@@ -1,0 +1,162 @@
+"""How a command speaks: the answer on stdout; progress, remarks and errors on stderr.
+
+Text from outside is never markup. Colours and bars are for a terminal only (and NO_COLOR takes the colours);
+elsewhere stderr gets plain lines. `--json` and `--quiet` are set with `output`, where a command begins.
+"""
+
+import json
+import sys
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import IO, TYPE_CHECKING
+
+from common.notices import printable
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+    from rich.progress import Progress, ProgressColumn
+    from rich.table import Table
+
+Tell = Callable[[str], None]
+PLAIN_WIDTH = 160
+"""Columns of a table where there is no terminal."""
+SHADES = {"green": "green", "amber": "yellow", "red": "bold red"}
+"""How a level of `forefeel doctor` and of a certificate is coloured."""
+
+
+@dataclass(slots=True)
+class _Mode:
+    as_json: bool = False
+    quiet: bool = False
+
+
+_mode = _Mode()
+
+
+@contextmanager
+def output(as_json: bool = False, quiet: bool = False) -> Iterator[None]:
+    """How the body speaks, in every thread. `as_json`: the answer is its document. `quiet`: errors only."""
+    before = _mode.as_json, _mode.quiet
+    _mode.as_json, _mode.quiet = as_json, quiet
+    try:
+        yield
+    finally:
+        _mode.as_json, _mode.quiet = before
+
+
+def say(text: str) -> None:
+    """A remark: one line on stderr."""
+    if not _mode.quiet:
+        ask(text)
+
+
+def ask(text: str) -> None:
+    """A line on stderr that stands even with `--quiet`, for somebody has to act on it."""
+    print(printable(text), file=sys.stderr, flush=True)
+
+
+def complain(text: str) -> None:
+    """An error in one line, whatever `text` is broken into."""
+    line = f" {printable(' '.join(text.splitlines()))}"
+    if not sys.stderr.isatty():
+        print(f"forefeel:{line}", file=sys.stderr, flush=True)
+        return
+    from rich.text import Text  # noqa: PLC0415 - as in `console`
+
+    console(sys.stderr).print(Text.assemble(("forefeel:", "bold red"), line), soft_wrap=True)
+
+
+def answer(*parts: "RenderableType", document: Callable[[], object]) -> None:
+    """The answer on stdout: tables, texts and lines; with `--json` the document alone.
+
+    Args:
+        parts: each begins a line of its own; lines are not wrapped, tables fit the terminal.
+        document: gives what JSON can hold, or the text of a JSON document.
+    """
+    if _mode.as_json:
+        found = document()
+        print(found.rstrip("\n") if isinstance(found, str) else json.dumps(found, indent=2), flush=True)
+    else:
+        show(*parts)
+
+
+def show(*parts: "RenderableType") -> None:
+    """Tables, texts and lines on stdout, of an answer that comes in pieces or has no document."""
+    if _mode.as_json or _mode.quiet or not parts:
+        return
+    shown = console(sys.stdout)
+    from rich.table import Table  # noqa: PLC0415 - as in `console`
+
+    for part in parts:
+        shown.print(part, soft_wrap=not isinstance(part, Table))
+    sys.stdout.flush()
+
+
+def console(stream: IO[str]) -> "Console":
+    """For one stream of this process; a variable of the environment makes no terminal of what is none."""
+    from rich.console import Console  # noqa: PLC0415 - a daemon and an emergency stop start without rich
+
+    terminal = stream.isatty()
+    width = None if terminal else PLAIN_WIDTH
+    return Console(
+        file=stream, force_terminal=terminal, width=width, highlight=False, markup=False, emoji=False
+    )
+
+
+def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) -> "Table":
+    """An empty table for stdout. `right`: columns of numbers; one that does not fit ends in an ellipsis."""
+    from rich import box  # noqa: PLC0415 - as in `console`
+    from rich.table import Table  # noqa: PLC0415
+
+    style = box.SIMPLE_HEAD if sys.stdout.isatty() else box.ASCII2
+    made = Table(title=title, title_justify="left", box=style)
+    for name in columns:
+        if name in right:
+            made.add_column(name, justify="right", no_wrap=True)
+        else:
+            made.add_column(name, overflow="fold")
+    return made
+
+
+def progress(*columns: "ProgressColumn") -> "Progress":
+    """A bar on stderr that goes when it is done; none where nobody watches."""
+    from rich.progress import Progress  # noqa: PLC0415 - as in `console`
+
+    return Progress(
+        *columns,
+        console=console(sys.stderr),
+        transient=True,
+        redirect_stdout=sys.stdout.isatty(),  # else an answer meanwhile would go to stderr
+        disable=not _watched(),
+    )
+
+
+@contextmanager
+def stages(
+    name: str, words: Mapping[str, str] | None = None, said: Container[str] | None = None
+) -> Iterator[Tell]:
+    """A function that is told the stage before it starts: a spinner; on no terminal a line for each.
+
+    Args:
+        name: of what is worked on. words: a stage in words, itself where it has none.
+        said: the stages that have a line; None: all. What is over before anyone wonders needs none.
+    """
+
+    def line(stage: str) -> str:
+        return f"{name}: {(words or {}).get(stage, stage)}"
+
+    if not _watched():
+        yield lambda stage: say(line(stage)) if said is None or stage in said else None
+        return
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415 - as in `console`
+
+    with progress(
+        SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    ) as bar:
+        task = bar.add_task(name)
+        yield lambda stage: bar.update(task, description=line(stage))
+
+
+def _watched() -> bool:
+    return sys.stderr.isatty() and not _mode.quiet

@@ -1,0 +1,237 @@
+"""What a terminal gets and what a pipe gets; markup from outside; completion by the shell."""
+
+import io
+import os
+import pty
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from forefeel import terminal
+from forefeel.emulate.run import DEVICES
+from forefeel.loopback.hardware import HARDWARE
+from tests.commands.test_cli import ROOT
+from tests.secured import make_pki
+
+Run = Callable[[Sequence[str]], int]
+COLOUR = ("\x1b[3", "\x1b[1;3", "\x1b[9")
+
+
+class Terminal(io.StringIO):
+    """A stream that is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def in_a_process(words: list[str], stdout: int, stderr: int, **variables: str) -> int:
+    environment = {"TERM": "xterm-256color", "COLUMNS": "120", "PYTHONPATH": str(ROOT), **variables}
+    kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
+    command = [sys.executable, "-m", "forefeel", *words]
+    return subprocess.run(
+        command, stdout=stdout, stderr=stderr, env={**kept, **environment}, timeout=50, check=False
+    ).returncode
+
+
+def on_a_terminal(words: list[str], **variables: str) -> tuple[int, str, str]:
+    """Exit code, what a terminal on stderr gets, what a pipe on stdout gets."""
+    ours, theirs = pty.openpty()
+    read, write = os.pipe()
+    seen: list[bytes] = []
+
+    def drain() -> None:
+        try:
+            while data := os.read(ours, 65536):
+                seen.append(data)
+        except OSError:  # the other end is closed
+            return
+
+    thread = threading.Thread(target=drain)
+    thread.start()
+    try:
+        code = in_a_process(words, write, theirs, **variables)
+    finally:
+        os.close(theirs)
+        os.close(write)
+        thread.join()
+        os.close(ours)
+    with os.fdopen(read) as out:
+        return code, b"".join(seen).decode(), out.read()
+
+
+@pytest.fixture
+def simulation(tmp_path: Path) -> list[str]:
+    model = "schema: forefeel.model/1\nname: x\neffects:\n  - effect: mass_damper_spring\n"
+    (tmp_path / "model.yaml").write_text(model)
+    return f"simulate --model {tmp_path}/model.yaml --out {tmp_path}/run.csv --overwrite".split()
+
+
+def test_a_bar_is_for_a_terminal_and_the_answer_for_a_pipe(simulation: list[str]) -> None:
+    code, bar, answer = on_a_terminal(simulation)
+    assert code == 0
+    assert "simulating" in bar
+    assert "\x1b[" in bar
+    assert answer.endswith("seed 0\n")
+    assert "\x1b" not in answer
+    assert answer.count("\n") == 1
+    code, bar, answer = on_a_terminal([*simulation, "--quiet"])
+    assert (code, bar, answer) == (0, "", "")
+
+
+def test_an_answer_while_a_bar_is_shown_goes_to_stdout(monkeypatch: pytest.MonkeyPatch) -> None:
+    out, err = io.StringIO(), Terminal()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stderr", err)
+    with terminal.stages("run") as tell:
+        tell("a")
+        terminal.answer("found", document=dict)
+        terminal.say("a remark")
+    assert out.getvalue() == "found\n"
+    assert "a remark" in err.getvalue()
+
+
+def test_an_error_on_a_terminal_is_one_line_and_coloured_unless_that_is_not_wanted() -> None:
+    for variables in ({}, {"NO_COLOR": "1"}):
+        code, shown, _ = on_a_terminal(["pki", "show", "/none"], **variables)
+        assert code == 2
+        assert shown.count("\n") == 1
+        assert "/none" in shown
+        assert any(start in shown for start in COLOUR) == (not variables)
+
+
+def test_a_table_is_coloured_on_a_terminal_alone(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_pki(tmp_path / "pki")
+    monkeypatch.setenv("TERM", "xterm-256color")
+    for out, no_colour in ((Terminal(), ""), (Terminal(), "1"), (io.StringIO(), "")):
+        monkeypatch.setattr(sys, "stdout", out)
+        monkeypatch.setenv("NO_COLOR", no_colour)  # empty: as if it were not there
+        assert run(["pki", "show", str(tmp_path / "pki")]) == 0
+        assert "slave.crt" in out.getvalue()
+        wanted = out.isatty() and not no_colour
+        assert any(start in out.getvalue() for start in COLOUR) == wanted
+
+
+@pytest.mark.parametrize("made", [io.StringIO, Terminal])
+def test_text_from_outside_is_no_markup_and_no_command_to_a_terminal(
+    made: type[io.StringIO], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "[red]a[/red] :smile: [link=x]b"
+    out, err = made(), made()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stderr", err)
+    terminal.answer(text, document=dict)
+    terminal.say(f"{text}\x1b[2J")
+    terminal.complain(f"{text}\x1b[2J\nand more")
+    assert out.getvalue() == f"{text}\n"
+    said, complaint = err.getvalue().splitlines()
+    assert said == f"{text}?[2J"
+    assert complaint.endswith(f" {text}?[2J and more")
+
+
+def test_a_long_line_is_not_wrapped_and_a_table_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", out)
+    table = terminal.table("a", "b")
+    table.add_row("x" * 300, "y")
+    terminal.answer("z" * 300, table, document=dict)
+    long, *rows = out.getvalue().splitlines()
+    assert long == "z" * 300
+    assert max(map(len, rows)) == terminal.PLAIN_WIDTH
+    assert sum(row.count("x") for row in rows) == 300
+
+
+def test_stages_are_lines_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with terminal.stages("run", {"a": "reading"}) as tell:
+        tell("a")
+        tell("b")
+    with terminal.stages("run", {"a": "reading"}, said=("a",)) as tell:
+        tell("a")
+        tell("b")
+    with terminal.output(quiet=True), terminal.stages("run") as tell:
+        tell("a")
+    assert capsys.readouterr().err == "run: reading\nrun: b\nrun: reading\n"
+
+
+def test_a_person_is_asked_even_quietly(capsys: pytest.CaptureFixture[str]) -> None:
+    with terminal.output(quiet=True):
+        terminal.say("a remark")
+        terminal.ask("unload the cell, then press Enter")
+    assert capsys.readouterr().err == "unload the cell, then press Enter\n"
+
+
+SPEAKS_ITSELF = {
+    "emulate/run.py",  # its first line is for whoever started it
+    "doctor/realtime_child.py",  # speaks to its parent
+    "local/commands.py",  # a stop waits for no library
+    "terminal.py",
+}
+
+
+_SPEAKS = re.compile(
+    r"(?<![\w.])(?:print|Console|Progress)\((?!disable=True)|typer\.echo\(|sys\.std(?:out|err)\b"
+)
+
+
+def test_nobody_else_makes_a_console_or_prints() -> None:
+    package = ROOT / "forefeel"
+    found = [path for path in package.rglob("*.py") if _SPEAKS.search(path.read_text())]
+    assert {str(path.relative_to(package)) for path in found} == SPEAKS_ITSELF
+
+
+def test_a_number_that_does_not_fit_shows_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(terminal, "PLAIN_WIDTH", 20)
+    table = terminal.table("a", "number", right=("number",))
+    table.add_row("x", "123456789012345678901234567890")
+    terminal.answer(table, document=dict)
+    assert "…" in out.getvalue().splitlines()[3]
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("loopback --impairment ", {"none", "lan", "wan", "lte", "5g", "satellite", "paper"}),
+        ("loopback --impairment s", {"satellite"}),
+        ("loopback --hardware ", set(HARDWARE)),
+        ("loopback --preset g", {"guidewire"}),
+        ("emulate ", set(DEVICES)),
+        ("emulate c", {"coil_serial", "cia402", "cia404", "can_hub"}),
+        ("simulate --motion ", {"hand", "multisine", "sine"}),
+        ("audit ", {"show", "verify"}),
+        ("report --js", {"--json"}),
+    ],
+)
+def test_a_shell_completes_words(
+    run: Run,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    line: str,
+    expected: set[str],
+) -> None:
+    monkeypatch.setenv("_FOREFEEL_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", f"forefeel {line}")
+    monkeypatch.setenv("COMP_CWORD", str(len(f"forefeel {line}x".split()) - 1))
+    assert run([]) == 0
+    assert set(capsys.readouterr().out.split()) == expected
+
+
+def test_bash_itself_completes_with_the_script_that_is_installed(tmp_path: Path) -> None:
+    command = tmp_path / "forefeel"
+    command.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m forefeel "$@"\n')
+    command.chmod(0o755)
+    script = f"""PATH={tmp_path}:$PATH
+    eval "$(forefeel --show-completion)"
+    COMP_WORDS=(forefeel loopback --impairment s) COMP_CWORD=3
+    _forefeel_completion forefeel
+    echo "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=50, check=True)
+    assert (done.stdout, done.stderr) == ("satellite\n", "")

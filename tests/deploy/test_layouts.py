@@ -1,0 +1,122 @@
+"""The layouts for other viewers: what they draw stands in a recording, with a field that can be drawn."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from mcap.reader import make_reader
+
+from common.topics import parse_key
+from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.virtual import VirtualLoopback
+
+DEPLOY = Path(__file__).parents[2] / "deploy"
+FOXGLOVE: dict[str, Any] = json.loads((DEPLOY / "foxglove" / "forefeel.json").read_text())
+PLOTJUGGLER = ElementTree.parse(DEPLOY / "plotjuggler" / "forefeel.xml").getroot()
+_PATH = re.compile(r"(\w+(?:/\w+)*)\.(\w+)", re.ASCII)
+"""What Foxglove's grammar of message paths takes without quotes."""
+Values = dict[str, dict[str, list[Any]]]
+
+
+def foxglove_paths(kind: str) -> list[tuple[str, str]]:
+    """(topic, field) of each series in the panels of one kind."""
+    panels = [panel for name, panel in FOXGLOVE["configById"].items() if name.startswith(f"{kind}!")]
+    found = [_PATH.fullmatch(path["value"]) for panel in panels for path in panel["paths"]]
+    return [(each[1], each[2]) for each in found if each]
+
+
+def plotjuggler_paths() -> list[tuple[str, str]]:
+    """(topic, field) of each curve, whose name is `topic/field`."""
+    parts = [curve.attrib["name"].rpartition("/") for curve in PLOTJUGGLER.iter("curve")]
+    return [(topic, field) for topic, _, field in parts]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Values:
+    """Every value of a run: topic -> field -> values that are not null."""
+    folder = tmp_path_factory.mktemp("run")
+    loop = VirtualLoopback(make_plan(Wish(seed=1, impairment="lan", duration_s=3.0)), 1)
+    loop.run(lambda _: None)
+    loop.write(folder / "recording.mcap")
+    values: Values = {}
+    with (folder / "recording.mcap").open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages():
+            fields = values.setdefault(channel.topic, {})
+            for name, value in json.loads(message.data).items():
+                if value is not None:
+                    fields.setdefault(name, []).append(value)
+    return values
+
+
+def amiss(topic: str, field: str, recorded: Values, kinds: tuple[type, ...]) -> str | None:
+    """What is wrong with a series."""
+    parsed = parse_key(topic)
+    if parsed is None or topic not in recorded:
+        return "no such topic"
+    if field not in parsed[2].message.model_fields:
+        return "no such field"
+    values = recorded[topic].get(field, [])
+    return None if values and all(isinstance(value, kinds) for value in values) else "nothing to draw"
+
+
+def test_plots_draw_numbers_that_a_recording_has(recorded: Values) -> None:
+    paths = [*foxglove_paths("Plot"), *plotjuggler_paths()]
+    assert len(paths) > 20
+    wrong = {path: amiss(*path, recorded, (int, float, bool)) for path in paths}
+    assert {path: why for path, why in wrong.items() if why} == {}
+
+
+def test_states_are_words_that_a_recording_has(recorded: Values) -> None:
+    paths = foxglove_paths("StateTransitions")
+    assert len(paths) > 2
+    wrong = {path: amiss(*path, recorded, (str, bool)) for path in paths}
+    assert {path: why for path, why in wrong.items() if why} == {}
+
+
+def test_a_wrong_series_is_seen(recorded: Values) -> None:
+    run = "forefeel/loopback/insertion"
+    numbers = int, float, bool
+    assert amiss(f"{run}/slave/forces", "force_n", recorded, numbers) == "no such topic"
+    assert amiss(f"{run}/any/estop", "source", recorded, numbers) == "no such topic"
+    assert amiss(f"{run}/slave/force", "force", recorded, numbers) == "no such field"
+    assert amiss(f"{run}/slave/state", "state", recorded, numbers) == "nothing to draw"
+
+
+def test_both_show_what_matters() -> None:
+    forces = {"force_n", "predicted_n", "low_n", "high_n", "rendered_n"}
+    wanted = forces | {"position_m", "command_position_m", "delay_s"}
+    assert wanted <= {field for _, field in foxglove_paths("Plot")}
+    assert wanted <= {field for _, field in plotjuggler_paths()}
+
+
+def panels(node: object) -> Iterator[str]:
+    """Of Foxglove's mosaic, from left to right and top to bottom."""
+    if isinstance(node, str):
+        yield node
+        return
+    assert isinstance(node, dict)
+    assert set(node) == {"direction", "first", "second", "splitPercentage"}
+    assert node["direction"] in {"row", "column"}
+    yield from panels(node["first"])
+    yield from panels(node["second"])
+
+
+def test_every_panel_of_foxglove_has_its_place_and_every_path_its_grammar() -> None:
+    assert sorted(panels(FOXGLOVE["layout"])) == sorted(FOXGLOVE["configById"])
+    series = [path for panel in FOXGLOVE["configById"].values() for path in panel["paths"]]
+    assert all(_PATH.fullmatch(path["value"]) for path in series)
+    assert {path["timestampMethod"] for path in series} == {"receiveTime"}  # one clock for both ends
+
+
+def test_the_splitters_of_plotjuggler_hold_as_many_as_they_say() -> None:
+    splitters = list(PLOTJUGGLER.iter("DockSplitter"))
+    assert len(splitters) == len(list(PLOTJUGGLER.iter("Tab")))
+    for each in splitters:
+        sizes = [float(size) for size in each.attrib["sizes"].split(";")]
+        assert len(each) == int(each.attrib["count"]) == len(sizes)
+        assert sum(sizes) == pytest.approx(1.0)
+        assert [area.tag for area in each] == ["DockArea"] * len(each)
