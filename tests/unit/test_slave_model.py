@@ -211,7 +211,8 @@ class SlaveModel(RuleBasedStateMachine):
     def clear(self) -> None:
         self.rig.load_cell.reading = LoadCellReading(0.1, 100, True)
         self.rig.axis.clear()
-        self.halted = self.released = False
+        self.released &= not self.halted  # what is not halted is not cleared, and who let go has let go
+        self.halted = False
         self._tick(send=True)
 
     # --- the model ---
