@@ -11,6 +11,8 @@ from common.recording.tabular import Mapping
 from common.transport.settings import PRESETS
 from forefeel.calibrate.cli import calibrate_app
 from forefeel.daemon_settings import load_any, load_daemon
+from forefeel.dashboard.command import EPILOG as DASHBOARD_EPILOG
+from forefeel.dashboard.command import VIEW_EPILOG, dashboard, view
 from forefeel.devices.cli import EPILOG as DEVICES_EPILOG
 from forefeel.devices.cli import device_app, devices
 from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
@@ -90,6 +92,8 @@ def config_check(file: Annotated[Path, typer.Argument(metavar="FILE")]) -> None:
 
 app.command(epilog=RECORD_EPILOG)(record)
 app.command(epilog=METRICS_EPILOG)(metrics)
+app.command(epilog=DASHBOARD_EPILOG)(dashboard)
+app.command(epilog=VIEW_EPILOG)(view)
 app.command(epilog=ROUTER_EPILOG)(router)
 
 

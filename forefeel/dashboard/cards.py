@@ -1,0 +1,199 @@
+"""What the cards of the page say of an axis now, as plain data for JSON. Pure: time is an argument."""
+
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from common.error_size import Floats
+from common.messages import LoopTiming, ModelParameters
+from common.notices import printable
+from common.topics import MASTER_STATE, PARAMETERS, SLAVE_STATE
+from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.happened import Happened
+from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
+from forefeel.dashboard.tally import tallies, totals
+from forefeel.dashboard.trace import SPAN_S
+from forefeel.dashboard.words import lights
+from forefeel.report.wording import UNKNOWN, micros, number, quantity
+
+Card = dict[str, Any]
+_BINS = 36
+_LEAST_SPREAD_S = 2e-3
+_FRESH_S = 0.5
+_MOST_PARAMETERS = 12
+_LEADS = {
+    "": "nobody yet",
+    "hold": "hold: the newest force that arrived",
+}
+_TICK_US = 1000.0
+
+
+def numbers(view: AxisView, now_ns: int) -> Card:
+    """The large figures: what is felt, predicted, measured, and the delay; UNKNOWN for what is not."""
+    haptics, force = view.newest.haptics, view.newest.force
+    fresh = _fresh(view, "master/haptics", now_ns)
+    felt = haptics if fresh else None
+    measured = force if _fresh(view, "slave/force", now_ns) and force is not None and force.valid else None
+    return {
+        "felt": _number_n(felt.rendered_n if felt else None),
+        "limited": bool(felt and felt.limited),
+        "predicted": _number_n(felt.predicted_n if felt else None),
+        "band": _band(felt.low_n, felt.high_n) if felt else "",
+        "measured": _number_n(measured.force_n if measured else None),
+        "age": "" if felt is None or felt.force_age_s is None else f"{quantity(felt.force_age_s, 's')} old",
+        "delay": _milliseconds(felt.delay_s if felt else None),
+        "leading": _leading(felt.leading if felt else ""),
+        "position": _millimetres(felt.command_position_m if felt else None),
+        "readback": _millimetres(force.position_m if measured and force else None),
+    }
+
+
+def standing(view: AxisView, now_ns: int) -> list[Card]:
+    """The lights."""
+    return [light._asdict() for light in lights(view, now_ns)]
+
+
+def delay(view: AxisView, now_ns: int) -> Card:
+    """The round trips of the last minute: quantiles, and how often each was met."""
+    rows = view.delays.rows()
+    delays_s = rows[rows[:, 0] > now_ns * 1e-9 - SPAN_S, 1]
+    if not len(delays_s):
+        return {"edges_ms": [], "counts": [], "words": "no answered command in the last minute"}
+    p50, p99, most = np.quantile(delays_s, [0.5, 0.99, 1.0])
+    counts, edges = _histogram(delays_s)
+    words = f"median {quantity(p50, 's')} · 99 % {quantity(p99, 's')} · most {quantity(most, 's')}"
+    return {"edges_ms": [round(1e3 * edge, 3) for edge in edges], "counts": counts, "words": words}
+
+
+def _histogram(delays_s: Floats) -> tuple[list[int], list[float]]:
+    low, high = np.quantile(delays_s, [0.0, 0.999])
+    spare_s = max(0.0, _LEAST_SPREAD_S - (high - low)) / 2
+    counts, edges = np.histogram(delays_s, bins=_BINS, range=(max(0.0, low - spare_s), high + spare_s))
+    return counts.tolist(), edges.tolist()
+
+
+def model(view: AxisView, now_ns: int) -> Card:
+    """Parameters with their uncertainty, what the motion tells apart, and how good the model is."""
+    found = view.newest.model
+    if found is None:
+        return {"parameters": [], "statements": ["the identification has said nothing yet"], "foot": ""}
+    quiet = "" if _fresh(view, PARAMETERS.name, now_ns) else " · not heard now"
+    return {
+        "parameters": _parameters(found),
+        "statements": _statements(found),
+        "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates · "
+        f"{number(found.resets)} returns to the prior{quiet}",
+    }
+
+
+def _parameters(found: ModelParameters) -> list[Card]:
+    rows = zip(found.names, found.values, found.standard_deviations, strict=False)
+    return [
+        {"name": printable(name), "value": f"{value:.4g}", "deviation": f"{deviation:.2g}", "known": _known(value, deviation)}
+        for name, value, deviation in list(rows)[:_MOST_PARAMETERS]
+    ]
+
+
+def _known(value: float, deviation: float) -> str:
+    """How well a parameter is known, in a word."""
+    if deviation <= 0.0:
+        return "fixed"
+    share = abs(value) / deviation
+    return "well" if share > 10 else "roughly" if share > 2 else "not yet"
+
+
+def _statements(found: ModelParameters) -> list[str]:
+    if not found.valid:
+        return ["not valid yet: too little motion so far", *map(printable, found.identifiable)]
+    return [*map(printable, found.identifiable)] or ["the motion tells all parameters apart"]
+
+
+def energy(view: AxisView) -> Card:
+    """What the hand has put in, on balance: below zero the handle has given more than it took."""
+    felt = view.newest.haptics
+    if felt is None:
+        return {"level": OFF, "value": UNKNOWN, "words": "no hand heard yet"}
+    level: Level = GOOD if felt.energy_j >= 0.0 else WARN
+    words = "passive: the hand has put in more than it got" if level == GOOD else "the handle has given energy"
+    lowest = f"lowest {quantity(view.worst_energy_j, 'J')}"
+    return {"level": level, "value": quantity(felt.energy_j, "J"), "words": f"{words} · {lowest}"}
+
+
+def loops(view: AxisView) -> list[Card]:
+    """How late both loops are, since they began."""
+    return [_loop(role, view.newest.timings.get(role)) for role in ("master", "slave")]
+
+
+def _loop(role: str, timing: LoopTiming | None) -> Card:
+    if timing is None:
+        return {"who": role, "level": OFF, "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN, "max": UNKNOWN,
+                "missed": UNKNOWN}  # fmt: skip
+    share = timing.missed / max(1, timing.ticks + timing.missed)
+    level: Level = BAD if share > 0.05 else WARN if share > 0.001 or timing.p99_us > _TICK_US else GOOD
+    word = {GOOD: "on time", WARN: "late at times", BAD: "misses ticks"}[level]
+    return {
+        "who": role,
+        "level": level,
+        "word": word,
+        "p50": micros(timing.p50_us),
+        "p99": micros(timing.p99_us),
+        "max": micros(timing.max_us),
+        "missed": number(timing.missed),
+    }
+
+
+def counters(view: AxisView) -> Card:
+    """Lost, late, reordered, refused, and every counter by name."""
+    found = tallies((view.newest.slave, view.newest.master))
+    sums = totals(found)
+    return {
+        "sums": {kind: number(count) for kind, count in sums.items()},
+        "rows": [{"who": each.who, "name": each.name, "count": number(each.count)} for each in found],
+        "words": _counted_words(view),
+    }
+
+
+def _counted_words(view: AxisView) -> str:
+    heard = view.newest.heard_ns
+    missing = [t.publisher for t in (SLAVE_STATE, MASTER_STATE) if t.name not in heard]
+    return f"{' and '.join(missing)}: not heard" if missing else ""
+
+
+def events(happened: Happened) -> list[Card]:
+    """What happened, the newest first; `heard_s`: when, on the clock of who listens."""
+    return [
+        {
+            "number": line.number,
+            "heard_s": round(line.receive_ns * 1e-9, 3),
+            "level": line.level,
+            "who": line.who,
+            "text": line.text,
+        }
+        for line in reversed(list(happened))
+    ]
+
+
+def _fresh(view: AxisView, topic: str, now_ns: int) -> bool:
+    heard_ns = view.newest.heard_ns.get(topic)
+    return heard_ns is not None and (now_ns - heard_ns) * 1e-9 <= _FRESH_S
+
+
+def _number_n(value_n: float | None) -> str:
+    return UNKNOWN if value_n is None or not isfinite(value_n) else f"{value_n:.3f}"
+
+
+def _band(low_n: float | None, high_n: float | None) -> str:
+    return "" if low_n is None or high_n is None else f"{low_n:.3f} to {high_n:.3f}"
+
+
+def _milliseconds(value_s: float | None) -> str:
+    return UNKNOWN if value_s is None else f"{1e3 * value_s:.0f}"
+
+
+def _millimetres(value_m: float | None) -> str:
+    return UNKNOWN if value_m is None else f"{1e3 * value_m:.2f}"
+
+
+def _leading(name: str) -> str:
+    return _LEADS.get(name, printable(name).replace("_", " "))
