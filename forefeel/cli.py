@@ -12,7 +12,8 @@ from common.transport.settings import PRESETS
 from forefeel.calibrate.cli import calibrate_app
 from forefeel.daemon_settings import load_any, load_daemon
 from forefeel.dashboard.command import EPILOG as DASHBOARD_EPILOG
-from forefeel.dashboard.command import VIEW_EPILOG, dashboard, view
+from forefeel.dashboard.command import VIEW_EPILOG, view
+from forefeel.dashboard.command import dashboard as live_view
 from forefeel.devices.cli import EPILOG as DEVICES_EPILOG
 from forefeel.devices.cli import device_app, devices
 from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
@@ -92,7 +93,7 @@ def config_check(file: Annotated[Path, typer.Argument(metavar="FILE")]) -> None:
 
 app.command(epilog=RECORD_EPILOG)(record)
 app.command(epilog=METRICS_EPILOG)(metrics)
-app.command(epilog=DASHBOARD_EPILOG)(dashboard)
+app.command("dashboard", epilog=DASHBOARD_EPILOG)(live_view)
 app.command(epilog=VIEW_EPILOG)(view)
 app.command(epilog=ROUTER_EPILOG)(router)
 
@@ -135,12 +136,16 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     hardware: Annotated[
         str, typer.Option(help="simulated, emulated-serial or emulated-can: devices as their bytes.")
     ] = "simulated",
+    dashboard: Annotated[
+        bool, typer.Option("--dashboard/--no-dashboard", help="Serve the live view while it runs.")
+    ] = False,
+    opens: Annotated[bool, typer.Option("--open", help="Open the live view in the browser.")] = False,
     time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
 ) -> None:
     """Run master and slave on this machine, record, and report."""
-    from forefeel.loopback.command import run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
+    from forefeel.loopback.command import How, run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
     from forefeel.loopback.plan import Wish  # noqa: PLC0415
 
     wish = Wish(
@@ -156,7 +161,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         hide_at_s=hide_at,
         hardware=hardware,
     )
-    run_loopback(wish, out, overwrite, virtual_time)
+    run_loopback(wish, out, How(overwrite, virtual_time, dashboard or opens, opens))
 
 
 app.command(epilog=EVALUATE_EPILOG)(evaluate)

@@ -15,6 +15,7 @@ from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
 from forefeel.dashboard.tally import tallies, totals
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.dashboard.words import lights
+from forefeel.diagnose.units import scale, split_unit
 from forefeel.report.wording import UNKNOWN, micros, number, quantity
 
 Card = dict[str, Any]
@@ -27,6 +28,7 @@ _LEADS = {
     "hold": "hold: the newest force that arrived",
 }
 _TICK_US = 1000.0
+_CONTACT = "mass_damper_spring"
 
 
 def numbers(view: AxisView, now_ns: int) -> Card:
@@ -82,17 +84,32 @@ def model(view: AxisView, now_ns: int) -> Card:
     return {
         "parameters": _parameters(found),
         "statements": _statements(found),
-        "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates · "
-        f"{number(found.resets)} returns to the prior{quiet}",
+        "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates"
+        f"{_resets(found)}{quiet}",
     }
+
+
+def _resets(found: ModelParameters) -> str:
+    return f" · {number(found.resets)} returns to the prior" if found.resets else ""
 
 
 def _parameters(found: ModelParameters) -> list[Card]:
     rows = zip(found.names, found.values, found.standard_deviations, strict=False)
-    return [
-        {"name": printable(name), "value": f"{value:.4g}", "deviation": f"{deviation:.2g}", "known": _known(value, deviation)}
-        for name, value, deviation in list(rows)[:_MOST_PARAMETERS]
-    ]
+    return [_parameter(*row) for row in list(rows)[:_MOST_PARAMETERS]]
+
+
+def _parameter(name: str, value: float, deviation: float) -> Card:
+    effect, _, parameter = printable(name).rpartition(".")
+    label, plain_unit = split_unit(parameter)
+    factor, unit = scale(plain_unit, max(abs(value), deviation))
+    own = "" if effect in {"", _CONTACT} else f"{effect.replace('_', ' ')}: "
+    return {
+        "name": f"{own}{label}",
+        "value": f"{factor * value:.3g}",
+        "deviation": f"{factor * deviation:.2g}",
+        "unit": unit,
+        "known": _known(value, deviation),
+    }
 
 
 def _known(value: float, deviation: float) -> str:

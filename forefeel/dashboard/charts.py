@@ -6,6 +6,8 @@ _SOFT, _RULE = "#97a4b4", "#242d37"
 _FELT, _PREDICTED, _MEASURED, _READBACK = "#2fc296", "#56b4e9", "#f2f4f7", "#ff8f4d"
 _LEFT, _RIGHT = 52, 12
 Options = dict[str, Any]
+GRIDS = (("7%", "49%"), ("63%", "12%"), ("82%", "16%"))
+"""Top and height of each chart."""
 
 
 def force_options() -> Options:
@@ -13,10 +15,9 @@ def force_options() -> Options:
 
     The script sets the ends of all axes and the data; the series keep this order.
     """
-    grids = [("7%", "49%"), ("63%", "11%"), ("81%", "16%")]
     return {
         "animation": False,
-        "grid": [{"left": _LEFT, "right": _RIGHT, "top": top, "height": height} for top, height in grids],
+        "grid": [{"left": _LEFT, "right": _RIGHT, "top": top, "height": height} for top, height in GRIDS],
         "xAxis": [_time_axis(index) for index in range(3)],
         "yAxis": [_value_axis(index, ticks) for index, ticks in enumerate((5, 2, 3))],
         "series": [

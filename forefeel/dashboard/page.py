@@ -8,7 +8,7 @@ from pathlib import Path
 from nicegui import app, ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from forefeel.dashboard.charts import delay_options, force_options
+from forefeel.dashboard.charts import GRIDS, delay_options, force_options
 from forefeel.report.text import DISCLAIMER
 
 STATIC = "/forefeel"
@@ -92,7 +92,7 @@ def _figures() -> None:
         for name, title, unit, line, more in (
             ("felt", "felt by the hand", "N", "", "limited"),
             ("predicted", "predicted · 95 % band", "N", "", "band"),
-            ("measured", "measured, as it arrives", "N", "dotted", "age"),
+            ("measured", "measured, arrives late", "N", "dotted", "age"),
             ("delay", "delay of a round trip", "ms", "none", "leading"),
         ):
             with _box(f"ff-card ff-figure {name}", "section"):
@@ -107,13 +107,15 @@ def _figures() -> None:
 
 def _charts() -> None:
     with _box("ff-card ff-charts", "section", 'data-id="charts"'):
-        ui.echart(force_options()).classes("plot").props('data-id="force"')
-        with _box("ff-captions", props='aria-hidden="true"'):
-            _text("force at the catheter, N: each at the command that it belongs to").style("top: 7px")
-            _text("force felt by the hand, N").style("top: 58%")
-            with _box("", "span").style("top: 76%"):
-                for text, kind in (("position, mm: ", ""), ("commanded", "c1"), (" and ", ""), ("read back", "c2")):
-                    _text(text, "em", kind).style("white-space: pre")
+        with _box("ff-plots"):
+            ui.echart(force_options()).classes("plot").props('data-id="force"')
+            _text("force at the catheter, N: each at the command that it belongs to").style("top: 0")
+            _text("force felt by the hand, N").style(f"top: calc({GRIDS[1][0]} - 19px)")
+            with _box("", "span").style(f"top: calc({GRIDS[2][0]} - 19px)"):
+                _text("position, mm:")
+                for name, kind in ("commanded", "c1"), ("readback", "c2"):
+                    _text("read back" if name == "readback" else name, "em", kind)
+                    _text(tag="em", classes=f"{kind} figure", field=name)
         _box("ff-ticks", props='data-id="ticks" aria-hidden="true"')
         with _box("ff-silence", props='data-id="silence" hidden role="alert"'):
             for tag, field in (("b", "silence"), ("span", "silence-since"), ("span", "silence-where")):
@@ -151,7 +153,7 @@ def _delay() -> None:
 
 
 def _model() -> None:
-    with _card("contact model"):
+    with _card("contact model", "ff-model"):
         with _box("", "table"):
             _box("", "tbody", 'data-id="parameters"')
         for field in ("statements", "model-foot"):
@@ -162,8 +164,7 @@ def _energy() -> None:
     with _card("energy that the hand has put in"):
         with _box("ff-line"):
             _text(classes="value", field="energy")
-            _text(field="position")
-        _text(tag="p", field="energy-words")
+            _text(tag="p", field="energy-words")
 
 
 def _loops() -> None:

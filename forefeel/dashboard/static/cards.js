@@ -1,5 +1,6 @@
 // Cards, lights and lists. Everything is set as text.
 const MARKS = { good: "●", busy: "◐", warn: "▲", bad: "✖", off: "○" };
+const KNOWN = { well: "●", roughly: "◐", "not yet": "○", fixed: "■" };
 const LEVELS = Object.keys(MARKS);
 
 export const node = (name) => document.querySelector(`[data-id="${name}"]`);
@@ -31,7 +32,8 @@ function showNumbers(card) {
   tell("age", card.age);
   tell("limited", card.limited ? "▲ limited" : "");
   tell("leading", card.leading ? `leads: ${card.leading}` : "");
-  tell("position", `commanded ${card.position} mm · read back ${card.readback} mm`);
+  tell("commanded", card.position);
+  tell("readback", card.readback);
 }
 
 function showLights(lights) {
@@ -63,8 +65,9 @@ function showEnergy(card) {
 }
 
 function showModel(card) {
-  const rows = card.parameters.map(({ name, value, deviation, known }) => row([
-    cell(name), cell(value, "n"), cell(`± ${deviation}`, "n"), cell(known, `n ff-known ${known.replace(" ", "-")}`),
+  const rows = card.parameters.map(({ name, value, deviation, unit, known }) => row([
+    cell(name, "cut"), cell(value, "n"), cell(`± ${deviation}`, "n"), cell(unit, "unit"),
+    cell(`${KNOWN[known]} ${known}`, `n ff-known ${known.replace(" ", "-")}`),
   ]));
   node("parameters").replaceChildren(...rows);
   tell("statements", card.statements.join(" · "));

@@ -7,7 +7,7 @@ const LAG_S = 0.06; // the newest bins are still open
 export class Charts {
   constructor(force, delays) {
     this.elements = [force, delays];
-    this.ranges = [new Range(0.05), new Range(0.05), new Range(0.5)];
+    this.ranges = [new Range(0.05, 5), new Range(0.05, 3), new Range(0.5, 3)];
     this.band = [];
     this.known = null;
   }
@@ -80,33 +80,42 @@ function bandShape(api, rows, start, end, low, high) {
 
 /** The range of an axis: grows at once, shrinks only when less has done for a while, and ends at round numbers. */
 class Range {
-  constructor(least) {
-    this.least = least;
-    this.min = this.max = null;
-    this.small_ms = null;
+  constructor(least, steps) {
+    Object.assign(this, { least, steps, min: null, max: null, interval: 1, small_ms: 0 });
   }
 
   of(lines) {
-    let low = Infinity, high = -Infinity;
-    for (const line of lines) for (const [, value] of line) {
-      if (value === null) continue;
-      if (value < low) low = value;
-      if (value > high) high = value;
-    }
-    if (low > high) return { min: this.min ?? -1, max: this.max ?? 1, interval: (this.max ?? 1) - (this.min ?? -1) };
-    const middle = (low + high) / 2, half = Math.max((high - low) / 2, this.least) * 1.08;
-    const step = nice((2 * half) / 4);
-    const wanted = [Math.floor((middle - half) / step) * step, Math.ceil((middle + half) / step) * step];
-    const now_ms = performance.now();
-    const grows = this.min === null || low < this.min || high > this.max;
-    if (wanted[1] - wanted[0] > 0.7 * (this.max - this.min)) this.small_ms = now_ms;
-    if (grows || now_ms - this.small_ms > CALM_MS) {
-      [this.min, this.max] = grows && this.min !== null ? [Math.min(wanted[0], this.min), Math.max(wanted[1], this.max)] : wanted;
-      this.small_ms = now_ms;
-    }
-    const interval = nice((this.max - this.min) / 4);
-    return { min: this.min, max: this.max, interval };
+    const [low, high] = ends(lines);
+    if (low <= high) this.adapt(low, high);
+    return { min: this.min ?? -1, max: this.max ?? 1, interval: this.interval };
   }
+
+  adapt(low, high) {
+    const now_ms = performance.now(), first = this.min === null;
+    const middle = (low + high) / 2, half = Math.max((high - low) / 2, this.least) * 1.06;
+    const grows = first || low < this.min || high > this.max;
+    if (first || 2 * half > 0.6 * (this.max - this.min)) this.small_ms = now_ms;
+    if (!grows && now_ms - this.small_ms < CALM_MS) return;
+    this.small_ms = now_ms;
+    const keeps = grows && !first;
+    this.set(keeps ? Math.min(middle - half, this.min) : middle - half, keeps ? Math.max(middle + half, this.max) : middle + half);
+  }
+
+  set(low, high) {
+    this.interval = nice((high - low) / this.steps);
+    this.min = Math.floor(low / this.interval + 1e-6) * this.interval;
+    this.max = Math.ceil(high / this.interval - 1e-6) * this.interval;
+  }
+}
+
+function ends(lines) {
+  let low = Infinity, high = -Infinity;
+  for (const line of lines) for (const [, value] of line) {
+    if (value === null) continue;
+    if (value < low) low = value;
+    if (value > high) high = value;
+  }
+  return [low, high];
 }
 
 function nice(step) {
