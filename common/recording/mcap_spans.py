@@ -1,4 +1,4 @@
-"""Spans of a recorded run by time, for who looks at a piece of a file that is too long to be kept in memory."""
+"""Spans of a recorded run by time, for who looks at a piece of a file that is too long for the memory."""
 
 import struct
 from bisect import bisect_left
@@ -47,9 +47,9 @@ class _Chunk:
 
 
 class RunSpans:
-    """A run, read a span at a time: the file is gone through once, without its messages, to learn where they are.
+    """A run, read a span at a time: the file is gone through once, from head to head, to learn what is where.
 
-    For several threads. In memory stand the places of the chunks, and the last few chunks that were asked for.
+    For several threads. In memory stand the places of the chunks, and the last few chunks that were read.
     A file whose writer was killed ends with its last whole chunk.
 
     Attributes:
@@ -90,7 +90,11 @@ class RunSpans:
         names = {topic.name for topic in topics}
         wanted = {number: found for number, found in self._topics.items() if found and found[1].name in names}
         for chunk in self._chunks:
-            if chunk.end_ns < start_ns or chunk.start_ns >= end_ns or wanted.keys().isdisjoint(chunk.channels):
+            if (
+                chunk.end_ns < start_ns
+                or chunk.start_ns >= end_ns
+                or wanted.keys().isdisjoint(chunk.channels)
+            ):
                 continue
             records = self._records(chunk)
             first, last = (bisect_left(records, ns, key=_LOG_NS) for ns in (start_ns, end_ns))
@@ -129,7 +133,11 @@ class RunSpans:
         return chunks
 
     def _close(
-        self, file: BinaryIO, chunks: list[_Chunk], place: tuple[int, int, int, int] | None, channels: set[int]
+        self,
+        file: BinaryIO,
+        chunks: list[_Chunk],
+        place: tuple[int, int, int, int] | None,
+        channels: set[int],
     ) -> None:
         """Keeps a chunk once the indices behind it have told its channels; learns those that are new.
 

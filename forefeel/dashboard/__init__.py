@@ -1,1 +1,1 @@
-"""The operator's live view: a page of its own process, which hears a cell as a viewer and commands nothing."""
+"""The operator's live view: a page of a process of its own, which hears a cell and commands nothing."""

@@ -132,7 +132,9 @@ def energy(view: AxisView) -> Card:
     if felt is None:
         return {"level": OFF, "value": UNKNOWN, "words": "no hand heard yet"}
     level: Level = GOOD if felt.energy_j >= 0.0 else WARN
-    words = "passive: the hand has put in more than it got" if level == GOOD else "the handle has given energy"
+    words = (
+        "passive: the hand has put in more than it got" if level == GOOD else "the handle has given energy"
+    )
     lowest = f"lowest {quantity(view.worst_energy_j, 'J')}"
     return {"level": level, "value": quantity(felt.energy_j, "J"), "words": f"{words} · {lowest}"}
 
@@ -144,8 +146,8 @@ def loops(view: AxisView) -> list[Card]:
 
 def _loop(role: str, timing: LoopTiming | None) -> Card:
     if timing is None:
-        return {"who": role, "level": OFF, "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN, "max": UNKNOWN,
-                "missed": UNKNOWN}  # fmt: skip
+        return {"who": role, "level": OFF, "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
+                "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
     share = timing.missed / max(1, timing.ticks + timing.missed)
     level: Level = BAD if share > 0.05 else WARN if share > 0.001 or timing.p99_us > _TICK_US else GOOD
     word = {GOOD: "on time", WARN: "late at times", BAD: "misses ticks"}[level]

@@ -1,8 +1,8 @@
 """Notices that the model went wrong: its errors against those that were usual. Pure.
 
 Two signs, each second: the innovation of the identified model (rms, N), and the share of the measured forces
-that lie outside of the 95 % band which was drawn for them. Each is compared with what it was while nothing was
-amiss; one sign that lasts raises the alarm, and it takes longer without any to end it.
+that lie outside of the 95 % band which was drawn for them. Each is compared with what it was while nothing
+was amiss; one sign that lasts raises the alarm, and it takes longer without any to end it.
 """
 
 from collections import deque
@@ -38,7 +38,7 @@ class Alarm:
 class ModelWatch:
     """Fed as messages come, with times in s that do not go back; `alarm` is what stands.
 
-    A second in which too few forces answered a moving hand says nothing, and neither raises nor ends an alarm.
+    A second in which too few forces answered a command says nothing: it neither raises nor ends an alarm.
     """
 
     def __init__(self) -> None:

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from io import BytesIO
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -67,15 +67,21 @@ class Diagnosing:
         axis, since_s, span_s, rows = stretch
         self.findings[axis] = Finding(since_s, span_s)
         said = await _ask(rows)
-        self.findings[axis] = Finding(
-            since_s, span_s, str(said["headline"]), tuple(said["causes"]), bool(said["final"])
-        )
+        self.findings[axis] = Finding(since_s, span_s, said["headline"], tuple(said["causes"]), said["final"])
 
 
 Look = Callable[[Callable[[CellView, int], Stretch | None]], Stretch | None]
 
 
-async def _ask(rows: Floats) -> dict[str, object]:  # the worker's answer, or why there is none
+class Said(TypedDict):
+    """What a worker answers."""
+
+    headline: str
+    causes: list[str]
+    final: bool
+
+
+async def _ask(rows: Floats) -> Said:  # the worker's answer, or why there is none
     packed = BytesIO()
     np.save(packed, rows, allow_pickle=False)
     process = await asyncio.create_subprocess_exec(
@@ -88,7 +94,7 @@ async def _ask(rows: Floats) -> dict[str, object]:  # the worker's answer, or wh
     )  # fmt: skip
     try:
         out, _ = await asyncio.wait_for(process.communicate(packed.getvalue()), _TIMEOUT_S)
-        answer: dict[str, object] = json.loads(out)
+        answer: Said = json.loads(out)
         return answer
     except TimeoutError:
         return _failed(f"no answer within {_TIMEOUT_S:g} s")
@@ -100,5 +106,5 @@ async def _ask(rows: Floats) -> dict[str, object]:  # the worker's answer, or wh
             await process.wait()
 
 
-def _failed(why: str) -> dict[str, object]:
+def _failed(why: str) -> Said:
     return {"headline": f"The diagnosis failed: {why}.", "causes": [], "final": False}

@@ -1,7 +1,7 @@
 """What one viewer is sent: what is new since it asked last. Pure: time is an argument.
 
 A viewer asks, draws, and asks again; so one that is slow is served less often and nothing waits for it. Of a
-trace it gets the points that it does not have; of a card the newest, where it says something else than before.
+trace it gets the points that it does not have; of a card the newest, where it says something new.
 """
 
 import json
@@ -34,7 +34,7 @@ class Feed:
     def answer(
         self, cell: CellView, wanted: str | None, now_ns: int, findings: dict[str, Finding] | None = None
     ) -> Answer:
-        """What has changed. `wanted`: an axis; the first one that was heard stands for one that is not there."""
+        """What has changed. `wanted`: an axis; in place of one that is not there the first that was heard."""
         axis = wanted if wanted in cell.axes else next(iter(cell.axes), None)
         answer: Answer = {"axes": list(cell.axes), "axis": axis, "clock_s": now_ns * 1e-9}
         if axis is None:

@@ -32,8 +32,8 @@ class Finding:
 def wanted_s(alarm: Alarm | None, last: Finding | None, now_s: float) -> float | None:
     """How many of the last seconds are to be diagnosed now; None: nothing is.
 
-    What came before the model went wrong is left out, for a diagnosis explains its stretch as a whole. It is done
-    again when there is twice as much, until it names a cause or has a minute.
+    What came before the model went wrong is left out, for a diagnosis explains its stretch as a whole. It is
+    done again when there is twice as much, until it names a cause or has a minute.
     """
     if alarm is None:
         return None

@@ -4,7 +4,15 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from common.messages import EmergencyStop, Handshake, LimitEvent, MasterEvent, Message, SafetyEvent, SafetyState
+from common.messages import (
+    EmergencyStop,
+    Handshake,
+    LimitEvent,
+    MasterEvent,
+    Message,
+    SafetyEvent,
+    SafetyState,
+)
 from common.notices import printable
 from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level
 from forefeel.report.wording import quantity

@@ -161,10 +161,9 @@ def _model() -> None:
 
 
 def _energy() -> None:
-    with _card("energy that the hand has put in"):
-        with _box("ff-line"):
-            _text(classes="value", field="energy")
-            _text(tag="p", field="energy-words")
+    with _card("energy that the hand has put in"), _box("ff-line"):
+        _text(classes="value", field="energy")
+        _text(tag="p", field="energy-words")
 
 
 def _loops() -> None:
@@ -177,7 +176,11 @@ def _foot() -> None:
         _text(DISCLAIMER, "b")
         with _box("room", props='data-id="player" hidden').style("display: flex; gap: 10px"):
             _button("play", "play and pause", "▶")
-            _box("", "input", 'data-id="slider" type="range" min="0" max="1" step="0.001" value="0" aria-label="time"')
+            _box(
+                "",
+                "input",
+                'data-id="slider" type="range" min="0" max="1" step="0.001" value="0" aria-label="time"',
+            )
             _text(classes="time", field="place")
         _text(classes="room", field="about")
         _text(classes="ff-lost", field="connection").props('data-id="connection" role="alert"')
@@ -191,4 +194,7 @@ def _help() -> None:
                     with _box("", "td"):
                         _text(keys, "kbd")
                     _text(what, "td")
-        _text("Nothing can be commanded from here. The emergency stop is at the slave, at the handle, and `forefeel estop`.", "p")
+        _text(
+            "Nothing is commanded from here. To stop: the handle's button, the slave, or forefeel estop.",
+            "p",
+        )

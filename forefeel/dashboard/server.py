@@ -4,6 +4,7 @@ import asyncio
 import logging
 import os
 import socket
+import time
 import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
@@ -30,13 +31,14 @@ _POLL_S = 0.2
 _NICE = 10
 _BACKLOG = 64
 _ICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="7" fill="#141a21"/>'
-    '<path d="M4 18c4-14 8-14 12-2s8 12 12-2" fill="none" stroke="#56b4e9" stroke-width="3"/></svg>'
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32"'
+    ' fill="#141a21"/><path d="M4 18c4-14 8-14 12-2s8 12 12-2" fill="none"'
+    ' stroke="#56b4e9" stroke-width="3"/></svg>'
 )
 Background = Callable[[], Awaitable[None]]
 
 
-def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
+def run_dashboard(
     settings: ObserverSettings, address: str, port: int, duration_s: float | None, insecure: bool, opens: bool
 ) -> None:
     """Shows a live cell until SIGINT, SIGTERM or the duration.
@@ -65,7 +67,9 @@ def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
         finally:
             transport.close()
     if failed:
-        raise RunError(f"dashboard: the network failed: {type(failed[0]).__name__}: {failed[0]}") from failed[0]
+        raise RunError(f"dashboard: the network failed: {type(failed[0]).__name__}: {failed[0]}") from failed[
+            0
+        ]
 
 
 def run_view(file: Path, address: str, port: int, duration_s: float | None, opens: bool) -> None:
@@ -151,7 +155,6 @@ async def _watched(task: Background, app: FastAPI) -> None:
 
 async def _until(duration_s: float | None, failed: list[Exception]) -> None:
     """Until the duration is over, or the network failed."""
-    loop = asyncio.get_running_loop()
-    start_s = loop.time()
-    while not failed and (duration_s is None or loop.time() - start_s < duration_s):
+    start_s = time.monotonic()
+    while not failed and (duration_s is None or time.monotonic() - start_s < duration_s):  # noqa: ASYNC110 - a list
         await asyncio.sleep(_POLL_S)

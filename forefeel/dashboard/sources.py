@@ -121,7 +121,12 @@ class Recorded:
         """See `Source`."""
         duration_s = (self._spans.end_ns - self._spans.start_ns) * 1e-9
         zero_s = self._spans.start_ns * 1e-9
-        return {"cell": self._spans.cell, "file": self._spans.path.name, "duration_s": duration_s, "zero_s": zero_s}
+        return {
+            "cell": self._spans.cell,
+            "file": self._spans.path.name,
+            "duration_s": duration_s,
+            "zero_s": zero_s,
+        }
 
     def viewer(self) -> "RecordedViewer":
         """See `Source`."""

@@ -7,8 +7,8 @@ _DRIFT_DIVISOR = 10_000  # two free crystals part by at most 1 ns in this many
 class Timeline:
     """Places stamps of the master, and says where it stands now on the clock of who listens.
 
-    The smallest transit (receive - stamp) stands for the difference of the two clocks. Until a master is heard
-    the listener's own clock stands in for its.
+    The smallest transit (receive - stamp) stands for the difference of the two clocks. Until a master is
+    heard the listener's own clock stands in for its.
 
     Attributes:
         epoch: grows whenever the time begins anew: the master's host was started again.

@@ -1,4 +1,4 @@
-"""A diagnosis in a process of its own: rows of stamp, position and force on stdin, one line of JSON on stdout."""
+"""A diagnosis in a process of its own: stamps, positions and forces on stdin, one line of JSON on stdout."""
 
 import json
 import os
@@ -28,7 +28,7 @@ def main() -> None:
 
 
 def diagnosed(rows: Floats) -> dict[str, object]:
-    """The answer for rows (n, 3) of stamp in s, position in m, force in N: a headline, and a line per cause."""
+    """The answer for rows (n, 3) of stamp in s, position in m, force in N: headline, line per cause."""
     try:
         recording = Recording("live", rows[:, 0] - rows[0, 0], rows[:, 1], rows[:, 2], "the last minute")
         found = diagnose(recording).diagnosis
@@ -43,7 +43,7 @@ def diagnosed(rows: Floats) -> dict[str, object]:
 
 def _causes(found: Diagnosis) -> list[str]:
     return [
-        f"{plain(cause.name)}: {'; '.join(str(shown(name, value)) for name, value in cause.parameters.items())}"
+        f"{plain(cause.name)}: {'; '.join(str(shown(*each)) for each in cause.parameters.items())}"
         for cause in found.causes
     ]
 

@@ -15,8 +15,8 @@ from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
 from forefeel.loopback.plan import STATE, Plan, Wish, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
-from forefeel.loopback.watched import LOG, Watched
 from forefeel.loopback.virtual import VirtualLoopback
+from forefeel.loopback.watched import LOG, Watched
 from forefeel.report.page import write_report
 from forefeel.report.states import START_S
 from forefeel.report.summary import RunReport

@@ -45,8 +45,8 @@ def run_real(
     """Runs to the end and leaves out/recording.mcap; `progress` gets (seconds done, what happens).
 
     The recorder listens before the daemons start, so that it hears each from its first message. The emulated
-    devices are there before the daemons, and longer. A dashboard connects to both daemons, and they do not wait
-    for it.
+    devices are there before the daemons, and longer. A dashboard connects to both daemons, and they do not
+    wait for it.
 
     Raises:
         RunError: a daemon failed, or the user ended the run.

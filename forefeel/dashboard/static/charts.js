@@ -2,6 +2,7 @@
 const CALM_MS = 4000; // so long a smaller range must do before the axis shrinks
 const BAND = "rgba(86, 180, 233, 0.26)";
 const BAR = "#56b4e9";
+const BIN_PX = 2.5;
 const LAG_S = 0.06; // the newest bins are still open
 
 export class Charts {
@@ -23,7 +24,8 @@ export class Charts {
 
   draw(traces, now_s, window_s) {
     const end = now_s - LAG_S, start = end - window_s;
-    const of = (name) => traces.between(name, start, end);
+    const bin_s = (window_s * BIN_PX) / Math.max(200, this.elements[0].clientWidth);
+    const of = (name) => traces.between(name, start, end, bin_s);
     const millimetres = (rows) => rows.map(([t, v]) => [t, v === null ? null : 1e3 * v]);
     this.band = of("predicted");
     const predicted = this.band.map(([t, v]) => [t, v]);

@@ -22,11 +22,37 @@ export class Traces {
     }
   }
 
-  /** The rows between two times, and one more at each side, so that lines go on to the edge. */
-  between(name, start_s, end_s) {
+  /**
+   * The rows between two times, and one more at each side, so that lines go on to the edge. Of more than can be
+   * seen, the lowest and the highest of each bin; bins are counted from the begin, so that they do not shimmer.
+   */
+  between(name, start_s, end_s, bin_s) {
     const kept = this.rows[name] ?? [];
-    return kept.slice(Math.max(0, after(kept, start_s) - 1), after(kept, end_s) + 1);
+    const rows = kept.slice(Math.max(0, after(kept, start_s) - 1), after(kept, end_s) + 1);
+    return rows.length * bin_s > 2 * (end_s - start_s) ? thinned(rows, bin_s) : rows;
   }
+}
+
+function thinned(rows, bin_s) {
+  const found = [];
+  let bin = null, low = null, high = null;
+  const close = () => {
+    if (low === null) return;
+    found.push(...(low === high ? [low] : low[0] < high[0] ? [low, high] : [high, low]));
+    low = high = null;
+  };
+  for (const row of rows) {
+    const number = Math.floor(row[0] / bin_s);
+    if (number !== bin || row[1] === null) close();
+    bin = number;
+    if (row[1] === null) found.push(row);
+    else {
+      if (low === null || row[1] < low[1]) low = row;
+      if (high === null || row[1] > high[1]) high = row;
+    }
+  }
+  close();
+  return found;
 }
 
 function after(rows, t_s) {
