@@ -3,7 +3,7 @@
 import json
 from urllib.parse import urlsplit
 
-from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+from fastapi import WebSocket, WebSocketDisconnect
 from pydantic import ValidationError
 
 from forefeel.dashboard.sources import Ask, Source
@@ -20,12 +20,12 @@ class Conversations:
     A page of another origin is refused: a browser would let any site ask here.
     """
 
-    def __init__(self, app: FastAPI, source: Source) -> None:
+    def __init__(self, source: Source) -> None:
         self.open = 0
         self._source = source
-        app.add_api_websocket_route(PATH, self._serve)
 
-    async def _serve(self, socket: WebSocket) -> None:
+    async def serve(self, socket: WebSocket) -> None:
+        """One conversation, to its end."""
         if not _of_our_page(socket):
             await socket.close(_REFUSED)
             return

@@ -19,7 +19,7 @@ from common.clock import MonotonicClock
 from common.errors import EndpointError, RunError
 from common.transport.security import Party
 from common.transport.strands import StrandedTransport
-from forefeel.dashboard.conversation import Conversations
+from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.page import build, serve_files
 from forefeel.dashboard.sources import LiveCell, Recorded, Source
@@ -48,7 +48,6 @@ def run_dashboard(
         RunError: the network failed.
     """
     die_with_parent()
-    _step_back()
     clock, failed = MonotonicClock(), list[Exception]()
     listening = _listening(address, port)
     with listening:
@@ -57,6 +56,7 @@ def run_dashboard(
         party = Party("viewer", (settings.cell,))
         transport = StrandedTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
         try:
+            _step_back()
             transport.subscribe_all(f"forefeel/{settings.cell}", live.hear)
             if transport.notice:
                 _console().print(transport.notice)
@@ -78,8 +78,8 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
     Raises:
         InputError: the file or the port can not be used.
     """
-    _step_back()
     recorded = Recorded(file)
+    _step_back()
     with _listening(address, port) as listening:
         _serve(listening, recorded, str(file), opens, [lambda: _until(duration_s, [])])
 
@@ -130,7 +130,7 @@ def _application(source: Source, background: list[Background]) -> FastAPI:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     app = FastAPI(lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
-    Conversations(app, source)
+    app.add_api_websocket_route(PATH, Conversations(source).serve)
     serve_files()
     ui.run_with(
         app,

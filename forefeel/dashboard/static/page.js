@@ -14,6 +14,7 @@ const page = {
 };
 const traces = new Traces();
 let charts = null, socket = null, asked_ms = 0, waits = false, dirty = true, frame_ms = 0;
+page.traces = traces;
 window.forefeel = page; // for who measures it
 
 const replays = () => page.facts?.file != null;
