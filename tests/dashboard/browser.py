@@ -1,7 +1,7 @@
 """A browser, a process that serves the page, and a cell that speaks over real Zenoh."""
 
 import os
-import re
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -53,7 +53,9 @@ class Speaker:
         self.silent = False
         self._axes, self._ended = axes, threading.Event()
         clock = MonotonicClock()
-        self._transport = ZenohTransport.open(TransportSettings(listen=(self.endpoint,)), clock, lambda _: None)
+        self._transport = ZenohTransport.open(
+            TransportSettings(listen=(self.endpoint,)), clock, lambda _: None
+        )
         self._puts: dict[str, Any] = {}
         self._thread = threading.Thread(target=self._speak, name="speaker")
 
@@ -105,10 +107,10 @@ class Served:
     def __exit__(self, *_: object) -> None:
         self.process.kill()
 
-    @property
-    def rss_mb(self) -> float:
-        status = Path(f"/proc/{self.process.process.pid}/status").read_text()
-        return int(re.findall(r"VmRSS:\s+(\d+) kB", status)[0]) / 1024
+    def end(self) -> int:
+        """As Ctrl-C and systemd end it; its exit code."""
+        self.process.send(signal.SIGTERM)
+        return self.process.process.wait(20)
 
     @property
     def cpu_s(self) -> float:
@@ -151,6 +153,10 @@ class Shown:
         while not condition():
             assert time.monotonic() < end_s, f"not within {timeout_s:g} s: {what}; errors {self.errors}"
             self.page.wait_for_timeout(_FEW_FRAMES_MS)
+
+    def picture(self, path: Path) -> None:
+        """As it looks now."""
+        path.write_bytes(self.page.screenshot())
 
     def drawing(self) -> None:
         """Until it shows what comes."""

@@ -16,7 +16,16 @@ from common.messages import (
     SafetyEvent,
     SlaveState,
 )
-from common.topics import FORCE, HAPTICS, LIMIT_EVENT, MASTER_STATE, MASTER_TIMING, PARAMETERS, SLAVE_STATE, Topic
+from common.topics import (
+    FORCE,
+    HAPTICS,
+    LIMIT_EVENT,
+    MASTER_STATE,
+    MASTER_TIMING,
+    PARAMETERS,
+    SLAVE_STATE,
+    Topic,
+)
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import CellView
 

@@ -91,7 +91,16 @@ def test_silence_is_said_with_since_when(live: tuple[LiveCell, VirtualClock]) ->
 
 @pytest.mark.parametrize(
     "asked",
-    ["", "nonsense", "[]", '{"at_s": -1}', '{"at_s": 1e400}', '{"window_s": 0}', '{"command": 1}', "[" * 3000],
+    [
+        "",
+        "nonsense",
+        "[]",
+        '{"at_s": -1}',
+        '{"at_s": 1e400}',
+        '{"window_s": 0}',
+        '{"command": 1}',
+        "[" * 3000,
+    ],
 )
 def test_what_is_no_question_ends_the_conversation(live: tuple[LiveCell, VirtualClock], asked: str) -> None:
     ended = conversed(Conversations(live[0]), asked, "{}")

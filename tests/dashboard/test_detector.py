@@ -6,7 +6,9 @@ import pytest
 from forefeel.dashboard.detector import ModelWatch
 
 
-def live(watch: ModelWatch, start: int, stop: int, innovation_n: float, outside: float, seed: int = 0) -> None:
+def live(
+    watch: ModelWatch, start: int, stop: int, innovation_n: float, outside: float, seed: int = 0
+) -> None:
     """Seconds of forces and innovations around these."""
     rng = np.random.default_rng([seed, start])
     for second in range(start, stop):

@@ -63,7 +63,9 @@ def test_the_card_says_since_when_and_which_cause() -> None:
     assert card["headline"] == "The cause is looked for in 8 s."
     at_work = Finding(now_s - 5.0, 14.0)
     assert watch_card(view, at_work, now_ns)["headline"] == "Diagnosing 14 s of data …"
-    found = Finding(now_s - 5.0, 14.0, "The simulation leaves out dry friction.", ("dry friction: 0.1 N",), True)
+    found = Finding(
+        now_s - 5.0, 14.0, "The simulation leaves out dry friction.", ("dry friction: 0.1 N",), True
+    )
     card = watch_card(view, found, now_ns)
     assert card["headline"] == "The simulation leaves out dry friction. (from 14 s)"
     assert (card["level"], card["causes"]) == ("bad", ["dry friction: 0.1 N"])

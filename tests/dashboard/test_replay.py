@@ -59,7 +59,9 @@ def test_the_ends_of_the_run_are_its_first_and_last_message(run_file: Path) -> N
     assert list(spans.between(0, spans.start_ns, [HAPTICS])) == []
 
 
-def test_chunks_without_what_is_asked_for_are_not_read(run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_without_what_is_asked_for_are_not_read(
+    run_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     read = list[int]()
     inner = RunSpans._cut
     spans = RunSpans(run_file)

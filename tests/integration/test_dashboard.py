@@ -50,13 +50,15 @@ def test_what_the_page_shows_is_what_was_said(chromium: Any, speaker: Speaker, t
         assert (shown.text("felt"), shown.text("predicted"), shown.text("delay")) == ("0.123", "0.456", "300")
         assert shown.text("band") == "0.400 to 0.500"
         assert shown.text("leading") == "leads: friction, recent"
-        assert [shown.light(name).split("\n")[0] for name in ("link", "lease", "safety", "deadman")] == ["●"] * 4
+        assert [shown.light(name).split("\n")[0] for name in ("link", "lease", "safety", "deadman")] == [
+            "●"
+        ] * 4
         assert "armed" in shown.light("safety")
         assert "stiffness" in shown.page.locator('[data-id="parameters"]').inner_text()
         assert "limit velocity: asked 300 mm/s" in shown.page.locator('[data-id="events"]').inner_text()
         assert "Research software, not a medical device." in shown.page.locator("footer").inner_text()
         assert shown.page.locator('[data-id="force"] canvas').count() == 1
-        shown.page.screenshot(path=tmp_path / "dashboard-1280.png")
+        shown.picture(tmp_path / "dashboard-1280.png")
         assert shown.errors == []
     print(f"screenshot {tmp_path / 'dashboard-1280.png'}")
 
@@ -79,16 +81,18 @@ def test_measured_forces_arrive_late_and_lie_on_their_prediction(
     assert predicted[-1, 0] - measured[-1, 0] == pytest.approx(0.3, abs=0.06)
 
 
-def observed(chromium: Any, folder: Path, speaker: Speaker, warm_s: float, seconds: float) -> tuple[float, ...]:  # noqa: ANN401
+def observed(
+    chromium: Any, folder: Path, speaker: Speaker, warm_s: float, seconds: float
+) -> tuple[float, ...]:  # noqa: ANN401
     """(updates/s, growth of the script in MB, growth of the server in MB) of `seconds`, after `warm_s`."""
     with dashboard(folder, speaker) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
         shown.page.wait_for_timeout(1000 * warm_s)
-        heap_mb, rss_mb, cpu_s = shown.heap_mb(), served.rss_mb, served.cpu_s
+        heap_mb, rss_mb, cpu_s = shown.heap_mb(), served.process.resident_mb(), served.cpu_s
         start_s = time.monotonic()
         rate_hz = shown.rate_hz(seconds)
         cpu = (served.cpu_s - cpu_s) / (time.monotonic() - start_s)
-        grown = shown.heap_mb() - heap_mb, served.rss_mb - rss_mb
+        grown = shown.heap_mb() - heap_mb, served.process.resident_mb() - rss_mb
         print(f"{rate_hz:.1f} updates/s; script {heap_mb:.1f} MB {grown[0]:+.1f}, server {rss_mb:.0f} MB "
               f"{grown[1]:+.1f}, {cpu:.0%} of a core")  # fmt: skip
     return rate_hz, *grown
@@ -162,7 +166,7 @@ def test_two_viewers_each_with_its_own_axis(chromium: Any, tmp_path: Path) -> No
         assert other.ask("forefeel.updates") - before[1] > 5
         assert one.page.locator('[data-id="paused"]').is_visible()
         assert one.ask("forefeel.axis") != other.ask("forefeel.axis")
-        other.page.screenshot(path=tmp_path / "dashboard-1024.png")
+        other.picture(tmp_path / "dashboard-1024.png")
 
 
 def test_keys_zoom_pause_and_help(chromium: Any, speaker: Speaker, tmp_path: Path) -> None:  # noqa: ANN401
@@ -211,7 +215,7 @@ def test_the_page_comes_back_when_the_server_was_started_again(
     try:
         with Shown(chromium, first.url) as shown:
             shown.drawing()
-            assert first.process.end() == 0
+            assert first.end() == 0
             shown.until(lambda: "no connection" in shown.text("connection"), "the loss")
             with dashboard(tmp_path, speaker, first.port):
                 shown.until(lambda: shown.ask("window.forefeel?.lost_ms === null"), "the connection", 40.0)
@@ -230,15 +234,19 @@ def test_a_recording_in_the_same_page(chromium: Any, tmp_path: Path) -> None:  #
         shown.until(lambda: shown.text("place").startswith("0:00.0"), "the begin")
         shown.page.keyboard.press("End")
         shown.until(lambda: shown.text("place").startswith("0:06.0"), "the end")
-        shown.until(lambda: "no command" in shown.page.locator('[data-id="events"]').inner_text(), "the event")
+        shown.until(
+            lambda: "no command" in shown.page.locator('[data-id="events"]').inner_text(), "the event"
+        )
         shown.page.keyboard.press("ArrowLeft")
         shown.page.keyboard.press("ArrowLeft")
         shown.until(lambda: shown.text("place").startswith("0:04.0"), "2 s before the end")
-        shown.until(lambda: "no command" not in shown.page.locator('[data-id="events"]').inner_text(), "no event")
+        shown.until(
+            lambda: "no command" not in shown.page.locator('[data-id="events"]').inner_text(), "no event"
+        )
         shown.page.keyboard.press(" ")
         shown.until(lambda: shown.text("place").startswith("0:06.0"), "played to the end")
         assert shown.page.locator('[data-id="play"]').inner_text() == "▶"
-        shown.page.screenshot(path=tmp_path / "view-1280.png")
+        shown.picture(tmp_path / "view-1280.png")
         assert shown.errors == []
 
 
@@ -280,7 +288,7 @@ def test_an_unused_port_and_a_taken_one(speaker: Speaker, tmp_path: Path) -> Non
         assert other.log.read_text() == (
             f"forefeel: --port {served.port} at 127.0.0.1: Address already in use; expected a free one\n"
         )
-        assert served.process.end() == 0
+        assert served.end() == 0
     ended = Process("brief", tmp_path, *words[:-1], str(free_port()), "--duration", "0.5")
     assert ended.process.wait(30) == 0
     assert MASTER_STATE.name not in ended.log.read_text()
