@@ -168,7 +168,7 @@ def counters(view: AxisView) -> Card:
     sums = totals(found)
     return {
         "sums": {kind: number(count) for kind, count in sums.items()},
-        "rows": [{"who": each.who, "name": each.name, "count": number(each.count)} for each in found],
+        "rows": [{"who": each.who, "name": each.name, "count": number(each.total)} for each in found],
         "words": _counted_words(view),
     }
 

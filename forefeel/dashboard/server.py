@@ -30,6 +30,7 @@ from forefeel.parent import die_with_parent
 _POLL_S = 0.2
 _NICE = 10
 _BACKLOG = 64
+_PATIENCE_S = 30.0  # a page that stalls is not made to load anew
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32"'
     ' fill="#141a21"/><path d="M4 18c4-14 8-14 12-2s8 12 12-2" fill="none"'
@@ -140,6 +141,7 @@ def _application(source: Source, background: list[Background]) -> FastAPI:
         favicon=_ICON,
         tailwind=False,
         binding_refresh_interval=None,
+        reconnect_timeout=_PATIENCE_S,
         message_history_length=0,
         show_welcome_message=False,
     )

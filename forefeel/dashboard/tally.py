@@ -22,14 +22,14 @@ class Tally(NamedTuple):
     kind: str
     who: str
     name: str
-    count: int
+    total: int
 
 
 def tallies(states: Iterable[MasterState | SlaveState | None]) -> list[Tally]:
     """The counters of both ends that have counted anything, by kind, the largest first."""
     found = [each for state in states if state is not None for each in _of(state)]
     order = {kind: index for index, kind in enumerate((*KINDS, ""))}
-    return sorted(found, key=lambda each: (order[each.kind], -each.count, each.name))[:MOST]
+    return sorted(found, key=lambda each: (order[each.kind], -each.total, each.name))[:MOST]
 
 
 def totals(found: Iterable[Tally]) -> dict[str, int]:
@@ -37,7 +37,7 @@ def totals(found: Iterable[Tally]) -> dict[str, int]:
     sums = dict.fromkeys(KINDS, 0)
     for each in found:
         if each.kind:
-            sums[each.kind] += each.count
+            sums[each.kind] += each.total
     return sums
 
 

@@ -4,12 +4,13 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import Browser, sync_playwright
 
 from common.clock import MonotonicClock
 from common.codec import encode
@@ -20,14 +21,13 @@ from common.transport.zenoh_bus import ZenohTransport
 from tests.dashboard.said import CELL, MS, Spoken, talk
 from tests.live_cell import Process, free_port, wait_until
 
-playwright = pytest.importorskip("playwright.sync_api")
 CHROMIUM = Path("/usr/bin/chromium")
 _TICKS_AT_ONCE = 5
 _FEW_FRAMES_MS = 200
 
 
 @contextmanager
-def browser(folder: Path) -> Iterator[Any]:
+def browser(folder: Path) -> Iterator[Browser]:
     """Debian's chromium, below everything else; as root without what lets it raise its own priority."""
     if not CHROMIUM.exists():
         pytest.skip(f"{CHROMIUM} is missing: apt-get install chromium")
@@ -36,7 +36,7 @@ def browser(folder: Path) -> Iterator[Any]:
     drop = "setpriv --bounding-set -sys_nice " if root else ""
     start.write_text(f'#!/bin/sh\nexec {drop}nice -n 19 {CHROMIUM} "$@"\n')
     start.chmod(0o755)
-    with playwright.sync_playwright() as driver:
+    with sync_playwright() as driver:
         found = driver.chromium.launch(executable_path=str(start), args=["--no-sandbox"] if root else [])
         try:
             yield found
@@ -121,7 +121,7 @@ class Served:
 class Shown:
     """One open page."""
 
-    def __init__(self, chromium: Any, url: str, width: int = 1280, height: int = 800) -> None:  # noqa: ANN401
+    def __init__(self, chromium: Browser, url: str, width: int = 1280, height: int = 800) -> None:
         self.context = chromium.new_context(viewport={"width": width, "height": height})
         self.page = self.context.new_page()
         self.asked: set[str] = set()
@@ -147,7 +147,7 @@ class Shown:
     def ask(self, script: str) -> Any:  # noqa: ANN401 - whatever the script gives
         return self.page.evaluate(script)
 
-    def until(self, condition: Any, what: str, timeout_s: float = 20.0) -> None:  # noqa: ANN401 - a function
+    def until(self, condition: Callable[[], object], what: str, timeout_s: float = 20.0) -> None:
         """Waits while the page goes on; AssertionError when it does not come."""
         end_s = time.monotonic() + timeout_s
         while not condition():

@@ -85,8 +85,8 @@ def force(sequence: int, stamp_ns: int, answers: tuple[int, int] | None, **chang
 
 def slave_state(stamp_ns: int = 0, **changes: object) -> SlaveState:
     fields: dict[str, Any] = {
-        **header(1, stamp_ns), "state": "armed", "reason": "ramp done", "position_m": 0.01, "velocity_m_s": 0.0,
-        "gripper": "closed", "stops": 0, "clock_offset_ns": None, "clock_bound_ns": None,
+        **header(1, stamp_ns), "state": "armed", "reason": "ramp done", "position_m": 0.01,
+        "velocity_m_s": 0.0, "gripper": "closed", "stops": 0, "clock_offset_ns": None, "clock_bound_ns": None,
         "counters": {"refused_late": 7, "commands_superseded": 3},
     }  # fmt: skip
     return SlaveState.model_validate(fields | changes)
@@ -94,8 +94,9 @@ def slave_state(stamp_ns: int = 0, **changes: object) -> SlaveState:
 
 def master_state(stamp_ns: int = 0, **changes: object) -> MasterState:
     fields: dict[str, Any] = {
-        **header(1, stamp_ns), "indication": "armed", "reason": "accepted", "deadman": True, "clutched_s": 0.0,
-        "clock_offset_ns": None, "clock_bound_ns": None, "counters": {"forces_reordered": 2},
+        **header(1, stamp_ns), "indication": "armed", "reason": "accepted", "deadman": True,
+        "clutched_s": 0.0, "clock_offset_ns": None, "clock_bound_ns": None,
+        "counters": {"forces_reordered": 2},
     }  # fmt: skip
     return MasterState.model_validate(fields | changes)
 
@@ -142,7 +143,7 @@ Spoken = tuple[Topic[Any], Message, int]
 
 
 def talk(first: int, last: int, start_ns: int = 9 * S, delay_ms: int = 300) -> Iterator[Spoken]:
-    """A cell at 1 kHz, from tick to tick: (topic, message, when it is heard). Forces answer after `delay_ms`."""
+    """A cell at 1 kHz, from tick to tick: topic, message, when heard. Forces answer after `delay_ms`."""
     for tick in range(first, last):
         now_ns = start_ns + tick * MS
         yield HAPTICS, haptics(tick, now_ns), now_ns + 2 * MS
@@ -163,7 +164,7 @@ def talk(first: int, last: int, start_ns: int = 9 * S, delay_ms: int = 300) -> I
 def hear(cell: CellView, spoken: Iterator[Spoken], axis: str = AXIS) -> int:
     """As from the network; when the last was heard."""
     heard_ns = 0
-    for topic, message, heard_ns in spoken:  # noqa: B007 - the last one is what is asked for
+    for topic, message, heard_ns in spoken:
         cell.hear(topic.key(CELL, axis), encode(message), heard_ns)
     return heard_ns
 

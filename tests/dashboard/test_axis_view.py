@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from common.codec import encode
+from common.messages import ForceSample
 from common.topics import COMMAND, FORCE, HAPTICS, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import MOST_AXES, CellView
@@ -102,9 +103,10 @@ def test_the_error_of_a_prediction_is_counted_by_command() -> None:
     assert view.watch.signs.outside_share == 0.0
     wrong = CellView()
     for topic, message, when in talk(1, 8000):
-        if topic is FORCE:
-            message = message.model_copy(update={"force_n": message.force_n + 0.1})  # noqa: PLW2901
-        wrong.take(AXIS, topic, message, when)
+        changed = message
+        if isinstance(message, ForceSample):
+            changed = message.model_copy(update={"force_n": message.force_n + 0.1})
+        wrong.take(AXIS, topic, changed, when)
     assert wrong.axes[AXIS].watch.signs.outside_share == 1.0
 
 

