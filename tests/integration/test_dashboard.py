@@ -234,18 +234,18 @@ def test_a_recording_in_the_same_page(chromium: Browser, tmp_path: Path) -> None
         shown.page.keyboard.press("Home")
         shown.until(lambda: shown.text("place").startswith("0:00.0"), "the begin")
         shown.page.keyboard.press("End")
-        shown.until(lambda: shown.text("place").startswith("0:06.0"), "the end")
+        shown.until(lambda: shown.text("place").startswith("0:05.9"), "the end")
         shown.until(
             lambda: "no command" in shown.page.locator('[data-id="events"]').inner_text(), "the event"
         )
         shown.page.keyboard.press("ArrowLeft")
         shown.page.keyboard.press("ArrowLeft")
-        shown.until(lambda: shown.text("place").startswith("0:04.0"), "2 s before the end")
+        shown.until(lambda: shown.text("place").startswith("0:03.9"), "2 s before the end")
         shown.until(
             lambda: "no command" not in shown.page.locator('[data-id="events"]').inner_text(), "no event"
         )
         shown.page.keyboard.press(" ")
-        shown.until(lambda: shown.text("place").startswith("0:06.0"), "played to the end")
+        shown.until(lambda: shown.text("place").startswith("0:05.9"), "played to the end")
         assert shown.page.locator('[data-id="play"]').inner_text() == "▶"
         shown.picture(tmp_path / "view-1280.png")
         assert shown.errors == []
@@ -253,7 +253,7 @@ def test_a_recording_in_the_same_page(chromium: Browser, tmp_path: Path) -> None
 
 def test_a_loopback_is_shown_while_it_runs(chromium: Browser, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    run = Process("loopback", tmp_path, "loopback", "--dashboard", "--duration", "8", "--out", str(out))
+    run = Process("loopback", tmp_path, "loopback", "--dashboard", "--duration", "25", "--out", str(out))
     try:
         wait_until(lambda: "dashboard at http" in run.log.read_text(), 30.0, "the address")
         (url,) = re.findall(r"dashboard at (\S+)", run.log.read_text())
