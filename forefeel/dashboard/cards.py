@@ -64,7 +64,7 @@ def delay(view: AxisView, now_ns: int) -> Card:
         return {"edges_ms": [], "counts": [], "words": "no answered command in the last minute"}
     p50, p99, most = np.quantile(delays_s, [0.5, 0.99, 1.0])
     counts, edges = _histogram(delays_s)
-    words = f"median {quantity(p50, 's')} · 99 % {quantity(p99, 's')} · most {quantity(most, 's')}"
+    words = f"median {1e3 * p50:.4g} · 99 % {1e3 * p99:.4g} · most {1e3 * most:.4g} ms"
     return {"edges_ms": [round(1e3 * edge, 3) for edge in edges], "counts": counts, "words": words}
 
 
@@ -132,9 +132,7 @@ def energy(view: AxisView) -> Card:
     if felt is None:
         return {"level": OFF, "value": UNKNOWN, "words": "no hand heard yet"}
     level: Level = GOOD if felt.energy_j >= 0.0 else WARN
-    words = (
-        "passive: the hand has put in more than it got" if level == GOOD else "the handle has given energy"
-    )
+    words = "passive" if level == GOOD else "the handle has given more than it took"
     lowest = f"lowest {quantity(view.worst_energy_j, 'J')}"
     return {"level": level, "value": quantity(felt.energy_j, "J"), "words": f"{words} · {lowest}"}
 
@@ -150,7 +148,7 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
                 "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
     share = timing.missed / max(1, timing.ticks + timing.missed)
     level: Level = BAD if share > 0.05 else WARN if share > 0.001 or timing.p99_us > _TICK_US else GOOD
-    word = {GOOD: "on time", WARN: "late at times", BAD: "misses ticks"}[level]
+    word = {GOOD: "on time", WARN: "late", BAD: "misses"}[level]
     return {
         "who": role,
         "level": level,
@@ -203,7 +201,7 @@ def _number_n(value_n: float | None) -> str:
 
 
 def _band(low_n: float | None, high_n: float | None) -> str:
-    return "" if low_n is None or high_n is None else f"{low_n:.3f} to {high_n:.3f}"
+    return "" if low_n is None or high_n is None else f"95 %: {low_n:.3f} to {high_n:.3f}"
 
 
 def _milliseconds(value_s: float | None) -> str:

@@ -7,6 +7,7 @@ from common.errors import CodecError
 from common.messages import Message
 from common.topics import COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT, Topic, parse_key
 from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.finding import Past
 
 MOST_AXES = 16
 _UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
@@ -21,9 +22,11 @@ class CellView:
         heard_ns: when anything was heard last, None before.
         malformed: payloads that were no message of their topic.
         beyond: payloads of axes beyond the first `MOST_AXES`.
+        past: live, or of a recording: the whole of it up to now, or the part since it was entered.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, past: Past = "live") -> None:
+        self.past: Past = past
         self.axes: dict[str, AxisView] = {}
         self.heard_ns: int | None = None
         self.malformed = self.beyond = 0

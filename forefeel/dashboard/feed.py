@@ -44,7 +44,7 @@ class Feed:
         answer["now_s"] = round(view.timeline.now_s(now_ns), 4)
         answer["traces"] = {name: self._new(name, trace.since) for name, trace in view.traces.items()}
         finding = (findings or {}).get(axis)
-        answer["cards"] = self._cards(view, finding, now_ns)
+        answer["cards"] = self._cards(cell, view, finding, now_ns)
         return answer
 
     def _begins(self, view: AxisView) -> bool:
@@ -62,11 +62,11 @@ class Feed:
         rows = np.round(points.rows, _DECIMALS).tolist()
         return [[value if value == value else None for value in row] for row in rows]  # noqa: PLR0124 - NaN
 
-    def _cards(self, view: AxisView, finding: Finding | None, now_ns: int) -> Answer:
+    def _cards(self, cell: CellView, view: AxisView, finding: Finding | None, now_ns: int) -> Answer:
         made: dict[str, tuple[int, Callable[[], Any]]] = {
             "numbers": (_QUICK_NS, lambda: cards.numbers(view, now_ns)),
             "standing": (_QUICK_NS, lambda: cards.standing(view, now_ns)),
-            "watch": (_QUICK_NS, lambda: watch_card(view, finding, now_ns)),
+            "watch": (_QUICK_NS, lambda: watch_card(view, finding, now_ns, cell.past)),
             "energy": (_QUICK_NS, lambda: cards.energy(view)),
             "delay": (_SLOW_NS, lambda: cards.delay(view, now_ns)),
             "model": (_SLOW_NS, lambda: cards.model(view, now_ns)),

@@ -1,7 +1,7 @@
 """What the live diagnosis says: whether the model fits, since when not, and what is the matter. Pure."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Alarm, Signs
@@ -13,6 +13,13 @@ LEAST_S = 12.0
 MOST_S = 60.0
 _SETTLING_S = 1.5
 _GROWTH = 2.0
+Past = Literal["live", "whole", "part"]
+_PART = {
+    "level": OFF,
+    "word": "no change in sight",
+    "headline": "Compared with the seconds before only. Played from its begin, a recording is judged as a whole.",
+}
+_ASK = "forefeel diagnose FILE names the cause."
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +54,15 @@ def wanted_s(alarm: Alarm | None, last: Finding | None, now_s: float) -> float |
     return span_s
 
 
-def watch_card(view: AxisView, finding: Finding | None, now_ns: int) -> dict[str, Any]:
-    """The card of the live diagnosis; `since_s` on the clock of who listens."""
+def watch_card(view: AxisView, finding: Finding | None, now_ns: int, past: Past = "live") -> dict[str, Any]:
+    """The card of the live diagnosis; `since_s` on the clock of who listens.
+
+    `past`: what came before; of a recording nothing is diagnosed, and what is usual may not be known.
+    """
     alarm = view.watch.alarm
     now_s = view.timeline.now_s(now_ns)
     if alarm is None:
-        return _calm(view.watch.signs, finding)
+        return _calm(view.watch.signs, finding) | (_PART if past == "part" else {})
     known = finding if finding is not None and finding.since_s == alarm.since_s else None
     level = BAD if known is not None and known.causes else WARN
     return {
@@ -60,14 +70,14 @@ def watch_card(view: AxisView, finding: Finding | None, now_ns: int) -> dict[str
         "word": "the model is wrong",
         "since_s": round(now_ns * 1e-9 - (now_s - alarm.since_s), 1),
         "signs": _signs(Signs(alarm.innovation_ratio, alarm.outside_share), "at worst "),
-        "headline": _stage(known, now_s - alarm.since_s),
+        "headline": _stage(known, now_s - alarm.since_s) if past == "live" else _ASK,
         "causes": [] if known is None else list(known.causes),
     }
 
 
 def _calm(signs: Signs, finding: Finding | None) -> dict[str, Any]:
     known = signs.innovation_ratio is not None
-    before = "" if finding is None or not finding.headline else f"Before: {finding.headline}"
+    before = "" if finding is None or not finding.headline else f"Before: {_in_one(finding)}"
     return {
         "level": GOOD if known else OFF,
         "word": "the model fits" if known else "nothing to judge by yet",
@@ -76,6 +86,10 @@ def _calm(signs: Signs, finding: Finding | None) -> dict[str, Any]:
         "headline": before,
         "causes": [],
     }
+
+
+def _in_one(finding: Finding) -> str:
+    return " ".join([finding.headline, "; ".join(finding.causes)]).strip()
 
 
 def _signs(signs: Signs, how: str) -> str:
@@ -94,4 +108,4 @@ def _stage(known: Finding | None, elapsed_s: float) -> str:
         return f"The cause is looked for in {left_s:.0f} s." if left_s > 0.5 else "The cause is looked for."
     if not known.headline:
         return f"Diagnosing {known.span_s:.0f} s of data …"
-    return f"{known.headline} (from {known.span_s:.0f} s)"
+    return f"From {known.span_s:.0f} s: {known.headline}"

@@ -91,9 +91,9 @@ def _figures() -> None:
     with _box("ff-figures"):
         for name, title, unit, line, more in (
             ("felt", "felt by the hand", "N", "", "limited"),
-            ("predicted", "predicted · 95 % band", "N", "", "band"),
-            ("measured", "measured, arrives late", "N", "dotted", "age"),
-            ("delay", "delay of a round trip", "ms", "none", "leading"),
+            ("predicted", "predicted", "N", "", "band"),
+            ("measured", "measured, late", "N", "dotted", "age"),
+            ("delay", "delay, round trip", "ms", "none", "leading"),
         ):
             with _box(f"ff-card ff-figure {name}", "section"):
                 with _box("name"):
@@ -163,7 +163,7 @@ def _model() -> None:
 def _energy() -> None:
     with _card("energy that the hand has put in"), _box("ff-line"):
         _text(classes="value", field="energy")
-        _text(tag="p", field="energy-words")
+        _text(field="energy-words")
 
 
 def _loops() -> None:

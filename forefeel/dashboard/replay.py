@@ -25,7 +25,7 @@ class Replay:
     """
 
     def __init__(self, spans: RunSpans) -> None:
-        self.cell = CellView()
+        self.cell = CellView("whole")
         self._spans = spans
         self._until_ns: int | None = None
 
@@ -46,7 +46,8 @@ class Replay:
         lead_ns = round(max(LEAD_S, window_s) * 1e9)
         from_ns = self._until_ns
         if from_ns is None or not from_ns <= until_ns <= from_ns + lead_ns:
-            self.cell, from_ns = CellView(), until_ns - lead_ns
+            from_ns = until_ns - lead_ns
+            self.cell = CellView("part" if from_ns > start_ns else "whole")
         for logged in self._spans.between(from_ns, until_ns, _TOPICS):
             self.cell.take(logged.axis, logged.topic, logged.message, logged.log_ns)
         self._until_ns = until_ns

@@ -77,13 +77,13 @@ def _link(view: AxisView, now_ns: int) -> Light:
         return Light("link", BAD, "no link", printable(state.reason))
     if state.indication == "handle_fault":
         return Light("link", BAD, "handle fault", printable(state.reason))
-    return Light("link", GOOD, "linked", "both ends hear each other")
+    return Light("link", GOOD, "linked", "both ends heard")
 
 
 def _lease(view: AxisView, now_ns: int) -> Light:
     slave, master = view.newest.slave, view.newest.master
     if slave is None or _slave_quiet(view, now_ns):
-        return Light("lease", OFF, "unknown", "the slave says who holds it")
+        return Light("lease", OFF, "unknown", "no slave")
     if not slave.session_id:
         return Light("lease", OFF, "free", "no master holds it")
     if master is None or _master_quiet(view, now_ns):
@@ -112,7 +112,7 @@ def safety_word(slave: SlaveState) -> str:
 def _deadman(view: AxisView, now_ns: int) -> Light:
     master = view.newest.master
     if master is None or _master_quiet(view, now_ns):
-        return Light("deadman", OFF, "unknown", "the master says how it is")
+        return Light("deadman", OFF, "unknown", "no master")
     if master.deadman:
-        return Light("deadman", GOOD, "pressed", "the hand wants to move")
-    return Light("deadman", OFF, "released", "nothing is to move")
+        return Light("deadman", GOOD, "pressed", "may move")
+    return Light("deadman", OFF, "released", "no motion")

@@ -11,12 +11,13 @@ from common.error_size import Floats
 from common.errors import ForefeelError
 from common.recording.recording import Recording
 from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.verdict import Diagnosis
+from diagnosis.diagnose.verdict import Diagnosis, Interval
 from forefeel.diagnose.units import shown
 from forefeel.diagnose.words import headline, plain
 from forefeel.parent import die_with_parent
 
 _LOWEST = 19
+_LEFT_OUT = "The model leaves out:"
 
 
 def main() -> None:
@@ -35,7 +36,7 @@ def diagnosed(rows: Floats) -> dict[str, object]:
     except ForefeelError as error:
         return {"headline": f"Nothing can be said: {error}.", "causes": [], "final": False}
     return {
-        "headline": headline(found),
+        "headline": _LEFT_OUT if found.verdict == "cause_found" else headline(found),
         "causes": [*_causes(found), *_next(found)],
         "final": found.verdict == "cause_found",
     }
@@ -43,9 +44,14 @@ def diagnosed(rows: Floats) -> dict[str, object]:
 
 def _causes(found: Diagnosis) -> list[str]:
     return [
-        f"{plain(cause.name)}: {'; '.join(str(shown(*each)) for each in cause.parameters.items())}"
+        f"{plain(cause.name)}: {', '.join(_value(*each) for each in cause.parameters.items())}"
         for cause in found.causes
     ]
+
+
+def _value(name: str, interval: Interval) -> str:
+    known = shown(name, interval)
+    return f"{known.label} {known.value} {known.unit}".rstrip()
 
 
 def _next(found: Diagnosis) -> list[str]:

@@ -63,20 +63,23 @@ def test_the_card_says_since_when_and_which_cause() -> None:
     assert card["headline"] == "The cause is looked for in 8 s."
     at_work = Finding(now_s - 5.0, 14.0)
     assert watch_card(view, at_work, now_ns)["headline"] == "Diagnosing 14 s of data …"
-    found = Finding(
-        now_s - 5.0, 14.0, "The simulation leaves out dry friction.", ("dry friction: 0.1 N",), True
-    )
+    found = Finding(now_s - 5.0, 14.0, "The model leaves out:", ("dry friction: 0.1 N",), True)
     card = watch_card(view, found, now_ns)
-    assert card["headline"] == "The simulation leaves out dry friction. (from 14 s)"
+    assert card["headline"] == "From 14 s: The model leaves out:"
     assert (card["level"], card["causes"]) == ("bad", ["dry friction: 0.1 N"])
     view.watch.alarm = None
-    assert watch_card(view, found, now_ns)["headline"] == "Before: The simulation leaves out dry friction."
+    assert watch_card(view, None, now_ns, "part")["word"] == "no change in sight"
+    assert watch_card(view, found, now_ns)["headline"] == "Before: The model leaves out: dry friction: 0.1 N"
 
 
 def test_the_worker_names_dry_friction() -> None:
     found = worker.diagnosed(rows_with_friction())
     assert found["final"]
-    assert "friction" in str(found["headline"])
+    assert found["headline"] == "The model leaves out:"
+    causes = found["causes"]
+    assert isinstance(causes, list)
+    assert "friction" in causes[0]
+    assert "force" in causes[0]
 
 
 def test_the_worker_says_why_there_is_no_answer() -> None:

@@ -161,6 +161,7 @@ def test_a_jump_reads_no_more_than_what_is_shown_before_it(tmp_path: Path) -> No
     spans = RunSpans(tmp_path / "long.mcap")
     replay = Replay(spans)
     replay.go_to(100.0, 5.0)
+    assert replay.cell.past == "part"
     view = replay.cell.axes["insertion"]
     assert view.newest.force is not None
     assert len(view.samples.rows()) == LEAD_S

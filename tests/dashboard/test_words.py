@@ -106,7 +106,7 @@ def test_figures_are_those_of_the_messages() -> None:
 def test_the_delay_is_that_of_the_last_minute() -> None:
     view, now_ns = heard(2.0)
     found = cards.delay(view, now_ns)
-    assert found["words"] == "median 300 ms · 99 % 300 ms · most 300 ms"
+    assert found["words"] == "median 300 · 99 % 300 · most 300 ms"
     assert sum(found["counts"]) == len(view.delays.rows())
     assert len(found["edges_ms"]) == len(found["counts"]) + 1
     assert cards.delay(view, now_ns + 61 * S)["counts"] == []
@@ -135,7 +135,7 @@ def test_energy_below_zero_is_said() -> None:
 def test_a_loop_that_misses_ticks_is_said() -> None:
     view, _ = heard(0.1)
     view.newest.timings = {"master": timing(), "slave": timing(missed=9_000)}
-    assert [loop["word"] for loop in cards.loops(view)] == ["on time", "misses ticks"]
+    assert [loop["word"] for loop in cards.loops(view)] == ["on time", "misses"]
     assert cards.loops(AxisView())[0]["word"] == "not heard"
 
 

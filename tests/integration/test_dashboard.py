@@ -49,7 +49,7 @@ def test_what_the_page_shows_is_what_was_said(chromium: Browser, speaker: Speake
     with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
         shown.until(lambda: shown.text("measured") == "0.789", "the measured force")
         assert (shown.text("felt"), shown.text("predicted"), shown.text("delay")) == ("0.123", "0.456", "300")
-        assert shown.text("band") == "0.400 to 0.500"
+        assert shown.text("band") == "95 %: 0.400 to 0.500"
         assert shown.text("leading") == "leads: friction, recent"
         assert [shown.light(name).split("\n")[0] for name in ("link", "lease", "safety", "deadman")] == [
             "●"

@@ -67,18 +67,25 @@ function showEnergy(card) {
 function showModel(card) {
   const rows = card.parameters.map(({ name, value, deviation, unit, known }) => row([
     cell(name, "cut"), cell(value, "n"), cell(`± ${deviation}`, "n"), cell(unit, "unit"),
-    cell(`${KNOWN[known]} ${known}`, `n ff-known ${known.replace(" ", "-")}`),
+    knownCell(known),
   ]));
   node("parameters").replaceChildren(...rows);
   tell("statements", card.statements.join(" · "));
   tell("model-foot", card.foot);
 }
 
+function knownCell(known) {
+  const found = cell(KNOWN[known], `n ff-known ${known.replace(" ", "-")}`);
+  found.append(made("span", "", ` ${known}`));
+  found.title = known;
+  return found;
+}
+
 function showLoops(loops) {
   const head = row(["", "median", "99 %", "most", "missed"].map((text, index) => cell(text, index ? "n" : "", "th")));
   node("loops").replaceChildren(head, ...loops.map((loop) => {
     const who = cell("", loop.level);
-    who.append(made("span", "mark", MARKS[loop.level]), `${loop.who}: ${loop.word}`);
+    who.append(made("span", "mark", MARKS[loop.level]), `${loop.who} ${loop.word}`);
     return row([who, ...[loop.p50, loop.p99, loop.max, loop.missed].map((text) => cell(text, "n"))]);
   }));
 }

@@ -8,7 +8,7 @@ const LAG_S = 0.06; // the newest bins are still open
 export class Charts {
   constructor(force, delays) {
     this.elements = [force, delays];
-    this.ranges = [new Range(0.05, 5), new Range(0.05, 3), new Range(0.5, 3)];
+    this.ranges = [new Range(0.05, 5), new Range(0.05, 2), new Range(0.5, 2)];
     this.band = [];
     this.known = null;
   }
@@ -122,5 +122,5 @@ function ends(lines) {
 
 function nice(step) {
   const power = 10 ** Math.floor(Math.log10(step));
-  return [1, 2, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= step * 0.999);
+  return [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= step * 0.999);
 }
