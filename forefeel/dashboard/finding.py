@@ -17,7 +17,7 @@ Past = Literal["live", "whole", "part"]
 _PART = {
     "level": OFF,
     "word": "no change in sight",
-    "headline": "Compared with the seconds before only. Played from its begin, a recording is judged as a whole.",
+    "headline": "Compared with the seconds before only. Played from its begin it is judged as a whole.",
 }
 _ASK = "forefeel diagnose FILE names the cause."
 
