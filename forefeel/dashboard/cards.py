@@ -8,7 +8,7 @@ import numpy as np
 from common.error_size import Floats
 from common.messages import LoopTiming, ModelParameters
 from common.notices import printable
-from common.topics import MASTER_STATE, PARAMETERS, SLAVE_STATE
+from common.topics import FORCE, HAPTICS, MASTER_STATE, MASTER_TIMING, PARAMETERS, SLAVE_STATE, SLAVE_TIMING
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.happened import Happened
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
@@ -22,6 +22,8 @@ Card = dict[str, Any]
 _BINS = 36
 _LEAST_SPREAD_S = 2e-3
 _FRESH_S = 0.5
+_TIMING_S = 3.5
+_ROLES = ("master", "slave")
 _MOST_PARAMETERS = 12
 _LEADS = {
     "": "nobody yet",
@@ -34,9 +36,9 @@ _CONTACT = "mass_damper_spring"
 def numbers(view: AxisView, now_ns: int) -> Card:
     """The large figures: what is felt, predicted, measured, and the delay; UNKNOWN for what is not."""
     haptics, force = view.newest.haptics, view.newest.force
-    fresh = _fresh(view, "master/haptics", now_ns)
+    fresh = _fresh(view, HAPTICS.name, now_ns)
     felt = haptics if fresh else None
-    measured = force if _fresh(view, "slave/force", now_ns) and force is not None and force.valid else None
+    measured = force if _fresh(view, FORCE.name, now_ns) and force is not None and force.valid else None
     return {
         "felt": _number_n(felt.rendered_n if felt else None),
         "limited": bool(felt and felt.limited),
@@ -126,20 +128,22 @@ def _statements(found: ModelParameters) -> list[str]:
     return [*map(printable, found.identifiable)] or ["the motion tells all parameters apart"]
 
 
-def energy(view: AxisView) -> Card:
+def energy(view: AxisView, now_ns: int) -> Card:
     """What the hand has put in, on balance: below zero the handle has given more than it took."""
     felt = view.newest.haptics
-    if felt is None:
-        return {"level": OFF, "value": UNKNOWN, "words": "no hand heard yet"}
+    if felt is None or not _fresh(view, HAPTICS.name, now_ns):
+        return {"level": OFF, "value": UNKNOWN, "words": "no hand heard"}
     level: Level = GOOD if felt.energy_j >= 0.0 else WARN
     words = "passive" if level == GOOD else "the handle has given more than it took"
     lowest = f"lowest {quantity(view.worst_energy_j, 'J')}"
     return {"level": level, "value": quantity(felt.energy_j, "J"), "words": f"{words} · {lowest}"}
 
 
-def loops(view: AxisView) -> list[Card]:
-    """How late both loops are, since they began."""
-    return [_loop(role, view.newest.timings.get(role)) for role in ("master", "slave")]
+def loops(view: AxisView, now_ns: int) -> list[Card]:
+    """How late both loops are, since they began; of one that is not heard nothing is said."""
+    topics = (MASTER_TIMING, SLAVE_TIMING)
+    heard = {topic.publisher for topic in topics if _fresh(view, topic.name, now_ns, _TIMING_S)}
+    return [_loop(role, view.newest.timings.get(role) if role in heard else None) for role in _ROLES]
 
 
 def _loop(role: str, timing: LoopTiming | None) -> Card:
@@ -160,21 +164,20 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
     }
 
 
-def counters(view: AxisView) -> Card:
-    """Lost, late, reordered, refused, and every counter by name."""
+def counters(view: AxisView, now_ns: int) -> Card:
+    """Lost, late, reordered, refused, and every counter by name, as it was said last."""
     found = tallies((view.newest.slave, view.newest.master))
     sums = totals(found)
     return {
         "sums": {kind: number(count) for kind, count in sums.items()},
         "rows": [{"who": each.who, "name": each.name, "count": number(each.total)} for each in found],
-        "words": _counted_words(view),
+        "words": _counted_words(view, now_ns),
     }
 
 
-def _counted_words(view: AxisView) -> str:
-    heard = view.newest.heard_ns
-    missing = [t.publisher for t in (SLAVE_STATE, MASTER_STATE) if t.name not in heard]
-    return f"{' and '.join(missing)}: not heard" if missing else ""
+def _counted_words(view: AxisView, now_ns: int) -> str:
+    missing = [t.publisher for t in (SLAVE_STATE, MASTER_STATE) if not _fresh(view, t.name, now_ns)]
+    return f"{' and '.join(missing)} not heard now" if missing else ""
 
 
 def events(happened: Happened) -> list[Card]:
@@ -191,9 +194,9 @@ def events(happened: Happened) -> list[Card]:
     ]
 
 
-def _fresh(view: AxisView, topic: str, now_ns: int) -> bool:
+def _fresh(view: AxisView, topic: str, now_ns: int, most_s: float = _FRESH_S) -> bool:
     heard_ns = view.newest.heard_ns.get(topic)
-    return heard_ns is not None and (now_ns - heard_ns) * 1e-9 <= _FRESH_S
+    return heard_ns is not None and (now_ns - heard_ns) * 1e-9 <= most_s
 
 
 def _number_n(value_n: float | None) -> str:

@@ -69,6 +69,8 @@ def _value_axis(index: int, ticks: int) -> Options:
         "min": -1,
         "max": 1,
         "splitNumber": ticks,
+        "axisLine": {"show": False},
+        "axisTick": {"show": False},
         "axisLabel": {"color": _SOFT, "fontSize": 12.5},
         "splitLine": {"lineStyle": {"color": _RULE}},
     }

@@ -67,11 +67,11 @@ class Feed:
             "numbers": (_QUICK_NS, lambda: cards.numbers(view, now_ns)),
             "standing": (_QUICK_NS, lambda: cards.standing(view, now_ns)),
             "watch": (_QUICK_NS, lambda: watch_card(view, finding, now_ns, cell.past)),
-            "energy": (_QUICK_NS, lambda: cards.energy(view)),
+            "energy": (_QUICK_NS, lambda: cards.energy(view, now_ns)),
             "delay": (_SLOW_NS, lambda: cards.delay(view, now_ns)),
             "model": (_SLOW_NS, lambda: cards.model(view, now_ns)),
-            "loops": (_SLOW_NS, lambda: cards.loops(view)),
-            "counters": (_SLOW_NS, lambda: cards.counters(view)),
+            "loops": (_SLOW_NS, lambda: cards.loops(view, now_ns)),
+            "counters": (_SLOW_NS, lambda: cards.counters(view, now_ns)),
             "events": (_QUICK_NS, lambda: cards.events(view.happened)),
         }
         return {name: card for name, (every_ns, make) in made.items()

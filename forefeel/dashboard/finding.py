@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from common.topics import PARAMETERS
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Alarm, Signs
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN
+from forefeel.dashboard.words import SILENT_NS
 from forefeel.report.wording import share
 
 LEAST_S = 12.0
@@ -62,7 +64,8 @@ def watch_card(view: AxisView, finding: Finding | None, now_ns: int, past: Past 
     alarm = view.watch.alarm
     now_s = view.timeline.now_s(now_ns)
     if alarm is None:
-        return _calm(view.watch.signs, finding) | (_PART if past == "part" else {})
+        signs = view.watch.signs if _heard(view, now_ns) else Signs()
+        return _calm(signs, finding) | (_PART if past == "part" else {})
     known = finding if finding is not None and finding.since_s == alarm.since_s else None
     level = BAD if known is not None and known.causes else WARN
     return {
@@ -80,12 +83,17 @@ def _calm(signs: Signs, finding: Finding | None) -> dict[str, Any]:
     before = "" if finding is None or not finding.headline else f"Before: {_in_one(finding)}"
     return {
         "level": GOOD if known else OFF,
-        "word": "the model fits" if known else "nothing to judge by yet",
+        "word": "the model fits" if known else "nothing to judge by",
         "since_s": None,
         "signs": _signs(signs, "") if known else "needs a hand that moves and forces that answer",
         "headline": before,
         "causes": [],
     }
+
+
+def _heard(view: AxisView, now_ns: int) -> bool:
+    heard_ns = view.newest.heard_ns.get(PARAMETERS.name)
+    return heard_ns is not None and now_ns - heard_ns <= SILENT_NS
 
 
 def _in_one(finding: Finding) -> str:

@@ -55,6 +55,7 @@ def test_the_card_says_since_when_and_which_cause() -> None:
     view, now_ns = heard(3.0)
     now_s = view.timeline.now_s(now_ns)
     assert watch_card(view, None, now_ns)["word"] == "the model fits"
+    assert watch_card(view, None, now_ns + 3 * S)["word"] == "nothing to judge by"
     view.watch.alarm = Alarm(now_s - 5.0, 3.2, 0.4)
     card = watch_card(view, None, now_ns)
     assert card["word"] == "the model is wrong"

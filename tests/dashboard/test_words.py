@@ -6,7 +6,7 @@ from typing import get_args
 import pytest
 
 from common.messages import SafetyState
-from common.topics import MASTER_STATE, SLAVE_STATE
+from common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING
 from forefeel.dashboard import cards
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.levels import Level
@@ -125,25 +125,27 @@ def test_what_is_known_of_the_model() -> None:
 
 
 def test_energy_below_zero_is_said() -> None:
-    view, _ = heard(0.1)
-    assert cards.energy(view)["level"] == "good"
+    view, now_ns = heard(0.1)
+    assert cards.energy(view, now_ns)["level"] == "good"
+    assert cards.energy(view, now_ns + S)["words"] == "no hand heard"
     assert view.newest.haptics is not None
     view.newest.haptics = view.newest.haptics.model_copy(update={"energy_j": -0.002})
-    assert cards.energy(view) | {"words": ""} == {"level": "warn", "value": "-2 mJ", "words": ""}
+    assert cards.energy(view, now_ns) | {"words": ""} == {"level": "warn", "value": "-2 mJ", "words": ""}
 
 
 def test_a_loop_that_misses_ticks_is_said() -> None:
-    view, _ = heard(0.1)
+    view, now_ns = heard(0.1)
+    view.newest.heard_ns |= {MASTER_TIMING.name: now_ns, SLAVE_TIMING.name: now_ns}
     view.newest.timings = {"master": timing(), "slave": timing(missed=9_000)}
-    assert [loop["word"] for loop in cards.loops(view)] == ["on time", "misses"]
-    assert cards.loops(AxisView())[0]["word"] == "not heard"
+    assert [loop["word"] for loop in cards.loops(view, now_ns)] == ["on time", "misses"]
+    assert {loop["word"] for loop in cards.loops(view, now_ns + 4 * S)} == {"not heard"}
 
 
 def test_every_card_is_json_whatever_was_heard() -> None:
     view = AxisView()
     made = [
         *(card(view, S) for card in (cards.numbers, cards.standing, cards.delay, cards.model)),
-        *(card(view) for card in (cards.energy, cards.loops, cards.counters)),
+        *(card(view, S) for card in (cards.energy, cards.loops, cards.counters)),
         cards.events(view.happened),
     ]
     assert json.dumps(made, allow_nan=False)

@@ -202,6 +202,7 @@ def test_silence_is_said_and_ends(chromium: Browser, speaker: Speaker, tmp_path:
         assert speaker.endpoint in said
         assert "silent" in shown.light("link")
         assert shown.text("felt") == "–"
+        assert shown.text("energy") == "○ –"
         speaker.silent = False
         shown.until(lambda: not silence.is_visible(), "the end of the silence")
         shown.until(lambda: shown.text("felt") != "–", "the force")
