@@ -63,7 +63,7 @@ function begin() {
   if (file) {
     node("slider").max = duration_s;
     page.paused = false;
-    seek(page.at_s || Math.min(duration_s, window_s()), true);
+    seek(page.at_s || Math.min(duration_s / 2, window_s()));
   }
   showPaused();
 }
@@ -73,7 +73,7 @@ function frame(now_ms) {
   const passed_ms = now_ms - frame_ms;
   frame_ms = now_ms;
   if (page.facts && socket?.readyState === WebSocket.OPEN && !waits && now_ms - asked_ms >= PERIOD_MS) ask(now_ms);
-  if (replays() && !page.paused && !waits) play(Math.min(passed_ms, 200));
+  if (replays() && !page.paused) play(Math.min(passed_ms, 1000));
   if (dirty && charts.ready()) {
     dirty = false;
     charts.draw(traces, traces.now_s - page.back_s, window_s());
