@@ -30,6 +30,7 @@ from forefeel.parent import die_with_parent
 _POLL_S = 0.2
 _NICE = 10
 _BACKLOG = 64
+_WAITING = 2048  # each holds on to the packet that it came in: a starved viewer would keep gigabytes
 _PATIENCE_S = 30.0  # a page that stalls is not made to load anew
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32"'
@@ -58,7 +59,7 @@ def run_dashboard(
         transport = StrandedTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
         try:
             _step_back()
-            transport.subscribe_all(f"forefeel/{settings.cell}", live.hear)
+            transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)
             if transport.notice:
                 _console().print(transport.notice)
             diagnosing = Diagnosing(live.look)
