@@ -104,7 +104,7 @@ def test_thirty_updates_a_second(chromium: Browser, speaker: Speaker, tmp_path: 
     rate_hz, script_mb, server_mb = observed(chromium, tmp_path, speaker, 8.0, 20.0)
     assert rate_hz >= LEAST_HZ
     assert script_mb < 6.0
-    assert server_mb < 16.0
+    assert server_mb < 8.0
 
 
 @pytest.mark.soak
