@@ -20,8 +20,8 @@ $(READY): pyproject.toml
 	$(BIN)/python -c 'from common.effects.registry import compile_kernels; compile_kernels()'
 	@touch $@
 
-demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out/demo
-	$(BIN)/forefeel loopback --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
+demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out/demo; live at 127.0.0.1:8600
+	$(BIN)/forefeel loopback --dashboard --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
 test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not soak and not fuzz'

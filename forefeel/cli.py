@@ -12,6 +12,9 @@ from common.recording.tabular import Mapping
 from common.transport.settings import PRESETS
 from forefeel.calibrate.cli import calibrate_app
 from forefeel.daemon_settings import load_any, load_daemon
+from forefeel.dashboard.command import EPILOG as DASHBOARD_EPILOG
+from forefeel.dashboard.command import VIEW_EPILOG, view
+from forefeel.dashboard.command import dashboard as live_view
 from forefeel.devices.cli import EPILOG as DEVICES_EPILOG
 from forefeel.devices.cli import device_app, devices
 from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
@@ -114,6 +117,8 @@ def config_check(
 
 app.command(epilog=RECORD_EPILOG)(record)
 app.command(epilog=METRICS_EPILOG)(metrics)
+app.command("dashboard", epilog=DASHBOARD_EPILOG)(live_view)
+app.command(epilog=VIEW_EPILOG)(view)
 app.command(epilog=ROUTER_EPILOG)(router)
 
 
@@ -167,6 +172,10 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
             autocompletion=among(_hardware),
         ),
     ] = "simulated",
+    dashboard: Annotated[
+        bool, typer.Option("--dashboard/--no-dashboard", help="Serve the live view while it runs.")
+    ] = False,
+    opens: Annotated[bool, typer.Option("--open", help="Open the live view in the browser.")] = False,
     time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
@@ -174,7 +183,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     """Run master and slave on this machine, record, and report."""
-    from forefeel.loopback.command import run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
+    from forefeel.loopback.command import How, run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
     from forefeel.loopback.plan import Wish  # noqa: PLC0415
 
     wish = Wish(
@@ -191,7 +200,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         hardware=hardware,
     )
     with output(as_json, quiet):
-        run_loopback(wish, out, overwrite, virtual_time)
+        run_loopback(wish, out, How(overwrite, virtual_time, dashboard or opens, opens))
 
 
 app.command(epilog=EVALUATE_EPILOG)(evaluate)

@@ -22,10 +22,10 @@ from mcap.writer import MCAP0_MAGIC
 
 from common.errors import RecordingError
 
-_HEAD = struct.Struct("<BQ")
+HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 
-_DAMAGE = (struct.error, ValueError, OverflowError, MemoryError, RuntimeError, McapError, zstandard.ZstdError)
+DAMAGE = (struct.error, ValueError, OverflowError, MemoryError, RuntimeError, McapError, zstandard.ZstdError)
 """What the library and its decompressors raise for bytes that are no record."""
 
 _PARSED = {
@@ -71,7 +71,7 @@ class RecordReader:
                 return
             try:
                 yield from _parse(opcode, body)
-            except _DAMAGE as error:
+            except DAMAGE as error:
                 reason = str(error) or type(error).__name__
                 raise RecordingError(
                     f"{self._path}: damaged at byte {start} ({reason}), expected a record"
@@ -79,10 +79,10 @@ class RecordReader:
 
     def _next(self) -> tuple[int, int, bytes] | None:
         start = self._file.tell()
-        head = self._file.read(_HEAD.size)
-        if len(head) < _HEAD.size:
+        head = self._file.read(HEAD.size)
+        if len(head) < HEAD.size:
             return None
-        opcode, length = _HEAD.unpack(head)
+        opcode, length = HEAD.unpack(head)
         if length > self._size - self._file.tell():
             return None
         return opcode, start, self._file.read(length)
@@ -90,22 +90,24 @@ class RecordReader:
 
 def _parse(opcode: int, body: bytes) -> Iterator[Record]:
     if opcode == Opcode.CHUNK:
-        yield from _parse_chunk(Chunk.read(ReadDataStream(BytesIO(body))))
+        yield from records_of_chunk(body)
     elif opcode == Opcode.MESSAGE:
         yield _message(body, 0, len(body))
     elif opcode in _PARSED:
         yield _PARSED[Opcode(opcode)](ReadDataStream(BytesIO(body)))
 
 
-def _parse_chunk(chunk: Chunk) -> Iterator[Record]:
+def records_of_chunk(body: bytes) -> Iterator[MessageRecord | Channel]:
+    """The messages and channels in the body of a chunk record; raises one of `DAMAGE` where it is none."""
+    chunk = Chunk.read(ReadDataStream(BytesIO(body)))
     stream, size = get_chunk_data_stream(chunk)
     data = stream.read(size)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("checksum of a chunk")
     at = 0
     while at < len(data):
-        opcode, length = _HEAD.unpack_from(data, at)
-        start, at = at + _HEAD.size, at + _HEAD.size + length
+        opcode, length = HEAD.unpack_from(data, at)
+        start, at = at + HEAD.size, at + HEAD.size + length
         if at > len(data):
             raise ValueError("record longer than its chunk")
         if opcode == Opcode.MESSAGE:

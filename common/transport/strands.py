@@ -13,7 +13,7 @@ from common.transport.endpoints import check_endpoint, port_of, shifted
 from common.transport.port import Handler, KeyedHandler, OnFault, Put
 from common.transport.security import Party
 from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from common.transport.zenoh_bus import WAITING_OBSERVED, ZenohTransport
 
 
 class StrandedTransport:
@@ -84,8 +84,8 @@ class StrandedTransport:
         for strand in self._carrying(key):
             strand.subscribe(key, deliver)
 
-    def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
-        """Delivers one message at a time, from whichever connection."""
+    def subscribe_all(self, prefix: str, handler: KeyedHandler, waiting: int = WAITING_OBSERVED) -> None:
+        """Delivers one message at a time, from whichever connection; of more than `waiting` the newest."""
         serial = threading.Lock()
 
         def deliver(key: str, payload: bytes, receive_ns: int) -> None:
@@ -93,7 +93,7 @@ class StrandedTransport:
                 handler(key, payload, receive_ns)
 
         for strand in self._strands:
-            strand.subscribe_all(prefix, deliver)
+            strand.subscribe_all(prefix, deliver, waiting)
 
     def peers(self) -> int:
         """How many other ends are connected now."""

@@ -25,7 +25,7 @@ _Receive = Callable[[zenoh.Sample], None]
 _WAITING_SAMPLES = 4096
 """What a subscriber that lags keeps: 4 s of a 1 kHz stream; older samples make room."""
 
-_WAITING_OBSERVED = 65_536
+WAITING_OBSERVED = 65_536
 """The same of who hears all of a cell, more than 4000 samples a second: a recorder that waits its turn for
 some seconds on a busy machine loses nothing."""
 
@@ -142,12 +142,12 @@ class ZenohTransport:
         """Delivers what other sessions put to `key`."""
         self._receive(key, lambda sample: handler(sample.payload.to_bytes(), self._now_ns()))
 
-    def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
-        """Delivers what other sessions put to `prefix` or below it."""
+    def subscribe_all(self, prefix: str, handler: KeyedHandler, waiting: int = WAITING_OBSERVED) -> None:
+        """Delivers what other sessions put to `prefix` or below it; of more than `waiting` the newest."""
         self._receive(
             f"{prefix}/**",
             lambda sample: handler(str(sample.key_expr), sample.payload.to_bytes(), self._now_ns()),
-            _WAITING_OBSERVED,
+            waiting,
         )
 
     def peers(self) -> int:

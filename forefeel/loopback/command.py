@@ -1,12 +1,13 @@
 """One loopback run from the wish to the ten lines."""
 
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from common.errors import RunError
+from common.errors import ConfigurationError, RunError
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, postponed
 from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
@@ -14,6 +15,7 @@ from forefeel.loopback.plan import STATE, Plan, Wish, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
+from forefeel.loopback.watched import LOG, Watched
 from forefeel.report.page import write_report
 from forefeel.report.states import START_S
 from forefeel.report.summary import RunReport
@@ -25,11 +27,21 @@ MIN_ARMED_SHARE = 0.9
 _RECORDING = "recording.mcap"
 _OURS = (
     _RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log",
-    "stage.log", "cell.log", "handle.log", "hub.log", STATE,
+    "stage.log", "cell.log", "handle.log", "hub.log", LOG, STATE,
 )  # fmt: skip
 
 
-def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -> RunReport:
+@dataclass(frozen=True, slots=True)
+class How:
+    """How a run is done: what becomes of earlier results, in which time, and whether somebody looks on."""
+
+    overwrite: bool = False
+    virtual: bool = False
+    dashboard: bool = False
+    opens: bool = False
+
+
+def run_loopback(wish: Wish, out: Path | None, how: How) -> RunReport:
     """Plans, runs, reports, prints the ten lines.
 
     Raises:
@@ -37,21 +49,24 @@ def run_loopback(wish: Wish, out: Path | None, overwrite: bool, virtual: bool) -
         RunError: the run failed, was interrupted, or was armed for too little of its time.
     """
     folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
+    if how.virtual and how.dashboard:
+        raise ConfigurationError("--dashboard: shows what runs in real time; expected no --virtual-time")
     with ends_in_order("loopback", folder) as written:
-        return _run_in(folder, wish, overwrite, virtual, written)
+        return _run_in(folder, wish, how, written)
 
 
-def _run_in(folder: Path, wish: Wish, overwrite: bool, virtual: bool, written: list[str]) -> RunReport:
-    check_hardware(wish.hardware, wish.recording is not None, virtual)
+def _run_in(folder: Path, wish: Wish, how: How, written: list[str]) -> RunReport:
+    check_hardware(wish.hardware, wish.recording is not None, how.virtual)
     plan = make_plan(wish)
     plan.slave_settings()
     plan.master_settings()
-    fresh_folder(folder, _OURS, "an earlier run", overwrite)
+    fresh_folder(folder, _OURS, "an earlier run", how.overwrite)
     for note in plan.notes:
         say(note)
+    watched = Watched(how.opens, say) if how.dashboard else None
     with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
-        _run(plan, wish, folder, virtual, written, _shown(bar, task, plan))
+        _run(plan, wish, folder, how.virtual, written, _shown(bar, task, plan), watched)
     with stages("loopback", said=()) as tell:
         tell("writing the report")
         report = write_report(folder / _RECORDING, folder)
@@ -67,15 +82,23 @@ def _shown(bar: Progress, task: TaskID, plan: Plan) -> Show:
     return show
 
 
-def _run(plan: Plan, wish: Wish, folder: Path, virtual: bool, written: list[str], show: Show) -> None:
+def _run(
+    plan: Plan,
+    wish: Wish,
+    folder: Path,
+    virtual: bool,
+    written: list[str],
+    show: Show,
+    watched: Watched | None,
+) -> None:
     """Leaves the recording, also of a run that was interrupted."""
     if wish.hardware != SIMULATED:
         with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
             bench = on_bench(plan, wish.hardware, Path(ports), folder, wish.seed)
-            run_real(bench.plan, folder, show, bench.emulators)
+            run_real(bench.plan, folder, show, bench.emulators, watched)
         written.append(_RECORDING)
     elif not virtual:
-        run_real(plan, folder, show)
+        run_real(plan, folder, show, watched=watched)
         written.append(_RECORDING)
     else:
         loop = VirtualLoopback(plan, wish.seed)

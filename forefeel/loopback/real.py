@@ -20,6 +20,7 @@ from common.transport.settings import TransportSettings
 from forefeel.interrupt import interruptible
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
+from forefeel.loopback.watched import Watched
 from forefeel.recorder import Recorder
 from slave.safety import FOLLOWING
 
@@ -34,16 +35,23 @@ class InterruptedRunError(RunError):
     """The user ended the run; what was recorded is kept."""
 
 
-def run_real(plan: Plan, out: Path, progress: Progress, emulators: Sequence[Emulated] = ()) -> None:
+def run_real(
+    plan: Plan,
+    out: Path,
+    progress: Progress,
+    emulators: Sequence[Emulated] = (),
+    watched: Watched | None = None,
+) -> None:
     """Runs to the end and leaves out/recording.mcap; `progress` gets (seconds done, what happens).
 
     The recorder listens before the daemons start, so that it hears each from its first message. The emulated
-    devices are there before the daemons, and longer.
+    devices are there before the daemons, and longer. A dashboard connects to both daemons, and they do not
+    wait for it.
 
     Raises:
         RunError: a daemon failed, or the user ended the run.
     """
-    endpoints = tuple(f"tcp/127.0.0.1:{port}" for port in _free_ports(2))
+    endpoints = [f"tcp/127.0.0.1:{port}" for port in _free_ports(2 if watched is None else 3)]
     plan = with_state(_with_endpoints(plan, *endpoints), out)
     with interruptible() as ignore_signals:
         paths = plan.write(out)
@@ -60,6 +68,8 @@ def run_real(plan: Plan, out: Path, progress: Progress, emulators: Sequence[Emul
                 device.await_word()
             for child in children:
                 child.start()
+            if watched is not None:
+                watched.start(plan.slave["cell"], (endpoints[0], endpoints[2]), out)
             _watch(children, recorder, plan, progress)
         except KeyboardInterrupt:
             raise InterruptedRunError(
@@ -67,6 +77,8 @@ def run_real(plan: Plan, out: Path, progress: Progress, emulators: Sequence[Emul
             ) from None
         finally:
             ignore_signals()
+            if watched is not None:
+                watched.end()
             for child in reversed([*devices, *children]):
                 child.end()
             recorder.close()
@@ -181,12 +193,12 @@ def _newest(recorder: Recorder, key: str, kind: type[Any]) -> Any:  # noqa: ANN4
         return None
 
 
-def _with_endpoints(plan: Plan, slave: str, recorder: str) -> Plan:
-    """The master connects to the slave, both to the recorder."""
+def _with_endpoints(plan: Plan, slave: str, recorder: str, *master: str) -> Plan:
+    """The master connects to the slave, both to the recorder; `master`: where it listens, for a viewer."""
     return replace(
         plan,
         slave={**plan.slave, "transport": {"listen": [slave], "connect": [recorder]}},
-        master={**plan.master, "transport": {"connect": [slave, recorder]}},
+        master={**plan.master, "transport": {"listen": list(master), "connect": [slave, recorder]}},
     )
 
 

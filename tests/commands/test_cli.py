@@ -19,7 +19,7 @@ from forefeel.daemon_settings import load_any, load_daemon
 from tests.unit.recording_samples import force, put
 
 COMMANDS = [
-    ["slave"], ["master"], ["config", "check"], ["record"], ["metrics"], ["report"],
+    ["slave"], ["master"], ["config", "check"], ["record"], ["metrics"], ["dashboard"], ["view"], ["report"],
     ["router"], ["loopback"], ["emulate"],
     ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
     ["pki", "init"], ["pki", "add"], ["pki", "show"], ["pki", "renew"], ["pki", "bundle"],
@@ -280,6 +280,14 @@ BAD = {
     "record for a negative duration": Bad(
         "record --out @/r.mcap --connect tcp/127.0.0.1:9 --duration -1", ("--duration",)
     ),
+    # --- dashboard ---
+    "dashboard of nobody": Bad("dashboard", ("--connect", "missing")),
+    "dashboard at a malformed endpoint": Bad("dashboard --connect 10.0.0.2 --port 0", ("'10.0.0.2'",)),
+    "dashboard of a wildcard": Bad("dashboard --connect tcp/127.0.0.1:9 --cell a/*", ("--cell", "a/*")),
+    "dashboard at a port that is none": Bad("dashboard --connect tcp/127.0.0.1:9 --port 99999", ("--port",)),
+    "view of nothing": Bad("view @/none.mcap", ("none.mcap", "No such file")),
+    "view of a table": Bad("view @/run.csv", ("run.csv", "MCAP"), {"run.csv": RECORDING}),
+    "loopback watched in virtual time": Bad(f"{LOOPBACK} --virtual-time --dashboard", ("--dashboard",)),
     # --- report ---
     "report of nothing": Bad("report @/none.mcap --out @/out", ("none.mcap", "No such file")),
     "report of a table": Bad("report @/run.csv --out @/out", ("run.csv", "MCAP"), {"run.csv": RECORDING}),

@@ -38,7 +38,7 @@ ANSWERS = {
 """A command line -> the file of the document that it answers with `--json`, where it writes one."""
 CALIBRATIONS = {"calibrate load-cell", "calibrate stage"}
 """See tests/hardware: they need a device."""
-LASTING = {"slave", "master", "router", "record", "metrics", "simulate"}
+LASTING = {"slave", "master", "router", "record", "metrics", "dashboard", "view", "simulate"}
 """Without an answer: `--quiet` alone."""
 
 
@@ -142,6 +142,8 @@ FAILING = {
     "loopback --virtual-time --impairment mars --out @/out": 2,
     "calibrate load-cell --config @/none.yaml --axis a --forces 1 --out @/c.yaml": 2,
     "calibrate stage --config @/none.yaml --axis a --out @/c.yaml": 2,
+    "view @/none.mcap": 2,
+    "dashboard --config @/none.yaml": 2,
     "slave --config @/none.yaml": 2,
     "master --config @/none.yaml": 2,
     "record --out @/r.mcap --connect nowhere": 2,

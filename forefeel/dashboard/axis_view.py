@@ -1,0 +1,156 @@
+"""What is known of one axis: the traces of the charts and the newest of what was said. Pure, bounded."""
+
+from math import isfinite, nan
+from typing import NamedTuple
+
+from common.messages import (
+    ForceSample,
+    HapticSample,
+    LoopTiming,
+    MasterState,
+    Message,
+    ModelParameters,
+    SlaveState,
+)
+from common.topics import MASTER_TIMING, Topic
+from forefeel.dashboard.detector import ModelWatch
+from forefeel.dashboard.happened import Happened
+from forefeel.dashboard.rings import Ring
+from forefeel.dashboard.timeline import Timeline
+from forefeel.dashboard.trace import SPAN_S, Trace
+
+_REMEMBERED = 8192
+_RATE_HZ = 1000
+_AHEAD_S = 1.0
+_ENERGY_BIN_S = 0.2
+
+
+class Said(NamedTuple):
+    """What the master said when it sent a command."""
+
+    session_id: int
+    sequence: int
+    low_n: float
+    high_n: float
+
+
+class Newest:
+    """The newest message of each kind, and when it was heard."""
+
+    def __init__(self) -> None:
+        self.haptics: HapticSample | None = None
+        self.force: ForceSample | None = None
+        self.slave: SlaveState | None = None
+        self.master: MasterState | None = None
+        self.model: ModelParameters | None = None
+        self.timings: dict[str, LoopTiming] = {}
+        self.heard_ns: dict[str, int] = {}
+
+
+def new_traces() -> dict[str, Trace]:
+    """Those of the charts; predicted: force, low and high end of the band."""
+    return {
+        "felt": Trace(),
+        "predicted": Trace(3),
+        "measured": Trace(),
+        "commanded": Trace(),
+        "readback": Trace(),
+        "energy": Trace(bin_s=_ENERGY_BIN_S),
+    }
+
+
+class AxisView:
+    """Fed with messages as they come, by one thread at a time.
+
+    Measured force and readback are drawn at the time of the command that they answer, on the master's clock:
+    the delay, and the difference of the two clocks, stay out of it. What answers no command is drawn when it
+    was heard.
+
+    Attributes:
+        samples: stamp in s, position in m, force in N of the valid readings, by the slave's clock.
+        delays: when heard, in s, and round trip in s of each newly answered command.
+        worst_energy_j: the lowest that was heard.
+    """
+
+    def __init__(self) -> None:
+        self.newest = Newest()
+        self.timeline = Timeline()
+        self.traces = new_traces()
+        self.watch = ModelWatch()
+        self.happened = Happened()
+        self.samples = Ring(round(SPAN_S * _RATE_HZ), 3)
+        self.delays = Ring(round(SPAN_S * _RATE_HZ), 2)
+        self.worst_energy_j = 0.0
+        self._said: list[Said | None] = [None] * _REMEMBERED
+        self._answered: tuple[int, int] | None = None
+        self._sampled_ns: int | None = None
+
+    def take(self, topic: Topic[Message], message: Message, receive_ns: int) -> None:
+        """A message of a topic, heard at `receive_ns`."""
+        newest = self.newest
+        match message:
+            case HapticSample():
+                self._felt(message, receive_ns)
+            case ForceSample():
+                self._measured(message, receive_ns)
+            case SlaveState():
+                newest.slave = message
+            case MasterState():
+                newest.master = message
+            case ModelParameters():
+                newest.model = message
+                self.watch.innovation(self.timeline.now_s(receive_ns), message.innovation_rms_n)
+            case LoopTiming():
+                newest.timings["master" if topic.name == MASTER_TIMING.name else "slave"] = message
+            case _:
+                self.happened.hear(message, topic.name.partition("/")[0], receive_ns)
+        newest.heard_ns[topic.name] = receive_ns
+
+    def _felt(self, sample: HapticSample, receive_ns: int) -> None:
+        if self.timeline.heard(sample.stamp_ns, receive_ns):
+            self.traces, self.watch = new_traces(), ModelWatch()
+        self.newest.haptics, t_s, traces = sample, self.timeline.stamp_s(sample.stamp_ns), self.traces
+        traces["felt"].add(t_s, sample.rendered_n)
+        traces["commanded"].add(t_s, sample.command_position_m)
+        traces["energy"].add(t_s, sample.energy_j)
+        self.worst_energy_j = min(self.worst_energy_j, sample.energy_j)
+        low_n, high_n = (nan if end is None else end for end in (sample.low_n, sample.high_n))
+        if sample.predicted_n is not None:
+            traces["predicted"].add(t_s, sample.predicted_n, low_n, high_n)
+        said = Said(sample.session_id, sample.sequence, low_n, high_n)
+        self._said[sample.sequence % _REMEMBERED] = said
+        answered = None if sample.answered_sequence is None else (sample.session_id, sample.answered_sequence)
+        if sample.delay_s is not None and answered not in (None, self._answered):
+            self._answered = answered
+            self.delays.add(receive_ns * 1e-9, sample.delay_s)
+
+    def _measured(self, sample: ForceSample, receive_ns: int) -> None:
+        now_s = self.timeline.now_s(receive_ns)
+        t_s = self._place_s(sample, now_s)
+        self.newest.force = sample
+        self.traces["readback"].add(t_s, sample.position_m)
+        if not sample.valid:
+            return
+        self.traces["measured"].add(t_s, sample.force_n)
+        if self._sampled_ns is None or sample.stamp_ns > self._sampled_ns:
+            self._sampled_ns = sample.stamp_ns
+            self.samples.add(sample.stamp_ns * 1e-9, sample.position_m, sample.force_n)
+        said = self._said_with(sample)
+        if said is not None:
+            self.watch.force(now_s, not said.low_n <= sample.force_n <= said.high_n)
+
+    def _place_s(self, sample: ForceSample, now_s: float) -> float:
+        stamp_ns = sample.answers_stamp_ns
+        if stamp_ns is None:
+            return now_s
+        t_s = self.timeline.stamp_s(stamp_ns)
+        return t_s if now_s - SPAN_S < t_s < now_s + _AHEAD_S else now_s
+
+    def _said_with(self, sample: ForceSample) -> Said | None:
+        """What was said with the command that a force answers, where a band was drawn for it."""
+        if sample.answers_sequence is None:
+            return None
+        said = self._said[sample.answers_sequence % _REMEMBERED]
+        if said is None or said[:2] != (sample.session_id, sample.answers_sequence):
+            return None
+        return said if isfinite(said.low_n) and isfinite(said.high_n) else None

@@ -1,0 +1,219 @@
+"""What the cards of the page say of an axis now, as plain data for JSON. Pure: time is an argument."""
+
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from common.error_size import Floats
+from common.messages import LoopTiming, ModelParameters
+from common.notices import printable
+from common.topics import FORCE, HAPTICS, MASTER_STATE, MASTER_TIMING, PARAMETERS, SLAVE_STATE, SLAVE_TIMING
+from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.happened import Happened
+from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
+from forefeel.dashboard.tally import tallies, totals
+from forefeel.dashboard.trace import SPAN_S
+from forefeel.dashboard.words import lights
+from forefeel.diagnose.units import scale, split_unit
+from forefeel.report.wording import UNKNOWN, micros, number, quantity
+
+Card = dict[str, Any]
+_BINS = 36
+_LEAST_SPREAD_S = 2e-3
+_FRESH_S = 0.5
+_TIMING_S = 3.5
+_ROLES = ("master", "slave")
+_MOST_PARAMETERS = 12
+_LEADS = {
+    "": "nobody yet",
+    "hold": "hold: the newest force that arrived",
+}
+_TICK_US = 1000.0
+_CONTACT = "mass_damper_spring"
+
+
+def numbers(view: AxisView, now_ns: int) -> Card:
+    """The large figures: what is felt, predicted, measured, and the delay; UNKNOWN for what is not."""
+    haptics, force = view.newest.haptics, view.newest.force
+    fresh = _fresh(view, HAPTICS.name, now_ns)
+    felt = haptics if fresh else None
+    measured = force if _fresh(view, FORCE.name, now_ns) and force is not None and force.valid else None
+    return {
+        "felt": _number_n(felt.rendered_n if felt else None),
+        "limited": bool(felt and felt.limited),
+        "predicted": _number_n(felt.predicted_n if felt else None),
+        "band": _band(felt.low_n, felt.high_n) if felt else "",
+        "measured": _number_n(measured.force_n if measured else None),
+        "age": "" if felt is None or felt.force_age_s is None else f"{quantity(felt.force_age_s, 's')} old",
+        "delay": _milliseconds(felt.delay_s if felt else None),
+        "leading": _leading(felt.leading if felt else ""),
+        "position": _millimetres(felt.command_position_m if felt else None),
+        "readback": _millimetres(force.position_m if measured and force else None),
+    }
+
+
+def standing(view: AxisView, now_ns: int) -> list[Card]:
+    """The lights."""
+    return [light._asdict() for light in lights(view, now_ns)]
+
+
+def delay(view: AxisView, now_ns: int) -> Card:
+    """The round trips of the last minute: quantiles, and how often each was met."""
+    rows = view.delays.rows()
+    delays_s = rows[rows[:, 0] > now_ns * 1e-9 - SPAN_S, 1]
+    if not len(delays_s):
+        return {"edges_ms": [], "counts": [], "words": "no answered command in the last minute"}
+    p50, p99, most = np.quantile(delays_s, [0.5, 0.99, 1.0])
+    counts, edges = _histogram(delays_s)
+    words = f"median {1e3 * p50:.4g} · 99 % {1e3 * p99:.4g} · most {1e3 * most:.4g} ms"
+    return {"edges_ms": [round(1e3 * edge, 3) for edge in edges], "counts": counts, "words": words}
+
+
+def _histogram(delays_s: Floats) -> tuple[list[int], list[float]]:
+    low, high = np.quantile(delays_s, [0.0, 0.999])
+    spare_s = max(0.0, _LEAST_SPREAD_S - (high - low)) / 2
+    counts, edges = np.histogram(delays_s, bins=_BINS, range=(max(0.0, low - spare_s), high + spare_s))
+    return counts.tolist(), edges.tolist()
+
+
+def model(view: AxisView, now_ns: int) -> Card:
+    """Parameters with their uncertainty, what the motion tells apart, and how good the model is."""
+    found = view.newest.model
+    if found is None:
+        return {"parameters": [], "statements": ["the identification has said nothing yet"], "foot": ""}
+    quiet = "" if _fresh(view, PARAMETERS.name, now_ns) else " · not heard now"
+    return {
+        "parameters": _parameters(found),
+        "statements": _statements(found),
+        "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates"
+        f"{_resets(found)}{quiet}",
+    }
+
+
+def _resets(found: ModelParameters) -> str:
+    return f" · {number(found.resets)} returns to the prior" if found.resets else ""
+
+
+def _parameters(found: ModelParameters) -> list[Card]:
+    rows = zip(found.names, found.values, found.standard_deviations, strict=False)
+    return [_parameter(*row) for row in list(rows)[:_MOST_PARAMETERS]]
+
+
+def _parameter(name: str, value: float, deviation: float) -> Card:
+    effect, _, parameter = printable(name).rpartition(".")
+    label, plain_unit = split_unit(parameter)
+    factor, unit = scale(plain_unit, max(abs(value), deviation))
+    own = "" if effect in {"", _CONTACT} else f"{effect.replace('_', ' ')}: "
+    return {
+        "name": f"{own}{label}",
+        "value": f"{factor * value:.3g}",
+        "deviation": f"{factor * deviation:.2g}",
+        "unit": unit,
+        "known": _known(value, deviation),
+    }
+
+
+def _known(value: float, deviation: float) -> str:
+    """How well a parameter is known, in a word."""
+    if deviation <= 0.0:
+        return "fixed"
+    share = abs(value) / deviation
+    return "well" if share > 10 else "roughly" if share > 2 else "not yet"
+
+
+def _statements(found: ModelParameters) -> list[str]:
+    if not found.valid:
+        return ["not valid yet: too little motion so far", *map(printable, found.identifiable)]
+    return [*map(printable, found.identifiable)] or ["the motion tells all parameters apart"]
+
+
+def energy(view: AxisView, now_ns: int) -> Card:
+    """What the hand has put in, on balance: below zero the handle has given more than it took."""
+    felt = view.newest.haptics
+    if felt is None or not _fresh(view, HAPTICS.name, now_ns):
+        return {"level": OFF, "value": UNKNOWN, "words": "no hand heard"}
+    level: Level = GOOD if felt.energy_j >= 0.0 else WARN
+    words = "passive" if level == GOOD else "the handle has given more than it took"
+    lowest = f"lowest {quantity(view.worst_energy_j, 'J')}"
+    return {"level": level, "value": quantity(felt.energy_j, "J"), "words": f"{words} · {lowest}"}
+
+
+def loops(view: AxisView, now_ns: int) -> list[Card]:
+    """How late both loops are, since they began; of one that is not heard nothing is said."""
+    topics = (MASTER_TIMING, SLAVE_TIMING)
+    heard = {topic.publisher for topic in topics if _fresh(view, topic.name, now_ns, _TIMING_S)}
+    return [_loop(role, view.newest.timings.get(role) if role in heard else None) for role in _ROLES]
+
+
+def _loop(role: str, timing: LoopTiming | None) -> Card:
+    if timing is None:
+        return {"who": role, "level": OFF, "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
+                "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
+    share = timing.missed / max(1, timing.ticks + timing.missed)
+    level: Level = BAD if share > 0.05 else WARN if share > 0.001 or timing.p99_us > _TICK_US else GOOD
+    word = {GOOD: "on time", WARN: "late", BAD: "misses"}[level]
+    return {
+        "who": role,
+        "level": level,
+        "word": word,
+        "p50": micros(timing.p50_us),
+        "p99": micros(timing.p99_us),
+        "max": micros(timing.max_us),
+        "missed": number(timing.missed),
+    }
+
+
+def counters(view: AxisView, now_ns: int) -> Card:
+    """Lost, late, reordered, refused, and every counter by name, as it was said last."""
+    found = tallies((view.newest.slave, view.newest.master))
+    sums = totals(found)
+    return {
+        "sums": {kind: number(count) for kind, count in sums.items()},
+        "rows": [{"who": each.who, "name": each.name, "count": number(each.total)} for each in found],
+        "words": _counted_words(view, now_ns),
+    }
+
+
+def _counted_words(view: AxisView, now_ns: int) -> str:
+    missing = [t.publisher for t in (SLAVE_STATE, MASTER_STATE) if not _fresh(view, t.name, now_ns)]
+    return f"{' and '.join(missing)} not heard now" if missing else ""
+
+
+def events(happened: Happened) -> list[Card]:
+    """What happened, the newest first; `heard_s`: when, on the clock of who listens."""
+    return [
+        {
+            "number": line.number,
+            "heard_s": round(line.receive_ns * 1e-9, 3),
+            "level": line.level,
+            "who": line.who,
+            "text": line.text,
+        }
+        for line in reversed(list(happened))
+    ]
+
+
+def _fresh(view: AxisView, topic: str, now_ns: int, most_s: float = _FRESH_S) -> bool:
+    heard_ns = view.newest.heard_ns.get(topic)
+    return heard_ns is not None and (now_ns - heard_ns) * 1e-9 <= most_s
+
+
+def _number_n(value_n: float | None) -> str:
+    return UNKNOWN if value_n is None or not isfinite(value_n) else f"{value_n:.3f}"
+
+
+def _band(low_n: float | None, high_n: float | None) -> str:
+    return "" if low_n is None or high_n is None else f"95 %: {low_n:.3f} to {high_n:.3f}"
+
+
+def _milliseconds(value_s: float | None) -> str:
+    return UNKNOWN if value_s is None else f"{1e3 * value_s:.0f}"
+
+
+def _millimetres(value_m: float | None) -> str:
+    return UNKNOWN if value_m is None else f"{1e3 * value_m:.2f}"
+
+
+def _leading(name: str) -> str:
+    return _LEADS.get(name, printable(name).replace("_", " "))

@@ -1,0 +1,64 @@
+"""What is known of a cell: its axes, and how much was heard. Pure, bounded."""
+
+from collections import Counter
+
+from common.codec import decode
+from common.errors import CodecError
+from common.messages import Message
+from common.topics import COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT, Topic, parse_key
+from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.finding import Past
+
+MOST_AXES = 16
+_UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
+"""What they hold is not shown, or stands in a message that is: decoding it would be in vain."""
+
+
+class CellView:
+    """Fed with payloads from the network, or with messages of a recording.
+
+    Attributes:
+        axes: by name, in the order in which they were heard first.
+        heard_ns: when anything was heard last, None before.
+        malformed: payloads that were no message of their topic.
+        beyond: payloads of axes beyond the first `MOST_AXES`.
+        past: live, or of a recording: the whole of it up to now, or the part since it was entered.
+    """
+
+    def __init__(self, past: Past = "live") -> None:
+        self.past: Past = past
+        self.axes: dict[str, AxisView] = {}
+        self.heard_ns: int | None = None
+        self.malformed = self.beyond = 0
+        self.counts: Counter[str] = Counter()
+
+    def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
+        """A payload from the network."""
+        parsed = parse_key(key)
+        if parsed is None:
+            return
+        _, axis, topic = parsed
+        if topic.name in _UNREAD:
+            self._count(topic, receive_ns)
+            return
+        try:
+            message = decode(topic.message, payload)
+        except CodecError:
+            self.malformed += 1
+            return
+        self.take(axis, topic, message, receive_ns)
+
+    def take(self, axis: str, topic: Topic[Message], message: Message, receive_ns: int) -> None:
+        """A message of an axis."""
+        view = self.axes.get(axis)
+        if view is None:
+            if len(self.axes) == MOST_AXES:
+                self.beyond += 1
+                return
+            view = self.axes[axis] = AxisView()
+        self._count(topic, receive_ns)
+        view.take(topic, message, receive_ns)
+
+    def _count(self, topic: Topic[Message], receive_ns: int) -> None:
+        self.counts[topic.name] += 1
+        self.heard_ns = receive_ns if self.heard_ns is None else max(receive_ns, self.heard_ns)

@@ -1,0 +1,78 @@
+"""`forefeel dashboard` and `forefeel view` on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.errors import ConfigurationError
+from forefeel.options import Duration, Insecure, Quiet, Strands, ThroughRouter
+from forefeel.terminal import output
+
+EPILOG = (
+    "Example: forefeel dashboard --cell cathlab --connect tls/10.0.0.2:7447 --pki pki --open   "
+    "Example: forefeel dashboard --config viewer.yaml"
+)
+VIEW_EPILOG = "Example: forefeel view out/demo/recording.mcap --open"
+_PARTS = ("nicegui", "fastapi", "uvicorn")
+
+Address = Annotated[str, typer.Option("--address", help="Where the page is served.")]
+Port = Annotated[int, typer.Option("--port", min=0, max=65535, help="Where the page is served; 0: any.")]
+Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
+
+
+def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
+    connect: Annotated[
+        list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
+    ] = None,
+    cell: Annotated[str | None, typer.Option("--cell", help="Which cell; default cell.")] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="YAML of a viewer instead of the options."),
+    ] = None,
+    pki: Annotated[
+        Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role viewer.")
+    ] = None,
+    through_router: ThroughRouter = False,
+    strands: Strands = 1,
+    insecure: Insecure = False,
+    address: Address = "127.0.0.1",
+    port: Port = 8600,
+    opens: Open = False,
+    duration: Duration = None,
+    quiet: Quiet = False,
+) -> None:
+    """Show a cell live in the browser, as a viewer in a process of its own, which commands nothing."""
+    from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
+
+    found = observer(config, cell, connect or [], pki, through_router, strands)
+    try:
+        from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise _extra(error, "dashboard") from error
+    with output(quiet=quiet):
+        run_dashboard(found, address, port, duration, insecure, opens)
+
+
+def view(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recorded run (MCAP).")],
+    address: Address = "127.0.0.1",
+    port: Port = 8600,
+    opens: Open = False,
+    duration: Duration = None,
+    quiet: Quiet = False,
+) -> None:
+    """Show a recorded run in the same page, at any of its times."""
+    try:
+        from forefeel.dashboard.server import run_view  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise _extra(error, "view") from error
+    with output(quiet=quiet):
+        run_view(file, address, port, duration, opens)
+
+
+def _extra(error: ModuleNotFoundError, command: str) -> ConfigurationError:
+    """What is missing; anything that is no part of the extra is a fault of ours."""
+    if not (error.name or "").startswith(_PARTS):
+        raise error
+    return ConfigurationError(f"{command}: needs an extra: pip install forefeel[dashboard]")

@@ -1,0 +1,101 @@
+"""Notices that the model went wrong: its errors against those that were usual. Pure.
+
+Two signs, each second: the innovation of the identified model (rms, N), and the share of the measured forces
+that lie outside of the 95 % band which was drawn for them. Each is compared with what it was while nothing
+was amiss; one sign that lasts raises the alarm, and it takes longer without any to end it.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from statistics import fmean, median
+
+_BLOCK_S = 1.0
+_LEAST_BLOCKS = 6
+_KEPT_BLOCKS = 120
+_LEAST_FORCES = 100
+_RISE, _FALL = 2.0, 1.4
+_OUTSIDE_RISE, _OUTSIDE_FALL = 0.35, 0.15
+_RAISE_BLOCKS, _END_BLOCKS = 2, 5
+
+
+@dataclass(frozen=True, slots=True)
+class Signs:
+    """What the last second showed: innovation over its usual, share outside of the band; None: not known."""
+
+    innovation_ratio: float | None = None
+    outside_share: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """The model is wrong since `since_s`; the worst signs so far."""
+
+    since_s: float
+    innovation_ratio: float
+    outside_share: float
+
+
+class ModelWatch:
+    """Fed as messages come, with times in s that do not go back; `alarm` is what stands.
+
+    A second in which too few forces answered a command says nothing: it neither raises nor ends an alarm.
+    """
+
+    def __init__(self) -> None:
+        self.alarm: Alarm | None = None
+        self.signs = Signs()
+        self._block: int | None = None
+        self._innovations: list[float] = []
+        self._forces = self._outside = 0
+        self._usual: deque[float] = deque(maxlen=_KEPT_BLOCKS)
+        self._usual_outside: deque[float] = deque(maxlen=_KEPT_BLOCKS)
+        self._bad = self._good = 0
+
+    def innovation(self, t_s: float, rms_n: float) -> None:
+        """What the model says of its own errors."""
+        self._at(t_s)
+        self._innovations.append(rms_n)
+
+    def force(self, t_s: float, outside: bool) -> None:
+        """A measured force that answers a command, and whether it lay outside of the band drawn for it."""
+        self._at(t_s)
+        self._forces += 1
+        self._outside += outside
+
+    def _at(self, t_s: float) -> None:
+        block = int(t_s // _BLOCK_S)
+        if self._block is not None and block > self._block:
+            self._judge(self._block * _BLOCK_S)
+            self._innovations.clear()
+            self._forces = self._outside = 0
+        self._block = block if self._block is None else max(block, self._block)
+
+    def _judge(self, start_s: float) -> None:
+        if self._forces < _LEAST_FORCES or not self._innovations:
+            return
+        rms_n, share = fmean(self._innovations), self._outside / self._forces
+        known = len(self._usual) >= _LEAST_BLOCKS
+        usual_n = median(self._usual) if known else rms_n
+        ratio = rms_n / usual_n if usual_n > 0 else 1.0
+        usual_share = median(self._usual_outside) if known else share
+        self.signs = Signs(ratio, share)
+        if self.alarm is None:
+            bad = known and (ratio > _RISE or share > _OUTSIDE_RISE + usual_share)
+            self._wait(start_s, bad, ratio, share)
+        else:
+            self._alarmed(self.alarm, ratio, share, usual_share)
+        if self.alarm is None and not self._bad:
+            self._usual.append(rms_n)
+            self._usual_outside.append(share)
+
+    def _wait(self, start_s: float, bad: bool, ratio: float, share: float) -> None:
+        self._bad = self._bad + 1 if bad else 0
+        if self._bad >= _RAISE_BLOCKS:
+            self.alarm = Alarm(start_s - (self._bad - 1) * _BLOCK_S, ratio, share)
+            self._bad = self._good = 0
+
+    def _alarmed(self, alarm: Alarm, ratio: float, share: float, usual_share: float) -> None:
+        fine = ratio < _FALL and share < _OUTSIDE_FALL + usual_share
+        self._good = self._good + 1 if fine else 0
+        worst = max(alarm.innovation_ratio, ratio), max(alarm.outside_share, share)
+        self.alarm = None if self._good >= _END_BLOCKS else Alarm(alarm.since_s, *worst)

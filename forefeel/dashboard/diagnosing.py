@@ -1,0 +1,110 @@
+"""Has a diagnosis made while a model is wrong, one at a time, by a process of its own."""
+
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Callable
+from io import BytesIO
+from typing import NamedTuple, TypedDict
+
+import numpy as np
+
+from common.error_size import Floats
+from forefeel.dashboard.cell_view import CellView
+from forefeel.dashboard.finding import Finding, wanted_s
+
+_TIMEOUT_S = 120.0
+_LOOK_S = 0.5
+_LEAST_ROWS = 200
+
+
+class Stretch(NamedTuple):
+    """What is to be diagnosed."""
+
+    axis: str
+    since_s: float
+    span_s: float
+    rows: Floats
+
+
+class Diagnosing:
+    """Looks at the cell now and then.
+
+    Args:
+        look: calls its argument with the cell, the time, and nobody else at it.
+
+    Attributes:
+        findings: the last one of each axis.
+    """
+
+    def __init__(self, look: "Look") -> None:
+        self.findings: dict[str, Finding] = {}
+        self._look = look
+
+    async def run(self) -> None:
+        """Until it is cancelled; the process it has started then ends, too."""
+        while True:
+            stretch = self._look(self.next)
+            if stretch is not None:
+                await self._diagnose(stretch)
+            await asyncio.sleep(_LOOK_S)
+
+    def next(self, cell: CellView, now_ns: int) -> Stretch | None:
+        """What is to be diagnosed now, if anything."""
+        for axis, view in cell.axes.items():
+            alarm, now_s = view.watch.alarm, view.timeline.now_s(now_ns)
+            span_s = wanted_s(alarm, self.findings.get(axis), now_s)
+            if alarm is None or span_s is None:
+                continue
+            rows = view.samples.rows()
+            rows = rows[rows[:, 0] > rows[-1, 0] - span_s] if len(rows) else rows
+            if len(rows) >= _LEAST_ROWS:
+                return Stretch(axis, alarm.since_s, span_s, rows)
+        return None
+
+    async def _diagnose(self, stretch: Stretch) -> None:
+        axis, since_s, span_s, rows = stretch
+        self.findings[axis] = Finding(since_s, span_s)
+        said = await _ask(rows)
+        self.findings[axis] = Finding(since_s, span_s, said["headline"], tuple(said["causes"]), said["final"])
+
+
+Look = Callable[[Callable[[CellView, int], Stretch | None]], Stretch | None]
+
+
+class Said(TypedDict):
+    """What a worker answers."""
+
+    headline: str
+    causes: list[str]
+    final: bool
+
+
+async def _ask(rows: Floats) -> Said:  # the worker's answer, or why there is none
+    packed = BytesIO()
+    np.save(packed, rows, allow_pickle=False)
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "forefeel.dashboard.worker",
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
+        env={**os.environ, "FOREFEEL_PARENT": str(os.getpid())},
+    )  # fmt: skip
+    try:
+        out, _ = await asyncio.wait_for(process.communicate(packed.getvalue()), _TIMEOUT_S)
+        answer: Said = json.loads(out)
+        return answer
+    except TimeoutError:
+        return _failed(f"no answer within {_TIMEOUT_S:g} s")
+    except ValueError:
+        return _failed("it ended without an answer")
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+
+
+def _failed(why: str) -> Said:
+    return {"headline": f"The diagnosis failed: {why}.", "causes": [], "final": False}

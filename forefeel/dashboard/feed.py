@@ -1,0 +1,92 @@
+"""What one viewer is sent: what is new since it asked last. Pure: time is an argument.
+
+A viewer asks, draws, and asks again; so one that is slow is served less often and nothing waits for it. Of a
+trace it gets the points that it does not have; of a card the newest, where it says something new.
+"""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from forefeel.dashboard import cards
+from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.cell_view import CellView
+from forefeel.dashboard.finding import Finding, watch_card
+from forefeel.dashboard.trace import Points
+
+Answer = dict[str, Any]
+_QUICK_NS = 100_000_000
+_SLOW_NS = 500_000_000
+_DECIMALS = 7
+
+
+class Feed:
+    """One viewer's side of the conversation."""
+
+    def __init__(self) -> None:
+        self._of: tuple[AxisView, int] | None = None
+        self._ends: dict[str, int] = {}
+        self._sent: dict[str, str] = {}
+        self._due_ns: dict[str, int] = {}
+
+    def answer(
+        self, cell: CellView, wanted: str | None, now_ns: int, findings: dict[str, Finding] | None = None
+    ) -> Answer:
+        """What has changed. `wanted`: an axis; in place of one that is not there the first that was heard."""
+        axis = wanted if wanted in cell.axes else next(iter(cell.axes), None)
+        answer: Answer = {"axes": list(cell.axes), "axis": axis, "clock_s": now_ns * 1e-9}
+        if axis is None:
+            return answer
+        view = cell.axes[axis]
+        answer["anew"] = self._begins(view)
+        answer["now_s"] = round(view.timeline.now_s(now_ns), 4)
+        answer["traces"] = {name: self._new(name, trace.since) for name, trace in view.traces.items()}
+        finding = (findings or {}).get(axis)
+        answer["cards"] = self._cards(cell, view, finding, now_ns)
+        return answer
+
+    def _begins(self, view: AxisView) -> bool:
+        """Whether nothing was sent of that: another axis, or a time that began anew."""
+        of = view, view.timeline.epoch
+        if self._of is not None and self._of[0] is view and self._of[1] == of[1]:
+            return False
+        self._of = of
+        self._ends, self._sent, self._due_ns = {}, {}, {}
+        return True
+
+    def _new(self, name: str, since: Callable[[int], Points]) -> list[list[float | None]]:
+        points = since(self._ends.get(name, 0))
+        self._ends[name] = points.end
+        rows = np.round(points.rows, _DECIMALS).tolist()
+        return [[value if value == value else None for value in row] for row in rows]  # noqa: PLR0124 - NaN
+
+    def _cards(self, cell: CellView, view: AxisView, finding: Finding | None, now_ns: int) -> Answer:
+        made: dict[str, tuple[int, Callable[[], Any]]] = {
+            "numbers": (_QUICK_NS, lambda: cards.numbers(view, now_ns)),
+            "standing": (_QUICK_NS, lambda: cards.standing(view, now_ns)),
+            "watch": (_QUICK_NS, lambda: watch_card(view, finding, now_ns, cell.past)),
+            "energy": (_QUICK_NS, lambda: cards.energy(view, now_ns)),
+            "delay": (_SLOW_NS, lambda: cards.delay(view, now_ns)),
+            "model": (_SLOW_NS, lambda: cards.model(view, now_ns)),
+            "loops": (_SLOW_NS, lambda: cards.loops(view, now_ns)),
+            "counters": (_SLOW_NS, lambda: cards.counters(view, now_ns)),
+            "events": (_QUICK_NS, lambda: cards.events(view.happened)),
+        }
+        return {name: card for name, (every_ns, make) in made.items()
+                for card in self._changed(name, every_ns, make, now_ns)}  # fmt: skip
+
+    def _changed(self, name: str, every_ns: int, make: Callable[[], Any], now_ns: int) -> list[Any]:
+        """The card, where it is due and says something new."""
+        due_ns = self._due_ns.get(name)
+        # in a recording the time may go back
+        if due_ns is not None and due_ns - every_ns <= now_ns < due_ns:
+            return []
+        self._due_ns[name] = now_ns + every_ns
+        card = make()
+        text = json.dumps(card)
+        if self._sent.get(name) == text:
+            return []
+        self._sent[name] = text
+        return [card]

@@ -1,0 +1,159 @@
+"""The process that serves the page, until Ctrl-C."""
+
+import asyncio
+import logging
+import os
+import socket
+import time
+import webbrowser
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import ui
+
+from common.clock import MonotonicClock
+from common.errors import EndpointError, RunError
+from common.transport.security import Party
+from common.transport.strands import StrandedTransport
+from forefeel.dashboard.conversation import PATH, Conversations
+from forefeel.dashboard.diagnosing import Diagnosing
+from forefeel.dashboard.page import build, serve_files
+from forefeel.dashboard.sources import LiveCell, Recorded, Source
+from forefeel.interrupt import interruptible
+from forefeel.network_settings import ObserverSettings
+from forefeel.parent import die_with_parent
+from forefeel.terminal import say
+
+_POLL_S = 0.2
+_NICE = 10
+_BACKLOG = 64
+_WAITING = 2048  # each holds on to the packet that it came in: a starved viewer would keep gigabytes
+_PATIENCE_S = 30.0  # a page that stalls is not made to load anew
+_ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32"'
+    ' fill="#141a21"/><path d="M4 18c4-14 8-14 12-2s8 12 12-2" fill="none"'
+    ' stroke="#56b4e9" stroke-width="3"/></svg>'
+)
+Background = Callable[[], Awaitable[None]]
+
+
+def run_dashboard(
+    settings: ObserverSettings, address: str, port: int, duration_s: float | None, insecure: bool, opens: bool
+) -> None:
+    """Shows a live cell until SIGINT, SIGTERM or the duration.
+
+    Raises:
+        InputError: an endpoint, a certificate or the port can not be used.
+        RunError: the network failed.
+    """
+    die_with_parent()
+    clock, failed = MonotonicClock(), list[Exception]()
+    listening = _listening(address, port)
+    with listening:
+        where = ", ".join(settings.transport.connect + settings.transport.listen)
+        live = LiveCell(settings.cell, where, clock)
+        party = Party("viewer", (settings.cell,))
+        transport = StrandedTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
+        try:
+            _step_back()
+            transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)
+            if transport.notice:
+                say(transport.notice)
+            diagnosing = Diagnosing(live.look)
+            live.findings = diagnosing.findings
+            what = f"cell {settings.cell}"
+            _serve(listening, live, what, opens, [diagnosing.run, lambda: _until(duration_s, failed)])
+        finally:
+            transport.close()
+    if failed:
+        raise RunError(f"dashboard: the network failed: {type(failed[0]).__name__}: {failed[0]}") from failed[
+            0
+        ]
+
+
+def run_view(file: Path, address: str, port: int, duration_s: float | None, opens: bool) -> None:
+    """Shows a recording until SIGINT, SIGTERM or the duration.
+
+    Raises:
+        InputError: the file or the port can not be used.
+    """
+    recorded = Recorded(file)
+    _step_back()
+    with _listening(address, port) as listening:
+        _serve(listening, recorded, str(file), opens, [lambda: _until(duration_s, [])])
+
+
+def _step_back() -> None:
+    """Whoever looks stands behind those who move something."""
+    with suppress(OSError):
+        os.nice(_NICE)
+
+
+def _listening(address: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    try:
+        return socket.create_server((address, port), family=family, backlog=_BACKLOG)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise EndpointError(f"--port {port} at {address}: {reason}; expected a free one") from error
+
+
+def _serve(
+    listening: socket.socket, source: Source, what: str, opens: bool, background: list[Background]
+) -> None:
+    """The page, until a signal comes or any of `background` ends."""
+    address, port = listening.getsockname()[:2]
+    url = f"http://{f'[{address}]' if ':' in address else address}:{port}/"
+    app = _application(source, background)
+    config = uvicorn.Config(app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1)
+    server = uvicorn.Server(config)
+    app.state.end = lambda: setattr(server, "should_exit", True)
+    say(f"dashboard of {what} at {url}; Ctrl-C ends")
+    if opens:
+        webbrowser.open(url)
+    with interruptible(), suppress(KeyboardInterrupt):
+        server.run(sockets=[listening])
+
+
+def _application(source: Source, background: list[Background]) -> FastAPI:
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        tasks = [asyncio.create_task(_watched(each, app)) for each in background]
+        yield
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    app = FastAPI(lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
+    app.add_api_websocket_route(PATH, Conversations(source).serve)
+    serve_files()
+    ui.run_with(
+        app,
+        root=build,
+        title="forefeel",
+        dark=True,
+        favicon=_ICON,
+        tailwind=False,
+        binding_refresh_interval=None,
+        reconnect_timeout=_PATIENCE_S,
+        message_history_length=0,
+        show_welcome_message=False,
+    )
+    return app
+
+
+async def _watched(task: Background, app: FastAPI) -> None:
+    try:
+        await task()
+    finally:
+        app.state.end()
+
+
+async def _until(duration_s: float | None, failed: list[Exception]) -> None:
+    """Until the duration is over, or the network failed."""
+    start_s = time.monotonic()
+    while not failed and (duration_s is None or time.monotonic() - start_s < duration_s):  # noqa: ASYNC110 - a list
+        await asyncio.sleep(_POLL_S)

@@ -1,0 +1,151 @@
+"""What the page is fed from: a cell that is heard now, or a recording of one."""
+
+import asyncio
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Protocol, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from common.clock import Clock
+from common.errors import RecordingError
+from common.recording.mcap_spans import RunSpans
+from forefeel.dashboard.cell_view import CellView
+from forefeel.dashboard.feed import Answer, Feed
+from forefeel.dashboard.finding import Finding
+from forefeel.dashboard.replay import Replay
+from forefeel.dashboard.trace import SPAN_S
+from forefeel.dashboard.words import silent_s, span
+
+R = TypeVar("R")
+
+
+class Ask(BaseModel):
+    """What a page asks for: an axis, and of a recording a time in s and how much before it is shown."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    axis: Annotated[str, Field(max_length=256)] | None = None
+    at_s: Annotated[float, Field(ge=0.0, le=1e7)] = 0.0
+    window_s: Annotated[float, Field(ge=1.0, le=SPAN_S)] = SPAN_S
+
+
+class Viewer(Protocol):
+    """One open page."""
+
+    async def answer(self, ask: Ask) -> Answer:
+        """What it does not have yet."""
+        ...
+
+
+class Source(Protocol):
+    """Where pages get what they show."""
+
+    def facts(self) -> dict[str, Any]:
+        """What does not change: the cell, and whether it is a recording."""
+        ...
+
+    def viewer(self) -> Viewer:
+        """For one more page."""
+        ...
+
+
+class LiveCell:
+    """A cell that is heard on one thread and shown on others.
+
+    Attributes:
+        findings: of the live diagnosis, by axis.
+    """
+
+    def __init__(self, name: str, where: str, clock: Clock) -> None:
+        self.findings: dict[str, Finding] = {}
+        self._name, self._where, self._clock = name, where, clock
+        self._cell, self._lock = CellView(), threading.Lock()
+        self._since_ns = clock.now_ns()
+
+    def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
+        """A payload from the network."""
+        with self._lock:
+            self._cell.hear(key, payload, receive_ns)
+
+    def look(self, at: Callable[[CellView, int], R]) -> R:
+        """Calls `at` with the cell and the time, while nobody else is at it."""
+        with self._lock:
+            return at(self._cell, self._clock.now_ns())
+
+    def facts(self) -> dict[str, Any]:
+        """See `Source`."""
+        return {"cell": self._name, "file": None}
+
+    def viewer(self) -> "LiveViewer":
+        """See `Source`."""
+        return LiveViewer(self)
+
+    def silence(self, cell: CellView, now_ns: int) -> dict[str, Any] | None:
+        """That nothing is heard, since when, and where it was listened for."""
+        quiet_s = silent_s(cell.heard_ns, now_ns, self._since_ns)
+        if quiet_s is None:
+            return None
+        word = "nothing heard yet" if cell.heard_ns is None else "silent"
+        return {
+            "word": f"Cell {self._name}: {word}",
+            "for": span(quiet_s),
+            "since_s": round(now_ns * 1e-9 - quiet_s, 1),
+            "where": self._where,
+        }
+
+
+class LiveViewer:
+    """One page on a live cell."""
+
+    def __init__(self, live: LiveCell) -> None:
+        self._live, self._feed = live, Feed()
+
+    async def answer(self, ask: Ask) -> Answer:
+        """See `Viewer`."""
+        return self._live.look(lambda cell, now_ns: self._answer(cell, now_ns, ask))
+
+    def _answer(self, cell: CellView, now_ns: int, ask: Ask) -> Answer:
+        answer = self._feed.answer(cell, ask.axis, now_ns, self._live.findings)
+        return answer | {"silence": self._live.silence(cell, now_ns)}
+
+
+class Recorded:
+    """A recording, for any number of pages, each at its own time."""
+
+    def __init__(self, path: Path) -> None:
+        self._spans = RunSpans(path)
+
+    def facts(self) -> dict[str, Any]:
+        """See `Source`."""
+        duration_s = (self._spans.end_ns - self._spans.start_ns) * 1e-9
+        zero_s = self._spans.start_ns * 1e-9
+        return {
+            "cell": self._spans.cell,
+            "file": self._spans.path.name,
+            "duration_s": duration_s,
+            "zero_s": zero_s,
+        }
+
+    def viewer(self) -> "RecordedViewer":
+        """See `Source`."""
+        return RecordedViewer(self._spans)
+
+
+class RecordedViewer:
+    """One page on a recording."""
+
+    def __init__(self, spans: RunSpans) -> None:
+        self._replay, self._feed = Replay(spans), Feed()
+
+    async def answer(self, ask: Ask) -> Answer:
+        """See `Viewer`; reads on a thread, so that other pages go on."""
+        return await asyncio.to_thread(self._answer, ask)
+
+    def _answer(self, ask: Ask) -> Answer:
+        try:
+            now_ns = self._replay.go_to(ask.at_s, ask.window_s)
+        except RecordingError as error:
+            return {"axes": [], "axis": None, "clock_s": 0.0, "silence": {"word": str(error)}}
+        return self._feed.answer(self._replay.cell, ask.axis, now_ns) | {"silence": None}

@@ -1,0 +1,131 @@
+// Cards, lights and lists. Everything is set as text.
+const MARKS = { good: "●", busy: "◐", warn: "▲", bad: "✖", off: "○" };
+const KNOWN = { well: "●", roughly: "◐", "not yet": "○", fixed: "■" };
+const LEVELS = Object.keys(MARKS);
+
+export const node = (name) => document.querySelector(`[data-id="${name}"]`);
+export const field = (name) => document.querySelector(`[data-field="${name}"]`);
+
+export function tell(name, text) {
+  const found = field(name);
+  if (found.textContent !== text) found.textContent = text;
+}
+
+export function showCards(cards, charts, when) {
+  const show = {
+    numbers: showNumbers,
+    standing: showLights,
+    watch: (card) => showWatch(card, when),
+    energy: showEnergy,
+    delay: (card) => { tell("delay-words", card.words); charts.delays(card); },
+    model: showModel,
+    loops: showLoops,
+    counters: showCounters,
+    events: (card) => showEvents(card, when),
+  };
+  for (const [name, card] of Object.entries(cards)) show[name](card);
+}
+
+function showNumbers(card) {
+  for (const name of ["felt", "predicted", "measured", "delay"]) tell(name, card[name]);
+  tell("band", card.band);
+  tell("age", card.age);
+  tell("limited", card.limited ? "▲ limited" : "");
+  tell("leading", card.leading ? `leads: ${card.leading}` : "");
+  tell("commanded", card.position);
+  tell("readback", card.readback);
+}
+
+function showLights(lights) {
+  node("lights").replaceChildren(...lights.map(({ name, level, word, more }) => {
+    const light = made("div", `ff-light ${level}`);
+    light.dataset.light = name;
+    light.title = more;
+    const words = made("span", "word");
+    words.append(made("small", "", name), word);
+    light.append(made("span", "mark", MARKS[level]), words, made("span", "more", more));
+    return light;
+  }));
+}
+
+function showWatch(card, when) {
+  level(node("watch"), card.level);
+  node("watch").querySelector(".mark").textContent = MARKS[card.level];
+  tell("watch-word", card.word);
+  tell("watch-since", card.since_s === null ? "" : `since ${when(card.since_s)}`);
+  tell("watch-signs", card.signs);
+  tell("watch-headline", card.headline);
+  node("causes").replaceChildren(...card.causes.map((text) => made("li", "", text)));
+}
+
+function showEnergy(card) {
+  tell("energy", `${MARKS[card.level]} ${card.value}`);
+  field("energy").style.color = `var(--${card.level})`;
+  tell("energy-words", card.words);
+}
+
+function showModel(card) {
+  const rows = card.parameters.map(({ name, value, deviation, unit, known }) => row([
+    cell(name, "cut"), cell(value, "n"), cell(`± ${deviation}`, "n"), cell(unit, "unit"),
+    knownCell(known),
+  ]));
+  node("parameters").replaceChildren(...rows);
+  tell("statements", card.statements.join(" · "));
+  tell("model-foot", card.foot);
+}
+
+function knownCell(known) {
+  const found = cell(KNOWN[known], `n ff-known ${known.replace(" ", "-")}`);
+  found.append(made("span", "", ` ${known}`));
+  found.title = known;
+  return found;
+}
+
+function showLoops(loops) {
+  const head = row(["", "median", "99 %", "most", "missed"].map((text, index) => cell(text, index ? "n" : "", "th")));
+  node("loops").replaceChildren(head, ...loops.map((loop) => {
+    const who = cell("", loop.level);
+    who.append(made("span", "mark", MARKS[loop.level]), `${loop.who} ${loop.word}`);
+    return row([who, ...[loop.p50, loop.p99, loop.max, loop.missed].map((text) => cell(text, "n"))]);
+  }));
+}
+
+function showCounters(card) {
+  node("sums").replaceChildren(...Object.entries(card.sums).map(([name, count]) => {
+    const sum = made("div");
+    sum.append(made("b", "", count), made("span", "", name));
+    return sum;
+  }));
+  const rows = card.rows.map(({ who, name, count }) => row([cell(who, "who"), cell(name), cell(count, "n")]));
+  if (card.words) rows.push(row([cell(""), cell(card.words), cell("")]));
+  node("counters").replaceChildren(...rows);
+}
+
+function showEvents(events, when) {
+  const rows = events.map((event) => {
+    const text = cell("", event.level);
+    text.append(made("span", "mark", MARKS[event.level]), event.text);
+    return row([cell(when(event.heard_s), "time"), cell(event.who, "who"), text]);
+  });
+  node("events").replaceChildren(...(rows.length ? rows : [row([cell("none since this page's server listens")])]));
+}
+
+function level(element, name) {
+  element.classList.remove(...LEVELS);
+  element.classList.add(name);
+}
+
+function made(tag, classes = "", text = "") {
+  const found = document.createElement(tag);
+  if (classes) found.className = classes;
+  if (text) found.textContent = text;
+  return found;
+}
+
+const cell = (text, classes = "", tag = "td") => made(tag, classes, text);
+
+function row(cells) {
+  const found = made("tr");
+  found.append(...cells);
+  return found;
+}

@@ -1,0 +1,52 @@
+"""Both ends' counters, sorted by what they mean for the operator. Pure."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from common.messages import MasterState, SlaveState
+from common.notices import printable
+
+_KINDS = (
+    ("late", ("late",)),
+    ("reordered", ("reordered", "sequence", "duplicat")),
+    ("lost", ("lost", "dropped", "missed")),
+    ("refused", ("refused", "malformed")),
+)
+KINDS = tuple(kind for kind, _ in _KINDS)
+MOST = 80
+
+
+class Tally(NamedTuple):
+    """One counter: kind (or empty), who counts, its name in words, its count."""
+
+    kind: str
+    who: str
+    name: str
+    total: int
+
+
+def tallies(states: Iterable[MasterState | SlaveState | None]) -> list[Tally]:
+    """The counters of both ends that have counted anything, by kind, the largest first."""
+    found = [each for state in states if state is not None for each in _of(state)]
+    order = {kind: index for index, kind in enumerate((*KINDS, ""))}
+    return sorted(found, key=lambda each: (order[each.kind], -each.total, each.name))[:MOST]
+
+
+def totals(found: Iterable[Tally]) -> dict[str, int]:
+    """The sum of each kind."""
+    sums = dict.fromkeys(KINDS, 0)
+    for each in found:
+        if each.kind:
+            sums[each.kind] += each.total
+    return sums
+
+
+def _of(state: MasterState | SlaveState) -> Iterator[Tally]:
+    who = "master" if isinstance(state, MasterState) else "slave"
+    for name, count in state.counters.items():
+        if count:
+            yield Tally(_kind(name), who, printable(name).replace("_", " "), count)
+
+
+def _kind(name: str) -> str:
+    return next((kind for kind, marks in _KINDS if any(mark in name for mark in marks)), "")

@@ -1,0 +1,47 @@
+"""The time of the charts: seconds on the master's clock. Pure."""
+
+_RESTART_NS = 10_000_000_000
+_DRIFT_DIVISOR = 10_000  # two free crystals part by at most 1 ns in this many
+
+
+class Timeline:
+    """Places stamps of the master, and says where it stands now on the clock of who listens.
+
+    The smallest transit (receive - stamp) stands for the difference of the two clocks. Until a master is
+    heard the listener's own clock stands in for its.
+
+    Attributes:
+        epoch: grows whenever the time begins anew: the master's host was started again.
+    """
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self._origin_ns: int | None = None
+        self._transit_ns: int | None = None
+        self._seen_ns = 0
+
+    def heard(self, stamp_ns: int, receive_ns: int) -> bool:
+        """A stamp of the master; whether the time begins anew with it."""
+        transit_ns, base_ns = receive_ns - stamp_ns, self._base_ns(receive_ns)
+        anew = base_ns is None or abs(transit_ns - base_ns) > _RESTART_NS
+        if base_ns is None or anew or transit_ns <= base_ns:
+            self._transit_ns, self._seen_ns = transit_ns, receive_ns
+        if anew:
+            self._origin_ns = stamp_ns
+            self.epoch += 1
+        return anew
+
+    def stamp_s(self, stamp_ns: int) -> float:
+        """Where a stamp of the master stands."""
+        return (stamp_ns - (self._origin_ns or 0)) * 1e-9
+
+    def now_s(self, now_ns: int) -> float:
+        """Where a moment of the listener's clock stands."""
+        if self._origin_ns is None:
+            self._origin_ns = now_ns
+        return (now_ns - (self._base_ns(now_ns) or 0) - self._origin_ns) * 1e-9
+
+    def _base_ns(self, receive_ns: int) -> int | None:
+        if self._transit_ns is None:
+            return None
+        return self._transit_ns + max(0, receive_ns - self._seen_ns) // _DRIFT_DIVISOR

@@ -1,0 +1,74 @@
+"""A quantity over time in few points that keep its peaks. Pure; its memory does not grow."""
+
+from math import floor, nan
+from typing import NamedTuple
+
+import numpy as np
+
+from common.error_size import Floats
+
+BIN_S = 0.02
+SPAN_S = 60.0
+_GAP_S = 0.1
+
+
+class Points(NamedTuple):
+    """Rows (n, 1 + width) of time in s and values; `first` is the number of the first of them, `end` that of
+    the next one to come.
+    """
+
+    first: int
+    end: int
+    rows: Floats
+
+
+class Trace:
+    """Of each bin of time the lowest and the highest sample, at their own times; of the last `span_s`.
+
+    Samples come in the order of their time. One that belongs into a bin which is closed is counted in `late`
+    and left out. After a pause a row of NaN breaks the line.
+
+    Args:
+        width: values of a sample; the first one says which is lowest and highest.
+    """
+
+    def __init__(self, width: int = 1, bin_s: float = BIN_S, span_s: float = SPAN_S) -> None:
+        self.late = 0
+        self.end = 0
+        """How many points there have been."""
+        self._rows = np.full((2 * round(span_s / bin_s), 1 + width), nan)
+        self._bin_s, self._gap = bin_s, max(2, round(_GAP_S / bin_s))
+        self._bin: int | None = None
+        self._low: tuple[float, ...] = ()
+        self._high: tuple[float, ...] = ()
+
+    def add(self, t_s: float, *values: float) -> None:
+        """A sample at `t_s`."""
+        number, row = floor(t_s / self._bin_s), (t_s, *values)
+        if number == self._bin:
+            if row[1] < self._low[1]:
+                self._low = row
+            elif row[1] > self._high[1]:
+                self._high = row
+        elif self._bin is None or number > self._bin:
+            self._begin(number, row)
+        else:
+            self.late += 1
+
+    def _begin(self, number: int, row: tuple[float, ...]) -> None:
+        if self._bin is not None:
+            self._append(min(self._low, self._high))
+            if self._low is not self._high:
+                self._append(max(self._low, self._high))
+            if number - self._bin > self._gap:
+                self._append((self._bin_s * (self._bin + 1), *(nan for _ in row[1:])))
+        self._bin, self._low, self._high = number, row, row
+
+    def _append(self, row: tuple[float, ...]) -> None:
+        self._rows[self.end % len(self._rows)] = row
+        self.end += 1
+
+    def since(self, number: int) -> Points:
+        """The points from that number on, as far as they are kept."""
+        first = min(max(number, self.end - len(self._rows), 0), self.end)
+        return Points(first, self.end, self._rows[np.arange(first, self.end) % len(self._rows)])

@@ -1,0 +1,118 @@
+"""How link, lease and safety stand, in words. Pure: time is an argument."""
+
+from common.messages import SafetyState, SlaveState
+from common.notices import printable
+from common.topics import MASTER_STATE, SLAVE_STATE
+from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level, Light
+
+S = SafetyState
+_SAFETY: dict[SafetyState, tuple[Level, str]] = {
+    S.IDLE: (OFF, "waits for a master"),
+    S.READY: (OFF, "holds; the deadman engages it"),
+    S.ENGAGING: (BUSY, "aligns with the hand"),
+    S.ARMED: (GOOD, "the stage follows the hand"),
+    S.STOPPING: (WARN, "comes to rest"),
+    S.FAULT: (BAD, "at rest until it is cleared at the slave"),
+    S.ESTOPPED: (BAD, "at rest until it is cleared at the slave"),
+}
+_SHOWN = {S.ESTOPPED: "emergency stop"}
+SILENT_NS = 2_000_000_000
+"""A cell that says nothing for so long is silent."""
+
+
+def lights(view: AxisView, now_ns: int) -> list[Light]:
+    """Link, lease, safety and deadman of an axis."""
+    return [_link(view, now_ns), _lease(view, now_ns), _safety(view, now_ns), _deadman(view, now_ns)]
+
+
+def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
+    """For how long nothing was heard, None while something is; `since_ns`: when one began to listen."""
+    quiet_ns = now_ns - (since_ns if heard_ns is None else heard_ns)
+    return quiet_ns * 1e-9 if quiet_ns > SILENT_NS else None
+
+
+def span(seconds: float) -> str:
+    """A time that has passed: 3.2 s, 48 s, 2 min 05 s, 1 h 07 min."""
+    if seconds < 10.0:
+        return f"{max(seconds, 0.0):.1f} s"
+    whole = int(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _age(view: AxisView, topic: str, now_ns: int) -> float | None:
+    """Seconds since the newest of a topic."""
+    heard_ns = view.newest.heard_ns.get(topic)
+    return None if heard_ns is None else (now_ns - heard_ns) * 1e-9
+
+
+def _quiet(view: AxisView, topic: str, stale_s: float | None, now_ns: int) -> str:
+    """What there is to say of an end that is not heard, or empty."""
+    age_s, who = _age(view, topic, now_ns), topic.partition("/")[0]
+    if age_s is None:
+        return f"no {who} heard yet"
+    return f"{who} silent for {span(age_s)}" if age_s > (stale_s or 0.0) else ""
+
+
+def _slave_quiet(view: AxisView, now_ns: int) -> str:
+    return _quiet(view, SLAVE_STATE.name, SLAVE_STATE.stale_after_s, now_ns)
+
+
+def _master_quiet(view: AxisView, now_ns: int) -> str:
+    return _quiet(view, MASTER_STATE.name, MASTER_STATE.stale_after_s, now_ns)
+
+
+def _link(view: AxisView, now_ns: int) -> Light:
+    quiet = [text for text in (_master_quiet(view, now_ns), _slave_quiet(view, now_ns)) if text]
+    if quiet:
+        return Light("link", BAD, "silent", "; ".join(quiet))
+    state = view.newest.master
+    assert state is not None
+    if state.indication == "no_link":
+        return Light("link", BAD, "no link", printable(state.reason))
+    if state.indication == "handle_fault":
+        return Light("link", BAD, "handle fault", printable(state.reason))
+    return Light("link", GOOD, "linked", "both ends heard")
+
+
+def _lease(view: AxisView, now_ns: int) -> Light:
+    slave, master = view.newest.slave, view.newest.master
+    if slave is None or _slave_quiet(view, now_ns):
+        return Light("lease", OFF, "unknown", "no slave")
+    if not slave.session_id:
+        return Light("lease", OFF, "free", "no master holds it")
+    if master is None or _master_quiet(view, now_ns):
+        return Light("lease", WARN, "held", "by a master that is not heard here")
+    if slave.session_id != master.session_id:
+        return Light("lease", WARN, "held by another", "the slave serves another session")
+    return Light("lease", GOOD, "held", "by this master")
+
+
+def _safety(view: AxisView, now_ns: int) -> Light:
+    slave, quiet = view.newest.slave, _slave_quiet(view, now_ns)
+    if slave is None:
+        return Light("safety", OFF, "unknown", quiet)
+    word = safety_word(slave)
+    if quiet:
+        return Light("safety", BAD, "unknown", f"{quiet}; was {word}")
+    level, meaning = _SAFETY[slave.state]
+    return Light("safety", level, word, f"{meaning} · {printable(slave.reason)}")
+
+
+def safety_word(slave: SlaveState) -> str:
+    """The safety state as it is shown."""
+    return _SHOWN.get(slave.state, slave.state.value)
+
+
+def _deadman(view: AxisView, now_ns: int) -> Light:
+    master = view.newest.master
+    if master is None or _master_quiet(view, now_ns):
+        return Light("deadman", OFF, "unknown", "no master")
+    if master.deadman:
+        return Light("deadman", GOOD, "pressed", "may move")
+    return Light("deadman", OFF, "released", "no motion")

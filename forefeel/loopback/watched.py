@@ -1,0 +1,73 @@
+"""A dashboard beside a loopback: a viewer in a process of its own, on which the run does not depend."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+PORT = 8600
+LOG = "dashboard.log"
+_END_S = 3.0
+_BEHIND = ["nice", "-n", "19"]
+
+
+class Watched:
+    """One dashboard; what fails of it is said and changes nothing of the run.
+
+    Args:
+        opens: the page in the browser.
+        say: takes a line for the user.
+    """
+
+    def __init__(self, opens: bool, say: Callable[[str], None]) -> None:
+        self._opens, self._say = opens, say
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self, cell: str, endpoints: Sequence[str], out: Path) -> None:
+        """Starts it at the lowest priority; its words go to a log file beside the recording."""
+        if find_spec("nicegui") is None:
+            self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
+            return
+        port = _port()
+        connect = [word for endpoint in endpoints for word in ("--connect", endpoint)]
+        words = ["-m", "forefeel", "dashboard", "--cell", cell, "--port", str(port), *connect]
+        try:
+            with (out / LOG).open("wb") as log:
+                self._process = subprocess.Popen(
+                    [*_BEHIND, sys.executable, *words, *(["--open"] if self._opens else [])],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                    start_new_session=True,
+                    env={**os.environ, "FOREFEEL_PARENT": str(os.getpid())},
+                )
+        except OSError as error:
+            self._say(f"dashboard: {error.strerror or error}")
+            return
+        self._say(f"dashboard at http://127.0.0.1:{port}/ while it runs")
+
+    def end(self) -> None:
+        """However it is; a dashboard that failed has said so in its log."""
+        if self._process is None:
+            return
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_END_S)
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+
+
+def _port() -> int:
+    """The usual one, or any that is free."""
+    for wanted in (PORT, 0):
+        with suppress(OSError), socket.create_server(("127.0.0.1", wanted)) as probe:
+            port: int = probe.getsockname()[1]
+            return port
+    return PORT

@@ -1,0 +1,91 @@
+"""Traces keep peaks, places and their bounds."""
+
+import numpy as np
+import pytest
+
+from forefeel.dashboard.rings import Ring
+from forefeel.dashboard.timeline import Timeline
+from forefeel.dashboard.trace import Trace
+
+S = 1_000_000_000
+
+
+def test_a_peak_of_one_sample_is_kept_at_its_own_time() -> None:
+    trace = Trace()
+    for tick in range(1000):
+        trace.add(tick * 1e-3, 5.0 if tick == 437 else -3.0 if tick == 612 else 0.1)
+    rows = trace.since(0).rows
+    assert rows[np.argmax(rows[:, 1])].tolist() == [0.437, 5.0]
+    assert rows[np.argmin(rows[:, 1])].tolist() == [0.612, -3.0]
+    assert len(rows) <= 2 * 50
+
+
+def test_points_come_in_the_order_of_time_and_only_once() -> None:
+    trace, seen, end = Trace(3), [], 0
+    rng = np.random.default_rng(1)
+    for tick in range(3000):
+        trace.add(tick * 1e-3, *rng.normal(size=3))
+        if tick % 33 == 0:
+            points = trace.since(end)
+            assert points.first == end
+            end = points.end
+            seen += points.rows.tolist()
+    times = [row[0] for row in seen]
+    assert times == sorted(times)
+    assert len(seen) == len(set(times)) == end
+    assert all(len(row) == 4 for row in seen)
+
+
+def test_an_hour_takes_no_more_than_a_minute() -> None:
+    trace = Trace(span_s=2.0, bin_s=0.02)
+    for bin_number in range(50 * 3600):
+        trace.add(bin_number * 0.02, float(bin_number))
+    points = trace.since(0)
+    assert len(points.rows) == 200
+    assert points.end == trace.end == 50 * 3600 - 1
+    assert points.rows[-1][1] == trace.end - 1
+    assert trace.since(trace.end).rows.shape == (0, 2)
+
+
+def test_a_pause_breaks_the_line_and_what_comes_too_late_is_counted() -> None:
+    trace = Trace()
+    for t_s in (0.0, 0.05, 1.0, 0.99, 1.05):
+        trace.add(t_s, 1.0)
+    rows = trace.since(0).rows
+    assert [bool(np.isnan(row[1])) for row in rows] == [False, False, True, False]
+    assert 0.05 < rows[2][0] < 1.0
+    assert trace.late == 1
+
+
+def test_a_ring_holds_the_newest_rows() -> None:
+    ring = Ring(3, 2)
+    assert ring.rows().shape == (0, 2)
+    for number in range(5):
+        ring.add(number, -number)
+    assert ring.rows().tolist() == [[2.0, -2.0], [3.0, -3.0], [4.0, -4.0]]
+
+
+def test_the_time_of_the_master_goes_on_between_its_words() -> None:
+    line = Timeline()
+    assert line.heard(5 * S, 100 * S)
+    assert not line.heard(6 * S, 101 * S + 3_000_000)  # later by the jitter of the network: it moves nothing
+    assert line.stamp_s(6 * S) == 1.0
+    assert line.now_s(103 * S) == pytest.approx(3.0, abs=1e-3)
+    assert line.epoch == 1
+
+
+def test_a_host_that_was_started_again_begins_a_new_time() -> None:
+    line = Timeline()
+    line.heard(5_000 * S, 100 * S)
+    assert line.heard(3 * S, 160 * S)
+    assert line.epoch == 2
+    assert line.stamp_s(3 * S) == 0.0
+
+
+def test_clocks_may_drift_apart_for_an_hour() -> None:
+    line, anew = Timeline(), 0
+    for second in range(3600):
+        stamp_ns = second * S
+        anew += line.heard(stamp_ns, 100 * S + round(stamp_ns * (1 + 50e-6)))
+    assert anew == 1
+    assert line.now_s(100 * S + round(3599 * S * (1 + 50e-6))) == pytest.approx(3599.0, abs=1e-3)
