@@ -50,10 +50,12 @@ hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis, P
 	$(BIN)/python -m tests.hidden_effects
 
 MINUTES ?= 60
-# of those on the wall clock the three-minute form runs the attacks alone
+# of those on the wall clock the three-minute form runs the attacks and the live view in a browser
+SHORT = tests/attacks tests/integration/test_dashboard.py --deselect \
+	tests/integration/test_dashboard.py::test_ten_minutes_without_growth
 soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' -rP
-	$(BIN)/python -m pytest -m 'soak and realtime' -s $(if $(filter 3,$(MINUTES)),tests/attacks)
+	$(BIN)/python -m pytest -m 'soak and realtime' -s $(if $(filter 3,$(MINUTES)),$(SHORT))
 	$(BIN)/python -m tests.soak --minutes $(MINUTES)
 
 faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (15 minutes)

@@ -16,6 +16,7 @@ from forefeel.doctor.findings import Finding
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.commands.test_cli import COMMANDS, ROOT, group
+from tests.second_forms import forms
 from tests.secured import make_pki
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
@@ -36,6 +37,7 @@ ANSWERS = {
     "loopback --virtual-time --duration 3 --seed 1 --out @/out": "report.json",
 }
 """A command line -> the file of the document that it answers with `--json`, where it writes one."""
+QUICK = [line for line, file in ANSWERS.items() if file in {None, "evaluation.json"}]
 CALIBRATIONS = {"calibrate load-cell", "calibrate stage"}
 """See tests/hardware: they need a device."""
 LASTING = {"slave", "master", "router", "record", "metrics", "dashboard", "view", "simulate"}
@@ -101,7 +103,7 @@ def test_json_is_one_document_and_stdout_holds_nothing_else(
         assert document["schema"].startswith("forefeel.")
 
 
-@pytest.mark.parametrize("line", ANSWERS)
+@pytest.mark.parametrize("line", forms(ANSWERS, quick=QUICK))
 def test_quiet_says_nothing_and_writes_its_files(
     run: Run, words: Callable[[str], list[str]], capsys: pytest.CaptureFixture[str], tmp_path: Path, line: str
 ) -> None:
@@ -111,7 +113,7 @@ def test_quiet_says_nothing_and_writes_its_files(
     assert name is None or (tmp_path / "out" / name).exists()
 
 
-@pytest.mark.parametrize("line", ANSWERS)
+@pytest.mark.parametrize("line", forms(ANSWERS, quick=QUICK))
 def test_without_them_there_is_an_answer_in_plain_text(
     run: Run,
     words: Callable[[str], list[str]],

@@ -51,6 +51,7 @@ def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
     return {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.iterdir()}
 
 
+@pytest.mark.soak
 def test_the_command_writes_figures_page_and_numbers_and_keeps_an_earlier_result(
     run: Callable[[Sequence[str]], int],
     capsys: pytest.CaptureFixture[str],

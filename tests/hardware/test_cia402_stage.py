@@ -108,7 +108,11 @@ def test_it_follows_within_travel_and_velocity_and_stops_at_the_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "says"), [("drive_fault", "emergency 2310|'fault"), ("stuck", "following error|emergency 8611")]
+    ("fault", "says"),
+    [
+        ("drive_fault", "emergency 2310|'fault"),
+        pytest.param("stuck", "following error|emergency 8611", marks=pytest.mark.soak),
+    ],
 )
 def test_no_motion_after_a_fault_until_rearmed(fault: str, says: str) -> None:
     with rig() as r:

@@ -111,6 +111,7 @@ def counts_of(port: str) -> dict[str, object]:
     return {**section, "sign": -1, "serial": "SG-5"}
 
 
+@pytest.mark.soak
 def test_an_hx711(run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     load = Load()
     with PtyThread(hx711(load), folder) as port:

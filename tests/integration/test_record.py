@@ -44,6 +44,7 @@ def kill(daemons: list[Daemon]) -> None:
         daemon.process.kill()
 
 
+@pytest.mark.soak
 def test_a_recorder_that_joins_late_gets_the_calibration_that_the_slave_has_loaded(
     run: Callable[[Sequence[str]], int], tmp_path: Path
 ) -> None:

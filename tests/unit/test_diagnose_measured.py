@@ -48,6 +48,7 @@ def test_a_seal_rubs_and_relaxes(name: str) -> None:
     assert "stress_relaxation" in found
 
 
+@pytest.mark.soak
 def test_short_strokes_show_friction_that_builds_up_with_distance() -> None:
     assert names("presliding_friction") == {"presliding_hysteresis"}
 
