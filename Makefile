@@ -51,7 +51,7 @@ hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis, P
 
 MINUTES ?= 60
 # of those on the wall clock the three-minute form runs the attacks and the live view in a browser
-SHORT = tests/attacks tests/integration/test_dashboard.py --deselect \
+SHORT = tests/attacks tests/integration/test_dashboard.py tests/integration/test_emulated_loopback.py --deselect \
 	tests/integration/test_dashboard.py::test_ten_minutes_without_growth
 soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' -rP

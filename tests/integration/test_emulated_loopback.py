@@ -14,10 +14,8 @@ from forefeel.loopback.real import run_real
 from forefeel.report.summary import summarise
 
 
-@pytest.mark.parametrize(
-    ("hardware", "device_hz"),
-    [("emulated-serial", 800.0), pytest.param("emulated-can", 250.0, marks=pytest.mark.soak)],
-)
+@pytest.mark.soak
+@pytest.mark.parametrize(("hardware", "device_hz"), [("emulated-serial", 800.0), ("emulated-can", 250.0)])
 def test_the_service_arms_and_answers_once_for_each_reading(
     tmp_path: Path, hardware: str, device_hz: float
 ) -> None:

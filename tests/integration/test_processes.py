@@ -330,7 +330,8 @@ def running(parent: Daemon) -> bool:
     return log.exists() and "session open" in log.read_text()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.soak)])
+@pytest.mark.soak
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_loopback_ends_both_and_leaves_its_recording(
     loopback: Daemon, tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -351,7 +352,8 @@ def test_an_interrupted_loopback_ends_both_and_leaves_its_recording(
     assert run.count("insertion", FORCE) > 500
 
 
-@pytest.mark.parametrize("when", [pytest.param("at once", marks=pytest.mark.soak), "while it runs"])
+@pytest.mark.soak
+@pytest.mark.parametrize("when", ["at once", "while it runs"])
 def test_a_loopback_that_is_killed_leaves_no_orphan(loopback: Daemon, tmp_path: Path, when: str) -> None:
     if when == "while it runs":
         wait_until(lambda: running(loopback))

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
@@ -48,6 +49,7 @@ def test_where_nothing_is_hidden_nothing_is_named() -> None:
     assert (found.verdict, found.causes) == ("nothing_missing", ())
 
 
+@pytest.mark.soak
 def test_the_command_leaves_numbers_page_and_model_and_refuses_what_is_too_short(tmp_path: Path) -> None:
     recording = _recording(friction_n=0.06)
     assert recording.force_n is not None

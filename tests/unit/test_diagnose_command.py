@@ -307,6 +307,7 @@ def test_an_interrupt_leaves_nothing_half_written(tmp_path: Path, folder: bool) 
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.soak
 def test_a_run_is_diagnosed_by_its_readback(run: Run, tmp_path: Path) -> None:
     whole = made(4.0, friction_n=FRICTION_N)
     assert whole.force_n is not None
@@ -323,6 +324,7 @@ def test_a_run_is_diagnosed_by_its_readback(run: Run, tmp_path: Path) -> None:
     assert one["held_out"]["rmse_after_n"] == pytest.approx(two["held_out"]["rmse_after_n"], rel=1e-3)
 
 
+@pytest.mark.soak
 def test_of_several_axes_one_is_named(run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     whole = made(5.0)
     assert whole.force_n is not None

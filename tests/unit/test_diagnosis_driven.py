@@ -16,6 +16,7 @@ from diagnosis.diagnose.faults import clean
 from diagnosis.diagnose.regression import Regression
 from diagnosis.diagnose.signals import Signals
 from tests.hidden_effects.generator import VOCABULARY, draw
+from tests.second_forms import forms
 from tests.unit.driven_samples import Body, broad_force, driven, held_in_place
 
 RICHER: Model = {"bias": (), "coulomb_friction": (), "stiffening": (), "quadratic_drag": ()}
@@ -43,7 +44,7 @@ def _late(parameters: dict[str, dict[str, float]]) -> Model:
     return named
 
 
-@pytest.mark.parametrize("kind", ["nothing", *VOCABULARY])
+@pytest.mark.parametrize("kind", forms(["nothing", *VOCABULARY], quick=["nothing", *VOCABULARY[::3]]))
 def test_no_imposed_motion_is_taken_for_a_driven_one(kind: str) -> None:
     for seed in range(1000, 1003):
         hidden = draw(kind, seed, longest_s=15.0, fastest_hz=400.0)
@@ -57,7 +58,7 @@ def test_no_imposed_motion_is_taken_for_a_driven_one(kind: str) -> None:
 
 
 @pytest.mark.parametrize("friction_n", [0.0, 0.06])
-@pytest.mark.parametrize("zeta", [0.05, 0.2, 0.6])
+@pytest.mark.parametrize("zeta", forms([0.05, 0.2, 0.6], quick=[0.05]))
 def test_a_broad_force_is_seen_to_drive(zeta: float, friction_n: float) -> None:
     for seed, top_hz in enumerate((25.0, 60.0)):
         rng = np.random.default_rng(seed)

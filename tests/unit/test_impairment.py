@@ -8,6 +8,7 @@ import pytest
 
 from common.transport.impairment import Impairment, ReplayedImpairment
 from common.transport.settings import PRESETS, ImpairmentSettings
+from tests.second_forms import forms
 
 MS = 1_000_000
 
@@ -111,7 +112,7 @@ def test_a_late_first_message_does_not_hear_of_stalls_before_it() -> None:
     assert link.plan(10**18) == (0,)
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", forms(PRESETS, quick=["lte", "paper"]))
 def test_presets_give_their_figures_to_a_1_khz_stream(name: str) -> None:
     settings = PRESETS[name]
     made = plans(settings, 200_000)
