@@ -7,11 +7,13 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
+from common.topics import LIMIT_EVENT, MASTER_STATE, SAFETY_EVENT, SLAVE_HANDSHAKE, SLAVE_STATE
 from tests.live_cell import CELL, ROOT, LiveCell, Process, wait_until
 from tests.soak.monitor import FORCE_KEY, TIMING_KEYS, Life, Loops, Motion
 from tests.soak.schedule import OFTEN, Fault
@@ -164,8 +166,21 @@ class Soak:
             time.sleep(0.3)  # a state from before the fault does not count
             done.back_s = 0.3 + self.cell.await_state("armed", BACK_S)
         except AssertionError as error:
-            self.problems.append(f"{fault.kind} at {fault.at_s:.0f} s: {error}")
+            self.problems.append(f"{fault.kind} at {fault.at_s:.0f} s: {error}; {self._shown(done.from_ns)}")
         done.to_ns = time.monotonic_ns()
+
+    def _shown(self, from_ns: int) -> str:
+        """What both ends say now, and what became of the session since."""
+        slave, master = self.cell.newest(SLAVE_STATE), self.cell.newest(MASTER_STATE)
+        events = [f"{each.event} ({each.reason})" for each in self.cell.since(SAFETY_EVENT, from_ns)]
+        answers = [each.reason or "accepted" for each in self.cell.since(SLAVE_HANDSHAKE, from_ns)]
+        rules = Counter(each.rule for each in self.cell.since(LIMIT_EVENT, from_ns))
+        return (
+            f"slave {slave.state.value} ({slave.reason}) of session {slave.session_id}, clock within "
+            f"{slave.clock_bound_ns} ns; master {master.indication} ({master.reason}) of session "
+            f"{master.session_id}, deadman {master.deadman}; events {events[-8:]}; "
+            f"handshakes {answers[-4:]}; limits {dict(rules)}"
+        )
 
     def _do(self, fault: Fault, random: Random) -> None:
         what, _, role = fault.kind.partition(" ")
