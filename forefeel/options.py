@@ -1,10 +1,21 @@
 """Options that several commands have."""
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+Connect = Annotated[
+    list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
+]
+ViewedCell = Annotated[str | None, typer.Option("--cell", help="Which cell; default cell.")]
+ViewerConfig = Annotated[
+    Path | None, typer.Option("--config", metavar="FILE", help="YAML of a viewer instead of the options.")
+]
+ViewerPki = Annotated[
+    Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role viewer.")
+]
 ThroughRouter = Annotated[bool, typer.Option("--through-router", help="What it connects to is a router.")]
 Strands = Annotated[
     int, typer.Option("--strands", min=1, max=16, help="Connections of each daemon, as they have it.")

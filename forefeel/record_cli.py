@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.options import Duration, Insecure, Quiet, Strands, ThroughRouter
+from forefeel.options import Connect, Duration, Insecure, Quiet, Strands, ThroughRouter
 from forefeel.terminal import output
 
 EPILOG = (
@@ -16,9 +16,7 @@ EPILOG = (
 
 def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="A new .mcap file.")],
-    connect: Annotated[
-        list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
-    ] = None,
+    connect: Connect = None,
     cell: Annotated[str | None, typer.Option("--cell", help="Which cell to record; default cell.")] = None,
     config: Annotated[
         Path | None,

@@ -6,7 +6,17 @@ from typing import Annotated
 import typer
 
 from common.errors import ConfigurationError
-from forefeel.options import Duration, Insecure, Quiet, Strands, ThroughRouter
+from forefeel.options import (
+    Connect,
+    Duration,
+    Insecure,
+    Quiet,
+    Strands,
+    ThroughRouter,
+    ViewedCell,
+    ViewerConfig,
+    ViewerPki,
+)
 from forefeel.terminal import output
 
 EPILOG = (
@@ -22,17 +32,10 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 
 
 def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
-    connect: Annotated[
-        list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
-    ] = None,
-    cell: Annotated[str | None, typer.Option("--cell", help="Which cell; default cell.")] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", metavar="FILE", help="YAML of a viewer instead of the options."),
-    ] = None,
-    pki: Annotated[
-        Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role viewer.")
-    ] = None,
+    connect: Connect = None,
+    cell: ViewedCell = None,
+    config: ViewerConfig = None,
+    pki: ViewerPki = None,
     through_router: ThroughRouter = False,
     strands: Strands = 1,
     insecure: Insecure = False,

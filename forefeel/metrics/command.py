@@ -1,29 +1,31 @@
 """`forefeel metrics` on the command line."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from common.errors import ConfigurationError
-from forefeel.options import Duration, Insecure, Quiet, Strands, ThroughRouter
+from forefeel.options import (
+    Connect,
+    Duration,
+    Insecure,
+    Quiet,
+    Strands,
+    ThroughRouter,
+    ViewedCell,
+    ViewerConfig,
+    ViewerPki,
+)
 from forefeel.terminal import output
 
 EPILOG = "Example: forefeel metrics --cell cathlab --connect tls/10.0.0.2:7447 --pki pki"
 
 
 def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
-    connect: Annotated[
-        list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
-    ] = None,
-    cell: Annotated[str | None, typer.Option("--cell", help="Which cell; default cell.")] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", metavar="FILE", help="YAML of a viewer instead of the options."),
-    ] = None,
-    pki: Annotated[
-        Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role viewer.")
-    ] = None,
+    connect: Connect = None,
+    cell: ViewedCell = None,
+    config: ViewerConfig = None,
+    pki: ViewerPki = None,
     through_router: ThroughRouter = False,
     strands: Strands = 1,
     insecure: Insecure = False,
