@@ -3,7 +3,8 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import pytest
@@ -12,16 +13,19 @@ from common.clock import MonotonicClock
 from common.errors import RunError
 from common.runtime import real
 from common.runtime.real import RealRuntime
-from common.runtime.realtime import go_before, prepare_thread
+from common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, go_before, prepare_thread
 
 MS = 1_000_000
 PATIENCE_S = 5.0
 
 
 @pytest.fixture(autouse=True)
-def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Locked memory and a frozen heap would last for the rest of the test run."""
+def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Locked memory, a frozen heap and a short interval would last for the rest of the test run."""
     monkeypatch.setattr(real, "prepare_process", lambda: "memory as it was")
+    interval_s = sys.getswitchinterval()
+    yield
+    sys.setswitchinterval(interval_s)
 
 
 async def stopped(runtime: RealRuntime) -> None:
@@ -57,6 +61,44 @@ def test_a_loop_ticks_in_a_thread_of_its_own_on_its_deadlines() -> None:
     assert all(after > before for before, after in pairwise(ticks))
     assert runtime.scheduling == "normal scheduling (priority 0 configured), memory as it was"
     runtime.raise_fault()
+
+
+def test_a_tick_keeps_the_interpreter_longer_than_what_runs_between_ticks() -> None:
+    inside = list[float]()
+
+    async def run() -> None:
+        runtime = RealRuntime()
+        runtime.loop("pace", MS, lambda _: inside.append(sys.getswitchinterval()))
+        async with runtime:
+            await until(lambda: len(inside) >= 5)
+
+    asyncio.run(run())
+    assert inside == pytest.approx([TICK_INTERVAL_S] * len(inside))
+    assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_no_other_thread_runs_while_the_clock_holds_the_interpreter(held: bool) -> None:
+    clock, turns, ended = MonotonicClock(), [0], threading.Event()
+
+    def turn() -> None:
+        while not ended.is_set():
+            turns[0] += 1
+            time.sleep(0)  # gives it
+
+    sys.setswitchinterval(60.0)  # nobody takes the interpreter away; it has to be given
+    other = threading.Thread(target=turn)
+    other.start()
+    try:
+        start_ns, before = clock.now_ns(), turns[0]
+        clock.hold_ns(20 * MS) if held else clock.sleep_until_ns(start_ns + 20 * MS)
+        after, end_ns = turns[0], clock.now_ns()
+    finally:
+        ended.set()
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        other.join()
+    assert end_ns - start_ns >= 20 * MS
+    assert (after == before) is held
 
 
 def test_a_clock_that_goes_back_is_a_fault_at_once_and_the_loop_goes_on(
@@ -292,7 +334,7 @@ def test_a_prepared_process_says_what_it_got_and_hands_the_interpreter_over_soon
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     said, interval_s = done.stdout.splitlines()
     assert said == "memory locked" or said.startswith("memory not locked (")
-    assert float(interval_s) == pytest.approx(1e-4)
+    assert float(interval_s) == pytest.approx(SWITCH_INTERVAL_S)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="SCHED_FIFO needs root")
