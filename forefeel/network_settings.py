@@ -59,8 +59,7 @@ def observer(
         ConfigurationError: both, neither, or a value that can not be used.
     """
     if config is not None:
-        if cell is not None or connect or pki is not None or through_router or strands != 1:
-            raise ConfigurationError("--config: stands for every option about the network; expected it alone")
+        check_alone(cell is not None, connect, pki, through_router, strands != 1)
         return load_settings(ObserverSettings, config)
     if not connect:
         raise ConfigurationError("--connect: missing, expected at least one endpoint, or --config FILE")
@@ -68,6 +67,16 @@ def observer(
     mode: Literal["client", "peer"] = "client" if through_router else "peer"
     transport = {"mode": mode, "connect": list(connect), "pki": pki, "strands": strands}
     return checked(ObserverSettings, {"cell": name, "transport": transport}, "options")
+
+
+def check_alone(*others: object) -> None:
+    """Refuses options that the file of `--config` settles; `others` are empty, None or False where not given.
+
+    Raises:
+        ConfigurationError: one was given.
+    """
+    if any(others):
+        raise ConfigurationError("--config: stands for every option about the network; expected it alone")
 
 
 def router_settings(
@@ -79,8 +88,7 @@ def router_settings(
         ConfigurationError: both, neither, or a value that can not be used.
     """
     if config is not None:
-        if cells or listen or pki is not None:
-            raise ConfigurationError("--config: stands for --cell, --listen and --pki; expected it alone")
+        check_alone(cells, listen, pki)
         return load_settings(RouterSettings, config)
     if not cells:
         raise ConfigurationError("--cell: missing, expected the name of each cell, or --config FILE")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from common.errors import ConfigurationError
+from forefeel.extras import extra
 from forefeel.options import (
     Connect,
     Duration,
@@ -24,7 +24,7 @@ EPILOG = (
     "Example: forefeel dashboard --config viewer.yaml"
 )
 VIEW_EPILOG = "Example: forefeel view out/demo/recording.mcap --open"
-_PARTS = ("nicegui", "fastapi", "uvicorn")
+_PACKAGES = ("nicegui", "fastapi", "uvicorn")
 
 Address = Annotated[str, typer.Option("--address", help="Where the page is served.")]
 Port = Annotated[int, typer.Option("--port", min=0, max=65535, help="Where the page is served; 0: any.")]
@@ -49,10 +49,8 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
 
     found = observer(config, cell, connect or [], pki, through_router, strands)
-    try:
+    with extra("dashboard", *_PACKAGES, command="dashboard"):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        raise _extra(error, "dashboard") from error
     with output(quiet=quiet):
         run_dashboard(found, address, port, duration, insecure, opens)
 
@@ -66,16 +64,7 @@ def view(
     quiet: Quiet = False,
 ) -> None:
     """Show a recorded run in the same page, at any of its times."""
-    try:
+    with extra("dashboard", *_PACKAGES, command="view"):
         from forefeel.dashboard.server import run_view  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        raise _extra(error, "view") from error
     with output(quiet=quiet):
         run_view(file, address, port, duration, opens)
-
-
-def _extra(error: ModuleNotFoundError, command: str) -> ConfigurationError:
-    """What is missing; anything that is no part of the extra is a fault of ours."""
-    if not (error.name or "").startswith(_PARTS):
-        raise error
-    return ConfigurationError(f"{command}: needs an extra: pip install forefeel[dashboard]")

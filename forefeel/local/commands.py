@@ -47,15 +47,14 @@ def estop(  # noqa: PLR0913, PLR0917 - one parameter per option
     insecure: Insecure = False,
 ) -> None:
     """Stop a cell, latched until `forefeel clear` on the slave's host. Exit 1: nothing confirmed it."""
-    from forefeel.network_settings import ObserverSettings, observer  # noqa: PLC0415
+    from forefeel.network_settings import ObserverSettings, check_alone, observer  # noqa: PLC0415
 
     if config is None:
         if not (cell and connect):
             raise ConfigurationError("expected --config, or --cell and --connect")
         found = observer(None, cell, connect, pki, through_router)
         return _stop_there(found.transport, "viewer", cell, tuple(axis or ()), reason, insecure)
-    if cell or connect or pki or through_router:
-        raise ConfigurationError("--config: stands for every option about the network; expected it alone")
+    check_alone(cell is not None, connect, pki, through_router)
     settings = load_any(config)
     if isinstance(settings, ObserverSettings):
         if settings.role != "viewer":

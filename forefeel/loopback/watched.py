@@ -10,6 +10,8 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
+from forefeel.extras import how_to_get
+
 PORT = 8600
 LOG = "dashboard.log"
 _END_S = 3.0
@@ -31,7 +33,7 @@ class Watched:
     def start(self, cell: str, endpoints: Sequence[str], out: Path) -> None:
         """Starts it at the lowest priority; its words go to a log file beside the recording."""
         if find_spec("nicegui") is None:
-            self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
+            self._say(f"dashboard: {how_to_get('dashboard')}")
             return
         port = _port()
         connect = [word for endpoint in endpoints for word in ("--connect", endpoint)]

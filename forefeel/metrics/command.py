@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from common.errors import ConfigurationError
+from forefeel.extras import extra
 from forefeel.options import (
     Connect,
     Duration,
@@ -37,12 +37,8 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
     """Serve what a cell says of itself to Prometheus, as a viewer in a process of its own."""
     from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
 
-    try:
+    with extra("metrics", "prometheus_client", command="metrics"):
         from forefeel.metrics.run import run_metrics  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        if not (error.name or "").startswith("prometheus_client"):
-            raise
-        raise ConfigurationError("metrics: needs an extra: pip install forefeel[metrics]") from error
     found = observer(config, cell, connect or [], pki, through_router, strands)
     with output(quiet=quiet):
         run_metrics(found, address, port, duration, insecure)
