@@ -20,8 +20,9 @@ from typing import Any
 
 import zenoh
 
+from benchmarks.gated import SESSION, gated
 from common.clock import MonotonicClock, now_utc
-from common.codec import decode, encode
+from common.codec import encode
 from common.messages import MotionCommand
 from common.runtime.realtime import prepare_process
 from common.topics import COMMAND, FORCE, Qos
@@ -30,11 +31,9 @@ from common.transport.security import Party
 from common.transport.settings import TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
-from slave.gate import CommandGate, GateLimits
 
-_CELL, _SESSION = "cell", 7
+_CELL = "cell"
 _ROUNDS, _BACK_TO_BACK, _PACED = 7, 1500, 1000
-_LIMITS = GateLimits(max_age_ns=100_000_000, position_m=(-0.1, 0.2), velocity_m_s=2.0)
 _CLOCK = MonotonicClock()
 
 
@@ -125,7 +124,7 @@ class _Channel:
         self._sent_ns.append(time.perf_counter_ns())
         if self._variant.command:  # what it costs to say it is the sender's in every variant
             command = MotionCommand(
-                session_id=_SESSION, sequence=self._numbers, stamp_ns=_CLOCK.now_ns(),
+                session_id=SESSION, sequence=self._numbers, stamp_ns=_CLOCK.now_ns(),
                 position_m=0.05, velocity_m_s=0.01, deadman=True, recording_time_s=None,
             )  # fmt: skip
             payload = encode(command)
@@ -240,16 +239,7 @@ def _answer(put: Put, axis: str) -> Callable[[bytes, int], None]:
     answer = bytes(64)
     if axis.startswith("echo"):
         return lambda payload, _receive_ns: put(answer)
-    gate = CommandGate(_LIMITS)
-    gate.open(_SESSION)
-
-    def admit(payload: bytes, receive_ns: int) -> None:
-        refusal = gate.admit(decode(MotionCommand, payload), receive_ns, None)
-        if refusal is not None:
-            raise SystemExit(f"refused: {refusal}")
-        put(answer)
-
-    return admit
+    return gated(put, answer)
 
 
 if __name__ == "__main__":

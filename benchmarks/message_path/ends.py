@@ -7,10 +7,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from statistics import quantiles
 
+from benchmarks.gated import SESSION
 from common.codec import encode
 from common.messages import MotionCommand
 
-SESSION, PERIOD_S = 7, 1e-3
+PERIOD_S = 1e-3
 TO, BACK = "forefeel.bench.to", "forefeel.bench.back"
 """Subjects, channels and topics of those that have such."""
 

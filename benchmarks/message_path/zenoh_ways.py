@@ -2,7 +2,6 @@
 
 import asyncio
 import sys
-import threading
 import time
 from abc import abstractmethod
 from collections.abc import Callable
@@ -11,19 +10,16 @@ from typing import Any
 
 import zenoh
 
-from benchmarks.message_path.ends import SESSION, Stopwatch, Way, input_ended, paced
+from benchmarks.gated import gated
+from benchmarks.message_path.ends import Stopwatch, Way, input_ended, paced
 from common.clock import MonotonicClock
-from common.codec import decode
-from common.messages import MotionCommand
 from common.topics import COMMAND, FORCE, Qos
 from common.transport.port import Put
 from common.transport.settings import TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
-from slave.gate import CommandGate, GateLimits
 
 _CELL, _AXIS = "cell", "bench"
 _THERE, _HERE = COMMAND.key(_CELL, _AXIS), FORCE.key(_CELL, _AXIS)
-_LIMITS = GateLimits(max_age_ns=1_000_000_000, position_m=(-0.1, 0.2), velocity_m_s=2.0)
 _CLOCK = MonotonicClock()
 
 
@@ -129,22 +125,6 @@ class OwnAsyncio(_ZenohWay):
         ready()
         await input_ended()
         transport.close()
-
-
-def gated(put: Put) -> Callable[[bytes, int], None]:
-    """What the slave does with a command before it may be executed; then the payload goes back."""
-    gate = CommandGate(_LIMITS)
-    gate.open(SESSION)
-    lock = threading.Lock()
-
-    def admit(payload: bytes, receive_ns: int) -> None:
-        with lock:
-            refusal = gate.admit(decode(MotionCommand, payload), receive_ns, None)
-        if refusal is not None:
-            raise SystemExit(f"refused: {refusal}")
-        put(payload)
-
-    return admit
 
 
 def _bare(transport: ZenohTransport) -> Any:  # noqa: ANN401 - its `undeclare` is not typed
