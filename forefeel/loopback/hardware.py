@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from common.errors import ConfigurationError
+from common.settings import AxisLimits
 from forefeel.loopback.plan import Plan
 
 SIMULATED = "simulated"
@@ -15,6 +16,8 @@ _BEYOND_M = 0.004
 _FULL_SCALE_N = 10.0
 _FASTER = 2.0
 """How much faster than the limits the drive could be, so that it follows them."""
+Words = tuple[str, ...]
+_Devices = dict[str, dict[str, object]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,64 +58,61 @@ def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
 
 def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Bench:
     """The plan with emulated devices, whose ports lie in the folder `ports`; `out` gets the settings."""
-    feel = ports / "feel"
-    slave_axis, master_axis = dict(plan.slave["axes"][0]), dict(plan.master["axes"][0])
     limits = plan.slave_settings().axes[0].limits
+    common = ("--seed", str(seed))
+    words = "--config", str(out / "slave.yaml"), "--feel", str(ports / "feel"), *common
+    if hardware == SERIAL:
+        devices, emulators = _serial(limits, ports, words)
+    else:
+        devices, emulators = _can(limits, ports, words, common)
+    handle = {
+        "driver": "coil_serial", "port": str(ports / "handle"), "counts_per_m": 1e6, "newton_per_ampere": 2.0,
+        "max_current_a": 3.0, "watchdog_s": 0.1,
+    }  # fmt: skip
+    hand = Emulated("handle", ("coil_serial", "--config", str(out / "master.yaml"), *common))
+    changed = replace(
+        plan,
+        slave={**plan.slave, "axes": [{**plan.slave["axes"][0], **devices}]},
+        master={**plan.master, "axes": [{**plan.master["axes"][0], "handle": handle}]},
+        metadata={**plan.metadata, "hardware": hardware},
+    )
+    return Bench(changed, (*emulators, hand))
+
+
+def _motion(limits: AxisLimits) -> dict[str, object]:
     low_m, high_m = limits.workspace_m
-    motion = {
+    return {
         "travel_m": [low_m - _BEYOND_M, high_m + _BEYOND_M],
         "max_velocity_m_s": _FASTER * limits.max_velocity_m_s,
     }
-    slave_file, master_file = str(out / "slave.yaml"), str(out / "master.yaml")
-    common = ("--seed", str(seed))
-    felt = ("--feel", str(feel), *common)
-    if hardware == SERIAL:
-        stage, cell = ports / "stage", ports / "cell"
-        slave_axis["stage"] = {
-            "driver": "zaber_ascii", "port": str(stage), "microstep_m": 1e-7,
-            "max_acceleration_m_s2": _FASTER * limits.max_acceleration_m_s2, **motion,
-        }  # fmt: skip
-        slave_axis["load_cell"] = {"driver": "bota_serial", "port": str(cell), "full_scale_n": _FULL_SCALE_N}
-        emulators = [
-            Emulated("cell", ("bota_serial", "--config", slave_file, *felt)),
-            Emulated("stage", ("zaber_ascii", "--config", slave_file, *felt)),
-        ]
-    else:
-        ends = {name: ports / name for name in ("can-slave", "can-drive", "can-cell")}
-        can = {"interface": "slcan", "channel": str(ends["can-slave"])}
-        slave_axis["stage"] = {
-            "driver": "cia402",
-            "can": can,
-            "node_id": 1,
-            "counts_per_m": 1e7,
-            "heartbeat_s": 0.05,
-            **motion,
-        }
-        slave_axis["load_cell"] = {
-            "driver": "cia404",
-            "can": can,
-            "node_id": 2,
-            "full_scale_n": _FULL_SCALE_N,
-        }
-        hub = ",".join(map(str, ends.values()))
-        emulators = [
-            Emulated("hub", ("can_hub", "--port", hub, *common)),
-            Emulated("cell", ("cia404", "--config", slave_file, "--port", str(ends["can-cell"]), *felt)),
-            Emulated("stage", ("cia402", "--config", slave_file, "--port", str(ends["can-drive"]), *felt)),
-        ]
-    handle = ports / "handle"
-    master_axis["handle"] = {
-        "driver": "coil_serial", "port": str(handle), "counts_per_m": 1e6, "newton_per_ampere": 2.0,
-        "max_current_a": 3.0, "watchdog_s": 0.1,
+
+
+def _serial(limits: AxisLimits, ports: Path, words: Words) -> tuple[_Devices, list[Emulated]]:
+    """Stage and load cell, each on a line of its own."""
+    stage = {
+        "driver": "zaber_ascii", "port": str(ports / "stage"), "microstep_m": 1e-7,
+        "max_acceleration_m_s2": _FASTER * limits.max_acceleration_m_s2, **_motion(limits),
     }  # fmt: skip
-    emulators.append(Emulated("handle", ("coil_serial", "--config", master_file, *common)))
-    changed = replace(
-        plan,
-        slave={**plan.slave, "axes": [slave_axis]},
-        master={**plan.master, "axes": [master_axis]},
-        metadata={**plan.metadata, "hardware": hardware},
-    )
-    return Bench(changed, tuple(emulators))
+    cell = {"driver": "bota_serial", "port": str(ports / "cell"), "full_scale_n": _FULL_SCALE_N}
+    emulators = [Emulated("cell", ("bota_serial", *words)), Emulated("stage", ("zaber_ascii", *words))]
+    return {"stage": stage, "load_cell": cell}, emulators
+
+
+def _can(limits: AxisLimits, ports: Path, words: Words, common: Words) -> tuple[_Devices, list[Emulated]]:
+    """Drive and transducer on one bus: a hub with an end for each of them and one for the slave."""
+    slave_end, stage_end, cell_end = (str(ports / name) for name in ("can-slave", "can-drive", "can-cell"))
+    can = {"interface": "slcan", "channel": slave_end}
+    stage = {
+        "driver": "cia402", "can": can, "node_id": 1, "counts_per_m": 1e7, "heartbeat_s": 0.05,
+        **_motion(limits),
+    }  # fmt: skip
+    cell = {"driver": "cia404", "can": can, "node_id": 2, "full_scale_n": _FULL_SCALE_N}
+    emulators = [
+        Emulated("hub", ("can_hub", "--port", ",".join((slave_end, stage_end, cell_end)), *common)),
+        Emulated("cell", ("cia404", "--port", cell_end, *words)),
+        Emulated("stage", ("cia402", "--port", stage_end, *words)),
+    ]
+    return {"stage": stage, "load_cell": cell}, emulators
 
 
 def emulator_command(emulated: Emulated) -> list[str]:

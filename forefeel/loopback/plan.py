@@ -2,17 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
+from typing import Any
 
 from common.config import checked, dump_yaml
 from common.errors import ConfigurationError, RecordingError
 from common.model_file import load_model
-from common.recording.recording import Recording
 from common.recording.tabular import Mapping, load_recording
 from common.transport.settings import PRESETS
 from forefeel.calibrate.carried import calibrations
+from forefeel.loopback.played import GAP_S, HAND_MAX_N, play
 from master.settings import MasterSettings
 from slave.plant.presets import PRESETS as WORLDS
 from slave.settings import SlaveSettings
@@ -21,9 +19,6 @@ AXIS = "insertion"
 STATE = "state"
 """Folder of both ends' audit logs and flight records."""
 DEFAULT_DURATION_S = 20.0
-_HAND_MAX_N = 4.0
-_GAP_S = 0.1
-_APPROACH_M_S = 0.03
 _DEFAULT_PRESET = "catheter"
 _WORLD_MAX_N = {"catheter": 3.0, "guidewire": 0.3}
 """Force limit in a simulated world: about three times what its instrument meets."""
@@ -93,14 +88,45 @@ def make_plan(wish: Wish) -> Plan:
     Raises:
         InputError: an unknown preset, or a file that can not be used.
     """
+    _check(wish)
+    slave_axis, master_axis = _axes(wish)
+    duration_s: float | None
+    duration_s = expected_s = wish.duration_s or DEFAULT_DURATION_S
+    notes: tuple[str, ...] = ()
+    if wish.recording is not None:
+        recording = load_recording(wish.recording, wish.columns)
+        if all(piece.stop - piece.start < 2 for piece in recording.segments(GAP_S)):
+            raise RecordingError(f"{wish.recording}: no two samples within {GAP_S:g} s, nothing to play")
+        if recording.force_n is not None:
+            _refuse_world_options(wish)
+        notes = play(recording, _source(wish), slave_axis, master_axis)
+        duration_s = wish.duration_s
+        expected_s = min(duration_s or recording.duration_s, recording.duration_s)
+    _load_models(wish, slave_axis, master_axis)
+    link = {"inbound": wish.impairment, "seed": wish.seed}
+    return Plan(
+        slave={"cell": "loopback", "impairment": link, "axes": [slave_axis]},
+        master={"cell": "loopback", "impairment": link, "axes": [master_axis]},
+        duration_s=duration_s,
+        expected_s=expected_s,
+        notes=notes,
+        metadata=_metadata(wish),
+    )
+
+
+def _check(wish: Wish) -> None:
+    """Names and numbers of the command line."""
     if wish.impairment not in PRESETS:
         raise ConfigurationError(f"--impairment {wish.impairment!r}: expected one of {', '.join(PRESETS)}")
-    preset = wish.preset or _DEFAULT_PRESET
-    if preset not in WORLDS:
+    if wish.preset is not None and wish.preset not in WORLDS:
         raise ConfigurationError(f"--preset {wish.preset!r}: expected one of {', '.join(WORLDS)}")
     if wish.duration_s is not None and not 0.5 <= wish.duration_s <= 86_400:
         raise ConfigurationError(f"--duration {wish.duration_s:g}: expected 0.5 to 86400 s")
-    scale = _GUIDEWIRE_SCALE if preset == "guidewire" else 1.0
+
+
+def _axes(wish: Wish) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The axis of the slave and of the master, in the world of a preset."""
+    preset = wish.preset or _DEFAULT_PRESET
     limits = {"max_force_n": _WORLD_MAX_N[preset]}
     slave_axis: dict[str, Any] = {
         "name": AXIS,
@@ -108,34 +134,14 @@ def make_plan(wish: Wish) -> Plan:
         "limits": limits,
         "simulation": {"preset": preset},
     }
+    scale = _GUIDEWIRE_SCALE if preset == "guidewire" else 1.0
     master_axis: dict[str, Any] = {
         "name": AXIS,
         "limits": limits,
         "handle": {"driver": "operator", "seed": wish.seed},
-        "rendering": {"force_scale": scale, "max_force_n": _HAND_MAX_N},
+        "rendering": {"force_scale": scale, "max_force_n": HAND_MAX_N},
     }
-    notes: tuple[str, ...] = ()
-    duration_s = wish.duration_s or DEFAULT_DURATION_S
-    if wish.recording is not None:
-        recording = load_recording(wish.recording, wish.columns)
-        if all(piece.stop - piece.start < 2 for piece in recording.segments(_GAP_S)):
-            raise RecordingError(f"{wish.recording}: no two samples within {_GAP_S:g} s, nothing to play")
-        notes = _play(recording, wish, slave_axis, master_axis)
-        expected_s = (
-            recording.duration_s if wish.duration_s is None else min(wish.duration_s, recording.duration_s)
-        )
-    else:
-        expected_s = duration_s
-    _load_models(wish, slave_axis, master_axis)
-    link = {"inbound": wish.impairment, "seed": wish.seed}
-    return Plan(
-        slave={"cell": "loopback", "impairment": link, "axes": [slave_axis]},
-        master={"cell": "loopback", "impairment": link, "axes": [master_axis]},
-        duration_s=wish.duration_s if wish.recording is not None else duration_s,
-        expected_s=expected_s,
-        notes=notes,
-        metadata=_metadata(wish),
-    )
+    return slave_axis, master_axis
 
 
 def _metadata(wish: Wish) -> dict[str, str]:
@@ -174,13 +180,7 @@ def _hide(wish: Wish, slave_axis: dict[str, Any]) -> None:
     slave_axis["simulation"]["hidden"] = hidden
 
 
-def _play(
-    recording: Recording, wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]
-) -> tuple[str, ...]:
-    """Limits and scale from the recording; the recorded force in place of the simulated one where there is
-    one.
-    """
-    limits = recording_limits(recording, slave_axis["limits"]["max_force_n"])
+def _source(wish: Wish) -> dict[str, Any]:
     source: dict[str, Any] = {"recording": str(Path(wish.recording or "").resolve())}
     if wish.columns is not None:
         source["columns"] = {
@@ -188,38 +188,7 @@ def _play(
             "position": wish.columns.position,
             "force": wish.columns.force,
         }
-    low, high = limits["workspace_m"]
-    span = high - low
-    slave_axis["limits"] = master_axis["limits"] = limits
-    slave_axis["gate"] = {"alignment_m": float(np.clip(0.05 * span, 2e-5, 1e-3))}
-    slave_axis["simulation"]["stage"] = {
-        "travel_lower_m": low,
-        "travel_upper_m": high,
-        "start_m": float(recording.position_m[0]),
-        "velocity_limit_m_s": 2 * limits["max_velocity_m_s"],
-        "acceleration_limit_m_s2": 2 * limits["max_acceleration_m_s2"],
-        "encoder_step_m": min(1e-6, span * 1e-5),
-    }
-    master_axis["prediction"] = {"typical_stroke_m": span}
-    master_axis["handle"] = {
-        "driver": "recording",
-        "gap_s": _GAP_S,
-        "approach_m_s": _approach(limits),
-        **source,
-    }
-    if recording.force_n is None:
-        return (*_notes(recording, limits), "no force column: the motion drives the simulated vessel")
-    _refuse_world_options(wish)
-    sign = resisting_sign(recording)
-    slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}
-    slave_axis["gate"]["force_timeout_s"] = None
-    strongest_n, spread_n = float(np.max(np.abs(recording.force_n))), float(np.std(recording.force_n))
-    master_axis["prediction"]["noise_floor_n"] = max(0.01 * spread_n, 1e-6)
-    scale = min(1.0, _HAND_MAX_N / strongest_n) if strongest_n > 0 else 1.0
-    master_axis["rendering"] = {"force_scale": scale, "max_force_n": _HAND_MAX_N}
-    notes = (*_notes(recording, limits), f"force scale to the hand {scale:.3g}")
-    turned = "force sign turned: as recorded the contact would give energy; here positive resists insertion"
-    return notes if sign > 0 else (*notes, turned)
+    return source
 
 
 def _refuse_world_options(wish: Wish) -> None:
@@ -234,59 +203,3 @@ def _refuse_world_options(wish: Wish) -> None:
                 f"{option} {value}: the recording has forces, nothing is simulated; "
                 "expected one of them (--time and --position alone leave out the forces)"
             )
-
-
-def resisting_sign(recording: Recording) -> Literal[1, -1]:
-    """1 where the recorded force resists insertion, -1 where it is the reaction to that.
-
-    A contact is passive: over the whole recording it absorbs energy, the integral of F dx is positive.
-    """
-    assert recording.force_n is not None
-    force_n, work_j = recording.force_n - recording.force_n.mean(), 0.0
-    for piece in recording.segments(_GAP_S):
-        between = 0.5 * (force_n[piece][1:] + force_n[piece][:-1])
-        work_j += float(between @ np.diff(recording.position_m[piece]))
-    return -1 if work_j < 0 else 1
-
-
-def recording_limits(recording: Recording, world_max_n: float) -> dict[str, Any]:
-    """Limits that let the recorded motion through: range, speed, steps of speed, force, with margins.
-
-    `world_max_n`: the force limit where no force was recorded.
-    """
-    low, high = float(recording.position_m.min()), float(recording.position_m.max())
-    margin = max(0.05 * (high - low), 1e-5)
-    speed, step = 0.0, 0.0
-    for piece in recording.segments(_GAP_S):
-        velocity = np.diff(recording.position_m[piece]) / np.diff(recording.time_s[piece])
-        speed = max(speed, float(np.max(np.abs(velocity), initial=0.0)))
-        step = max(step, float(np.max(np.abs(np.diff(velocity)), initial=0.0)))
-    forces_n = recording.force_n
-    strongest_n = None if forces_n is None else float(np.max(np.abs(forces_n)))
-    return {
-        "workspace_m": (low - margin, high + margin),
-        "max_velocity_m_s": _round_up(max(1.5 * speed, 0.005)),
-        "max_acceleration_m_s2": _round_up(max(1.5 * step / 1e-3, 1.0)),
-        "max_force_n": world_max_n if strongest_n is None else _round_up(max(1.2 * strongest_n, 0.01)),
-    }
-
-
-def _approach(limits: dict[str, Any]) -> float:
-    return min(_APPROACH_M_S, float(limits["max_velocity_m_s"]) / 2)
-
-
-def _round_up(value: float) -> float:
-    """To two significant digits, upwards."""
-    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
-    return float(f"{np.ceil(value / unit) * unit:.6g}")
-
-
-def _notes(recording: Recording, limits: dict[str, Any]) -> tuple[str, ...]:
-    low, high = limits["workspace_m"]
-    pieces = len(recording.segments(_GAP_S))
-    return (
-        f"recording {recording.name}: {len(recording.time_s)} samples, {recording.duration_s:.1f} s, "
-        f"{pieces} piece{'s' if pieces > 1 else ''} without a gap over {_GAP_S:g} s",
-        f"limits from it: {low * 1e3:.3f} to {high * 1e3:.3f} mm, {limits['max_velocity_m_s'] * 1e3:g} mm/s, "
-        f"{limits['max_acceleration_m_s2']:g} m/s2, {limits['max_force_n']:g} N",
-    )

@@ -10,7 +10,7 @@ from common.recording.tabular import load_recording
 from diagnosis.reproduction.assemble import DELAY_S
 from diagnosis.reproduction.product import product_prediction
 from diagnosis.reproduction.replay import SCORED_FROM_S, Run
-from forefeel.loopback.plan import resisting_sign
+from forefeel.loopback.played import resisting_sign
 
 VARIABLE = "FOREFEEL_DATA"
 _SUFFIXES = ".csv", ".parquet", ".mcap"
