@@ -1,5 +1,6 @@
 """`python -m benchmarks [--only NAME]... [--out FILE]`: all of them in turn, and a page of what they printed,
-beside it the same as JSON, with the figures of those that give them.
+beside it the same as JSON, with the figures of those that give them. With `--only` the other parts of the
+page stay as they are, each with the day and the revision that it was measured on.
 
 As root, where apt-get is there, the brokers and cyclictest are installed first; none is left running.
 """
@@ -69,28 +70,53 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("benchmarks/RESULTS.md"))
     wish = parser.parse_args()
     _install()
-    machine, parts = _machine(), list[Part]()
-    for each in ALL:
-        if wish.only and each.module not in wish.only:
-            continue
+    machine = _machine()
+    parts = _parts(wish.out.with_suffix(".json"), machine) if wish.only else {}
+    chosen = [each for each in ALL if not wish.only or each.module in wish.only]
+    for each in chosen:
         print(f"== {each.module}: {each.question}", flush=True)
-        parts.append(_run(each))
-        wish.out.write_text("\n".join([_head(machine), *map(_section, parts)]))
-        document = {"machine": machine, "parts": [asdict(part) for part in parts]}
+        parts[each.module] = _run(each)
+        shown = [parts[known.module] for known in ALL if known.module in parts]
+        wish.out.write_text("\n".join([_head(machine), *map(_section, shown)]))
+        document = {"machine": machine, "parts": [asdict(part) for part in shown]}
         wish.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
-    return int(any(part.code for part in parts))
+    return int(any(parts[each.module].code for each in chosen))
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What came of one module."""
+    """What came of one module, and of which day and revision."""
 
     module: str
     question: str
+    date: str
+    revision: str
     minutes: float
     code: int
     lines: list[str]
     figures: object
+
+
+def _parts(document: Path, machine: Mapping[str, object]) -> dict[str, Part]:
+    """What stands already, where it was measured on this kind of machine with these versions."""
+    if not document.exists():
+        return {}
+    found = json.loads(document.read_text())
+    if found["machine"] != machine:
+        raise SystemExit(f"{document}: of another machine or other versions; expected another --out")
+    return {part["module"]: Part(**part) for part in found["parts"]}
+
+
+def _revision() -> str:
+    """Of the source, or empty where that is not known."""
+    try:
+        done = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--exclude=*"],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    except OSError:
+        return ""
+    return done.stdout.strip()
 
 
 def _machine() -> dict[str, object]:
@@ -101,7 +127,6 @@ def _machine() -> dict[str, object]:
         platform.machine(),
     )  # fmt: skip
     return {
-        "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "processors": os.cpu_count(),
         "model": model,
         "kernel": platform.release(),
@@ -120,7 +145,7 @@ def _version(name: str) -> str:
 def _head(machine: Mapping[str, Any]) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
     return (
-        f"# Results\n\nWritten by `make bench` on {machine['date']}: {machine['processors']} processors "
+        f"# Results\n\nWritten by `make bench`: {machine['processors']} processors "
         f"({machine['model']}), Linux {machine['kernel']}, Python {machine['python']}.\nEach part is what "
         "its command printed. Compare within a part: its rows were measured in one run, in turns.\n\n"
         f"Versions: {versions}.\n"
@@ -141,11 +166,13 @@ def _run(each: Benchmark) -> Part:
         lines.append(f"failed: {(done.stderr.strip().splitlines() or ['nothing said'])[-1]}")
         print(lines[-1], flush=True)
     minutes = round((time.monotonic() - start_s) / 60.0, 1)
-    return Part(each.module, each.question, minutes, done.returncode, lines, found)
+    date = f"{datetime.now(UTC):%Y-%m-%d}"
+    return Part(each.module, each.question, date, _revision(), minutes, done.returncode, lines, found)
 
 
 def _section(part: Part) -> str:
-    head = f"## {part.question}\n\n`python -m benchmarks.{part.module}`, {part.minutes:g} min"
+    when = f"{part.date}, {part.revision}" if part.revision else part.date
+    head = f"## {part.question}\n\n`python -m benchmarks.{part.module}`, {part.minutes:g} min ({when})"
     return "\n".join([head, "", "```", *part.lines, "```", ""])
 
 

@@ -19,6 +19,8 @@ SWITCH_INTERVAL_S = 5e-5  # a busy thread gives the interpreter lock away after 
 TICK_INTERVAL_S = 5e-4  # except a loop in its tick, and in the moment before
 _LEAD_NS = 200_000
 """A loop takes the interpreter lock so long before its deadline (docs/decisions/0019)."""
+_SPIN_NS = 50_000
+"""And does not sleep any more so long before it: the kernel's wake-up takes as much."""
 
 
 def prepare_process() -> str:
@@ -122,10 +124,14 @@ class RealtimeThread:
     def _wait(self, deadline_ns: int) -> None:
         """To the deadline, the last moment of it as the one thread of the process that runs."""
         self._clock.sleep_until_ns(deadline_ns - _LEAD_NS)
-        sys.setswitchinterval(TICK_INTERVAL_S)
         early_ns = min(_LEAD_NS, deadline_ns - self._clock.now_ns())
-        if early_ns > 0:
-            self._clock.hold_ns(early_ns)
+        if early_ns <= 0:  # it is late: whoever waits may interrupt the tick, or nobody else would ever run
+            return
+        sys.setswitchinterval(TICK_INTERVAL_S)
+        if early_ns > _SPIN_NS:
+            self._clock.hold_ns(early_ns - _SPIN_NS)
+        while 0 < deadline_ns - self._clock.now_ns() <= _LEAD_NS:
+            pass
 
     def _at_hand(self, deadline_ns: int, now_ns: int) -> int:
         """The deadline, which is never further ahead than a period by a clock that goes on; else now."""
