@@ -35,7 +35,7 @@ check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 
 docs: $(READY) ## the documentation as pages in site/, its reference from the code; any dead link fails
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
-	$(BIN)/python -m mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # sysidentpy asks for an older numpy than the product's and works with this one
 PEERS = $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]' \
