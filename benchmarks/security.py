@@ -20,10 +20,8 @@ from typing import Any
 
 import zenoh
 
-from benchmarks.gated import SESSION, gated
+from benchmarks.gated import command, gated
 from common.clock import MonotonicClock, now_utc
-from common.codec import encode
-from common.messages import MotionCommand
 from common.runtime.realtime import prepare_process
 from common.topics import COMMAND, FORCE, Qos
 from common.transport.port import Put
@@ -123,11 +121,7 @@ class _Channel:
         payload = bytes(64)
         self._sent_ns.append(time.perf_counter_ns())
         if self._variant.command:  # what it costs to say it is the sender's in every variant
-            command = MotionCommand(
-                session_id=SESSION, sequence=self._numbers, stamp_ns=_CLOCK.now_ns(),
-                position_m=0.05, velocity_m_s=0.01, deadman=True, recording_time_s=None,
-            )  # fmt: skip
-            payload = encode(command)
+            payload = command(self._numbers)
         self._put(payload)
 
     def await_answer(self) -> None:

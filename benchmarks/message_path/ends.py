@@ -7,22 +7,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from statistics import quantiles
 
-from benchmarks.gated import SESSION
-from common.codec import encode
-from common.messages import MotionCommand
+from benchmarks.gated import command
 
 PERIOD_S = 1e-3
 TO, BACK = "forefeel.bench.to", "forefeel.bench.back"
 """Subjects, channels and topics of those that have such."""
-
-
-def command(number: int) -> bytes:
-    """What is sent: a motion command as the master sends it."""
-    message = MotionCommand(
-        session_id=SESSION, sequence=number, stamp_ns=time.monotonic_ns(), position_m=0.05,
-        velocity_m_s=0.01, deadman=True, recording_time_s=None,
-    )  # fmt: skip
-    return encode(message)
 
 
 class Stopwatch:

@@ -18,7 +18,7 @@ from forefeel.daemon_settings import load_any, load_daemon
 from forefeel.local.audit_text import describe, entry_text, read_entries, read_verdict, verdict_json
 from forefeel.local.client import NobodyThereError, ask
 from forefeel.local.protocol import Answer, Request
-from forefeel.options import AsJson, Insecure, Quiet, ThroughRouter
+from forefeel.options import AsJson, Insecure, Quiet, ThroughRouter, ViewerPki
 from forefeel.terminal import answer, output, say
 
 audit_app = typer.Typer(help="The audit log of a daemon.", no_args_is_help=True)
@@ -40,9 +40,7 @@ def estop(  # noqa: PLR0913, PLR0917 - one parameter per option
     connect: Annotated[list[str] | None, typer.Option(metavar="ENDPOINT", help="Where; repeat it.")] = None,
     axis: Annotated[list[str] | None, typer.Option(help="Which axes; every one that is heard.")] = None,
     reason: Annotated[str, typer.Option(help="Stands in the audit log.")] = _REASON,
-    pki: Annotated[
-        Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role viewer.")
-    ] = None,
+    pki: ViewerPki = None,
     through_router: ThroughRouter = False,
     insecure: Insecure = False,
 ) -> None:

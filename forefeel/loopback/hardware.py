@@ -16,7 +16,7 @@ _BEYOND_M = 0.004
 _FULL_SCALE_N = 10.0
 _FASTER = 2.0
 """How much faster than the limits the drive could be, so that it follows them."""
-Words = tuple[str, ...]
+_Words = tuple[str, ...]
 _Devices = dict[str, dict[str, object]]
 
 
@@ -87,7 +87,7 @@ def _motion(limits: AxisLimits) -> dict[str, object]:
     }
 
 
-def _serial(limits: AxisLimits, ports: Path, words: Words) -> tuple[_Devices, list[Emulated]]:
+def _serial(limits: AxisLimits, ports: Path, words: _Words) -> tuple[_Devices, list[Emulated]]:
     """Stage and load cell, each on a line of its own."""
     stage = {
         "driver": "zaber_ascii", "port": str(ports / "stage"), "microstep_m": 1e-7,
@@ -98,7 +98,7 @@ def _serial(limits: AxisLimits, ports: Path, words: Words) -> tuple[_Devices, li
     return {"stage": stage, "load_cell": cell}, emulators
 
 
-def _can(limits: AxisLimits, ports: Path, words: Words, common: Words) -> tuple[_Devices, list[Emulated]]:
+def _can(limits: AxisLimits, ports: Path, words: _Words, common: _Words) -> tuple[_Devices, list[Emulated]]:
     """Drive and transducer on one bus: a hub with an end for each of them and one for the slave."""
     slave_end, stage_end, cell_end = (str(ports / name) for name in ("can-slave", "can-drive", "can-cell"))
     can = {"interface": "slcan", "channel": slave_end}

@@ -7,8 +7,9 @@ import pytest
 
 from benchmarks import __main__ as bench
 from benchmarks import lateness
+from benchmarks.gated import command
 from benchmarks.message_path import __main__ as message_path
-from benchmarks.message_path.ends import Stopwatch, command, summary
+from benchmarks.message_path.ends import Stopwatch, summary
 
 
 def test_a_quantile_of_whole_microseconds_is_in_the_middle_of_its_own() -> None:
