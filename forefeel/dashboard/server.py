@@ -30,7 +30,7 @@ from forefeel.terminal import say
 _POLL_S = 0.2
 _NICE = 10
 _BACKLOG = 64
-_WAITING = 2048  # each holds on to the packet that it came in: a starved viewer would keep gigabytes
+_WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
 _PATIENCE_S = 30.0  # a page that stalls is not made to load anew
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32"'

@@ -1,5 +1,6 @@
 """The transport over real Zenoh, on loopback TCP."""
 
+import os
 import signal
 import socket
 import subprocess
@@ -354,3 +355,30 @@ def test_what_is_far_too_large_is_not_even_put_together(net: Net) -> None:
     put(bytes(60_000))
     wait_until(lambda: 60_000 in got)
     assert 300_000 not in got
+
+
+def test_what_waits_for_a_reader_holds_on_to_little_memory(net: Net) -> None:
+    first, second = net.listener(), net.connector()
+    got: list[str] = []
+    goes_on = threading.Event()
+
+    def hear(key: str, _payload: bytes, _receive_ns: int) -> None:
+        got.append(key)
+        goes_on.wait()
+
+    first.subscribe_all("forefeel", hear)
+    put = second.publisher(KEY, Qos.STREAM)
+    put_until(put, lambda: got)
+    before_mb = resident_mb()
+    for _ in range(1000):
+        put(bytes(300))
+        time.sleep(0.0002)  # each travels by itself
+    grown_mb = resident_mb() - before_mb
+    goes_on.set()
+    wait_until(lambda: len(got) > 900)
+    assert grown_mb < 20.0  # 64 MB where each keeps the largest packet
+
+
+def resident_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
