@@ -19,7 +19,7 @@ FIXED: Mapping[str, object] = {
     "transport/unicast/open_timeout": 500,
     "transport/unicast/accept_timeout": 500,
     "transport/link/tx/queue/size/interactive_high": 16,
-    "transport/link/tx/batch_size": 4096,  # a message that waits for its reader holds on to as much, or to 64 KB
+    "transport/link/tx/batch_size": 4096,  # a message that waits holds on to as much, or to 64 KB
     "transport/link/rx/max_message_size": 4 * MAX_MESSAGE_BYTES,  # put together from fragments; or 1 GB
     # Opening returns at once; the other end may come later.
     "open/return_conditions": {"connect_scouted": False, "declares": False},
