@@ -1,4 +1,5 @@
-"""The service for a minute on simulated and on emulated devices: `python -m benchmarks.hardware_service`.
+"""The service on simulated and on emulated devices:
+`python -m benchmarks.hardware_service [ROUNDS [SECONDS]]`.
 
 Emulated devices speak their real byte protocols on pseudo terminals, each in a process of its own on this
 machine, which carries seven processes then.
@@ -7,13 +8,17 @@ machine, which carries seven processes then.
 import json
 import subprocess
 import sys
+from collections.abc import Iterable
+from math import nan
 from pathlib import Path
+from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from forefeel.loopback.hardware import HARDWARE
 
-DURATION_S = 60.0
+ROUNDS, DURATION_S = 3, 30.0
+_LOST = "master_forces_dropped", "recorder_lost"
 
 
 def measured(hardware: str, folder: Path, duration_s: float) -> dict[str, Any]:
@@ -29,33 +34,42 @@ def measured(hardware: str, folder: Path, duration_s: float) -> dict[str, Any]:
     return found
 
 
-def main(duration_s: float = DURATION_S) -> None:
-    """Prints one line for each."""
+def main(rounds: int = ROUNDS, duration_s: float = DURATION_S) -> None:
+    """Prints one line for each: medians over the rounds, which take turns, and the stops of every round."""
+    reports: dict[str, list[dict[str, Any]]] = {hardware: [] for hardware in HARDWARE}
+    for _ in range(rounds):
+        for hardware, found in reports.items():
+            with TemporaryDirectory() as folder:
+                found.append(measured(hardware, Path(folder), duration_s))
     print(
-        f"{'hardware':>16} {'armed %':>8} {'stops':>5} {'slave late, p50 / p99 / max us':>31} {'missed':>6} "
-        f"{'force age ms':>12} {'delay p99 ms':>12} {'lost':>5}"
+        f"{f'{rounds} x {duration_s:g} s':>16} {'armed %':>8} {'stops':>9} {'late, p50 / p99 / max us':>25} "
+        f"{'missed':>6} {'force age ms':>12} {'delay p99 ms':>12} {'lost':>5}"
     )
-    with TemporaryDirectory() as folder:
-        for hardware in HARDWARE:
-            report = measured(hardware, Path(folder), duration_s)
-            loop, counters = report["loop"]["slave"], report["counters"]
-            late = f"{loop['p50_us']:.0f} / {loop['p99_us']:.0f} / {loop['max_us']:.0f}"
-            lost = counters["master_forces_dropped"] + counters["recorder_lost"]
-            age, delay = _ms(report["force_age_s"]), _ms(report["delay_s"], "p99")
-            print(
-                f"{hardware:>16} {100.0 * (report['armed_share'] or 0.0):8.1f} {report['stops'] or 0:5d} "
-                f"{late:>31} {loop['missed']:6d} {age} {delay} {lost:5d}",
-                flush=True,
-            )
+    for hardware, found in reports.items():
+        print(row(hardware, found))
 
 
-def _ms(value: Any, key: str = "p50") -> str:  # noqa: ANN401 - a number, or its quantiles
-    if isinstance(value, dict):
-        found = next((number for name, number in value.items() if name.startswith(key)), None)
-    else:
-        found = value
-    return f"{'-' if found is None else format(1e3 * found, '.2f'):>12}"
+def row(hardware: str, found: list[dict[str, Any]]) -> str:
+    """The line of one hardware; late is the slave's loop."""
+    loops = [report["loop"]["slave"] for report in found]
+    armed = middle(report["armed_share"] for report in found)
+    stops = " ".join(str(report["stops"]) for report in found)
+    late = " / ".join(f"{middle(each[key] for each in loops):.0f}" for key in ("p50_us", "p99_us", "max_us"))
+    missed = middle(each["missed"] for each in loops)
+    age_s = middle((report["force_age_s"] or {}).get("p50") for report in found)
+    delay_s = middle((report["delay_s"] or {}).get("p99") for report in found)
+    lost = sum(report["counters"][key] for report in found for key in _LOST)
+    return (
+        f"{hardware:>16} {100.0 * armed:8.1f} {stops:>9} {late:>25} "
+        f"{missed:6.0f} {1e3 * age_s:12.2f} {1e3 * delay_s:12.2f} {lost:5d}"
+    )
+
+
+def middle(values: Iterable[float | None]) -> float:
+    """The median of those that are known."""
+    known = [value for value in values if value is not None]
+    return median(known) if known else nan
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else DURATION_S)
+    main(*(int(word) for word in sys.argv[1:2]), *(float(word) for word in sys.argv[2:3]))

@@ -12,7 +12,7 @@ import pytest
 
 from common.recording.recording import Recording
 from forefeel.__main__ import main
-from tests.commands.test_cli import contents
+from tests.commands.command_line import contents
 from tests.unit.evaluation_samples import csv_text, made_up, recording
 from tests.unit.recording_samples import force, write_forces
 

@@ -15,7 +15,7 @@ from common.state.journal import StateJournal
 from forefeel.doctor.findings import Finding
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
-from tests.commands.test_cli import COMMANDS, ROOT, group
+from tests.commands.command_line import COMMANDS, ROOT, group
 from tests.second_forms import forms
 from tests.secured import make_pki
 from tests.unit.diagnosis_samples import FRICTION_N, made, put

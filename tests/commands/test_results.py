@@ -13,7 +13,7 @@ from common.recording.mcap_reader import read_run
 from common.recording.mcap_writer import RunWriter
 from common.topics import FORCE
 from forefeel.files import fresh_folder, write_whole
-from tests.commands.test_cli import contents
+from tests.commands.command_line import contents
 from tests.simulation.pair import write_csv
 from tests.unit.recording_samples import force, put
 

@@ -9,7 +9,7 @@ import pytest
 
 from common.recording.tabular import load_recording
 from forefeel.__main__ import main
-from tests.commands.test_cli import contents
+from tests.commands.command_line import contents
 
 Run = Callable[[Sequence[str]], int]
 MODEL = "schema: forefeel.model/1\nname: a spring\neffects:\n  - effect: mass_damper_spring\n"

@@ -15,7 +15,7 @@ import pytest
 from forefeel import terminal
 from forefeel.emulate.run import DEVICES
 from forefeel.loopback.hardware import HARDWARE
-from tests.commands.test_cli import ROOT
+from tests.commands.command_line import ROOT
 from tests.secured import make_pki
 
 Run = Callable[[Sequence[str]], int]

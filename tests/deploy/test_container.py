@@ -12,7 +12,7 @@ from dockerfile_parse import DockerfileParser
 from jsonschema.validators import validator_for
 
 from forefeel.daemon_settings import load_daemon
-from tests.commands.test_cli import group
+from tests.commands.command_line import group
 
 ROOT = Path(__file__).parents[2]
 COMPOSE = ROOT / "deploy" / "compose.yaml"

@@ -14,7 +14,7 @@ from common.topics import BY_NAME
 from docs.hooks import command_line, configuration, markdown, messages
 from docs.hooks.units import unit_of
 from docs.hooks.values import default, values
-from tests.commands.test_cli import COMMANDS
+from tests.commands.command_line import COMMANDS
 from tests.docs.commands import tree
 from tests.docs.pages import ROOT
 

@@ -17,7 +17,7 @@ import yaml
 from common.recording.mcap_writer import RunWriter
 from forefeel.__main__ import main
 from forefeel.diagnose.examine import Task, examine
-from tests.commands.test_cli import contents
+from tests.commands.command_line import contents
 from tests.unit.diagnosis_samples import FRICTION_N, made, motion, put
 from tests.unit.evaluation_samples import Floats, csv_text, recording
 from tests.unit.recording_samples import force, write_forces

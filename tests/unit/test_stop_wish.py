@@ -2,7 +2,7 @@
 
 from common.messages import SafetyState
 from master.stop import StopWish
-from tests.unit.test_master_axis import Rig
+from tests.unit.master_rig import Rig
 
 MS = 1_000_000
 S = 1000 * MS

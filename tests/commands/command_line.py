@@ -1,0 +1,32 @@
+"""The commands, and where tests find them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from forefeel.cli import app
+
+COMMANDS = [
+    ["slave"], ["master"], ["config", "check"], ["record"], ["metrics"], ["dashboard"], ["view"], ["report"],
+    ["router"], ["loopback"], ["emulate"],
+    ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
+    ["pki", "init"], ["pki", "add"], ["pki", "show"], ["pki", "renew"], ["pki", "bundle"],
+    ["pki", "rules"],
+    ["doctor"], ["devices"], ["device", "probe"], ["calibrate", "load-cell"], ["calibrate", "stage"],
+    ["estop"], ["clear"], ["audit", "verify"], ["audit", "show"],
+]  # fmt: skip
+ROOT = Path(__file__).parents[2]
+
+
+def contents(folder: Path) -> dict[Path, bytes | None]:
+    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
+
+
+def group(path: Sequence[str]) -> Any:  # noqa: ANN401 - typer's own command class, private to it
+    """The command at that path of the command tree."""
+    command: Any = typer.main.get_command(app)
+    for name in path:
+        command = command.commands[name]
+    return command

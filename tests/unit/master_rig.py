@@ -1,0 +1,220 @@
+"""A master axis with a hand and a slave that do what a test wants."""
+
+from collections.abc import Iterator
+from itertools import count
+from typing import Any
+
+from common import topics
+from common.bus import Bus, Outlet
+from common.clock import VirtualClock
+from common.effects.model import ContactModel
+from common.errors import DeviceError
+from common.estimation.forecast import Estimate
+from common.estimation.identification import ContactIdentifier, IdentificationSettings
+from common.messages import (
+    EmergencyStop,
+    ForceSample,
+    Grip,
+    Handshake,
+    HapticSample,
+    Heartbeat,
+    MasterState,
+    MotionCommand,
+    SafetyState,
+    SlaveState,
+)
+from common.settings import AxisLimits, settings_hash, shared_text
+from common.topics import Qos
+from common.transport.memory import MemoryBus
+from master.axis import MasterAxis
+from master.handles.port import HandleReading, Indication
+from master.haptics import HapticLoop
+from master.identification import IdentificationTask
+from master.prediction import Present
+from master.session import Link
+from master.settings import MasterAxisSettings, RenderingSettings
+
+MS = 1_000_000
+S = SafetyState
+SHARED = shared_text("cell", "insertion", AxisLimits())
+MODEL = ContactModel.from_mapping(
+    {
+        "schema": "forefeel.model/1",
+        "name": "bias",
+        "effects": [{"effect": "bias", "parameters": {"force_n": 0.0}}],
+    }
+)
+
+
+class FakeHandle:
+    """A hand that stands where the test puts it and feels at most 2 N."""
+
+    def __init__(self) -> None:
+        self.reading = HandleReading(0.0, 0.0, True)
+        self.felt_n = list[float]()
+        self.shown = Indication(None, None)
+        self.broken = self.pressed_anew = False
+        self.counters = {"frames_lost": 3}
+        self.rearmed = 0
+        self.finished = False
+        self.clutched_out_s = 1.5
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def rearm(self) -> None:
+        self.rearmed += 1
+        self.pressed_anew = False
+
+    def read(self, now_ns: int) -> HandleReading:
+        del now_ns
+        if self.broken:
+            raise DeviceError("handle: unplugged")
+        return self.reading
+
+    def render(self, force_n: float, now_ns: int) -> float:
+        del now_ns
+        if self.broken:
+            raise DeviceError("handle: unplugged")
+        self.felt_n.append(max(-2.0, min(2.0, force_n)))
+        return self.felt_n[-1]
+
+    def show(self, indication: Indication) -> None:
+        self.shown = indication
+
+
+class FakePredictor:
+    def __init__(self) -> None:
+        self.answer: float | None = 1.0
+
+    def predict(self, present: Present) -> Estimate | None:
+        del present
+        if self.answer is None:
+            return None
+        return Estimate(self.answer, self.answer - 0.5, self.answer + 0.25, "friction")
+
+    def reset(self) -> None:
+        pass
+
+
+class Rig:
+    """A master axis at 1 kHz with a slave that says what a test wants, 10 ms late."""
+
+    def __init__(self) -> None:
+        self.clock = VirtualClock(1000 * MS)
+        network = MemoryBus()
+        self.handle, self.predictor = FakeHandle(), FakePredictor()
+        self.learned = list[ForceSample]()
+        ids = count(101)
+        self.axis = MasterAxis(
+            "cell",
+            MasterAxisSettings(),
+            self.handle,
+            HapticLoop(self.predictor, RenderingSettings()),
+            IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings()), self._learn),
+            Bus(network.session(self.clock), "cell", "insertion", self.clock),
+            ids.__next__,
+        )
+        session = network.session(self.clock)
+        bus = Bus(session, "cell", "insertion", self.clock)
+        self.force, self.state, self.shake, self.beat = (
+            bus.outlet(topic)
+            for topic in (topics.FORCE, topics.SLAVE_STATE, topics.SLAVE_HANDSHAKE, topics.SLAVE_HEARTBEAT)
+        )
+        self.put_raw = session.publisher(topics.FORCE.key("cell", "insertion"), Qos.STREAM)
+        self.commands, self.haptics = list[MotionCommand](), list[HapticSample]()
+        self.states, self.asked = list[MasterState](), list[Handshake]()
+        self.beats, self.stops = list[Heartbeat](), list[EmergencyStop]()
+        bus.subscribe(topics.COMMAND, lambda m, _: self.commands.append(m))
+        bus.subscribe(topics.HAPTICS, lambda m, _: self.haptics.append(m))
+        bus.subscribe(topics.MASTER_STATE, lambda m, _: self.states.append(m))
+        bus.subscribe(topics.MASTER_HANDSHAKE, lambda m, _: self.asked.append(m))
+        bus.subscribe(topics.MASTER_HEARTBEAT, lambda m, _: self.beats.append(m))
+        bus.subscribe(topics.EMERGENCY_STOP, lambda m, _: self.stops.append(m))
+        self.slave_ns = 0  # the slave's clock minus the master's
+
+    def _learn(self, sample: ForceSample) -> float:
+        self.learned.append(sample)
+        return sample.force_n
+
+    @property
+    def now_ns(self) -> int:
+        return self.clock.now_ns()
+
+    def header(self, outlet: Outlet, session_id: int | None = None) -> dict[str, Any]:
+        holder = self.axis.session.session_id if session_id is None else session_id
+        return {**outlet.header(holder, self.now_ns - 10 * MS + self.slave_ns)}
+
+    def answer(self, accepted: bool = True, shared: str = SHARED, **changes: Any) -> None:  # noqa: ANN401
+        fields: dict[str, Any] = {
+            **self.header(self.shake),
+            "role": "slave",
+            "instance_id": 7,
+            "software": "forefeel",
+            "settings_hash": settings_hash(shared),
+            "settings": shared,
+            "accepted": accepted,
+            **changes,
+        }
+        self.shake.send(Handshake(**fields))
+
+    def say_state(self, state: S = S.ARMED, session_id: int | None = None) -> None:
+        self.state.send(
+            SlaveState(
+                **self.header(self.state, session_id),
+                state=state,
+                reason="",
+                position_m=0.05,
+                velocity_m_s=0.0,
+                gripper=Grip.CLOSED,
+                stops=0,
+                clock_offset_ns=None,
+                clock_bound_ns=None,
+                counters={},
+            )
+        )
+
+    def say_force(self, session_id: int | None = None, **changes: Any) -> None:  # noqa: ANN401 - any field
+        newest = self.commands[-1] if self.commands else None
+        fields: dict[str, Any] = {
+            **self.header(self.force, session_id),
+            "position_m": 0.05,
+            "velocity_m_s": 0.0,
+            "force_n": 0.3,
+            "raw_counts": 3,
+            "valid": True,
+            "answers_sequence": newest.sequence if newest else None,
+            "answers_stamp_ns": newest.stamp_ns if newest else None,
+            **changes,
+        }
+        self.force.send(ForceSample(**fields))
+
+    def step(self, ticks: int = 1, state: S | None = S.ARMED, force: bool = True) -> None:
+        for _ in range(ticks):
+            self.clock.set_ns(self.now_ns + MS)
+            if force:
+                self.say_force()
+            if state is not None:
+                self.say_state(state)
+            self.axis.tick(self.now_ns)
+
+    def counters(self) -> dict[str, int]:
+        self.axis.report(self.now_ns)
+        return self.states[-1].counters
+
+
+def shown(rig: Rig) -> SafetyState | None:
+    return rig.handle.shown.state
+
+
+def linked() -> Iterator[Rig]:
+    """With an open session; whatever happened, the hand was never pushed with more than it may be."""
+    rig = Rig()
+    rig.axis.serve(rig.now_ns)
+    rig.answer()
+    assert rig.axis.session.link is Link.OPEN
+    yield rig
+    assert all(-2.0 <= force_n <= 2.0 for force_n in rig.handle.felt_n)
