@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from nicegui import ui
 
 from common.clock import MonotonicClock
-from common.errors import EndpointError, RunError
+from common.errors import RunError
 from common.transport.security import Party
 from common.transport.strands import StrandedTransport
 from forefeel.dashboard.conversation import PATH, Conversations
@@ -23,13 +23,13 @@ from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.page import build, serve_files
 from forefeel.dashboard.sources import LiveCell, Recorded, Source
 from forefeel.interrupt import interruptible
+from forefeel.listening import listening_at
 from forefeel.network_settings import ObserverSettings
 from forefeel.parent import die_with_parent
 from forefeel.terminal import say
 
 _POLL_S = 0.2
 _NICE = 10
-_BACKLOG = 64
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
 _PATIENCE_S = 30.0  # a page that stalls is not made to load anew
 _ICON = (
@@ -51,7 +51,7 @@ def run_dashboard(
     """
     die_with_parent()
     clock, failed = MonotonicClock(), list[Exception]()
-    listening = _listening(address, port)
+    listening = listening_at(address, port)
     with listening:
         where = ", ".join(settings.transport.connect + settings.transport.listen)
         live = LiveCell(settings.cell, where, clock)
@@ -82,7 +82,7 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
     """
     recorded = Recorded(file)
     _step_back()
-    with _listening(address, port) as listening:
+    with listening_at(address, port) as listening:
         _serve(listening, recorded, str(file), opens, [lambda: _until(duration_s, [])])
 
 
@@ -90,15 +90,6 @@ def _step_back() -> None:
     """Whoever looks stands behind those who move something."""
     with suppress(OSError):
         os.nice(_NICE)
-
-
-def _listening(address: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    try:
-        return socket.create_server((address, port), family=family, backlog=_BACKLOG)
-    except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        raise EndpointError(f"--port {port} at {address}: {reason}; expected a free one") from error
 
 
 def _serve(

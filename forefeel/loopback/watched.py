@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from forefeel.extras import how_to_get
+from forefeel.listening import BACKLOG, INHERITED
 
 PORT = 8600
 LOG = "dashboard.log"
@@ -35,23 +36,27 @@ class Watched:
         if find_spec("nicegui") is None:
             self._say(f"dashboard: {how_to_get('dashboard')}")
             return
-        port = _port()
-        connect = [word for endpoint in endpoints for word in ("--connect", endpoint)]
-        words = ["-m", "forefeel", "dashboard", "--cell", cell, "--port", str(port), *connect]
         try:
-            with (out / LOG).open("wb") as log:
+            with _listening() as listening, (out / LOG).open("wb") as log:
+                port, fileno = listening.getsockname()[1], listening.fileno()
                 self._process = subprocess.Popen(
-                    [*_BEHIND, sys.executable, *words, *(["--open"] if self._opens else [])],
+                    [*_BEHIND, sys.executable, *self._words(cell, endpoints, port)],
                     stdin=subprocess.DEVNULL,
                     stdout=log,
                     stderr=log,
                     start_new_session=True,
-                    env={**os.environ, "FOREFEEL_PARENT": str(os.getpid())},
+                    env={**os.environ, "FOREFEEL_PARENT": str(os.getpid()), INHERITED: str(fileno)},
+                    pass_fds=[fileno],
                 )
         except OSError as error:
             self._say(f"dashboard: {error.strerror or error}")
             return
         self._say(f"dashboard at http://127.0.0.1:{port}/ while it runs")
+
+    def _words(self, cell: str, endpoints: Sequence[str], port: int) -> list[str]:
+        connect = [word for endpoint in endpoints for word in ("--connect", endpoint)]
+        words = ["-m", "forefeel", "dashboard", "--cell", cell, "--port", str(port), *connect]
+        return [*words, "--open"] if self._opens else words
 
     def end(self) -> None:
         """However it is; a dashboard that failed has said so in its log."""
@@ -66,10 +71,9 @@ class Watched:
             self._process.wait()
 
 
-def _port() -> int:
-    """The usual one, or any that is free."""
-    for wanted in (PORT, 0):
-        with suppress(OSError), socket.create_server(("127.0.0.1", wanted)) as probe:
-            port: int = probe.getsockname()[1]
-            return port
-    return PORT
+def _listening() -> socket.socket:
+    """At the usual port, or at any; whoever opens the page before it is served waits and is not refused."""
+    try:
+        return socket.create_server(("127.0.0.1", PORT), backlog=BACKLOG)
+    except OSError:
+        return socket.create_server(("127.0.0.1", 0), backlog=BACKLOG)

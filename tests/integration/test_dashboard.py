@@ -4,7 +4,9 @@ import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.error import URLError
 from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ pytest.importorskip("playwright")
 from playwright.sync_api import Browser
 
 from common.topics import FORCE, HAPTICS, MASTER_STATE, SAFETY_EVENT, SLAVE_STATE
+from forefeel.loopback.watched import Watched
 from tests.dashboard.browser import Served, Shown, Speaker, browser
 from tests.dashboard.said import CELL, HOSTILE, safety
 from tests.dashboard.test_replay import write
@@ -306,3 +309,17 @@ def test_an_unused_port_and_a_taken_one(speaker: Speaker, tmp_path: Path) -> Non
     ended = Process("brief", tmp_path, *words[:-1], str(free_port()), "--duration", "0.5")
     assert ended.process.wait(30) == 0
     assert MASTER_STATE.name not in ended.log.read_text()
+
+
+def test_who_opens_the_page_of_a_loopback_at_once_is_not_refused(speaker: Speaker, tmp_path: Path) -> None:
+    said: list[str] = []
+    watched = Watched(False, said.append)
+    watched.start(CELL, [speaker.endpoint], tmp_path)
+    try:
+        (address,) = re.findall(r"http://\S+", said[0])
+        with urlopen(address, timeout=30.0) as answer:
+            assert b"forefeel" in answer.read()
+    finally:
+        watched.end()
+    with pytest.raises(URLError):
+        urlopen(address, timeout=30.0).close()
