@@ -90,7 +90,7 @@ HandleSettings = Annotated[
 
 
 class PredictionSettings(Settings):
-    """The contact model and how it is learned. `model`: a model.yaml; the paper's m, b, k and a bias without
+    """The contact model and how it is learned. `model`: a model.yaml; m, b, k, bias and friction without
     one.
 
     `cutoff_hz`: of the filter that motion and force pass alike before identification; `velocity_cutoff_hz`:

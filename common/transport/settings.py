@@ -25,13 +25,13 @@ def _whole_path(path: Path, info: ValidationInfo) -> Path:
 class TransportSettings(Settings):
     """Zenoh endpoints of this daemon, as `tcp/host:port`; `tls/`, `quic/` and `udp/` too.
 
-    A `peer` waits for whoever it connects to. A `client` speaks to a router, which must be up when it
-    starts. `lease_s`: a silent link counts as lost after this. `pki`: the folder of certificates that
-    `forefeel pki init` made; with it every endpoint is tls/ or quic/, and each role may do its own only.
-    `zenoh_file`: a Zenoh JSON5 file with what else is wanted; endpoints and lease in it are ignored.
-    `strands`: over how many connections the 1 kHz streams take turns, on as many ports from that of each
-    endpoint upwards, the same number at every end of the cell: over a link that loses packets a single TLS
-    connection stands still for a round trip each time.
+    A `peer` waits for whoever it connects to. A `client` speaks to a router: slave and master wait for it,
+    others end when it does not answer. `lease_s`: a silent link counts as lost after this. `pki`: the folder
+    of certificates that `forefeel pki init` made; with it every endpoint is tls/ or quic/, and each role may
+    do its own only. `zenoh_file`: a Zenoh JSON5 file with what else is wanted; endpoints and lease in it are
+    ignored. `strands`: over how many connections the 1 kHz streams take turns, on as many ports from that of
+    each endpoint upwards, the same number at every end of the cell: over a link that loses packets a single
+    TLS connection stands still for a round trip each time.
     """
 
     mode: Literal["peer", "client"] = "peer"
