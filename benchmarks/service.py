@@ -50,10 +50,13 @@ def _daemon(role: str, settings: Path) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "forefeel", role, "--config", str(settings)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
+    line = "nothing said"
     try:
         for line in process.stderr:
             if _READY[role] in line:
                 break
+        else:
+            raise SystemExit(f"{role} ended: {line.strip()}")
         print(f"{role}: '{_READY[role]}' {time.monotonic() - start_s:.2f} s after its start")
         yield process
     finally:

@@ -50,8 +50,10 @@ def row(laboratory: Laboratory, number: int, seconds: float) -> dict[str, float]
     for each in viewers:
         assert each.stdout is not None
         each.stdout.readline()  # it hears
-    before_s, start_s = laboratory.busy_s(), time.monotonic()
     with laboratory.watched() as found:
+        before_s, start_s = laboratory.busy_s(), time.monotonic()
+        for each in viewers:
+            print(file=each.stdin, flush=True)  # it counts from now
         time.sleep(seconds)
         heard, busy = found[_CELL], (laboratory.busy_s() - before_s) / (time.monotonic() - start_s)
     rates = [float(each.communicate(timeout=_START_S)[0]) for each in viewers]
@@ -81,6 +83,7 @@ def watch(endpoint: str, seconds: float) -> None:
         while not counted[0]:
             time.sleep(0.01)
         print("hears", flush=True)
+        sys.stdin.readline()
         first, start_s = counted[0], time.monotonic()
         time.sleep(seconds)
         print((counted[0] - first) / (time.monotonic() - start_s))

@@ -1,4 +1,4 @@
-"""The only reader of the system's time."""
+"""The only reader of the system's time for what is commanded, predicted, recorded or judged."""
 
 import ctypes
 import time

@@ -4,7 +4,8 @@ from collections import deque
 from dataclasses import dataclass
 
 _LARGEST_NS = 2**62  # 146 years: a forged stamp, and more than a message could carry
-_DRIFT_DIVISOR = 10_000  # two free crystals of 50 ppm part by at most 1 ns in this many
+DRIFT_DIVISOR = 10_000
+"""Two free crystals of 50 ppm part by at most 1 ns in this many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,6 @@ class ClockOffset:
         while self._exchanges[0][0] < t4 - self._window_ns:
             self._exchanges.popleft()
         bound, offset = min(
-            ((trip + 1) // 2 + (t4 - then) // _DRIFT_DIVISOR, offset)
-            for then, trip, offset in self._exchanges
+            ((trip + 1) // 2 + (t4 - then) // DRIFT_DIVISOR, offset) for then, trip, offset in self._exchanges
         )
         self.best = OffsetEstimate(offset, bound)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
 from pydantic_core import ErrorDetails
 
 from common.config_keys import expected_keys, leaves
@@ -114,6 +114,14 @@ def checked(
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise ConfigurationError(_describe(first, kind, where, lines or {})) from error
+
+
+def beside_the_file(path: Path, info: ValidationInfo) -> Path:
+    """A relative path counts from the folder of the settings file, which the validation context names.
+
+    Absolute, for effective settings that are printed may be read from elsewhere.
+    """
+    return (Path((info.context or {}).get("directory", "")) / path).absolute()
 
 
 def _describe(problem: ErrorDetails, kind: type[BaseModel], where: str, lines: dict[Place, int]) -> str:

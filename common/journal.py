@@ -5,16 +5,31 @@ from threading import Lock
 
 from common.audit import Detail
 from common.flight import Rings
-from common.messages import SafetyState
+from common.messages import FOLLOWING, Handshake, SafetyState
 
 _SECOND_NS = 1_000_000_000
 
 HALTED = frozenset({SafetyState.FAULT, SafetyState.ESTOPPED})
 UNASKED = frozenset({"watchdog", "session_lost", "misaligned", "round_trip"})
-"""Events that end a motion without the person's wish: like what halts, they are worth a flight record."""
+"""Events that end a motion without the person's wish."""
 
 REFUSALS = frozenset({"session", "sequence", "late", "future", "range", "alignment", "round_trip"})
 """Rules by which a command is refused; the others change a motion, and stand in the recording."""
+
+
+def worth_a_record(before: SafetyState, event: str, after: SafetyState) -> bool:
+    """Whether a flight record is kept of a transition: whatever halts, or ends a motion unasked."""
+    return after in HALTED or (before in FOLLOWING and event in UNASKED)
+
+
+def peer(handshake: Handshake) -> dict[str, Detail]:
+    """Who the other end is, for an entry about a session."""
+    return {
+        "session": handshake.session_id,
+        "peer": handshake.instance_id,
+        "software": handshake.software,
+        "settings": handshake.settings_hash,
+    }
 
 
 class Journal:
@@ -77,3 +92,19 @@ class Tally:
             self._said_ns.update(dict.fromkeys(due, now_ns))
         for (event, name), count, details in said:
             journal.note(event, now_ns, axis, name=name, count=count, **details)
+
+
+class Malformed:
+    """Payloads that were no message of their topic, as they are counted by a bus, into a tally."""
+
+    def __init__(self, tally: Tally) -> None:
+        self._tally = tally
+        self._said: dict[str, int] = {}
+
+    def counted(self, counts: Mapping[str, int]) -> None:
+        """The counts of now, by topic."""
+        for topic, count in counts.items():
+            new = count - self._said.get(topic, 0)
+            if new:
+                self._said[topic] = count
+                self._tally.add("malformed", topic, new)

@@ -51,6 +51,10 @@ class SafetyState(StrEnum):
     ESTOPPED = "estopped"
 
 
+FOLLOWING = frozenset({SafetyState.ENGAGING, SafetyState.ARMED})
+"""The states in which the stage follows commands."""
+
+
 class Grip(StrEnum):
     """What the fixture on the stage does with the instrument."""
 

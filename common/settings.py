@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
-from common.config import Settings
+from common.config import Settings, beside_the_file
 from common.errors import ConfigurationError, RecordingError
 from common.messages import PROTOCOL_VERSION
 from common.recording.tabular import Mapping
@@ -25,8 +25,7 @@ def _segment(text: str) -> str:
 
 
 def _existing(path: Path, info: ValidationInfo) -> Path:
-    directory = (info.context or {}).get("directory", Path())
-    resolved: Path = (directory / path).absolute()
+    resolved = beside_the_file(path, info)
     if not resolved.is_file():
         raise ValueError("expected a file that exists (relative to this configuration file)")
     return resolved
@@ -116,10 +115,6 @@ class RealtimeSettings(Settings):
         return self
 
 
-def _beside_the_settings(path: Path, info: ValidationInfo) -> Path:
-    return Path((info.context or {}).get("directory", Path()) / path).absolute()
-
-
 class StateSettings(Settings):
     """Where a daemon keeps its audit log, flight records and local socket, relative to this file.
 
@@ -127,7 +122,7 @@ class StateSettings(Settings):
     and in it CELL-ROLE. `flight_records`: how many of them are kept.
     """
 
-    directory: Annotated[Path, AfterValidator(_beside_the_settings)] | None = None
+    directory: Annotated[Path, AfterValidator(beside_the_file)] | None = None
     flight_records: Annotated[int, Field(ge=1, le=10_000)] = 20
 
 

@@ -23,5 +23,5 @@ def listening_at(address: str, port: int) -> socket.socket:
     try:
         return socket.create_server((address, port), family=family, backlog=BACKLOG)
     except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error)
+        reason = str(error.strerror).partition(" (")[0]  # Python adds the address
         raise EndpointError(f"--port {port} at {address}: {reason}; expected a free one") from error

@@ -10,7 +10,7 @@ from forefeel.terminal import output
 
 EPILOG = (
     "Example: forefeel record --config deploy/config/recorder.yaml --out run.mcap   "
-    "Example: forefeel record --cell cathlab --connect tls/10.0.0.2:7447 --pki pki --out run.mcap"
+    "Example: forefeel record --cell cathlab --connect tls/10.0.0.1:7447 --pki pki --out run.mcap"
 )
 
 

@@ -1,12 +1,9 @@
 """What one axis of the master leaves behind: entries of the audit log, and triggers of flight records."""
 
-from common.audit import Detail
 from common.bus import Bus
-from common.journal import HALTED, REFUSALS, UNASKED, Journal, Tally
-from common.messages import Handshake, LimitEvent, SafetyEvent, SafetyState
+from common.journal import REFUSALS, Journal, Malformed, Tally, peer, worth_a_record
+from common.messages import Handshake, LimitEvent, SafetyEvent
 from common.notices import Notices
-
-_FOLLOWING = frozenset({SafetyState.ENGAGING, SafetyState.ARMED})
 
 
 class AxisDiary:
@@ -15,7 +12,7 @@ class AxisDiary:
     def __init__(self, journal: Journal, axis: str) -> None:
         self._journal, self._axis = journal, axis
         self._tally = Tally()
-        self._malformed: dict[str, int] = {}
+        self._malformed = Malformed(self._tally)
         self._open_session: int | None = None
         self._handle_fault: str | None = None
         self._problem: str | None = None
@@ -27,7 +24,7 @@ class AxisDiary:
             before=event.before.value, event=event.event, after=event.after.value,
             reason=event.reason, session=event.session_id,
         )  # fmt: skip
-        if event.after in HALTED or (event.before in _FOLLOWING and event.event in UNASKED):
+        if worth_a_record(event.before, event.event, event.after):
             self._journal.flight(self._axis, event.event, event.reason, now_ns)
 
     def slave_limit(self, event: LimitEvent) -> None:
@@ -37,17 +34,11 @@ class AxisDiary:
 
     def answered(self, handshake: Handshake, opened: bool, accepted: bool, reason: str, now_ns: int) -> None:
         """The slave's answer to a handshake."""
-        peer: dict[str, Detail] = {
-            "session": handshake.session_id,
-            "peer": handshake.instance_id,
-            "software": handshake.software,
-            "settings": handshake.settings_hash,
-        }
         if opened:
             self._open_session = handshake.session_id
-            self._journal.note("session_opened", now_ns, self._axis, **peer)
+            self._journal.note("session_opened", now_ns, self._axis, **peer(handshake))
         elif not accepted:
-            self._tally.add("session_refused", "handshake", 1, **{**peer, "reason": reason})
+            self._tally.add("session_refused", "handshake", 1, **{**peer(handshake), "reason": reason})
 
     def session_lost(self, now_ns: int, reason: str) -> None:
         """The session is not open any more; said once. Nobody else heard what the hand felt."""
@@ -74,9 +65,5 @@ class AxisDiary:
         if problem is not None and self._problem is None:
             notices.add(f"{problem}; what happens is not written down")
         self._problem = problem
-        for topic, count in list(bus.malformed.items()):
-            new = count - self._malformed.get(topic, 0)
-            if new:
-                self._malformed[topic] = count
-                self._tally.add("malformed", topic, new)
+        self._malformed.counted(dict(bus.malformed))
         self._tally.drain(self._journal, now_ns, self._axis)

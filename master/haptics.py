@@ -6,20 +6,16 @@ from typing import NamedTuple
 from common.estimation.forecast import Estimate
 from common.estimation.identification import ContactEstimate
 from common.limiter import LimitHit
-from common.messages import ForceSample, Grip, SafetyState
+from common.messages import FOLLOWING, ForceSample, Grip, SafetyState
 from master.clutch import Clutch
 from master.handles.port import HandleReading
 from master.prediction import Prediction, Present
 from master.rendering import ForceRenderer
 from master.settings import RenderingSettings
 
-_LIVE = frozenset({SafetyState.ENGAGING, SafetyState.ARMED})
-
 
 class NewestForce(NamedTuple):
-    """The newest valid force that arrived: sample, arrival stamp, and its age then (None while the clocks are
-    not compared).
-    """
+    """The newest valid force that arrived, and when."""
 
     sample: ForceSample
     arrived_ns: int
@@ -66,7 +62,7 @@ class HapticLoop:
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
         predicted = self._predict(now_ns, position_m, inputs)
         fresh = force is not None and now_ns - force.arrived_ns <= self._stale_ns
-        live = fresh and reading.deadman and inputs.state in _LIVE
+        live = fresh and reading.deadman and inputs.state in FOLLOWING
         held_n = force.sample.force_n if force else None
         felt_n = held_n if self._feels_hold else predicted.force_n if predicted else None
         rendered = self._renderer.render(now_ns, felt_n, live, reading.position_m)

@@ -1,15 +1,14 @@
 """What one axis of the slave leaves behind: audit entries, cycles and triggers of flight records."""
 
 from common import topics
-from common.audit import SAFETY, Detail
+from common.audit import SAFETY
 from common.bus import Bus
 from common.flight import CycleRow
-from common.journal import HALTED, REFUSALS, UNASKED, Journal, Tally
+from common.journal import REFUSALS, Journal, Malformed, Tally, peer, worth_a_record
 from common.limiter import LimitHit
 from common.messages import Grip, Handshake, SafetyState
 from slave.control import ControlOutputs, Transition
 from slave.devices import DeviceWatch
-from slave.safety import FOLLOWING
 
 _MINUTE_NS = 60_000_000_000
 
@@ -21,7 +20,7 @@ class AxisDiary:
         self._journal, self._axis = journal, axis
         self._tally = Tally()
         self._faults = Tally(_MINUTE_NS)  # a device that stays broken fails at every tick
-        self._malformed: dict[str, int] = {}
+        self._malformed = Malformed(self._tally)
         self._live = False
         key = topics.CONTROL_CYCLE.key(cell, axis)
         self._add_cycle = journal.rings.ring(key).add if journal.rings is not None else None
@@ -53,7 +52,7 @@ class AxisDiary:
             SAFETY, now_ns, self._axis,
             before=before.value, event=event.value, after=after.value, reason=reason, session=session,
         )  # fmt: skip
-        if after in HALTED or (before in FOLLOWING and event in UNASKED):
+        if worth_a_record(before, event, after):
             self._journal.flight(self._axis, event.value, reason, now_ns)
 
     def stop_asked(self, by: str, reason: str) -> None:
@@ -73,17 +72,11 @@ class AxisDiary:
 
     def answered(self, now_ns: int, handshake: Handshake, reason: str, session_before: int) -> None:
         """A handshake was answered; `reason`: why it was refused, or empty."""
-        peer: dict[str, Detail] = {
-            "session": handshake.session_id,
-            "peer": handshake.instance_id,
-            "software": handshake.software,
-            "settings": handshake.settings_hash,
-        }
         if reason:
-            self._tally.add("session_refused", "handshake", 1, **{**peer, "reason": reason})
+            self._tally.add("session_refused", "handshake", 1, **{**peer(handshake), "reason": reason})
         elif handshake.session_id != session_before:
             self._live = True
-            self._journal.note("session_opened", now_ns, self._axis, **peer)
+            self._journal.note("session_opened", now_ns, self._axis, **peer(handshake))
 
     def serve(self, now_ns: int, bus: Bus, session: int, live: bool, last: bool = False) -> None:
         """Says what was gathered, and that a session was lost; about every 10 ms."""
@@ -91,10 +84,6 @@ class AxisDiary:
             self._journal.note("session_lost", now_ns, self._axis, session=session)
         self._live = live
         wildcards = {"wildcard": bus.refused} if bus.refused else {}
-        for topic, count in {**dict(bus.malformed), **wildcards}.items():
-            new = count - self._malformed.get(topic, 0)
-            if new:
-                self._malformed[topic] = count
-                self._tally.add("malformed", topic, new)
+        self._malformed.counted({**dict(bus.malformed), **wildcards})
         for tally in (self._tally, self._faults):
             tally.drain(self._journal, now_ns, self._axis, last)

@@ -5,12 +5,11 @@ received the command.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from common.clock_offset import OffsetEstimate
+from common.clock_offset import DRIFT_DIVISOR, OffsetEstimate
 from common.messages import MotionCommand
 
 SECOND_WRITER = "second_writer"
 _GAPS = 64  # of the numbers that came, remembered
-_DRIFT_DIVISOR = 10_000  # two free crystals of 50 ppm part by at most 1 ns in this many: it ages no command
 
 
 class Refusal(NamedTuple):
@@ -51,7 +50,7 @@ class _Window:
         if self._smallest_ns is None:
             return None
         elapsed_ns = receive_ns - self._seen_ns
-        return self._smallest_ns + (elapsed_ns // _DRIFT_DIVISOR if elapsed_ns > 0 else 0)
+        return self._smallest_ns + (elapsed_ns // DRIFT_DIVISOR if elapsed_ns > 0 else 0)
 
     def is_of_another_writer(self, command: MotionCommand) -> bool:
         """Whether a command that comes too late by its number was stamped after the newest, under a number

@@ -13,7 +13,7 @@ Only ENGAGING and ARMED follow commands; every other state ramps to zero velocit
 
 from enum import StrEnum
 
-from common.messages import SafetyState
+from common.messages import FOLLOWING, SafetyState
 
 
 class SafetyEventName(StrEnum):
@@ -50,8 +50,6 @@ TABLE: dict[tuple[SafetyState, SafetyEventName], SafetyState] = {
     (S.ESTOPPED, E.CLEAR): S.IDLE,
 }
 """Every transition there is; a pair that is not listed leaves the state as it is."""
-
-FOLLOWING = frozenset({S.ENGAGING, S.ARMED})
 
 
 class SafetyMachine:

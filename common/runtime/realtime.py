@@ -122,10 +122,15 @@ class RealtimeThread:
             deadline_ns += (1 + skipped) * period_ns
 
     def _wait(self, deadline_ns: int) -> None:
-        """To the deadline, the last moment of it as the one thread of the process that runs."""
+        """To the deadline, the last moment of it as the one thread of the process that runs; not so after a
+        tick that took that long or was late, or nobody else would ever run.
+        """
+        if self._clock.now_ns() > deadline_ns - _LEAD_NS:
+            self._clock.sleep_until_ns(deadline_ns)
+            return
         self._clock.sleep_until_ns(deadline_ns - _LEAD_NS)
         early_ns = min(_LEAD_NS, deadline_ns - self._clock.now_ns())
-        if early_ns <= 0:  # it is late: whoever waits may interrupt the tick, or nobody else would ever run
+        if early_ns <= 0:
             return
         sys.setswitchinterval(TICK_INTERVAL_S)
         if early_ns > _SPIN_NS:

@@ -4,22 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from common.config import Settings
+from common.config import Settings, beside_the_file
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 Seconds = Annotated[float, Field(ge=0, le=10)]
-
-
-def _beside_the_settings(path: Path, info: ValidationInfo) -> Path:
-    """A relative path counts from the folder of the settings file, which the validation context names."""
-    return Path((info.context or {}).get("directory", "")) / path
-
-
-def _whole_path(path: Path, info: ValidationInfo) -> Path:
-    """The same as an absolute path: effective settings that are printed may be read from elsewhere."""
-    return _beside_the_settings(path, info).absolute()
 
 
 class TransportSettings(Settings):
@@ -39,8 +29,8 @@ class TransportSettings(Settings):
     connect: tuple[str, ...] = ()
     lease_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     strands: Annotated[int, Field(ge=1, le=16)] = 1
-    pki: Annotated[Path, AfterValidator(_whole_path)] | None = None
-    zenoh_file: Annotated[Path, AfterValidator(_beside_the_settings)] | None = None
+    pki: Annotated[Path, AfterValidator(beside_the_file)] | None = None
+    zenoh_file: Annotated[Path, AfterValidator(beside_the_file)] | None = None
 
     @model_validator(mode="after")
     def _client_connects(self) -> Self:

@@ -93,8 +93,6 @@ class Judge:
         """Whether much of what a spring, a damper, a mass and a bias leave is left by the causes, too, and is
         no noise.
         """
-        self.foretold = foretold_share(self.regression, self.fit)
-        self.flexible = flexible_gain(self.regression, self.fit)
         if any(fault.name == "sensor_quantisation" for fault in self.faults):
             return False
         pulsing = modulation_gain(self.regression, self.fit)
@@ -106,9 +104,11 @@ class Judge:
 
     def _structured_share(self) -> float:
         """Share of what is left that is no noise: by its memory, by a flexible model, by its size."""
-        shares = [self.foretold if self.foretold > _FORETOLD else 0.0]
-        if self.flexible.low > _FLEXIBLE and self.flexible.gain > 2.0 * _FLEXIBLE:
-            shares.append(1.0 - (1.0 - self.flexible.gain) ** 2)
+        foretold = foretold_share(self.regression, self.fit)
+        flexible = flexible_gain(self.regression, self.fit)
+        shares = [foretold if foretold > _FORETOLD else 0.0]
+        if flexible.low > _FLEXIBLE and flexible.gain > 2.0 * _FLEXIBLE:
+            shares.append(1.0 - (1.0 - flexible.gain) ** 2)
         cap = noise_cap_n(self.analysis.recording, self.analysis.cleaned.force_n)
         signals = self.regression.signals
         if cap is not None and self.residual_n > _OF_FORCE * float(np.std(signals.force[signals.rows])):

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Model, Shape
+from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Model
 from diagnosis.diagnose.periods import Periods
 from diagnosis.diagnose.regression import Fit, Regression
 
@@ -39,7 +39,7 @@ class Refiner:
     def _refine_one(self, fit: Fit, name: str, wide: bool, most: int) -> Fit:
         if len(fit.model[name]) > 1:
             return self._refine_jointly(fit, name, most)
-        return self._refine_axis(fit, name, 0, wide)
+        return self._refine_alone(fit, name, wide)
 
     def _refine_jointly(self, fit: Fit, name: str, most: int) -> Fit:
         """Shapes of one cause that trade against each other: a simplex on their logarithms."""
@@ -67,15 +67,15 @@ class Refiner:
         )
         return best if best.score < lowest.score + 1.0 else lowest
 
-    def _refine_axis(self, fit: Fit, name: str, index: int, wide: bool) -> Fit:
-        candidate, shape = CANDIDATES[name], fit.model[name]
-        low, high, logarithmic = self._bracket(candidate, shape, index, wide)
+    def _refine_alone(self, fit: Fit, name: str, wide: bool) -> Fit:
+        """The one shape of a cause."""
+        low, high, logarithmic = self._bracket(CANDIDATES[name], fit.model[name][0], wide)
         best = fit
 
         def cost(z: float) -> float:
             nonlocal best
             value = float(np.exp(z)) if logarithmic else float(z)
-            trial = self.fit({**fit.model, name: (*shape[:index], value, *shape[index + 1 :])})
+            trial = self.fit({**fit.model, name: (value,)})
             if trial.feasible and trial.score < best.score:
                 best = trial
             return trial.score
@@ -85,14 +85,12 @@ class Refiner:
         )
         return best
 
-    def _bracket(
-        self, candidate: Candidate, shape: Shape, index: int, wide: bool
-    ) -> tuple[float, float, bool]:
-        value = shape[index]
+    def _bracket(self, candidate: Candidate, value: float, wide: bool) -> tuple[float, float, bool]:
+        """Lowest and highest, and whether they are logarithms."""
         if candidate.name == "pulsation":
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
             return value - min(reach, 0.3 * value), value + reach, False
-        grid = sorted({point[index] for point in candidate.grid(self.regression.extent)})
+        grid = sorted({point[0] for point in candidate.grid(self.regression.extent)})
         if candidate.logarithmic:
             ratio = float(np.log(grid[-1] / grid[0])) / (len(grid) - 1) * (1.0 if wide else 0.15)
             low, high = float(np.log(grid[0])), float(np.log(grid[-1])) + 0.2

@@ -16,7 +16,7 @@ from common.topics import MASTER_TIMING, Topic
 from forefeel.dashboard.detector import ModelWatch
 from forefeel.dashboard.happened import Happened
 from forefeel.dashboard.rings import Ring
-from forefeel.dashboard.timeline import Timeline
+from forefeel.dashboard.timeline import RESTART_NS, Timeline
 from forefeel.dashboard.trace import SPAN_S, Trace
 
 _REMEMBERED = 8192
@@ -59,6 +59,11 @@ def new_traces() -> dict[str, Trace]:
     }
 
 
+def new_samples() -> Ring:
+    """Of the last minute: stamp in s, position in m, force in N."""
+    return Ring(round(SPAN_S * _RATE_HZ), 3)
+
+
 class AxisView:
     """Fed with messages as they come, by one thread at a time.
 
@@ -78,7 +83,7 @@ class AxisView:
         self.traces = new_traces()
         self.watch = ModelWatch()
         self.happened = Happened()
-        self.samples = Ring(round(SPAN_S * _RATE_HZ), 3)
+        self.samples = new_samples()
         self.delays = Ring(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
         self._said: list[Said | None] = [None] * _REMEMBERED
@@ -132,12 +137,18 @@ class AxisView:
         if not sample.valid:
             return
         self.traces["measured"].add(t_s, sample.force_n)
-        if self._sampled_ns is None or sample.stamp_ns > self._sampled_ns:
-            self._sampled_ns = sample.stamp_ns
-            self.samples.add(sample.stamp_ns * 1e-9, sample.position_m, sample.force_n)
+        self._sample(sample)
         said = self._said_with(sample)
         if said is not None:
             self.watch.force(now_s, not said.low_n <= sample.force_n <= said.high_n)
+
+    def _sample(self, sample: ForceSample) -> None:
+        """In the order of their stamps; a slave whose clock began anew has other samples."""
+        if self._sampled_ns is not None and sample.stamp_ns < self._sampled_ns - RESTART_NS:
+            self.samples, self._sampled_ns = new_samples(), None
+        if self._sampled_ns is None or sample.stamp_ns > self._sampled_ns:
+            self._sampled_ns = sample.stamp_ns
+            self.samples.add(sample.stamp_ns * 1e-9, sample.position_m, sample.force_n)
 
     def _place_s(self, sample: ForceSample, now_s: float) -> float:
         stamp_ns = sample.answers_stamp_ns

@@ -1,5 +1,6 @@
 """What the cards of the page say of an axis now, as plain data for JSON. Pure: time is an argument."""
 
+from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
@@ -12,7 +13,7 @@ from common.topics import FORCE, HAPTICS, MASTER_STATE, MASTER_TIMING, PARAMETER
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.happened import Happened
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
-from forefeel.dashboard.tally import tallies, totals
+from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.dashboard.words import lights
 from forefeel.diagnose.units import scale, split_unit
@@ -164,9 +165,9 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
     }
 
 
-def counters(view: AxisView, now_ns: int) -> Card:
-    """Lost, late, reordered, refused, and every counter by name, as it was said last."""
-    found = tallies((view.newest.slave, view.newest.master))
+def counters(view: AxisView, now_ns: int, own: Mapping[str, int] = NOTHING) -> Card:
+    """Lost, late, reordered, refused, and every counter by name, as it was said last; `own`: the page's."""
+    found = tallies((view.newest.slave, view.newest.master), own)
     sums = totals(found)
     return {
         "sums": {kind: number(count) for kind, count in sums.items()},

@@ -10,6 +10,7 @@ from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.finding import Past
 
 MOST_AXES = 16
+BEYOND = f"refused_beyond_{MOST_AXES}_axes"
 _UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
 """What they hold is not shown, or stands in a message that is: decoding it would be in vain."""
 
@@ -20,8 +21,7 @@ class CellView:
     Attributes:
         axes: by name, in the order in which they were heard first.
         heard_ns: when anything was heard last, None before.
-        malformed: payloads that were no message of their topic.
-        beyond: payloads of axes beyond the first `MOST_AXES`.
+        refused: payloads that were no message of their topic, and those of axes beyond the first `MOST_AXES`.
         past: live, or of a recording: the whole of it up to now, or the part since it was entered.
     """
 
@@ -29,8 +29,7 @@ class CellView:
         self.past: Past = past
         self.axes: dict[str, AxisView] = {}
         self.heard_ns: int | None = None
-        self.malformed = self.beyond = 0
-        self.counts: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
         """A payload from the network."""
@@ -39,12 +38,12 @@ class CellView:
             return
         _, axis, topic = parsed
         if topic.name in _UNREAD:
-            self._count(topic, receive_ns)
+            self._hears(receive_ns)
             return
         try:
             message = decode(topic.message, payload)
         except CodecError:
-            self.malformed += 1
+            self.refused["malformed"] += 1
             return
         self.take(axis, topic, message, receive_ns)
 
@@ -53,12 +52,11 @@ class CellView:
         view = self.axes.get(axis)
         if view is None:
             if len(self.axes) == MOST_AXES:
-                self.beyond += 1
+                self.refused[BEYOND] += 1
                 return
             view = self.axes[axis] = AxisView()
-        self._count(topic, receive_ns)
+        self._hears(receive_ns)
         view.take(topic, message, receive_ns)
 
-    def _count(self, topic: Topic[Message], receive_ns: int) -> None:
-        self.counts[topic.name] += 1
+    def _hears(self, receive_ns: int) -> None:
         self.heard_ns = receive_ns if self.heard_ns is None else max(receive_ns, self.heard_ns)

@@ -20,7 +20,7 @@ from forefeel.options import (
 from forefeel.terminal import output
 
 EPILOG = (
-    "Example: forefeel dashboard --cell cathlab --connect tls/10.0.0.2:7447 --pki pki --open   "
+    "Example: forefeel dashboard --cell cathlab --connect tls/10.0.0.1:7447 --pki pki --open   "
     "Example: forefeel dashboard --config viewer.yaml"
 )
 VIEW_EPILOG = "Example: forefeel view out/demo/recording.mcap --open"

@@ -11,6 +11,7 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 
 from common.error_size import Floats
+from common.notices import printable
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.finding import Finding, wanted_s
 
@@ -25,6 +26,7 @@ class Stretch(NamedTuple):
     axis: str
     since_s: float
     span_s: float
+    until_s: float
     rows: Floats
 
 
@@ -60,14 +62,14 @@ class Diagnosing:
             rows = view.samples.rows()
             rows = rows[rows[:, 0] > rows[-1, 0] - span_s] if len(rows) else rows
             if len(rows) >= _LEAST_ROWS:
-                return Stretch(axis, alarm.since_s, span_s, rows)
+                return Stretch(axis, alarm.since_s, span_s, now_s, rows)
         return None
 
     async def _diagnose(self, stretch: Stretch) -> None:
-        axis, since_s, span_s, rows = stretch
-        self.findings[axis] = Finding(since_s, span_s)
+        axis, *when, rows = stretch
+        self.findings[axis] = Finding(*when)
         said = await _ask(rows)
-        self.findings[axis] = Finding(since_s, span_s, said["headline"], tuple(said["causes"]), said["final"])
+        self.findings[axis] = Finding(*when, said["headline"], tuple(said["causes"]), said["final"])
 
 
 Look = Callable[[Callable[[CellView, int], Stretch | None]], Stretch | None]
@@ -81,29 +83,39 @@ class Said(TypedDict):
     final: bool
 
 
-async def _ask(rows: Floats) -> Said:  # the worker's answer, or why there is none
+async def _ask(rows: Floats) -> Said:
+    """The worker's answer, or why there is none."""
     packed = BytesIO()
     np.save(packed, rows, allow_pickle=False)
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "forefeel.dashboard.worker",
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.DEVNULL,
-        start_new_session=True,
-        env={**os.environ, "FOREFEEL_PARENT": str(os.getpid())},
-    )  # fmt: skip
     try:
-        out, _ = await asyncio.wait_for(process.communicate(packed.getvalue()), _TIMEOUT_S)
-        answer: Said = json.loads(out)
-        return answer
+        process = await _worker()
+    except OSError as error:
+        return _failed(f"it could not be started ({error.strerror})")
+    try:
+        out, said = await asyncio.wait_for(process.communicate(packed.getvalue()), _TIMEOUT_S)
     except TimeoutError:
         return _failed(f"no answer within {_TIMEOUT_S:g} s")
-    except ValueError:
-        return _failed("it ended without an answer")
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
+    try:
+        answer: Said = json.loads(out)
+    except ValueError:
+        last = said.decode(errors="replace").strip().rpartition("\n")[2]
+        return _failed(printable(last) or "it ended without an answer")
+    return answer
+
+
+async def _worker() -> asyncio.subprocess.Process:
+    return await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "forefeel.dashboard.worker",
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        start_new_session=True,
+        env={**os.environ, "FOREFEEL_PARENT": str(os.getpid())},
+    )  # fmt: skip
 
 
 def _failed(why: str) -> Said:

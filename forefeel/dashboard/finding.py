@@ -14,7 +14,6 @@ LEAST_S = 12.0
 """A shorter stretch tells little of anything slow."""
 MOST_S = 60.0
 _SETTLING_S = 1.5
-_GROWTH = 2.0
 Past = Literal["live", "whole", "part"]
 _PART = {
     "level": OFF,
@@ -26,13 +25,15 @@ _ASK = "forefeel diagnose FILE names the cause."
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The last diagnosis of an axis: of how many seconds since `since_s`; `headline` empty: it is at work.
+    """The last diagnosis of an axis, of the `span_s` seconds up to `until_s`.
 
-    `causes`: one line each. `final`: more data would not be asked for.
+    `since_s`: when the model went wrong. `headline` empty: it is at work. `causes`: one line each.
+    `final`: it is not done again.
     """
 
     since_s: float
     span_s: float
+    until_s: float
     headline: str = ""
     causes: tuple[str, ...] = ()
     final: bool = False
@@ -42,7 +43,7 @@ def wanted_s(alarm: Alarm | None, last: Finding | None, now_s: float) -> float |
     """How many of the last seconds are to be diagnosed now; None: nothing is.
 
     What came before the model went wrong is left out, for a diagnosis explains its stretch as a whole. It is
-    done again when there is twice as much, until it names a cause or has a minute.
+    done again when as much again has come, until it names a cause.
     """
     if alarm is None:
         return None
@@ -51,9 +52,7 @@ def wanted_s(alarm: Alarm | None, last: Finding | None, now_s: float) -> float |
         return None
     if last is None or last.since_s != alarm.since_s:
         return span_s
-    if last.final or span_s < min(_GROWTH * last.span_s, MOST_S):
-        return None
-    return span_s
+    return None if last.final or now_s - last.until_s < last.span_s else span_s
 
 
 def watch_card(view: AxisView, finding: Finding | None, now_ns: int, past: Past = "live") -> dict[str, Any]:

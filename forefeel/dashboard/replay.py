@@ -1,7 +1,5 @@
 """A recording as the page shows it: the same view of a cell, at any of its times."""
 
-from typing import NamedTuple
-
 from common.recording.mcap_spans import RunSpans
 from common.topics import BY_NAME, COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT
 from forefeel.dashboard.cell_view import CellView
@@ -9,13 +7,6 @@ from forefeel.dashboard.cell_view import CellView
 LEAD_S = 20.0
 _UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
 _TOPICS = [topic for name, topic in BY_NAME.items() if name not in _UNREAD]
-
-
-class Place(NamedTuple):
-    """Where a recording stands: s from its first message, and how long it is."""
-
-    at_s: float
-    duration_s: float
 
 
 class Replay:
@@ -28,12 +19,6 @@ class Replay:
         self.cell = CellView("whole")
         self._spans = spans
         self._until_ns: int | None = None
-
-    @property
-    def place(self) -> Place:
-        """Where it stands."""
-        start_ns, end_ns = self._spans.start_ns, self._spans.end_ns
-        return Place(((self._until_ns or start_ns) - start_ns) * 1e-9, (end_ns - start_ns) * 1e-9)
 
     def go_to(self, at_s: float, window_s: float) -> int:
         """Takes in what was received before `at_s` of the recording; that time in ns.

@@ -47,7 +47,7 @@ def run_dashboard(
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
-        RunError: the network failed.
+        RunError: the network failed, or what the page is made of.
     """
     die_with_parent()
     clock, failed = MonotonicClock(), list[Exception]()
@@ -64,14 +64,10 @@ def run_dashboard(
                 say(transport.notice)
             diagnosing = Diagnosing(live.look)
             live.findings = diagnosing.findings
-            what = f"cell {settings.cell}"
-            _serve(listening, live, what, opens, [diagnosing.run, lambda: _until(duration_s, failed)])
+            page = Page(listening, live, f"cell {settings.cell}", failed)
+            page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed)])
         finally:
             transport.close()
-    if failed:
-        raise RunError(f"dashboard: the network failed: {type(failed[0]).__name__}: {failed[0]}") from failed[
-            0
-        ]
 
 
 def run_view(file: Path, address: str, port: int, duration_s: float | None, opens: bool) -> None:
@@ -79,11 +75,12 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
 
     Raises:
         InputError: the file or the port can not be used.
+        RunError: what the page is made of failed.
     """
     recorded = Recorded(file)
     _step_back()
     with listening_at(address, port) as listening:
-        _serve(listening, recorded, str(file), opens, [lambda: _until(duration_s, [])])
+        Page(listening, recorded, str(file), []).serve(opens, [lambda: _until(duration_s, [])])
 
 
 def _step_back() -> None:
@@ -92,34 +89,62 @@ def _step_back() -> None:
         os.nice(_NICE)
 
 
-def _serve(
-    listening: socket.socket, source: Source, what: str, opens: bool, background: list[Background]
-) -> None:
-    """The page, until a signal comes or any of `background` ends."""
-    address, port = listening.getsockname()[:2]
-    url = f"http://{f'[{address}]' if ':' in address else address}:{port}/"
-    app = _application(source, background)
-    config = uvicorn.Config(app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1)
-    server = uvicorn.Server(config)
-    app.state.end = lambda: setattr(server, "should_exit", True)
-    say(f"dashboard of {what} at {url}; Ctrl-C ends")
-    if opens:
-        webbrowser.open(url)
-    with interruptible(), suppress(KeyboardInterrupt):
-        server.run(sockets=[listening])
+class Page:
+    """The page and what runs beside it.
 
+    Args:
+        what: it shows, in words.
+        failed: what has failed; the page does not go on without it.
+    """
 
-def _application(source: Source, background: list[Background]) -> FastAPI:
+    def __init__(self, listening: socket.socket, source: Source, what: str, failed: list[Exception]) -> None:
+        self._listening, self._what, self._failed = listening, what, failed
+        self._app = FastAPI(lifespan=self._lifespan, docs_url=None, redoc_url=None, openapi_url=None)
+        self._app.add_api_websocket_route(PATH, Conversations(source).serve)
+        self._background: list[Background] = []
+        config = uvicorn.Config(
+            self._app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1
+        )
+        self._server = uvicorn.Server(config)
+        _dress(self._app)
+
+    def serve(self, opens: bool, background: list[Background]) -> None:
+        """Until a signal comes or any of `background` ends.
+
+        Raises:
+            RunError: one of them failed.
+        """
+        self._background = background
+        address, port = self._listening.getsockname()[:2]
+        url = f"http://{f'[{address}]' if ':' in address else address}:{port}/"
+        say(f"dashboard of {self._what} at {url}; Ctrl-C ends")
+        if opens:
+            webbrowser.open(url)
+        with interruptible(), suppress(KeyboardInterrupt):
+            self._server.run(sockets=[self._listening])
+        if self._failed:
+            error = self._failed[0]
+            raise RunError(f"dashboard of {self._what}: {type(error).__name__}: {error}") from error
+
     @asynccontextmanager
-    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(_watched(each, app)) for each in background]
+    async def _lifespan(self, _app: FastAPI) -> AsyncIterator[None]:
+        tasks = [asyncio.create_task(self._watched(each)) for each in self._background]
         yield
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    app = FastAPI(lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
-    app.add_api_websocket_route(PATH, Conversations(source).serve)
+    async def _watched(self, task: Background) -> None:
+        try:
+            await task()
+        except Exception as error:  # noqa: BLE001 - said when the page has ended
+            self._failed.append(error)
+        finally:
+            self._server.should_exit = True
+
+
+def _dress(app: FastAPI) -> None:
+    """Gives the application its page."""
     serve_files()
     ui.run_with(
         app,
@@ -133,14 +158,6 @@ def _application(source: Source, background: list[Background]) -> FastAPI:
         message_history_length=0,
         show_welcome_message=False,
     )
-    return app
-
-
-async def _watched(task: Background, app: FastAPI) -> None:
-    try:
-        await task()
-    finally:
-        app.state.end()
 
 
 async def _until(duration_s: float | None, failed: list[Exception]) -> None:

@@ -1,6 +1,7 @@
-"""Both ends' counters, sorted by what they mean for the operator. Pure."""
+"""Both ends' counters and the listener's own, sorted by what they mean for the operator. Pure."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from common.messages import MasterState, SlaveState
@@ -14,6 +15,7 @@ _KINDS = (
 )
 KINDS = tuple(kind for kind, _ in _KINDS)
 MOST = 80
+NOTHING: Mapping[str, int] = MappingProxyType({})
 
 
 class Tally(NamedTuple):
@@ -25,9 +27,14 @@ class Tally(NamedTuple):
     total: int
 
 
-def tallies(states: Iterable[MasterState | SlaveState | None]) -> list[Tally]:
-    """The counters of both ends that have counted anything, by kind, the largest first."""
-    found = [each for state in states if state is not None for each in _of(state)]
+def tallies(
+    states: Iterable[MasterState | SlaveState | None], own: Mapping[str, int] = NOTHING
+) -> list[Tally]:
+    """The counters of both ends, and those of who listens, that have counted anything: by kind, the largest
+    first.
+    """
+    found = [each for state in states if state is not None for each in _of(_who(state), state.counters)]
+    found += _of("page", own)
     order = {kind: index for index, kind in enumerate((*KINDS, ""))}
     return sorted(found, key=lambda each: (order[each.kind], -each.total, each.name))[:MOST]
 
@@ -41,9 +48,12 @@ def totals(found: Iterable[Tally]) -> dict[str, int]:
     return sums
 
 
-def _of(state: MasterState | SlaveState) -> Iterator[Tally]:
-    who = "master" if isinstance(state, MasterState) else "slave"
-    for name, count in state.counters.items():
+def _who(state: MasterState | SlaveState) -> str:
+    return "master" if isinstance(state, MasterState) else "slave"
+
+
+def _of(who: str, counters: Mapping[str, int]) -> Iterator[Tally]:
+    for name, count in counters.items():
         if count:
             yield Tally(_kind(name), who, printable(name).replace("_", " "), count)
 

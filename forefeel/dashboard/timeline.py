@@ -1,7 +1,9 @@
 """The time of the charts: seconds on the master's clock. Pure."""
 
-_RESTART_NS = 10_000_000_000
-_DRIFT_DIVISOR = 10_000  # two free crystals part by at most 1 ns in this many
+from common.clock_offset import DRIFT_DIVISOR
+
+RESTART_NS = 10_000_000_000
+"""A clock that is further off than this was started anew."""
 
 
 class Timeline:
@@ -23,7 +25,7 @@ class Timeline:
     def heard(self, stamp_ns: int, receive_ns: int) -> bool:
         """A stamp of the master; whether the time begins anew with it."""
         transit_ns, base_ns = receive_ns - stamp_ns, self._base_ns(receive_ns)
-        anew = base_ns is None or abs(transit_ns - base_ns) > _RESTART_NS
+        anew = base_ns is None or abs(transit_ns - base_ns) > RESTART_NS
         if base_ns is None or anew or transit_ns <= base_ns:
             self._transit_ns, self._seen_ns = transit_ns, receive_ns
         if anew:
@@ -44,4 +46,4 @@ class Timeline:
     def _base_ns(self, receive_ns: int) -> int | None:
         if self._transit_ns is None:
             return None
-        return self._transit_ns + max(0, receive_ns - self._seen_ns) // _DRIFT_DIVISOR
+        return self._transit_ns + max(0, receive_ns - self._seen_ns) // DRIFT_DIVISOR

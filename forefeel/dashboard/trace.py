@@ -25,15 +25,14 @@ class Points(NamedTuple):
 class Trace:
     """Of each bin of time the lowest and the highest sample, at their own times; of the last `span_s`.
 
-    Samples come in the order of their time. One that belongs into a bin which is closed is counted in `late`
-    and left out. After a pause a row of NaN breaks the line.
+    Samples come in the order of their time; one that belongs into a bin which is closed is left out. After a
+    pause a row of NaN breaks the line.
 
     Args:
         width: values of a sample; the first one says which is lowest and highest.
     """
 
     def __init__(self, width: int = 1, bin_s: float = BIN_S, span_s: float = SPAN_S) -> None:
-        self.late = 0
         self.end = 0
         """How many points there have been."""
         self._rows = np.full((2 * round(span_s / bin_s), 1 + width), nan)
@@ -52,8 +51,6 @@ class Trace:
                 self._high = row
         elif self._bin is None or number > self._bin:
             self._begin(number, row)
-        else:
-            self.late += 1
 
     def _begin(self, number: int, row: tuple[float, ...]) -> None:
         if self._bin is not None:

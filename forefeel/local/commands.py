@@ -24,7 +24,7 @@ from forefeel.terminal import answer, output, say
 audit_app = typer.Typer(help="The audit log of a daemon.", no_args_is_help=True)
 ESTOP_EPILOG = (
     "Example: forefeel estop --config deploy/config/slave.yaml --reason 'catheter kinked'   "
-    "Example: forefeel estop --cell cathlab --connect tls/10.0.0.2:7447 --pki pki"
+    "Example: forefeel estop --cell cathlab --connect tls/10.0.0.1:7447 --pki pki"
 )
 CLEAR_EPILOG = "Example: forefeel clear --config deploy/config/slave.yaml"
 _REASON = "asked for on the command line"

@@ -15,6 +15,7 @@ from typing import Any
 
 from common.codec import decode
 from common.errors import CodecError, InputError, RunError
+from common.messages import FOLLOWING
 from common.topics import COMMAND, SLAVE_STATE
 from common.transport.settings import TransportSettings
 from forefeel.interrupt import interruptible
@@ -22,7 +23,6 @@ from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
 from forefeel.loopback.watched import Watched
 from forefeel.recorder import Recorder
-from slave.safety import FOLLOWING
 
 _POLL_S = 0.1
 _END_S = 10.0

@@ -18,7 +18,7 @@ from forefeel.options import (
 )
 from forefeel.terminal import output
 
-EPILOG = "Example: forefeel metrics --cell cathlab --connect tls/10.0.0.2:7447 --pki pki"
+EPILOG = "Example: forefeel metrics --cell cathlab --connect tls/10.0.0.1:7447 --pki pki"
 
 
 def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option

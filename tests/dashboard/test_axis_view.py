@@ -9,7 +9,7 @@ from common.codec import encode
 from common.messages import ForceSample
 from common.topics import COMMAND, FORCE, HAPTICS, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
-from forefeel.dashboard.cell_view import MOST_AXES, CellView
+from forefeel.dashboard.cell_view import BEYOND, MOST_AXES, CellView
 from forefeel.dashboard.happened import MOST
 from tests.dashboard.said import (
     AHEAD_NS,
@@ -93,7 +93,7 @@ def test_a_diagnosis_gets_the_samples_by_the_clock_of_the_slave() -> None:
     rows = view.samples.rows()
     assert np.allclose(np.diff(rows[:, 0]), 1e-3)
     assert len(rows) == 700
-    view.take(FORCE, force(1, 1, None), 20 * S)  # overtaken
+    view.take(FORCE, force(1, round(rows[5, 0] * S), None), 20 * S)  # overtaken
     view.take(FORCE, force(2000, 2**40, None, valid=False), 20 * S)
     assert len(view.samples.rows()) == 700
 
@@ -135,16 +135,16 @@ def test_axes_of_strangers_are_bounded() -> None:
     for number in range(3 * MOST_AXES):
         cell.hear(SLAVE_STATE.key(CELL, f"axis{number}"), encode(slave_state()), number)
     assert len(cell.axes) == MOST_AXES
-    assert cell.beyond == 2 * MOST_AXES
+    assert cell.refused == {BEYOND: 2 * MOST_AXES}
 
 
 def test_what_is_no_message_is_counted_and_changes_nothing() -> None:
     cell = CellView()
     cell.hear(FORCE.key(CELL, AXIS), b"nonsense", 1)
     cell.hear("some/other/key", b"", 2)
-    assert (cell.malformed, cell.heard_ns, dict(cell.axes)) == (1, None, {})
+    assert (cell.refused, cell.heard_ns, dict(cell.axes)) == ({"malformed": 1}, None, {})
     cell.hear(COMMAND.key(CELL, AXIS), b"not decoded", 3)
-    assert (cell.malformed, cell.heard_ns) == (1, 3)
+    assert (cell.refused, cell.heard_ns) == ({"malformed": 1}, 3)
 
 
 def test_several_axes_stay_apart() -> None:
@@ -154,3 +154,14 @@ def test_several_axes_stay_apart() -> None:
     assert list(cell.axes) == [AXIS, "rotation"]
     ends = [view.traces["felt"].end for view in cell.axes.values()]
     assert ends[0] > 2 * ends[1] > 0
+
+
+def test_samples_of_a_slave_that_was_started_again_are_not_mixed_with_those_before() -> None:
+    view = AxisView()
+    for tick in range(100):
+        view.take(FORCE, force(tick, 5000 * S + tick * MS, None), 9 * S + tick * MS)
+    view.take(FORCE, force(100, 5000 * S, None), 10 * S)  # overtaken on the way
+    assert len(view.samples.rows()) == 100
+    for tick in range(50):
+        view.take(FORCE, force(tick, 2 * S + tick * MS, None), 90 * S + tick * MS)
+    assert view.samples.rows()[:, 0] == pytest.approx(2.0 + np.arange(50) * 1e-3)

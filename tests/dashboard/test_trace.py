@@ -47,14 +47,14 @@ def test_an_hour_takes_no_more_than_a_minute() -> None:
     assert trace.since(trace.end).rows.shape == (0, 2)
 
 
-def test_a_pause_breaks_the_line_and_what_comes_too_late_is_counted() -> None:
+def test_a_pause_breaks_the_line_and_what_comes_too_late_is_left_out() -> None:
     trace = Trace()
-    for t_s in (0.0, 0.05, 1.0, 0.99, 1.05):
-        trace.add(t_s, 1.0)
+    for t_s in (0.0, 0.05, 1.0, 0.97, 1.05):
+        trace.add(t_s, 9.0 if t_s == 0.97 else 1.0)
     rows = trace.since(0).rows
     assert [bool(np.isnan(row[1])) for row in rows] == [False, False, True, False]
     assert 0.05 < rows[2][0] < 1.0
-    assert trace.late == 1
+    assert rows[[0, 1, 3], 1].tolist() == [1.0, 1.0, 1.0]
 
 
 def test_a_ring_holds_the_newest_rows() -> None:

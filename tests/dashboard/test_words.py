@@ -88,6 +88,7 @@ def test_counters_by_what_they_mean() -> None:
     assert totals(found) == {"late": 7, "reordered": 5, "lost": 4, "refused": 2}
     assert found[-1] == ("", "slave", "steps", 9)
     assert "zero" not in {each.name for each in found}
+    assert tallies((), {"malformed": 5}) == [("refused", "page", "malformed", 5)]
 
 
 def test_figures_are_those_of_the_messages() -> None:

@@ -61,4 +61,4 @@ def test_the_zenoh_file_counts_from_the_folder_of_the_settings() -> None:
         {"zenoh_file": "a.json5"}, context={"directory": Path("/etc/x")}
     )
     assert settings.zenoh_file == Path("/etc/x/a.json5")
-    assert TransportSettings.model_validate({"zenoh_file": "a.json5"}).zenoh_file == Path("a.json5")
+    assert TransportSettings.model_validate({"zenoh_file": "a.json5"}).zenoh_file == Path.cwd() / "a.json5"

@@ -96,6 +96,25 @@ def test_a_tick_that_is_late_may_be_interrupted_as_soon_as_anything() -> None:
     assert min(inside) == pytest.approx(SWITCH_INTERVAL_S)
 
 
+def test_after_a_tick_that_took_long_nothing_is_held_so_that_others_run() -> None:
+    held = list[int]()
+
+    async def run() -> None:
+        runtime = RealRuntime()
+        runtime.clock.hold_ns = held.append  # type: ignore[method-assign]
+
+        def tick(now_ns: int) -> None:
+            while runtime.clock.now_ns() < now_ns + 3 * MS // 4:
+                pass
+
+        lateness = runtime.loop("pace", MS, tick)
+        async with runtime:
+            await until(lambda: lateness.ticks >= 50)
+
+    asyncio.run(run())
+    assert len(held) <= 2  # before the first, and hardly ever again
+
+
 @pytest.mark.parametrize("held", [True, False])
 def test_no_other_thread_runs_while_the_clock_holds_the_interpreter(held: bool) -> None:
     clock, turns, ended = MonotonicClock(), [0], threading.Event()

@@ -19,11 +19,10 @@ from hypothesis.stateful import (
 )
 
 from common.codec import encode
-from common.messages import EmergencyStop, MotionCommand, SafetyState
+from common.messages import FOLLOWING, EmergencyStop, MotionCommand, SafetyState
 from common.settings import AxisLimits
 from common.topics import COMMAND, EMERGENCY_STOP
 from slave.load_cells.port import LoadCellReading
-from slave.safety import FOLLOWING
 from tests.unit.slave_rig import MS, SETTINGS, SlaveRig
 
 S = SafetyState
