@@ -5,6 +5,7 @@ import json
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from typing import NamedTuple, TypedDict
 
@@ -66,10 +67,12 @@ class Diagnosing:
         return None
 
     async def _diagnose(self, stretch: Stretch) -> None:
-        axis, *when, rows = stretch
-        self.findings[axis] = Finding(*when)
-        said = await _ask(rows)
-        self.findings[axis] = Finding(*when, said["headline"], tuple(said["causes"]), said["final"])
+        at_work = Finding(stretch.since_s, stretch.span_s, stretch.until_s)
+        self.findings[stretch.axis] = at_work
+        said = await _ask(stretch.rows)
+        self.findings[stretch.axis] = replace(
+            at_work, headline=said["headline"], causes=tuple(said["causes"]), final=said["final"]
+        )
 
 
 Look = Callable[[Callable[[CellView, int], Stretch | None]], Stretch | None]
