@@ -108,6 +108,7 @@ class RealtimeThread:
 
     def _pace(self) -> None:
         clock, period_ns = self._clock, self._period_ns
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         deadline_ns = clock.now_ns() + period_ns
         while self._running.is_set():
             self._wait(self._at_hand(deadline_ns, clock.now_ns()))
