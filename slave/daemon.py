@@ -12,7 +12,7 @@ from common.journal import NOTHING_KEPT, Journal
 from common.recording.tabular import load_recording
 from common.runtime.port import Runtime
 from common.settings import TICK_NS
-from common.slots import LatestValue
+from common.slots import BoundedQueue
 from common.transport.port import Transport
 from slave.axis import SlaveAxis
 from slave.clearing import FOLLOWS, Clearing, ClearRequest
@@ -37,6 +37,7 @@ from slave.stages.settings import Cia402Settings, SimulatedStageDriver, StageDri
 from slave.stages.simulated import SimulatedStage
 
 _ANNOUNCE_NS = 2 * SECOND_NS  # who begins to record hears the calibrations soon
+_CLEARINGS = 64  # between two ticks; far more than the local socket serves at once
 
 
 class SlaveDaemon:
@@ -66,7 +67,7 @@ class SlaveDaemon:
             seen = TappedTransport(self.transport, journal.rings, runtime.clock.now_ns)
         buses = [Bus(seen, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
         self._journal, self._now_ns = journal, runtime.clock.now_ns
-        self._clear: LatestValue[ClearRequest] = LatestValue()
+        self._clear: BoundedQueue[ClearRequest] = BoundedQueue(_CLEARINGS)
         self.axes = [
             SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id(), journal)
             for axis, bus in zip(settings.axes, buses, strict=True)
@@ -83,13 +84,13 @@ class SlaveDaemon:
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
-        clearing = self._clear.take()
-        if clearing is not None:
-            clearing.begin(self.axes)
-        for axis in self.axes:
-            axis.tick(now_ns)
-        if clearing is not None:
-            clearing.end()
+        clearings = [each for each in self._clear.drain() if each.begin(self.axes)]
+        try:
+            for axis in self.axes:
+                axis.tick(now_ns)
+        finally:  # also of the last tick: who waits is told what became of it
+            for clearing in clearings:
+                clearing.end()
         halted = next((axis for axis in self.axes if axis.halted), None)
         if halted is not None:
             for axis in self.axes:
@@ -100,7 +101,7 @@ class SlaveDaemon:
         """Asks the next tick to clear what is latched, of one axis and those that follow it, or of all.
 
         Only ever called by a local act at the slave. The result is of that tick: a cause that lasts may
-        show later.
+        show later. Who does not wait for it cancels it: what is cancelled before that tick clears nothing.
         """
         request = ClearRequest(axis)
         self._clear.put(request)
