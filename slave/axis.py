@@ -3,6 +3,7 @@ composes it.
 """
 
 from collections import Counter
+from collections.abc import Iterable
 from typing import Any
 
 from common import topics
@@ -107,8 +108,8 @@ class SlaveAxis:
         self._clear.put(True)
 
     def fail(self, error: BaseException) -> None:
-        """A fault of any thread: the machine goes to FAULT at the next tick and the stage is told to hold at
-        once.
+        """A fault of any thread: the stage is told to hold at once; the machine goes to FAULT at the next
+        tick, or by `settle` when the control loop itself has ended and no tick follows.
         """
         self._fault.put(f"{type(error).__name__}: {error}"[:200])
         try:
@@ -179,11 +180,19 @@ class SlaveAxis:
         self._executing = outputs.executing
         self._apply(outputs, now_ns)
         self._diary.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
-        for transition in outputs.transitions:
-            self._transitions.put((now_ns, transition))
-            self._diary.transition(now_ns, transition, holder)
+        self._changed(now_ns, outputs.transitions)
         for hit in outputs.limits:
             self._limits.add(hit)
+
+    def settle(self, now_ns: int) -> None:
+        """Heeds the stop and the fault that wait for a tick; only ever called when none follows."""
+        assert self._control is not None, "open() comes first"
+        self._changed(now_ns, self._control.halt(now_ns, self._estop.take(), self._fault.take()))
+
+    def _changed(self, now_ns: int, transitions: Iterable[Transition]) -> None:
+        for transition in transitions:
+            self._transitions.put((now_ns, transition))
+            self._diary.transition(now_ns, transition, self._link.holder)
 
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
         command, released = self._intake.slot.take()

@@ -74,13 +74,13 @@ class SlaveDaemon:
         ]
         for axis in self.axes:
             axis.open(runtime.clock.now_ns())
+        self._loop = runtime.loop("control", TICK_NS, self.tick)
         runtime.on_fault(self.fail)
-        lateness = runtime.loop("control", TICK_NS, self.tick)
         runtime.task("serve", SECOND_NS // 100, self._serve)
         runtime.task("heartbeat", SECOND_NS // 20, self._beat)
         runtime.task("state", SECOND_NS // 50, self._report)
         runtime.task("calibration", _ANNOUNCE_NS, self._announce)
-        self._reports = Reports(buses[0], "slave", lateness, self.transport, runtime)
+        self._reports = Reports(buses[0], "slave", self._loop, self.transport, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
@@ -112,7 +112,14 @@ class SlaveDaemon:
         with ExitStack() as reactions:
             reactions.callback(self._note_fault, f"{type(error).__name__}: {error}"[:200])
             for axis in self.axes:
+                reactions.callback(self._settle, axis)
+            for axis in self.axes:  # a stack: these are the first
                 reactions.callback(axis.fail, error)
+
+    def _settle(self, axis: SlaveAxis) -> None:
+        """In place of the tick that never comes, when the control loop has ended by a fault."""
+        if self._loop.ended:
+            axis.settle(self._now_ns())
 
     def _note_fault(self, reason: str) -> None:
         now_ns = self._now_ns()
@@ -132,6 +139,7 @@ class SlaveDaemon:
     def close(self, now_ns: int) -> None:
         """Publishes what is left, closes devices and transport; after the loops have ended."""
         for axis in self.axes:
+            axis.settle(now_ns)
             axis.serve(now_ns, last=True)
         self._report(now_ns)
         self._reports.timing(now_ns)
@@ -142,6 +150,7 @@ class SlaveDaemon:
 
     def _serve(self, now_ns: int) -> None:
         for axis in self.axes:
+            self._settle(axis)  # a stop is heeded while the daemon comes to its end
             axis.serve(now_ns)
 
     def _beat(self, now_ns: int) -> None:

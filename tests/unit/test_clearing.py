@@ -1,4 +1,4 @@
-"""A clearing that nobody waits for any more clears nothing, and everybody who waits is answered truthfully."""
+"""A clearing that nobody waits for any more clears nothing; everybody who waits is told the truth."""
 
 import asyncio
 from concurrent.futures import Future

@@ -11,7 +11,7 @@ import pytest
 
 from common.clock import MonotonicClock
 from common.errors import RunError
-from common.runtime import real
+from common.runtime import real, realtime
 from common.runtime.real import RealRuntime
 from common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, go_before, prepare_thread
 
@@ -276,6 +276,40 @@ def test_one_loop_that_fails_does_not_stop_the_others() -> None:
             await until(lambda: len(ticks) >= after + 3)
 
     asyncio.run(run())
+
+
+def test_a_loop_says_that_it_has_ended_before_the_reactions_to_its_fault() -> None:
+    ended = list[bool]()
+
+    def fail(_now_ns: int) -> None:
+        raise ValueError
+
+    async def run() -> None:
+        runtime = RealRuntime()
+        bad, good = runtime.loop("bad", MS, fail), runtime.loop("good", MS, lambda _: None)
+        runtime.on_fault(lambda _: ended.extend((bad.ended, good.ended)))
+        async with runtime:
+            await stopped(runtime)
+
+    asyncio.run(run())
+    assert ended == [True, False]
+
+
+def test_a_loop_that_can_not_even_begin_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_priority: int) -> str:
+        raise MemoryError("no thread")
+
+    monkeypatch.setattr(realtime, "prepare_thread", refuse)
+
+    async def run() -> RealRuntime:
+        runtime = RealRuntime()
+        runtime.loop("loop", MS, lambda _: None)
+        async with runtime:
+            await stopped(runtime)
+        return runtime
+
+    with pytest.raises(RunError, match="MemoryError: no thread"):
+        asyncio.run(run()).raise_fault()
 
 
 def test_leaving_joins_every_thread_and_ends_every_task() -> None:
