@@ -72,15 +72,22 @@ class SlaveDaemon:
             SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id(), journal)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
-        for axis in self.axes:
-            axis.open(runtime.clock.now_ns())
+        with ExitStack() as opened:  # closed again when one of them can not be opened
+            for axis in self.axes:
+                opened.callback(axis.close)
+                axis.open(runtime.clock.now_ns())
+            self._register(runtime, buses[0])
+            opened.pop_all()
+
+    def _register(self, runtime: Runtime, bus: Bus) -> None:
+        """`bus`: of the first axis, whose keys carry the reports."""
         self._loop = runtime.loop("control", TICK_NS, self.tick)
         runtime.on_fault(self.fail)
         runtime.task("serve", SECOND_NS // 100, self._serve)
         runtime.task("heartbeat", SECOND_NS // 20, self._beat)
         runtime.task("state", SECOND_NS // 50, self._report)
         runtime.task("calibration", _ANNOUNCE_NS, self._announce)
-        self._reports = Reports(buses[0], "slave", self._loop, self.transport, runtime)
+        self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
