@@ -105,12 +105,16 @@ class MasterDaemon:
             axis.tick(now_ns)
 
     def fail(self, error: BaseException) -> None:
-        """Reaction to a fault of any thread."""
-        reason, now_ns = f"{type(error).__name__}: {error}"[:200], self._now_ns()
+        """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
+        with ExitStack() as reactions:
+            reactions.callback(self._note_fault, f"{type(error).__name__}: {error}"[:200])
+            for axis in self.axes:
+                reactions.callback(axis.fail, error)
+
+    def _note_fault(self, reason: str) -> None:
+        now_ns = self._now_ns()
         self._journal.note("thread_fault", now_ns, reason=reason)
         self._journal.flight(self.axes[0].name, "thread_fault", reason, now_ns)
-        for axis in self.axes:
-            axis.fail(error)
 
     def shut_down(self) -> None:
         """Releases the deadman and fades the force out; the loop tells the slave so until it ends."""

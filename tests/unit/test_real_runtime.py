@@ -243,13 +243,16 @@ def test_a_fault_of_a_foreign_thread_runs_the_reactions_there_and_the_first_one_
     assert str(runtime.error) == "'one'"
 
 
-def test_a_reaction_that_fails_does_not_keep_the_daemon_running() -> None:
+def test_a_reaction_that_fails_keeps_neither_the_next_from_its_own_nor_the_daemon_running() -> None:
+    heard = list[str]()
+
     def broken(_: BaseException) -> None:
         raise OSError("no hold")
 
     async def run() -> RealRuntime:
         runtime = RealRuntime()
         runtime.on_fault(broken)
+        runtime.on_fault(lambda error: heard.append(str(error)))
         async with runtime:
             with pytest.raises(OSError, match="no hold"):
                 runtime.fault(ValueError("first"))
@@ -258,6 +261,7 @@ def test_a_reaction_that_fails_does_not_keep_the_daemon_running() -> None:
 
     with pytest.raises(RunError, match="ValueError: first"):
         asyncio.run(run()).raise_fault()
+    assert heard == ["first"]
 
 
 def test_one_loop_that_fails_does_not_stop_the_others() -> None:

@@ -1,0 +1,52 @@
+"""The master's daemon when something fails: every handle is let go, whatever becomes of another one."""
+
+from collections.abc import Callable
+
+import pytest
+
+from common.runtime.virtual import VirtualRuntime
+from common.transport.memory import MemoryBus
+from master.daemon import MasterDaemon
+from master.settings import MasterAxisSettings, MasterSettings
+from tests.unit.master_rig import FakeHandle
+from tests.unit.slave_cell import Book
+
+AXES = ("insertion", "rotation", "tilt")
+
+
+class Bench:
+    """A master of three axes whose handles a test breaks."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.handles = [FakeHandle() for _ in AXES]
+        left = iter(self.handles)
+        monkeypatch.setattr("master.daemon.compile_kernels", lambda: None)  # nothing is predicted here
+        monkeypatch.setattr("master.daemon.make_handle", lambda *_: next(left))
+        self.runtime, self.book = VirtualRuntime(), Book()
+        self.session = MemoryBus().session(self.runtime.clock)
+        settings = MasterSettings(axes=tuple(MasterAxisSettings(name=name) for name in AXES))
+        self.daemon = MasterDaemon(settings, self.session, self.runtime, lambda: 7, self.book)
+
+
+@pytest.fixture(name="bench")
+def with_fake_handles(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(monkeypatch)
+
+
+def refusing(error: Exception) -> Callable[..., None]:
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    return refuse
+
+
+@pytest.mark.parametrize("broken", range(len(AXES)))
+def test_a_handle_that_breaks_at_a_fault_leaves_no_force_on_the_others(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, broken: int
+) -> None:
+    monkeypatch.setattr(bench.handles[broken], "render", refusing(OSError("port gone")))
+    with pytest.raises(OSError, match="port gone"):
+        bench.daemon.fail(ValueError("torn cable"))
+    others = [handle for number, handle in enumerate(bench.handles) if number != broken]
+    assert [handle.felt_n for handle in others] == [[0.0], [0.0]]
+    assert bench.book.of("thread_fault") == [{"reason": "ValueError: torn cable"}]
