@@ -122,14 +122,19 @@ class MasterDaemon:
             axis.stopping = True
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes handles and transport; after the loops have ended."""
-        self._report(now_ns)
-        self._reports.timing(now_ns)
-        self._reports.impairment(now_ns)
-        for axis in self.axes:
-            axis.diary.last_words(now_ns)
-            axis.handle.close()
-        self.transport.close()
+        """Publishes what is left, closes handles and transport; after the loops have ended.
+
+        Each step is taken whatever becomes of the others: what failed is raised then.
+        """
+        with ExitStack() as steps:  # a stack: the last one first
+            steps.callback(self.transport.close)
+            for axis in reversed(self.axes):
+                steps.callback(axis.handle.close)
+                steps.callback(axis.diary.last_words, now_ns)
+            steps.callback(self._reports.impairment, now_ns)
+            steps.callback(self._reports.timing, now_ns)
+            for axis in reversed(self.axes):
+                steps.callback(axis.report, now_ns)
 
     def _each(self, action: Callable[[MasterAxis, int], None], now_ns: int) -> None:
         for axis in self.axes:

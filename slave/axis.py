@@ -4,7 +4,6 @@ composes it.
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Any
 
 from common import topics
 from common.bus import Bus, Outlet
@@ -233,10 +232,16 @@ class SlaveAxis:
 
     def serve(self, now_ns: int, last: bool = False) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
-        self._link.serve(now_ns, self.at_rest, self._opened)
-        reason = self._intake.hopeless(now_ns, self.at_rest)
-        if reason is not None:
-            self._link.let_go(now_ns, reason)
+        try:
+            self._link.serve(now_ns, self.at_rest, self._opened)
+            reason = self._intake.hopeless(now_ns, self.at_rest)
+            if reason is not None:
+                self._link.let_go(now_ns, reason)
+            self._publish(now_ns, last)
+        finally:  # what can not be published is written down all the same
+            self._diary.serve(now_ns, self._bus, self._link.holder, self._link.live(now_ns), last)
+
+    def _publish(self, now_ns: int, last: bool) -> None:
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
             header = self._safety_event.header(self._link.holder, stamp_ns)
             said = SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
@@ -245,15 +250,7 @@ class SlaveAxis:
         for hit, count in self._limits.due(now_ns, last):
             self._diary.limits(hit, count)
             header = self._limit_event.header(self._link.holder, now_ns)
-            asked: dict[str, Any] = {
-                "rule": hit.rule,
-                "requested": hit.requested,
-                "applied": hit.applied,
-                "unit": hit.unit,
-            }
-            self._limit_event.send(LimitEvent(**header, **asked, count=count))
-
-        self._diary.serve(now_ns, self._bus, self._link.holder, self._link.live(now_ns), last)
+            self._limit_event.send(LimitEvent(**header, **hit._asdict(), count=count))
 
     def _opened(self, session_id: int) -> None:
         self._intake.open(session_id)

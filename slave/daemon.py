@@ -144,16 +144,21 @@ class SlaveDaemon:
         return all(axis.at_rest for axis in self.axes)
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes devices and transport; after the loops have ended."""
-        for axis in self.axes:
-            axis.settle(now_ns)
-            axis.serve(now_ns, last=True)
-        self._report(now_ns)
-        self._reports.timing(now_ns)
-        self._reports.impairment(now_ns)
-        for axis in self.axes:
-            axis.close()
-        self.transport.close()
+        """Publishes what is left, closes devices and transport; after the loops have ended.
+
+        Each step is taken whatever becomes of the others: what failed is raised then.
+        """
+        with ExitStack() as steps:  # a stack: the last one first
+            steps.callback(self.transport.close)
+            for axis in reversed(self.axes):
+                steps.callback(axis.close)
+            steps.callback(self._reports.impairment, now_ns)
+            steps.callback(self._reports.timing, now_ns)
+            for axis in reversed(self.axes):
+                steps.callback(axis.report, now_ns)
+            for axis in reversed(self.axes):
+                steps.callback(axis.serve, now_ns, last=True)
+                steps.callback(axis.settle, now_ns)
 
     def _serve(self, now_ns: int) -> None:
         for axis in self.axes:

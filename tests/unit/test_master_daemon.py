@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
+from common.errors import RunError
 from common.runtime.virtual import VirtualRuntime
 from common.transport.memory import MemoryBus
 from master.daemon import MasterDaemon
@@ -23,7 +24,8 @@ class Bench:
         monkeypatch.setattr("master.daemon.compile_kernels", lambda: None)  # nothing is predicted here
         monkeypatch.setattr("master.daemon.make_handle", lambda *_: next(left))
         self.runtime, self.book = VirtualRuntime(), Book()
-        self.session = MemoryBus().session(self.runtime.clock)
+        self.network = MemoryBus()
+        self.session = self.network.session(self.runtime.clock)
         settings = MasterSettings(axes=tuple(MasterAxisSettings(name=name) for name in AXES))
         self.daemon = MasterDaemon(settings, self.session, self.runtime, lambda: 7, self.book)
 
@@ -50,3 +52,15 @@ def test_a_handle_that_breaks_at_a_fault_leaves_no_force_on_the_others(
     others = [handle for number, handle in enumerate(bench.handles) if number != broken]
     assert [handle.felt_n for handle in others] == [[0.0], [0.0]]
     assert bench.book.of("thread_fault") == [{"reason": "ValueError: torn cable"}]
+
+
+def test_a_session_that_is_broken_keeps_no_handle_open(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = list[int]()
+    for number, handle in enumerate(bench.handles):
+        monkeypatch.setattr(handle, "close", lambda it=number: closed.append(it))
+    others = bench.network.session(bench.runtime.clock)  # whoever hears raises where it is put
+    others.subscribe_all("forefeel", refusing(RunError("the session is closed")))
+    with pytest.raises(RunError, match="the session is closed"):
+        bench.daemon.close(bench.runtime.clock.now_ns())
+    assert closed == [0, 1, 2]
+    assert bench.session.peers() == 0 and others.peers() == 0

@@ -1,10 +1,10 @@
-"""The slave's daemon with devices that fail when they are opened or closed: the others are closed all the same."""
+"""The slave's daemon when something fails at its start or its end: everything else is closed all the same."""
 
 from collections.abc import Callable
 
 import pytest
 
-from common.errors import DeviceError
+from common.errors import DeviceError, RunError
 from common.runtime.virtual import VirtualRuntime
 from common.transport.memory import MemoryBus
 from slave.daemon import SlaveDaemon
@@ -23,7 +23,8 @@ class Bench:
         self.devices = {name: Devices(FakeStage(), FakeGripper(), FakeLoadCell()) for name in AXES}
         monkeypatch.setattr("slave.daemon._devices", lambda axis: self.devices[axis.name])
         self.runtime, self.book = VirtualRuntime(), Book()
-        self.session = MemoryBus().session(self.runtime.clock)
+        self.network = MemoryBus()
+        self.session = self.network.session(self.runtime.clock)
 
     def start(self) -> SlaveDaemon:
         settings = SlaveSettings(axes=tuple(SlaveAxisSettings(name=name) for name in AXES))
@@ -72,3 +73,37 @@ def test_all_devices_are_open_while_the_daemon_lives_and_closed_after_it(bench: 
     bench.runtime.run(5 * MS)
     daemon.close(bench.runtime.clock.now_ns())
     assert bench.enabled() == [False, False]
+
+
+def test_a_session_that_is_broken_keeps_no_device_open_and_nothing_from_the_audit_log(bench: Bench) -> None:
+    daemon = bench.start()
+    bench.runtime.run(5 * MS)
+    for axis in daemon.axes:
+        axis.emergency_stop("pressed", "nurse")
+    others = bench.network.session(bench.runtime.clock)  # whoever hears raises where it is put
+    others.subscribe_all("forefeel", refusing(RunError("the session is closed")))
+    with pytest.raises(RunError, match="the session is closed"):
+        daemon.close(bench.runtime.clock.now_ns())
+    assert bench.enabled() == [False, False]
+    assert bench.session.peers() == 0 and others.peers() == 0
+    assert [noted["after"] for noted in bench.book.of("safety")] == ["estopped", "estopped"]
+    assert [noted["by"] for noted in bench.book.of("emergency_stop")] == ["nurse", "nurse"]
+
+
+@pytest.mark.parametrize("failing", ["stage", "gripper", "load_cell"])
+def test_a_device_that_does_not_close_keeps_no_other_one_open(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    daemon, closed = bench.start(), list[str]()
+    for name in AXES:
+        for device in ("stage", "gripper", "load_cell"):
+            monkeypatch.setattr(
+                getattr(bench.devices[name], device), "close", lambda it=f"{name} {device}": closed.append(it)
+            )
+    broken = getattr(bench.devices["insertion"], failing)
+    monkeypatch.setattr(broken, "close", refusing(DeviceError("does not let go")))
+    with pytest.raises(DeviceError, match="does not let go"):
+        daemon.close(bench.runtime.clock.now_ns())
+    every = {f"{name} {device}" for name in AXES for device in ("stage", "gripper", "load_cell")}
+    assert set(closed) == every - {f"insertion {failing}"}
+    assert bench.session.peers() == 0
