@@ -2,7 +2,7 @@
 
 import asyncio
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -15,15 +15,9 @@ from forefeel.local.server import LocalServer
 from master.settings import MasterSettings
 from slave.devices import Devices
 from slave.settings import SlaveSettings
+from tests.unit.failing import refusing
 from tests.unit.master_rig import FakeHandle
 from tests.unit.slave_rig import FakeGripper, FakeLoadCell, FakeStage
-
-
-def refusing(error: Exception) -> Callable[..., None]:
-    def refuse(*_: object, **__: object) -> None:
-        raise error
-
-    return refuse
 
 
 @pytest.fixture(name="session", autouse=True)

@@ -1,7 +1,5 @@
 """The master's daemon when something fails: every handle is let go, whatever becomes of another one."""
 
-from collections.abc import Callable
-
 import pytest
 
 from common.errors import RunError
@@ -9,6 +7,7 @@ from common.runtime.virtual import VirtualRuntime
 from common.transport.memory import MemoryBus
 from master.daemon import MasterDaemon
 from master.settings import MasterAxisSettings, MasterSettings
+from tests.unit.failing import refusing
 from tests.unit.master_rig import FakeHandle
 from tests.unit.slave_cell import Book
 
@@ -33,13 +32,6 @@ class Bench:
 @pytest.fixture(name="bench")
 def with_fake_handles(monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench(monkeypatch)
-
-
-def refusing(error: Exception) -> Callable[..., None]:
-    def refuse(*_: object, **__: object) -> None:
-        raise error
-
-    return refuse
 
 
 @pytest.mark.parametrize("broken", range(len(AXES)))

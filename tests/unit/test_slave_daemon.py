@@ -1,7 +1,5 @@
 """The slave's daemon when something fails at its start or its end: everything else is closed all the same."""
 
-from collections.abc import Callable
-
 import pytest
 
 from common.errors import DeviceError, RunError
@@ -10,6 +8,7 @@ from common.transport.memory import MemoryBus
 from slave.daemon import SlaveDaemon
 from slave.devices import Devices
 from slave.settings import SlaveAxisSettings, SlaveSettings
+from tests.unit.failing import refusing
 from tests.unit.slave_cell import Book
 from tests.unit.slave_rig import MS, FakeGripper, FakeLoadCell, FakeStage
 
@@ -38,13 +37,6 @@ class Bench:
 @pytest.fixture(name="bench")
 def with_fake_devices(monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench(monkeypatch)
-
-
-def refusing(error: Exception) -> Callable[..., None]:
-    def refuse(*_: object, **__: object) -> None:
-        raise error
-
-    return refuse
 
 
 @pytest.mark.parametrize("failing", ["gripper", "load_cell"])
