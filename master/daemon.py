@@ -74,11 +74,15 @@ class MasterDaemon:
             _axis(settings.cell, axis, bus, new_id, runtime.clock, journal)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
-        with ExitStack() as opened:  # closed again when one of them can not be opened
+        with ExitStack() as opened:  # closed again when the daemon can not be composed
             for axis in self.axes:
                 opened.callback(axis.handle.close)
                 axis.handle.open()
+            self._register(runtime, buses[0])
             opened.pop_all()
+
+    def _register(self, runtime: Runtime, bus: Bus) -> None:
+        """`bus`: of the first axis, whose keys carry the reports."""
         runtime.on_fault(self.fail)
         lateness = runtime.loop("haptic", TICK_NS, self.tick)
         runtime.task("serve", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.serve, now_ns))
@@ -92,7 +96,7 @@ class MasterDaemon:
             "parameters", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.publish_parameters, now_ns)
         )
         runtime.task("state", SECOND_NS // 10, self._report)
-        self._reports = Reports(buses[0], "master", lateness, self.transport, runtime)
+        self._reports = Reports(bus, "master", lateness, self.transport, runtime)
 
     @property
     def finished(self) -> bool:

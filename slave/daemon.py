@@ -72,7 +72,7 @@ class SlaveDaemon:
             SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id(), journal)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
-        with ExitStack() as opened:  # closed again when one of them can not be opened
+        with ExitStack() as opened:  # closed again when the daemon can not be composed
             for axis in self.axes:
                 opened.callback(axis.close)
                 axis.open(runtime.clock.now_ns())

@@ -25,8 +25,13 @@ class Bench:
         self.runtime, self.book = VirtualRuntime(), Book()
         self.network = MemoryBus()
         self.session = self.network.session(self.runtime.clock)
+        self.closed = list[int]()
+        for number, handle in enumerate(self.handles):
+            monkeypatch.setattr(handle, "close", lambda it=number: self.closed.append(it))
+
+    def start(self) -> MasterDaemon:
         settings = MasterSettings(axes=tuple(MasterAxisSettings(name=name) for name in AXES))
-        self.daemon = MasterDaemon(settings, self.session, self.runtime, lambda: 7, self.book)
+        return MasterDaemon(settings, self.session, self.runtime, lambda: 7, self.book)
 
 
 @pytest.fixture(name="bench")
@@ -38,21 +43,29 @@ def with_fake_handles(monkeypatch: pytest.MonkeyPatch) -> Bench:
 def test_a_handle_that_breaks_at_a_fault_leaves_no_force_on_the_others(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, broken: int
 ) -> None:
+    daemon = bench.start()
     monkeypatch.setattr(bench.handles[broken], "render", refusing(OSError("port gone")))
     with pytest.raises(OSError, match="port gone"):
-        bench.daemon.fail(ValueError("torn cable"))
+        daemon.fail(ValueError("torn cable"))
     others = [handle for number, handle in enumerate(bench.handles) if number != broken]
     assert [handle.felt_n for handle in others] == [[0.0], [0.0]]
     assert bench.book.of("thread_fault") == [{"reason": "ValueError: torn cable"}]
 
 
-def test_a_session_that_is_broken_keeps_no_handle_open(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    closed = list[int]()
-    for number, handle in enumerate(bench.handles):
-        monkeypatch.setattr(handle, "close", lambda it=number: closed.append(it))
+def test_no_handle_stays_open_when_the_daemon_can_not_report(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("master.daemon.Reports", refusing(RunError("the session is closed")))
+    with pytest.raises(RunError, match="the session is closed"):
+        bench.start()
+    assert sorted(bench.closed) == [0, 1, 2]
+
+
+def test_a_session_that_is_broken_keeps_no_handle_open(bench: Bench) -> None:
+    daemon = bench.start()
     others = bench.network.session(bench.runtime.clock)  # whoever hears raises where it is put
     others.subscribe_all("forefeel", refusing(RunError("the session is closed")))
     with pytest.raises(RunError, match="the session is closed"):
-        bench.daemon.close(bench.runtime.clock.now_ns())
-    assert closed == [0, 1, 2]
+        daemon.close(bench.runtime.clock.now_ns())
+    assert bench.closed == [0, 1, 2]
     assert bench.session.peers() == 0 and others.peers() == 0

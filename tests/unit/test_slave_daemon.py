@@ -59,6 +59,15 @@ def test_no_stage_stays_enabled_that_does_not_say_where_it_is(bench: Bench) -> N
     assert bench.enabled() == [False, False]
 
 
+def test_no_stage_stays_enabled_when_the_daemon_can_not_report(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("slave.daemon.Reports", refusing(RunError("the session is closed")))
+    with pytest.raises(RunError, match="the session is closed"):
+        bench.start()
+    assert bench.enabled() == [False, False]
+
+
 def test_all_devices_are_open_while_the_daemon_lives_and_closed_after_it(bench: Bench) -> None:
     daemon = bench.start()
     assert bench.enabled() == [True, True]
