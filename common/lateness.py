@@ -13,6 +13,7 @@ class Lateness:
         ticks: ticks that ran.
         missed: deadlines skipped because the tick before was a period or more too late.
         max_us: the worst.
+        ended: whether the loop has ended by a fault of its own: no tick follows.
     """
 
     def __init__(self) -> None:
@@ -20,6 +21,7 @@ class Lateness:
         self.ticks = 0
         self.missed = 0
         self.max_us = 0.0
+        self.ended = False
 
     def record(self, late_ns: int) -> None:
         """One tick that began `late_ns` after its deadline."""

@@ -5,7 +5,8 @@ closed.
 import asyncio
 import os
 import signal
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from secrets import randbits
 from typing import TYPE_CHECKING
 
@@ -66,19 +67,19 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
             return
         with closed_on_failure(transport):
             daemon = SlaveDaemon(settings, transport, runtime, _new_id, state.journal)
-        speaker = Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
-        runtime.task("notices", _SPEAK_NS, speaker.speak)
-        warn_of_latency("slave", settings)
-        watch_strands(runtime, "slave", transport)
-        attendance = _attendance(runtime, daemon.axes)
-        acts = SlaveActs(daemon, state.journal, runtime.clock)
-        async with runtime, LocalServer(state.path, "slave", acts):
-            say(f"slave: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for a master")
-            await _until(runtime, duration_s)
-            attendance.stopping(_why(runtime))
-            daemon.shut_down()
-            await _rest(daemon)
-        daemon.close(runtime.clock.now_ns())
+        with _closing(daemon, runtime):
+            speaker = Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
+            runtime.task("notices", _SPEAK_NS, speaker.speak)
+            warn_of_latency("slave", settings)
+            watch_strands(runtime, "slave", transport)
+            attendance = _attendance(runtime, daemon.axes)
+            acts = SlaveActs(daemon, state.journal, runtime.clock)
+            async with runtime, LocalServer(state.path, "slave", acts):
+                say(f"slave: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for a master")
+                await _until(runtime, duration_s)
+                attendance.stopping(_why(runtime))
+                daemon.shut_down()
+                await _rest(daemon)
         speaker.speak(runtime.clock.now_ns())
         end = "stage at rest" if daemon.at_rest else "stage told to hold"
         say(f"slave: {state.close(_ended(runtime, end))}")
@@ -98,13 +99,13 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
             return
         with closed_on_failure(transport):
             daemon = MasterDaemon(settings, transport, runtime, _new_id, state.journal)
-        speaker = Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
-        runtime.task("notices", _SPEAK_NS, speaker.speak)
-        warn_of_latency("master", settings)
-        watch_strands(runtime, "master", transport)
-        attendance = _attendance(runtime, daemon.axes)
-        say(f"master: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for the slave")
-        try:
+        with _closing(daemon, runtime):
+            speaker = Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
+            runtime.task("notices", _SPEAK_NS, speaker.speak)
+            warn_of_latency("master", settings)
+            watch_strands(runtime, "master", transport)
+            attendance = _attendance(runtime, daemon.axes)
+            say(f"master: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for the slave")
             async with runtime, LocalServer(state.path, "master", MasterActs(daemon, runtime.clock)):
                 await open_session(daemon, runtime, settings, transport)
                 if not runtime.stopping.is_set():
@@ -113,12 +114,19 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
                 attendance.stopping(_why(runtime))
                 daemon.shut_down()
                 await asyncio.sleep(_FAREWELL_S)
-        finally:
-            daemon.close(runtime.clock.now_ns())
         speaker.speak(runtime.clock.now_ns())
         say(f"master: {state.close(_ended(runtime, 'handle released'))}")
         say("master: handle released, closed")
         runtime.raise_fault()
+
+
+@contextmanager
+def _closing(daemon: "SlaveDaemon | MasterDaemon", runtime: RealRuntime) -> Iterator[None]:
+    """Closes the daemon in the end, whatever happens: it is open from its composition on, not its run."""
+    try:
+        yield
+    finally:
+        daemon.close(runtime.clock.now_ns())
 
 
 def _runtime(settings: DaemonSettings) -> RealRuntime:

@@ -74,11 +74,15 @@ class MasterDaemon:
             _axis(settings.cell, axis, bus, new_id, runtime.clock, journal)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
-        with ExitStack() as opened:  # closed again when one of them can not be opened
+        with ExitStack() as opened:  # closed again when the daemon can not be composed
             for axis in self.axes:
                 opened.callback(axis.handle.close)
                 axis.handle.open()
+            self._register(runtime, buses[0])
             opened.pop_all()
+
+    def _register(self, runtime: Runtime, bus: Bus) -> None:
+        """`bus`: of the first axis, whose keys carry the reports."""
         runtime.on_fault(self.fail)
         lateness = runtime.loop("haptic", TICK_NS, self.tick)
         runtime.task("serve", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.serve, now_ns))
@@ -92,7 +96,7 @@ class MasterDaemon:
             "parameters", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.publish_parameters, now_ns)
         )
         runtime.task("state", SECOND_NS // 10, self._report)
-        self._reports = Reports(buses[0], "master", lateness, self.transport, runtime)
+        self._reports = Reports(bus, "master", lateness, self.transport, runtime)
 
     @property
     def finished(self) -> bool:
@@ -105,12 +109,16 @@ class MasterDaemon:
             axis.tick(now_ns)
 
     def fail(self, error: BaseException) -> None:
-        """Reaction to a fault of any thread."""
-        reason, now_ns = f"{type(error).__name__}: {error}"[:200], self._now_ns()
+        """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
+        with ExitStack() as reactions:
+            reactions.callback(self._note_fault, f"{type(error).__name__}: {error}"[:200])
+            for axis in self.axes:
+                reactions.callback(axis.fail, error)
+
+    def _note_fault(self, reason: str) -> None:
+        now_ns = self._now_ns()
         self._journal.note("thread_fault", now_ns, reason=reason)
         self._journal.flight(self.axes[0].name, "thread_fault", reason, now_ns)
-        for axis in self.axes:
-            axis.fail(error)
 
     def shut_down(self) -> None:
         """Releases the deadman and fades the force out; the loop tells the slave so until it ends."""
@@ -118,14 +126,19 @@ class MasterDaemon:
             axis.stopping = True
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes handles and transport; after the loops have ended."""
-        self._report(now_ns)
-        self._reports.timing(now_ns)
-        self._reports.impairment(now_ns)
-        for axis in self.axes:
-            axis.diary.last_words(now_ns)
-            axis.handle.close()
-        self.transport.close()
+        """Publishes what is left, closes handles and transport; after the loops have ended.
+
+        Each step is taken whatever becomes of the others: what failed is raised then.
+        """
+        with ExitStack() as steps:  # a stack: the last one first
+            steps.callback(self.transport.close)
+            for axis in reversed(self.axes):
+                steps.callback(axis.handle.close)
+                steps.callback(axis.diary.last_words, now_ns)
+            steps.callback(self._reports.impairment, now_ns)
+            steps.callback(self._reports.timing, now_ns)
+            for axis in reversed(self.axes):
+                steps.callback(axis.report, now_ns)
 
     def _each(self, action: Callable[[MasterAxis, int], None], now_ns: int) -> None:
         for axis in self.axes:

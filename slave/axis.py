@@ -3,7 +3,7 @@ composes it.
 """
 
 from collections import Counter
-from typing import Any
+from collections.abc import Iterable
 
 from common import topics
 from common.bus import Bus, Outlet
@@ -107,8 +107,8 @@ class SlaveAxis:
         self._clear.put(True)
 
     def fail(self, error: BaseException) -> None:
-        """A fault of any thread: the machine goes to FAULT at the next tick and the stage is told to hold at
-        once.
+        """A fault of any thread: the stage is told to hold at once; the machine goes to FAULT at the next
+        tick, or by `settle` when the control loop itself has ended and no tick follows.
         """
         self._fault.put(f"{type(error).__name__}: {error}"[:200])
         try:
@@ -179,11 +179,19 @@ class SlaveAxis:
         self._executing = outputs.executing
         self._apply(outputs, now_ns)
         self._diary.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
-        for transition in outputs.transitions:
-            self._transitions.put((now_ns, transition))
-            self._diary.transition(now_ns, transition, holder)
+        self._changed(now_ns, outputs.transitions)
         for hit in outputs.limits:
             self._limits.add(hit)
+
+    def settle(self, now_ns: int) -> None:
+        """Heeds the stop and the fault that wait for a tick; only ever called when none follows."""
+        assert self._control is not None, "open() comes first"
+        self._changed(now_ns, self._control.halt(now_ns, self._estop.take(), self._fault.take()))
+
+    def _changed(self, now_ns: int, transitions: Iterable[Transition]) -> None:
+        for transition in transitions:
+            self._transitions.put((now_ns, transition))
+            self._diary.transition(now_ns, transition, self._link.holder)
 
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
         command, released = self._intake.slot.take()
@@ -224,10 +232,16 @@ class SlaveAxis:
 
     def serve(self, now_ns: int, last: bool = False) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
-        self._link.serve(now_ns, self.at_rest, self._opened)
-        reason = self._intake.hopeless(now_ns, self.at_rest)
-        if reason is not None:
-            self._link.let_go(now_ns, reason)
+        try:
+            self._link.serve(now_ns, self.at_rest, self._opened)
+            reason = self._intake.hopeless(now_ns, self.at_rest)
+            if reason is not None:
+                self._link.let_go(now_ns, reason)
+            self._publish(now_ns, last)
+        finally:  # what can not be published is written down all the same
+            self._diary.serve(now_ns, self._bus, self._link.holder, self._link.live(now_ns), last)
+
+    def _publish(self, now_ns: int, last: bool) -> None:
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
             header = self._safety_event.header(self._link.holder, stamp_ns)
             said = SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
@@ -236,15 +250,7 @@ class SlaveAxis:
         for hit, count in self._limits.due(now_ns, last):
             self._diary.limits(hit, count)
             header = self._limit_event.header(self._link.holder, now_ns)
-            asked: dict[str, Any] = {
-                "rule": hit.rule,
-                "requested": hit.requested,
-                "applied": hit.applied,
-                "unit": hit.unit,
-            }
-            self._limit_event.send(LimitEvent(**header, **asked, count=count))
-
-        self._diary.serve(now_ns, self._bus, self._link.holder, self._link.live(now_ns), last)
+            self._limit_event.send(LimitEvent(**header, **hit._asdict(), count=count))
 
     def _opened(self, session_id: int) -> None:
         self._intake.open(session_id)

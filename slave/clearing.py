@@ -19,19 +19,25 @@ class Clearing(NamedTuple):
 
 
 class ClearRequest:
-    """Asked on asyncio, heeded by the control loop at its next tick; `done` has the result then."""
+    """Asked on asyncio, heeded by the control loop at its next tick; `done` has the result then.
+
+    Who cancels `done` before that tick has nothing cleared.
+    """
 
     def __init__(self, axis: str | None) -> None:
         self.done: Future[list[Clearing]] = Future()
         self._axis = axis
         self._was: list[tuple[SlaveAxis, str]] = []
 
-    def begin(self, axes: Sequence[SlaveAxis]) -> None:
-        """Before the axes' ticks."""
+    def begin(self, axes: Sequence[SlaveAxis]) -> bool:
+        """Before the axes' ticks; whether it is still wanted, and `end` is to follow."""
+        if not self.done.set_running_or_notify_cancel():
+            return False
         chosen = [axis for axis in axes if axis.halted and self._means(axis)]
         self._was = [(axis, f"{axis.state.value}: {axis.reason}") for axis in chosen]
         for axis in chosen:
             axis.clear()
+        return True
 
     def end(self) -> None:
         """After them."""

@@ -116,6 +116,14 @@ class AxisControl:
             limits=hits,
         )
 
+    def halt(self, now_ns: int, estop: str | None, fault: str | None) -> list[Transition]:
+        """What came when no tick follows any more: the machine is told, the setpoint stays."""
+        transitions: list[Transition] = []
+        for event, reason in ((E.ESTOP, estop), (E.FAULT, fault)):  # the gravest first
+            if reason is not None:
+                self._fire(event, reason, now_ns, transitions)
+        return transitions
+
     def _step_s(self, now_ns: int) -> float:
         previous_ns, self._previous_ns = self._previous_ns, now_ns
         elapsed_s = 1e-3 if previous_ns is None else (now_ns - previous_ns) * 1e-9

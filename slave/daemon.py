@@ -12,7 +12,7 @@ from common.journal import NOTHING_KEPT, Journal
 from common.recording.tabular import load_recording
 from common.runtime.port import Runtime
 from common.settings import TICK_NS
-from common.slots import LatestValue
+from common.slots import BoundedQueue
 from common.transport.port import Transport
 from slave.axis import SlaveAxis
 from slave.clearing import FOLLOWS, Clearing, ClearRequest
@@ -37,6 +37,7 @@ from slave.stages.settings import Cia402Settings, SimulatedStageDriver, StageDri
 from slave.stages.simulated import SimulatedStage
 
 _ANNOUNCE_NS = 2 * SECOND_NS  # who begins to record hears the calibrations soon
+_CLEARINGS = 64  # between two ticks; far more than the local socket serves at once
 
 
 class SlaveDaemon:
@@ -66,30 +67,37 @@ class SlaveDaemon:
             seen = TappedTransport(self.transport, journal.rings, runtime.clock.now_ns)
         buses = [Bus(seen, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
         self._journal, self._now_ns = journal, runtime.clock.now_ns
-        self._clear: LatestValue[ClearRequest] = LatestValue()
+        self._clear: BoundedQueue[ClearRequest] = BoundedQueue(_CLEARINGS)
         self.axes = [
             SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id(), journal)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
-        for axis in self.axes:
-            axis.open(runtime.clock.now_ns())
+        with ExitStack() as opened:  # closed again when the daemon can not be composed
+            for axis in self.axes:
+                opened.callback(axis.close)
+                axis.open(runtime.clock.now_ns())
+            self._register(runtime, buses[0])
+            opened.pop_all()
+
+    def _register(self, runtime: Runtime, bus: Bus) -> None:
+        """`bus`: of the first axis, whose keys carry the reports."""
+        self._loop = runtime.loop("control", TICK_NS, self.tick)
         runtime.on_fault(self.fail)
-        lateness = runtime.loop("control", TICK_NS, self.tick)
         runtime.task("serve", SECOND_NS // 100, self._serve)
         runtime.task("heartbeat", SECOND_NS // 20, self._beat)
         runtime.task("state", SECOND_NS // 50, self._report)
         runtime.task("calibration", _ANNOUNCE_NS, self._announce)
-        self._reports = Reports(buses[0], "slave", lateness, self.transport, runtime)
+        self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
-        clearing = self._clear.take()
-        if clearing is not None:
-            clearing.begin(self.axes)
-        for axis in self.axes:
-            axis.tick(now_ns)
-        if clearing is not None:
-            clearing.end()
+        clearings = [each for each in self._clear.drain() if each.begin(self.axes)]
+        try:
+            for axis in self.axes:
+                axis.tick(now_ns)
+        finally:  # also of the last tick: who waits is told what became of it
+            for clearing in clearings:
+                clearing.end()
         halted = next((axis for axis in self.axes if axis.halted), None)
         if halted is not None:
             for axis in self.axes:
@@ -100,7 +108,7 @@ class SlaveDaemon:
         """Asks the next tick to clear what is latched, of one axis and those that follow it, or of all.
 
         Only ever called by a local act at the slave. The result is of that tick: a cause that lasts may
-        show later.
+        show later. Who does not wait for it cancels it: what is cancelled before that tick clears nothing.
         """
         request = ClearRequest(axis)
         self._clear.put(request)
@@ -111,7 +119,14 @@ class SlaveDaemon:
         with ExitStack() as reactions:
             reactions.callback(self._note_fault, f"{type(error).__name__}: {error}"[:200])
             for axis in self.axes:
+                reactions.callback(self._settle, axis)
+            for axis in self.axes:  # a stack: these are the first
                 reactions.callback(axis.fail, error)
+
+    def _settle(self, axis: SlaveAxis) -> None:
+        """In place of the tick that never comes, when the control loop has ended by a fault."""
+        if self._loop.ended:
+            axis.settle(self._now_ns())
 
     def _note_fault(self, reason: str) -> None:
         now_ns = self._now_ns()
@@ -129,18 +144,25 @@ class SlaveDaemon:
         return all(axis.at_rest for axis in self.axes)
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes devices and transport; after the loops have ended."""
-        for axis in self.axes:
-            axis.serve(now_ns, last=True)
-        self._report(now_ns)
-        self._reports.timing(now_ns)
-        self._reports.impairment(now_ns)
-        for axis in self.axes:
-            axis.close()
-        self.transport.close()
+        """Publishes what is left, closes devices and transport; after the loops have ended.
+
+        Each step is taken whatever becomes of the others: what failed is raised then.
+        """
+        with ExitStack() as steps:  # a stack: the last one first
+            steps.callback(self.transport.close)
+            for axis in reversed(self.axes):
+                steps.callback(axis.close)
+            steps.callback(self._reports.impairment, now_ns)
+            steps.callback(self._reports.timing, now_ns)
+            for axis in reversed(self.axes):
+                steps.callback(axis.report, now_ns)
+            for axis in reversed(self.axes):
+                steps.callback(axis.serve, now_ns, last=True)
+                steps.callback(axis.settle, now_ns)
 
     def _serve(self, now_ns: int) -> None:
         for axis in self.axes:
+            self._settle(axis)  # a stop is heeded while the daemon comes to its end
             axis.serve(now_ns)
 
     def _beat(self, now_ns: int) -> None:

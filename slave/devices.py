@@ -1,6 +1,7 @@
 """The devices of one axis as its control loop sees them: readings that can be believed, faults by name."""
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from math import isfinite
 
@@ -36,19 +37,23 @@ class DeviceWatch:
         self._on_fault = on_fault
 
     def open(self, now_ns: int) -> None:
-        """Opens the devices.
+        """Opens the devices; all or none.
 
         Raises:
             DeviceError: one does not answer, or the stage does not say where it is.
         """
-        for device in (self._devices.stage, self._devices.gripper, self._devices.load_cell):
-            device.open()
-        self._read_stage(now_ns)
+        with ExitStack() as opened:  # a stage must not stay enabled when the load cell does not answer
+            for device in (self._devices.stage, self._devices.gripper, self._devices.load_cell):
+                opened.callback(device.close)
+                device.open()
+            self._read_stage(now_ns)
+            opened.pop_all()
 
     def close(self) -> None:
-        """Closes the devices."""
-        for device in (self._devices.load_cell, self._devices.gripper, self._devices.stage):
-            device.close()
+        """Closes the devices; one that fails at it does not keep the others from it."""
+        with ExitStack() as opened:
+            for device in (self._devices.stage, self._devices.gripper, self._devices.load_cell):
+                opened.callback(device.close)
 
     def rearm(self) -> None:
         """A clearing is the explicit act that a device waits for after its fault."""

@@ -26,7 +26,7 @@ class Runtime(Protocol):
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
         """A hard-paced loop on absolute deadlines in a thread of its own; returns where its lateness is
-        counted.
+        counted, and said that the loop has ended.
         """
         ...
 

@@ -4,6 +4,7 @@ one place.
 
 import asyncio
 from collections.abc import Callable
+from contextlib import ExitStack
 
 from common.clock import MonotonicClock
 from common.errors import RunError
@@ -59,14 +60,17 @@ class RealRuntime:
         self._reactions.append(reaction)
 
     def fault(self, error: BaseException) -> None:
-        """First the safety reactions, on the thread that failed; then asyncio is woken to end the daemon."""
+        """First the safety reactions, on the thread that failed; then asyncio is woken to end the daemon.
+
+        A reaction that fails in spite of its contract keeps neither the others from theirs nor the daemon
+        alive; what it raised is raised then.
+        """
         if self.error is None:
             self.error = error
-        try:
-            for reaction in self._reactions:
-                reaction(error)
-        finally:  # a reaction that fails in spite of its contract does not keep the daemon alive
-            self._asyncio.call_soon_threadsafe(self.stopping.set)
+        with ExitStack() as reactions:  # a stack: the last one first
+            reactions.callback(self._asyncio.call_soon_threadsafe, self.stopping.set)
+            for reaction in reversed(self._reactions):
+                reactions.callback(reaction, error)
 
     def stop(self) -> None:
         """Asks for an orderly end (signals, end of the run); from asyncio's thread."""

@@ -65,7 +65,7 @@ def go_before(steps: int) -> None:
 class RealtimeThread:
     """Calls `tick` every `period_ns`; a tick that is a period or more late skips the missed deadlines,
     counted. A clock that goes back is a fault, for what has become too old would be young again; the loop
-    goes on, so that it can react.
+    goes on, so that it can react. A tick that raises is a fault, too, and the last one: `lateness.ended`.
     """
 
     def __init__(
@@ -100,10 +100,11 @@ class RealtimeThread:
             self._thread.join()
 
     def _run(self) -> None:
-        self.scheduling = prepare_thread(self._priority)
         try:
+            self.scheduling = prepare_thread(self._priority)
             self._pace()
         except BaseException as error:  # noqa: BLE001 - the thread's last line: every fault goes to the safety reaction
+            self.lateness.ended = True  # first: a reaction must not wait for a tick that never comes
             self._fault(error)
 
     def _pace(self) -> None:

@@ -1,7 +1,7 @@
 """What a daemon does for its local socket."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from common.clock import Clock
@@ -11,6 +11,7 @@ from forefeel.local.protocol import Answer, AxisAnswer, Request
 
 if TYPE_CHECKING:
     from master.daemon import MasterDaemon
+    from slave.clearing import Clearing
     from slave.daemon import SlaveDaemon
 
 _POLL_S = 0.01
@@ -18,6 +19,8 @@ _STOPS_S = 1.0
 _TICK_S = 1.0
 _LASTS_S = 0.5
 """A cause that lasts shows within this: a blind load cell takes 0.2 s, a silent drive 50 ms."""
+_ENDED = "not cleared: the control loop does not run any more; start the slave again"
+_HANGS = "perhaps cleared: the control loop hangs in the tick that clears; start the slave again"
 
 
 class SlaveActs:
@@ -48,17 +51,25 @@ class SlaveActs:
             return self._answer(False, f"no axis {name!r}; expected one of {', '.join(names)}")
         if not any(axis.halted for axis in self._daemon.axes):
             return self._answer(True, "nothing is latched", *_lines(self._axes()))
-        try:
-            cleared = await asyncio.wait_for(asyncio.wrap_future(self._daemon.clear(name)), _TICK_S)
-        except TimeoutError:
-            return self._noted(
-                by, False, "not cleared: the control loop does not run any more; start the slave again"
-            )
+        cleared = await self._cleared(name)
+        if isinstance(cleared, str):
+            return self._noted(by, False, cleared)
         await _until(_LASTS_S, lambda: any(axis.halted for axis in self._daemon.axes))
         still = {axis.name: axis.reason for axis in self._daemon.axes if axis.halted}
         said = [f"axis {each.axis}: cleared {each.was}" for each in cleared if each.axis not in still]
         said += [f"axis {axis}: not cleared, the cause persists: {reason}" for axis, reason in still.items()]
         return self._noted(by, not still, *said)
+
+    async def _cleared(self, name: str | None) -> "Sequence[Clearing] | str":
+        """What a tick made of the wish, or why it is not known; what none has heeded in time, none will."""
+        asked = self._daemon.clear(name)
+        try:
+            await asyncio.wait([asyncio.wrap_future(asked)], timeout=_TICK_S)
+        finally:  # also when the asker is gone: nothing is cleared that nobody is told of
+            asked.cancel()
+        if asked.running():
+            return _HANGS
+        return _ENDED if asked.cancelled() else asked.result()
 
     def _noted(self, by: str, done: bool, *text: str) -> Answer:
         self._journal.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))

@@ -11,7 +11,7 @@ import pytest
 
 from common.clock import MonotonicClock
 from common.errors import RunError
-from common.runtime import real
+from common.runtime import real, realtime
 from common.runtime.real import RealRuntime
 from common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, go_before, prepare_thread
 
@@ -264,13 +264,16 @@ def test_a_fault_of_a_foreign_thread_runs_the_reactions_there_and_the_first_one_
     assert str(runtime.error) == "'one'"
 
 
-def test_a_reaction_that_fails_does_not_keep_the_daemon_running() -> None:
+def test_a_reaction_that_fails_keeps_neither_the_next_from_its_own_nor_the_daemon_running() -> None:
+    heard = list[str]()
+
     def broken(_: BaseException) -> None:
         raise OSError("no hold")
 
     async def run() -> RealRuntime:
         runtime = RealRuntime()
         runtime.on_fault(broken)
+        runtime.on_fault(lambda error: heard.append(str(error)))
         async with runtime:
             with pytest.raises(OSError, match="no hold"):
                 runtime.fault(ValueError("first"))
@@ -279,6 +282,7 @@ def test_a_reaction_that_fails_does_not_keep_the_daemon_running() -> None:
 
     with pytest.raises(RunError, match="ValueError: first"):
         asyncio.run(run()).raise_fault()
+    assert heard == ["first"]
 
 
 def test_one_loop_that_fails_does_not_stop_the_others() -> None:
@@ -297,6 +301,40 @@ def test_one_loop_that_fails_does_not_stop_the_others() -> None:
             await until(lambda: len(ticks) >= after + 3)
 
     asyncio.run(run())
+
+
+def test_a_loop_says_that_it_has_ended_before_the_reactions_to_its_fault() -> None:
+    ended = list[bool]()
+
+    def fail(_now_ns: int) -> None:
+        raise ValueError
+
+    async def run() -> None:
+        runtime = RealRuntime()
+        bad, good = runtime.loop("bad", MS, fail), runtime.loop("good", MS, lambda _: None)
+        runtime.on_fault(lambda _: ended.extend((bad.ended, good.ended)))
+        async with runtime:
+            await stopped(runtime)
+
+    asyncio.run(run())
+    assert ended == [True, False]
+
+
+def test_a_loop_that_can_not_even_begin_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_priority: int) -> str:
+        raise MemoryError("no thread")
+
+    monkeypatch.setattr(realtime, "prepare_thread", refuse)
+
+    async def run() -> RealRuntime:
+        runtime = RealRuntime()
+        runtime.loop("loop", MS, lambda _: None)
+        async with runtime:
+            await stopped(runtime)
+        return runtime
+
+    with pytest.raises(RunError, match="MemoryError: no thread"):
+        asyncio.run(run()).raise_fault()
 
 
 def test_leaving_joins_every_thread_and_ends_every_task() -> None:

@@ -1,0 +1,80 @@
+"""Running a daemon: whatever keeps it from its work, devices and transport are closed behind it."""
+
+import asyncio
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from common.clock import MonotonicClock
+from common.errors import ConfigurationError
+from common.runtime.real import RealRuntime
+from common.transport.memory import MemoryBus, MemoryTransport
+from forefeel import daemons
+from forefeel.local.server import LocalServer
+from master.settings import MasterSettings
+from slave.devices import Devices
+from slave.settings import SlaveSettings
+from tests.unit.failing import refusing
+from tests.unit.master_rig import FakeHandle
+from tests.unit.slave_rig import FakeGripper, FakeLoadCell, FakeStage
+
+
+@pytest.fixture(name="session", autouse=True)
+def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> Iterator[MemoryTransport]:
+    """The daemon's transport, one of two on a bus. Locked memory, a frozen heap, handlers of signals and a
+    short interval would last for the rest of the test run.
+    """
+    network, clock = MemoryBus(), MonotonicClock()
+    session = network.session(clock)
+    network.session(clock)
+
+    async def opened(*_: object) -> MemoryTransport:
+        return session
+
+    monkeypatch.setattr(daemons, "opened", opened)
+    monkeypatch.setattr(daemons, "watch_strands", lambda *_: None)
+    monkeypatch.setattr(daemons, "_runtime", lambda _: RealRuntime())
+    monkeypatch.setattr("common.runtime.real.prepare_process", lambda: "memory as it was")
+    interval_s = sys.getswitchinterval()
+    yield session
+    sys.setswitchinterval(interval_s)
+
+
+FAILURES: list[tuple[object, str]] = [(LocalServer, "_bound"), (daemons, "warn_of_latency")]
+"""What fails while the loop runs, and before it does."""
+
+
+@pytest.mark.parametrize(("place", "name"), FAILURES, ids=["socket", "before"])
+def test_a_slave_that_can_not_begin_closes_its_devices_and_its_transport(
+    session: MemoryTransport, monkeypatch: pytest.MonkeyPatch, place: object, name: str
+) -> None:
+    stage, opened = FakeStage(), list[bool]()
+    monkeypatch.setattr("slave.daemon._devices", lambda _: Devices(stage, FakeGripper(), FakeLoadCell()))
+
+    def refuse(*_: object) -> None:
+        opened.append(stage.opened)
+        raise ConfigurationError("no socket")
+
+    monkeypatch.setattr(place, name, refuse)
+    with pytest.raises(ConfigurationError, match="no socket"):
+        asyncio.run(daemons._slave(SlaveSettings(), None, insecure=False))
+    assert opened == [True]
+    assert not stage.opened
+    assert session.peers() == 0
+
+
+@pytest.mark.parametrize(("place", "name"), FAILURES, ids=["socket", "before"])
+def test_a_master_that_can_not_begin_closes_its_handle_and_its_transport(
+    session: MemoryTransport, monkeypatch: pytest.MonkeyPatch, place: object, name: str
+) -> None:
+    handle, closed = FakeHandle(), list[bool]()
+    monkeypatch.setattr(handle, "close", lambda: closed.append(True))
+    monkeypatch.setattr("master.daemon.make_handle", lambda *_: handle)
+    monkeypatch.setattr("master.daemon.compile_kernels", lambda: None)
+    monkeypatch.setattr("common.estimation.forecast.compile_kernels", lambda: None)
+    monkeypatch.setattr(place, name, refusing(ConfigurationError("no socket")))
+    with pytest.raises(ConfigurationError, match="no socket"):
+        asyncio.run(daemons._master(MasterSettings(), None, insecure=False))
+    assert closed == [True]
+    assert session.peers() == 0

@@ -1,0 +1,110 @@
+"""A control loop that has ended by a fault has no next tick: the safety state, its event and the audit log
+show the fault all the same.
+"""
+
+import asyncio
+import sys
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from common import topics
+from common.bus import Bus
+from common.messages import SafetyEvent, SafetyState, SlaveState
+from common.runtime import real
+from common.runtime.real import RealRuntime
+from common.transport.memory import MemoryBus
+from slave.daemon import SlaveDaemon
+from slave.settings import SlaveAxisSettings, SlaveSettings
+from tests.unit.failing import refusing
+from tests.unit.slave_cell import Book, Cell
+
+PATIENCE_S = 5.0
+FAULT, STOPPED = SafetyState.FAULT, SafetyState.ESTOPPED
+
+
+@pytest.fixture(autouse=True)
+def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Locked memory, a frozen heap and a short interval would last for the rest of the test run."""
+    monkeypatch.setattr(real, "prepare_process", lambda: "memory as it was")
+    interval_s = sys.getswitchinterval()
+    yield
+    sys.setswitchinterval(interval_s)
+
+
+async def until(condition: Callable[[], object]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():  # noqa: ASYNC110 - what is waited for happens in another thread
+            await asyncio.sleep(0.001)
+
+
+class LiveCell:
+    """A slave of two axes on the wall clock, the second of which ends the control loop at its first tick."""
+
+    def __init__(self) -> None:
+        self.runtime, self.book = RealRuntime(), Book()
+        network, clock = MemoryBus(), self.runtime.clock
+        settings = SlaveSettings(axes=(SlaveAxisSettings(), SlaveAxisSettings(name="rotation")))
+        self.daemon = SlaveDaemon(settings, network.session(clock), self.runtime, lambda: 7, self.book)
+        setattr(self.daemon.axes[1], "tick", refusing(ZeroDivisionError("torn")))  # noqa: B010 - a method
+        self.at_once = list[SafetyState]()
+        self.events, self.states = list[SafetyEvent](), list[SlaveState]()
+        for axis in settings.axes:
+            bus = Bus(network.session(clock), settings.cell, axis.name, clock)
+            bus.subscribe(topics.SAFETY_EVENT, lambda event, _: self.events.append(event))
+            bus.subscribe(topics.SLAVE_STATE, lambda state, _: self.states.append(state))
+
+    async def run(self, meanwhile: Callable[["LiveCell"], object]) -> None:
+        """To the fault, on until `meanwhile` is true, and to the end."""
+        async with self.runtime:
+            await asyncio.wait_for(self.runtime.stopping.wait(), PATIENCE_S)
+            self.at_once = [axis.state for axis in self.daemon.axes]
+            await until(lambda: meanwhile(self))
+        self.daemon.close(self.runtime.clock.now_ns())
+
+
+def live_cell(meanwhile: Callable[[LiveCell], object] = lambda _: True) -> LiveCell:
+    async def composed() -> LiveCell:
+        cell = LiveCell()
+        await cell.run(meanwhile)
+        return cell
+
+    return asyncio.run(composed())
+
+
+def test_when_a_tick_raises_every_axis_is_in_fault_before_the_daemon_hears_of_it() -> None:
+    cell = live_cell()
+    assert cell.at_once == [FAULT, FAULT]
+    assert {axis.reason for axis in cell.daemon.axes} == {"ZeroDivisionError: torn"}
+
+
+def test_the_fault_is_published_and_audited_while_the_daemon_still_runs() -> None:
+    cell = live_cell(lambda cell: len(cell.events) == 2 and cell.states and cell.states[-1].state is FAULT)
+    for event in cell.events:
+        assert (event.event, event.after, event.reason) == ("fault", FAULT, "ZeroDivisionError: torn")
+    assert {noted["after"] for noted in cell.book.of("safety")} == {"fault"}
+    assert len(cell.book.of("safety")) == 2
+    assert cell.book.of("thread_fault") == [{"reason": "ZeroDivisionError: torn"}]
+    assert cell.states[-1].state is FAULT
+
+
+def test_a_stop_is_heeded_though_the_control_loop_has_ended() -> None:
+    def stopped(cell: LiveCell) -> bool:
+        cell.daemon.axes[0].emergency_stop("pressed", "nurse")
+        return cell.daemon.axes[0].state is STOPPED
+
+    cell = live_cell(stopped)
+    assert [(each["before"], each["after"]) for each in cell.book.of("safety")][2:] == [("fault", "estopped")]
+
+
+@pytest.mark.parametrize("error", [None, ValueError("torn cable")], ids=["stop", "fault"])
+def test_what_comes_after_the_last_tick_is_latched_at_the_end(error: Exception | None) -> None:
+    cell = Cell()
+    if error is None:
+        cell.daemon.axes[0].emergency_stop("pressed")
+    else:
+        cell.daemon.fail(error)
+    assert FAULT not in cell.states() and STOPPED not in cell.states()  # a tick may follow
+    cell.daemon.close(cell.runtime.clock.now_ns())
+    assert cell.states()[0] is (STOPPED if error is None else FAULT)
+    assert cell.book.of("safety")[0]["reason"] == ("pressed" if error is None else "ValueError: torn cable")

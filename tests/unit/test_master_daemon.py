@@ -1,0 +1,71 @@
+"""The master's daemon when something fails: every handle is let go, whatever becomes of another one."""
+
+import pytest
+
+from common.errors import RunError
+from common.runtime.virtual import VirtualRuntime
+from common.transport.memory import MemoryBus
+from master.daemon import MasterDaemon
+from master.settings import MasterAxisSettings, MasterSettings
+from tests.unit.failing import refusing
+from tests.unit.master_rig import FakeHandle
+from tests.unit.slave_cell import Book
+
+AXES = ("insertion", "rotation", "tilt")
+
+
+class Bench:
+    """A master of three axes whose handles a test breaks."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.handles = [FakeHandle() for _ in AXES]
+        left = iter(self.handles)
+        monkeypatch.setattr("master.daemon.compile_kernels", lambda: None)  # nothing is predicted here
+        monkeypatch.setattr("master.daemon.make_handle", lambda *_: next(left))
+        self.runtime, self.book = VirtualRuntime(), Book()
+        self.network = MemoryBus()
+        self.session = self.network.session(self.runtime.clock)
+        self.closed = list[int]()
+        for number, handle in enumerate(self.handles):
+            monkeypatch.setattr(handle, "close", lambda it=number: self.closed.append(it))
+
+    def start(self) -> MasterDaemon:
+        settings = MasterSettings(axes=tuple(MasterAxisSettings(name=name) for name in AXES))
+        return MasterDaemon(settings, self.session, self.runtime, lambda: 7, self.book)
+
+
+@pytest.fixture(name="bench")
+def with_fake_handles(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(monkeypatch)
+
+
+@pytest.mark.parametrize("broken", range(len(AXES)))
+def test_a_handle_that_breaks_at_a_fault_leaves_no_force_on_the_others(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, broken: int
+) -> None:
+    daemon = bench.start()
+    monkeypatch.setattr(bench.handles[broken], "render", refusing(OSError("port gone")))
+    with pytest.raises(OSError, match="port gone"):
+        daemon.fail(ValueError("torn cable"))
+    others = [handle for number, handle in enumerate(bench.handles) if number != broken]
+    assert [handle.felt_n for handle in others] == [[0.0], [0.0]]
+    assert bench.book.of("thread_fault") == [{"reason": "ValueError: torn cable"}]
+
+
+def test_no_handle_stays_open_when_the_daemon_can_not_report(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("master.daemon.Reports", refusing(RunError("the session is closed")))
+    with pytest.raises(RunError, match="the session is closed"):
+        bench.start()
+    assert sorted(bench.closed) == [0, 1, 2]
+
+
+def test_a_session_that_is_broken_keeps_no_handle_open(bench: Bench) -> None:
+    daemon = bench.start()
+    others = bench.network.session(bench.runtime.clock)  # whoever hears raises where it is put
+    others.subscribe_all("forefeel", refusing(RunError("the session is closed")))
+    with pytest.raises(RunError, match="the session is closed"):
+        daemon.close(bench.runtime.clock.now_ns())
+    assert bench.closed == [0, 1, 2]
+    assert bench.session.peers() == 0 and others.peers() == 0
