@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from common.audit import CONTINUED, Entry, Link, Noted, parse, seal
+from common.state.folder import sync_folder
 
 _KEEP_SIZE = 1
 _RESERVE = 64 * 1024
@@ -54,7 +55,7 @@ class AuditFile:
         self._descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         self._size = os.fstat(self._descriptor).st_size
         self._reserved = 0
-        _sync_folder(self.path.parent)
+        sync_folder(self.path.parent)
 
     def _mend(self) -> None:
         """Cuts a half-written last line off, and finds the end of the chain."""
@@ -155,11 +156,3 @@ class AuditFile:
         self.close()
         self._open()
         return aside.name
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
