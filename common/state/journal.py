@@ -55,7 +55,7 @@ class StateJournal(Journal):
 
     def problem(self, now_ns: int) -> str | None:
         """See the port."""
-        return self._audit.problem(now_ns) or self._latch_problem
+        return self._audit.problem(now_ns) or self._latch_problem or self._flight.problem
 
     def _keep_latch(self, noted: Noted) -> None:
         """An axis that is stopped stays so over the end of the daemon; in the audit log's thread."""
@@ -90,4 +90,4 @@ class StateJournal(Journal):
         self._flight.close()
         self.note("stop", self._clock.now_ns(), reason=reason, **details)
         problem = self._audit.close()
-        return self._audit.end, problem or self._latch_problem
+        return self._audit.end, problem or self._latch_problem or self._flight.problem

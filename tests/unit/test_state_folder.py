@@ -295,6 +295,24 @@ def test_what_is_noted_while_a_failed_batch_is_put_back_is_kept_or_counted(
     assert sum(map(int, map(str, lost))) + daemon.events().count("refused") == 4 * 500
 
 
+# --- flight records ---
+
+
+def test_a_recorder_that_has_ended_is_a_problem_to_the_end(
+    state: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("no such number")
+
+    monkeypatch.setattr("common.state.flight_writer.RunWriter", broken)
+    monkeypatch.setattr("common.state.flight_writer.AFTER_NS", 0)
+    daemon = state()
+    daemon.journal.flight("a", "fault", "x", CLOCK.now_ns())
+    wait_until(lambda: "flight_failed" in daemon.events())
+    assert "flight recorder: its thread has ended" in (daemon.journal.problem(CLOCK.now_ns()) or "")
+    assert "flight recorder: its thread has ended" in (daemon.end() or "")
+
+
 # --- what is latched ---
 
 
