@@ -210,6 +210,11 @@ class MasterAxis:
             )
         )
 
+    def last_words(self, now_ns: int) -> None:
+        """Publishes and writes down what was gathered and not said yet; at the end, after the loop."""
+        self._own.serve(now_ns, self.session.session_id, *self._standing, last=True)
+        self.diary.last_words(now_ns)
+
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz."""
         if self.session.link is not Link.OPEN:

@@ -123,7 +123,7 @@ class MasterDaemon:
         self._reports.timing(now_ns)
         self._reports.impairment(now_ns)
         for axis in self.axes:
-            axis.diary.last_words(now_ns)
+            axis.last_words(now_ns)
             axis.handle.close()
         self.transport.close()
 
