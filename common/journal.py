@@ -52,7 +52,7 @@ class Journal:
         """Asks for a record of what led to this and of half a second after it."""
 
     def problem(self, now_ns: int) -> str | None:
-        """Why the audit log can not be written, if it can not."""
+        """Why something that has to be kept can not be written, if it can not."""
         del now_ns
         return None
 

@@ -210,6 +210,13 @@ class MasterAxis:
             )
         )
 
+    def last_words(self, now_ns: int) -> None:
+        """Publishes and writes down what was gathered and not said yet; at the end, after the loop."""
+        try:
+            self._own.serve(now_ns, self.session.session_id, *self._standing, last=True)
+        finally:  # a link that is broken keeps nothing out of the audit log
+            self.diary.last_words(now_ns)
+
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz."""
         if self.session.link is not Link.OPEN:

@@ -134,7 +134,7 @@ class MasterDaemon:
             steps.callback(self.transport.close)
             for axis in reversed(self.axes):
                 steps.callback(axis.handle.close)
-                steps.callback(axis.diary.last_words, now_ns)
+                steps.callback(axis.last_words, now_ns)
             steps.callback(self._reports.impairment, now_ns)
             steps.callback(self._reports.timing, now_ns)
             for axis in reversed(self.axes):

@@ -8,10 +8,12 @@ import ctypes
 import errno
 import os
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from common.audit import CONTINUED, Entry, Link, Noted, parse, seal
+from common.audit import CONTINUED, Detail, Entry, Link, Noted, parse, seal
+from common.state.folder import sync_folder
 
 _KEEP_SIZE = 1
 _RESERVE = 64 * 1024
@@ -19,6 +21,7 @@ _STEP = 4096
 _TAIL = 256 * 1024
 _SHOWN = 200
 _LARGEST = 16 * 1024 * 1024
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
 class Recovery(NamedTuple):
@@ -35,7 +38,8 @@ class AuditFile:
         last_event: of the entry that was found at the end; empty where there was none.
         recovery: what the opening had to mend; None when the log was whole.
         end: of the chain.
-        largest: size in bytes beyond which it is set aside and the next goes on; none is ever removed.
+        largest: size in bytes beyond which it is set aside and the next goes on; none is ever removed. It
+            grows on where there is no room for the next, and that is an entry.
 
     Raises:
         OSError: it can not be opened.
@@ -46,15 +50,25 @@ class AuditFile:
         self.recovery: Recovery | None = None
         self.end = Link()
         self.largest = _LARGEST
-        self._descriptor = -1
+        self._part = path.with_name(f".{path.name}.part")
+        self._grows = False
         self._open()
-        self._mend()
+        try:
+            self._mend()
+        except BaseException:
+            self.close()
+            raise
 
     def _open(self) -> None:
+        if self._part.exists():  # from a crash while a file was set aside
+            if self.path.exists():
+                self._part.unlink()
+            else:
+                self._part.rename(self.path)
         self._descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         self._size = os.fstat(self._descriptor).st_size
         self._reserved = 0
-        _sync_folder(self.path.parent)
+        sync_folder(self.path.parent)
 
     def _mend(self) -> None:
         """Cuts a half-written last line off, and finds the end of the chain."""
@@ -73,7 +87,7 @@ class AuditFile:
                 self.last_event = entry.noted.event
             except ValueError as error:
                 damaged = f"the last line {error}"
-                self._set_aside("damaged")
+                self._set_aside(self._free_name("damaged"), b"")
         if torn or damaged:
             self.recovery = Recovery(torn[:_SHOWN], damaged)
 
@@ -83,25 +97,36 @@ class AuditFile:
         Raises:
             OSError: not written; the log is as before.
         """
-        if self._size > self.largest:
-            aside = self._set_aside(f"{self.first_number():09d}")
-            first = notes[0]
-            notes = [Noted(first.utc, first.monotonic_ns, CONTINUED, "", {"file": aside}), *notes]
-        lines, end = [], self.end
-        for noted in notes:
-            line, end = seal(noted, end)
-            lines.append(line)
-        data = b"".join(lines)
+        if self._size <= self.largest:
+            self._append(notes)
+            return
         try:
-            done = 0
-            while done < len(data):
-                done += os.pwrite(self._descriptor, data[done:], self._size + done)
-            os.fdatasync(self._descriptor)
+            self._continue(notes)
+            self._grows = False
+        except OSError as error:
+            if error.errno not in _NO_ROOM:
+                raise
+            # behind this file there is the reserve
+            said = [] if self._grows else [_beside(notes[0], "not_set_aside", what=error.strerror)]
+            self._append([*said, *notes])
+            self._grows = True
+
+    def _append(self, notes: Sequence[Noted]) -> None:
+        data, end = _sealed(notes, self.end)
+        try:
+            _put(self._descriptor, data, self._size)
         except OSError:
             os.ftruncate(self._descriptor, self._size)
             self._reserved = 0  # it may have gone with it
             raise
         self._size += len(data)
+        self.end = end
+
+    def _continue(self, notes: Sequence[Noted]) -> None:
+        """Goes on with them in the next file."""
+        aside = self._free_name(f"{self.first_number():09d}")
+        data, end = _sealed([_beside(notes[0], CONTINUED, file=aside.name), *notes], self.end)
+        self._set_aside(aside, data)
         self.end = end
 
     def reserve(self) -> bool:
@@ -144,22 +169,61 @@ class AuditFile:
             os.close(self._descriptor)
             self._descriptor = -1
 
-    def _set_aside(self, name: str) -> str:
-        """Renames the file, opens a new one; the name."""
+    def _free_name(self, name: str) -> Path:
         aside = self.path.with_name(f"{self.path.stem}-{name}{self.path.suffix}")
         count = 1
         while aside.exists():
             count += 1
             aside = self.path.with_name(f"{self.path.stem}-{name}-{count}{self.path.suffix}")
-        self.path.rename(aside)
-        self.close()
-        self._open()
-        return aside.name
+        return aside
+
+    def _set_aside(self, aside: Path, data: bytes) -> None:
+        """Renames the file, and goes on in a new one that holds the data; or all is as before.
+
+        Raises:
+            OSError: the new one can not be written.
+        """
+        descriptor = os.open(self._part, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+        try:
+            _put(descriptor, data, 0)
+            self._take_place(aside)
+        except BaseException:
+            os.close(descriptor)
+            with suppress(OSError):  # it goes with the next opening
+                self._part.unlink(missing_ok=True)
+            raise
+        before, self._descriptor = self._descriptor, descriptor
+        self._size, self._reserved = len(data), 0
+        with suppress(OSError):  # what is in it was on the disk before
+            os.close(before)
+
+    def _take_place(self, aside: Path) -> None:
+        with ExitStack() as undo:
+            self.path.rename(aside)
+            undo.callback(aside.rename, self.path)
+            self._part.rename(self.path)
+            undo.callback(self.path.rename, self._part)
+            sync_folder(self.path.parent)
+            undo.pop_all()
 
 
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _beside(noted: Noted, event: str, **details: Detail) -> Noted:
+    """An entry of the log's own, of the same time."""
+    return Noted(noted.utc, noted.monotonic_ns, event, "", details)
+
+
+def _sealed(notes: Sequence[Noted], end: Link) -> tuple[bytes, Link]:
+    """Their lines behind that end, and the end then."""
+    lines = []
+    for noted in notes:
+        line, end = seal(noted, end)
+        lines.append(line)
+    return b"".join(lines), end
+
+
+def _put(descriptor: int, data: bytes, offset: int) -> None:
+    """All of it, on the disk when it returns."""
+    done = 0
+    while done < len(data):
+        done += os.pwrite(descriptor, data[done:], offset + done)
+    os.fdatasync(descriptor)

@@ -25,10 +25,14 @@ class AuditWriter:
         OSError: the file can not be opened.
     """
 
-    def __init__(self, path: Path, wall: WallClock, on_noted: Callable[[Noted], None]) -> None:
-        """`on_noted`: called in the thread with each entry before it is written."""
+    def __init__(
+        self, path: Path, wall: WallClock, on_noted: Callable[[Noted], None], on_turn: Callable[[], None]
+    ) -> None:
+        """Called in the thread. `on_noted`: with each entry before it is written; `on_turn`: every second
+        or more often.
+        """
         self._wall = wall
-        self._on_noted = on_noted
+        self._on_noted, self._on_turn = on_noted, on_turn
         self._file = AuditFile(path)
         self._waiting: deque[Noted] = deque(maxlen=_WAITING)
         self._lost = 0
@@ -105,6 +109,7 @@ class AuditWriter:
     def _write(self) -> None:
         if self._problem is not None:
             self._try_again()
+        self._on_turn()
         with self._counting:
             batch = list(self._waiting)
             self._waiting.clear()

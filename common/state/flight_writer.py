@@ -39,6 +39,10 @@ class FlightWriter:
     """Keeps the newest records in a folder; one a second at most, and what is left out is said.
 
     Any thread asks; the thread `flight` waits, encodes and writes. A record is there whole or not at all.
+
+    Attributes:
+        facts: stand in each record.
+        problem: why there are no more records: the thread has ended by what it does not expect.
     """
 
     def __init__(
@@ -47,6 +51,7 @@ class FlightWriter:
         self._folder, self._keep, self._rings = folder, keep, rings
         self._clock, self._wall, self._note = clock, wall, note
         self.facts: dict[str, str] = {}
+        self.problem: str | None = None
         self._requests: deque[_Request] = deque()
         self._accepted_ns: int | None = None
         self._skipped = 0
@@ -62,7 +67,7 @@ class FlightWriter:
         self._thread.start()
 
     def ask(self, axis: str, event: str, reason: str, now_ns: int) -> None:
-        """A record of what led to this; never blocks."""
+        """A record of what led to this; never blocks. One that can not be made any more is said."""
         accepted_ns = self._accepted_ns
         if accepted_ns is not None and now_ns - accepted_ns < _AT_MOST_EVERY_NS:
             self._skipped += 1
@@ -70,6 +75,8 @@ class FlightWriter:
         self._accepted_ns = now_ns
         self._requests.append(_Request(axis, event, reason, now_ns, self._wall.utc()))
         self._wake.set()
+        if self.problem is not None:
+            self._say_lost()
 
     def close(self) -> None:
         """Writes what was asked for, as far as it goes, and ends the thread; idempotent."""
@@ -79,6 +86,23 @@ class FlightWriter:
             self._thread.join()
 
     def _run(self) -> None:
+        try:
+            self._write_until_closed()
+        except Exception as error:  # noqa: BLE001 - the edge of the thread: nothing is recorded any more
+            self.problem = f"flight recorder: its thread has ended: {type(error).__name__}: {error}"[:200]
+            self._say_lost()
+
+    def _say_lost(self) -> None:
+        """Of each record that was asked for; in the thread, and in any other once that has ended."""
+        self._say_skipped()
+        while True:
+            try:
+                lost = self._requests.popleft()
+            except IndexError:  # several threads may take them
+                return
+            self._note("flight_failed", lost.stamp_ns, lost.axis, name=lost.event, what=self.problem)
+
+    def _write_until_closed(self) -> None:
         while not (self._closing and not self._requests):
             self._wake.wait()
             self._wake.clear()

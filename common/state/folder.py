@@ -39,6 +39,19 @@ def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:
         return None
 
 
+def sync_folder(folder: Path) -> None:
+    """Which names there are in it, on the disk when it returns.
+
+    Raises:
+        OSError: it can not be.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 class StateFolder:
     """The folder while its daemon runs; made with mode 0700 where it is missing, and locked.
 

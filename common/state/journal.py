@@ -1,6 +1,7 @@
 """The journal of a daemon that has a state folder."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 from common.audit import SAFETY, Detail, Link, Noted
 from common.clock import Clock, WallClock
@@ -26,9 +27,10 @@ class StateJournal(Journal):
         self._clock = clock
         self._latch = Latch(folder.path / LATCHED)
         self.latched: Mapping[str, str] = dict(self._latch.reasons)
+        self._latch_problem: str | None = None
         self.rings: Rings = Rings()
         try:
-            self._audit = AuditWriter(folder.path / AUDIT, wall, self._keep_latch)
+            self._audit = AuditWriter(folder.path / AUDIT, wall, self._keep_latch, self._write_latch)
         except OSError as error:
             raise ConfigurationError(
                 f"{folder.path / AUDIT}: {error.strerror}; expected an audit log that can be written"
@@ -53,7 +55,7 @@ class StateJournal(Journal):
 
     def problem(self, now_ns: int) -> str | None:
         """See the port."""
-        return self._audit.problem(now_ns)
+        return self._audit.problem(now_ns) or self._latch_problem or self._flight.problem
 
     def _keep_latch(self, noted: Noted) -> None:
         """An axis that is stopped stays so over the end of the daemon; in the audit log's thread."""
@@ -61,14 +63,31 @@ class StateJournal(Journal):
         if noted.event != SAFETY or stopped not in (noted.details["before"], noted.details["after"]):
             return
         latched = noted.details["after"] == stopped
-        try:
+        with self._latch_said(noted.axis):
             self._latch.keep(noted.axis, str(noted.details["reason"]) if latched else None)
+
+    def _write_latch(self) -> None:
+        """Again, for as long as it could not be; in the audit log's thread."""
+        with self._latch_said():
+            self._latch.write()
+
+    @contextmanager
+    def _latch_said(self, axis: str = "") -> Iterator[None]:
+        """That the latch can not be written, or can be again, is a problem and an entry; each said once."""
+        problem = None
+        try:
+            yield
         except OSError as error:
-            self.note("latch_not_kept", noted.monotonic_ns, noted.axis, what=str(error.strerror or error))
+            problem = f"latch: {error.strerror or error}"
+        before, self._latch_problem = self._latch_problem, problem
+        if problem is not None and problem != before:
+            self.note("latch_not_kept", self._clock.now_ns(), axis, what=problem)
+        elif problem is None and before is not None:
+            self.note("latch_written_again", self._clock.now_ns(), axis, what=before)
 
     def close(self, reason: str, **details: str | int) -> tuple[Link, str | None]:
-        """The closing entry; the end of the chain, and why the log could not be written, if so."""
+        """The closing entry; the end of the chain, and what could not be written, if so."""
         self._flight.close()
         self.note("stop", self._clock.now_ns(), reason=reason, **details)
         problem = self._audit.close()
-        return self._audit.end, problem
+        return self._audit.end, problem or self._latch_problem or self._flight.problem

@@ -4,12 +4,14 @@ import json
 import os
 from pathlib import Path
 
+from common.state.folder import sync_folder
+
 
 class Latch:
     """Which axes are stopped, in a file that is there only while one is.
 
     Attributes:
-        reasons: by axis; of a file that can not be read one for all, under the empty name.
+        reasons: by axis, as they are now; of a file that can not be read one for all, under the empty name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -22,27 +24,42 @@ class Latch:
             pass
         except (OSError, ValueError, AttributeError):
             self.reasons = {"": "what was latched can not be read"}
+        self._written: dict[str, str] | None = self.reasons
 
     def keep(self, axis: str, reason: str | None) -> None:
-        """That an axis is stopped for a reason, or is not.
+        """That an axis is stopped for a reason, or is not; in `reasons` whatever happens to the file.
 
         Raises:
-            OSError: it can not be written.
+            OSError: it can not be written; `write` tries again.
         """
         reasons = {name: text for name, text in self.reasons.items() if name not in (axis, "")}
         if reason is not None:
             reasons[axis] = reason
-        if reasons == self.reasons:
-            return
         self.reasons = reasons
-        if not reasons:
-            self._path.unlink(missing_ok=True)
+        self.write()
+
+    def write(self) -> None:
+        """Makes the file say what `reasons` say, where it does not yet; on the disk when it returns.
+
+        Raises:
+            OSError: it can not be written.
+        """
+        reasons = self.reasons
+        if reasons == self._written:
             return
+        self._written = None  # half-way it may say either
+        if reasons:
+            self._replace(json.dumps(reasons).encode())
+        else:
+            self._path.unlink(missing_ok=True)
+        sync_folder(self._path.parent)
+        self._written = reasons
+
+    def _replace(self, data: bytes) -> None:
         part = self._path.with_name(f".{self._path.name}.part")
         descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
-        try:
-            os.write(descriptor, json.dumps(reasons).encode())
+        with os.fdopen(descriptor, "wb") as file:  # which writes all of it, or raises
+            file.write(data)
+            file.flush()
             os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
         part.replace(self._path)

@@ -1,6 +1,7 @@
 """The transport over Zenoh."""
 
 import threading
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -104,15 +105,15 @@ class ZenohTransport:
     def heard_publisher(self, key: str, qos: Qos) -> tuple[Put, Callable[[], bool]]:
         """A publisher, and whether somebody on this session's connections subscribes to it now."""
         publisher = self._declare(key, qos)
-        heard = [False]
+        told: deque[bool] = deque(maxlen=1)
 
         def changed(status: zenoh.MatchingStatus) -> None:
-            heard[0] = status.matching
+            told.append(status.matching)
 
         self._declared.callback(publisher.declare_matching_listener(changed).undeclare)
-        # The stub says bool; it is an object that is always true.
-        heard[0] = cast(zenoh.MatchingStatus, publisher.matching_status).matching
-        return self._sender(key, publisher), lambda: heard[0]
+        # The stub says bool; it is an object that is always true. What the listener is told is newer.
+        found = cast(zenoh.MatchingStatus, publisher.matching_status).matching
+        return self._sender(key, publisher), lambda: told[0] if told else found
 
     def _declare(self, key: str, qos: Qos) -> zenoh.Publisher:
         congestion, priority, reliability, express = _QOS[qos]

@@ -161,6 +161,25 @@ def test_a_full_disk_leaves_no_half_record_and_is_said(
     assert recorder.files() == []
 
 
+def test_a_thread_that_ends_by_what_nobody_expects_is_a_problem_and_no_request_is_lost_unsaid(
+    recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("no such number")
+
+    monkeypatch.setattr("common.state.flight_writer.RunWriter", broken)
+    for second, event in enumerate(("watchdog", "fault", "skipped")):
+        recorder.writer.ask("insertion", event, "x", recorder.now_ns + min(second, 1) * S)
+    recorder.writer.start()
+    recorder.writer.close()
+    what = "flight recorder: its thread has ended: ValueError: no such number"
+    assert recorder.writer.problem == what
+    recorder.writer.ask("insertion", "estop", "x", recorder.now_ns + 2 * S)
+    failed = [(d["name"], d["what"]) for event, d in recorder.noted if event == "flight_failed"]
+    assert failed == [("watchdog", what), ("fault", what), ("estop", what)]
+    assert sum(d["count"] for event, d in recorder.noted if event == "flight_skipped") == 1
+
+
 def test_what_a_killed_daemon_left_half_written_goes_at_the_start(recorder: Recorder) -> None:
     (recorder.folder / ".x.mcap.part").write_bytes(b"half")
     recorder.writer.start()

@@ -19,6 +19,7 @@ from common.settings import DaemonSettings
 from common.state.audit_file import AuditFile
 from common.state.folder import AUDIT, LATCHED, StateFolder, holder, state_path
 from common.state.journal import StateJournal
+from common.state.latch import Latch
 
 CLOCK = MonotonicClock()
 
@@ -294,6 +295,24 @@ def test_what_is_noted_while_a_failed_batch_is_put_back_is_kept_or_counted(
     assert sum(map(int, map(str, lost))) + daemon.events().count("refused") == 4 * 500
 
 
+# --- flight records ---
+
+
+def test_a_recorder_that_has_ended_is_a_problem_to_the_end(
+    state: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("no such number")
+
+    monkeypatch.setattr("common.state.flight_writer.RunWriter", broken)
+    monkeypatch.setattr("common.state.flight_writer.AFTER_NS", 0)
+    daemon = state()
+    daemon.journal.flight("a", "fault", "x", CLOCK.now_ns())
+    wait_until(lambda: "flight_failed" in daemon.events())
+    assert "flight recorder: its thread has ended" in (daemon.journal.problem(CLOCK.now_ns()) or "")
+    assert "flight recorder: its thread has ended" in (daemon.end() or "")
+
+
 # --- what is latched ---
 
 
@@ -308,6 +327,32 @@ def test_an_emergency_stop_outlives_the_daemon_until_it_is_cleared(state: Callab
     again.transition("armed", "fault")
     again.end()
     assert state().journal.latched == {}
+
+
+def test_a_stop_that_could_not_be_latched_is_a_problem_until_it_is(
+    state: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("common.state.audit_writer._RETRY_S", 0.01)
+    daemon = state()
+    in_the_way = daemon.log.parent / f".{LATCHED}.part"
+    in_the_way.mkdir()
+    daemon.transition("armed", "estopped", "nurse: pressed")
+    wait_until(lambda: "latch_not_kept" in daemon.events())
+    assert daemon.journal.problem(CLOCK.now_ns()) == "latch: Is a directory"
+    in_the_way.rmdir()
+    wait_until(lambda: "latch_written_again" in daemon.events())
+    assert daemon.journal.problem(CLOCK.now_ns()) is None
+    latched = Latch(daemon.log.parent / LATCHED).reasons
+    assert latched == {"a": "nurse: pressed"}, "as a daemon finds it after a kill"
+    assert daemon.end() is None
+    assert daemon.events() == ["start", "safety", "latch_not_kept", "latch_written_again", "stop"]
+
+
+def test_a_daemon_that_ends_with_a_stop_that_is_not_latched_says_so(state: Callable[[], Daemon]) -> None:
+    daemon = state()
+    (daemon.log.parent / f".{LATCHED}.part").mkdir()
+    daemon.transition("armed", "estopped", "nurse: pressed")
+    assert daemon.end() == "latch: Is a directory"
 
 
 def test_a_latch_that_can_not_be_read_stops_every_axis(state: Callable[[], Daemon]) -> None:

@@ -1,14 +1,20 @@
 """How streams take turns between connections, and which settings of that can not work."""
 
 import re
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
+import zenoh
 
 from common.clock import MonotonicClock
 from common.errors import EndpointError
+from common.topics import Qos
 from common.transport.endpoints import port_of, shifted
 from common.transport.settings import TransportSettings
 from common.transport.strands import StrandedTransport, in_turn
+from common.transport.zenoh_bus import ZenohTransport
 from forefeel.strand_watch import StrandWatch
 
 
@@ -42,6 +48,57 @@ def test_where_nobody_is_known_to_listen_the_first_one_is_used() -> None:
     put(b"a")
     put(b"b")
     assert [outlet.sent for outlet in outlets] == [[b"a", b"b"], []]
+
+
+class Publication:
+    """A session with one publisher: somebody comes, or goes, while it is asked whether anybody is there."""
+
+    def __init__(self, found: bool, meanwhile: bool | None) -> None:
+        self.tell: Callable[[SimpleNamespace], None] = lambda _: None
+        self._found, self._meanwhile = found, meanwhile
+
+    def __enter__(self) -> "Publication":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def declare_publisher(self, *_: object, **__: object) -> "Publication":
+        return self
+
+    def put(self, payload: bytes) -> None:
+        pass
+
+    def undeclare(self) -> None:
+        pass
+
+    def declare_matching_listener(self, tell: Callable[[SimpleNamespace], None]) -> "Publication":
+        self.tell = tell
+        return self
+
+    @property
+    def matching_status(self) -> SimpleNamespace:
+        if self._meanwhile is not None:
+            self.tell(SimpleNamespace(matching=self._meanwhile))
+        return SimpleNamespace(matching=self._found)
+
+
+@pytest.mark.parametrize(
+    ("found", "meanwhile", "heard"),
+    [(False, True, True), (True, False, False), (True, None, True), (False, None, False)],
+)
+def test_who_comes_or_goes_while_the_outlet_is_made_counts(
+    found: bool, meanwhile: bool | None, heard: bool
+) -> None:
+    session = Publication(found, meanwhile)
+    transport = ZenohTransport(cast(zenoh.Session, session), MonotonicClock(), print)
+    _, is_heard = transport.heard_publisher("forefeel/c/a/slave/force", Qos.STREAM)
+    assert is_heard() is heard
+    session.tell(SimpleNamespace(matching=not heard))
+    assert is_heard() is not heard
+    session.tell(SimpleNamespace(matching=heard))
+    assert is_heard() is heard
+    transport.close()
 
 
 @pytest.mark.parametrize(
