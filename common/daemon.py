@@ -14,6 +14,8 @@ from common.transport.port import Transport
 from common.transport.settings import ImpairmentSettings
 
 SECOND_NS = 1_000_000_000
+_KNOWN_NS = SECOND_NS
+"""Who listens is known to a daemon so long after its start; nobody hears what is published before."""
 
 
 def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Runtime) -> ImpairedTransport:
@@ -57,6 +59,7 @@ class Reports:
         self._lateness = lateness
         self._transport = transport
         self._runtime = runtime
+        self._since_ns: int | None = None
         self._timing = bus.outlet(BY_NAME[f"{role}/timing"])
         self._trace = bus.outlet(BY_NAME[f"{role}/impairment"])
         runtime.task(f"{role} timing", SECOND_NS, self.timing)
@@ -80,8 +83,13 @@ class Reports:
             )
         )
 
-    def impairment(self, now_ns: int) -> None:
-        """What became of each message since the last call."""
+    def impairment(self, now_ns: int, last: bool = False) -> None:
+        """What became of each message since the last call; of the first second at its end, or a recorder
+        would lack the begin.
+        """
+        self._since_ns = now_ns if self._since_ns is None else self._since_ns
+        if now_ns - self._since_ns < _KNOWN_NS and not last:
+            return
         if self._transport.trace_lost:
             self._bus.counters["trace_lost"] = self._transport.trace_lost
         for chunk in self._transport.drain_trace():
