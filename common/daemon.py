@@ -87,11 +87,11 @@ class Reports:
         """What became of each message since the last call; of the first second at its end, or a recorder
         would lack the begin.
         """
+        if self._transport.trace_lost:
+            self._bus.counters["trace_lost"] = self._transport.trace_lost
         self._since_ns = now_ns if self._since_ns is None else self._since_ns
         if now_ns - self._since_ns < _KNOWN_NS and not last:
             return
-        if self._transport.trace_lost:
-            self._bus.counters["trace_lost"] = self._transport.trace_lost
         for chunk in self._transport.drain_trace():
             header = self._trace.header(0, now_ns)
             self._trace.send(

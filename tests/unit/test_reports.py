@@ -1,8 +1,11 @@
+import pytest
+
 from common.bus import Bus
-from common.daemon import Reports
+from common.daemon import SECOND_NS, Reports
 from common.lateness import Lateness
+from common.messages import ImpairmentTrace
 from common.runtime.virtual import VirtualRuntime
-from common.topics import Qos
+from common.topics import SLAVE_IMPAIRMENT, Qos
 from common.transport.impaired import ImpairedTransport
 from common.transport.impairment import ReplayedImpairment
 from common.transport.memory import MemoryBus
@@ -23,3 +26,24 @@ def test_a_trace_that_nobody_drained_in_time_is_counted_among_the_states_counter
         put(b"")
     reports.impairment(0)
     assert bus.counts() == {"trace_lost": 7}
+
+
+@pytest.mark.parametrize(("when_ns", "last"), [(SECOND_NS, False), (SECOND_NS // 2, True)])
+def test_the_trace_of_the_first_second_is_published_at_its_end_or_at_that_of_the_daemon(
+    when_ns: int, last: bool
+) -> None:
+    runtime, network = VirtualRuntime(), MemoryBus()
+    inner = network.session(runtime.clock)
+    transport = ImpairedTransport(inner, runtime, runtime.clock, ReplayedImpairment([()]), None)
+    bus = Bus(transport, "cell", "insertion", runtime.clock)
+    reports = Reports(bus, "slave", Lateness(), transport, runtime)
+    heard: list[ImpairmentTrace] = []
+    other = Bus(network.session(runtime.clock), "cell", "insertion", runtime.clock)
+    other.subscribe(SLAVE_IMPAIRMENT, lambda message, _: heard.append(message))
+    transport.subscribe("any/key", lambda payload, _: None)
+    network.session(runtime.clock).publisher("any/key", Qos.STREAM)(b"")
+    reports.impairment(0)
+    reports.impairment(SECOND_NS // 2)
+    assert heard == []
+    reports.impairment(when_ns, last)
+    assert [chunk.first_index for chunk in heard] == [0]
