@@ -58,7 +58,7 @@ soak: $(READY) ## the long forms of tests, then the service for an hour among ra
 	$(BIN)/python -m pytest -m 'soak and realtime' -s $(if $(filter 3,$(MINUTES)),$(SHORT))
 	$(BIN)/python -m tests.soak --minutes $(MINUTES)$(if $(filter 3,$(MINUTES)), --tries 2)
 
-faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (15 minutes)
+faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (30 minutes)
 	$(BIN)/python -m tests.faults --out docs/explanation/faults.md
 
 fuzz: $(READY) ## 100,000 byte strings for every parser

@@ -21,6 +21,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from benchmarks.markdown import revision
+
 _DEBIAN = {
     "mosquitto": "mosquitto", "nats-server": "nats-server", "redis-server": "redis-server",
     "cyclictest": "rt-tests",
@@ -34,11 +36,12 @@ _PLACES = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/bin"])
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """One module, and what it answers. `figures`: it takes `--json FILE`."""
+    """One module, and what it answers. `figures`: it takes `--json FILE`; `words`: further ones."""
 
     module: str
     question: str
     figures: bool = False
+    words: tuple[str, ...] = ()
 
 
 ALL = (
@@ -59,7 +62,17 @@ ALL = (
     Benchmark("hardware_can", "The CAN drivers beside raw frames"),
     Benchmark("hardware_handle", "The handle's link beside a raw echo"),
     Benchmark("hardware_service", "The service on simulated and on emulated devices"),
-    Benchmark("lossy_link", "TLS in several connections over a link that loses packets (root)"),
+    Benchmark(
+        "links",
+        "How does the service do over delayed and lost packets? (root)",
+        words=("--links", "default", "--seconds", "20"),
+    ),
+    Benchmark(
+        "reconnect",
+        "How long does a session take to open, first and after a cut? (root)",
+        words=("--losses", "0", "--times", "3"),
+    ),
+    Benchmark("headline", "The headline of the README over packets, beside the injected run (root)"),
 )
 
 
@@ -107,18 +120,6 @@ def _parts(document: Path, machine: Mapping[str, object]) -> dict[str, Part]:
     return {part["module"]: Part(**part) for part in found["parts"]}
 
 
-def _revision() -> str:
-    """Of the source, or empty where that is not known."""
-    try:
-        done = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--exclude=*"],
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-    except OSError:
-        return ""
-    return done.stdout.strip()
-
-
 def _machine() -> dict[str, object]:
     """What it was measured on, and the versions of all that it was measured beside."""
     model = next(
@@ -156,7 +157,7 @@ def _run(each: Benchmark) -> Part:
     start_s = time.monotonic()
     with TemporaryDirectory() as folder:
         figures = Path(folder) / "figures.json"
-        command = [sys.executable, "-m", f"benchmarks.{each.module}"]
+        command = [sys.executable, "-m", f"benchmarks.{each.module}", *each.words]
         command += ["--json", str(figures)] if each.figures else []
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         found = json.loads(figures.read_text()) if figures.exists() else None
@@ -167,12 +168,14 @@ def _run(each: Benchmark) -> Part:
         print(lines[-1], flush=True)
     minutes = round((time.monotonic() - start_s) / 60.0, 1)
     date = f"{datetime.now(UTC):%Y-%m-%d}"
-    return Part(each.module, each.question, date, _revision(), minutes, done.returncode, lines, found)
+    return Part(each.module, each.question, date, revision(), minutes, done.returncode, lines, found)
 
 
 def _section(part: Part) -> str:
     when = f"{part.date}, {part.revision}" if part.revision else part.date
-    head = f"## {part.question}\n\n`python -m benchmarks.{part.module}`, {part.minutes:g} min ({when})"
+    words = next((each.words for each in ALL if each.module == part.module), ())
+    command = " ".join(["python -m", f"benchmarks.{part.module}", *words])
+    head = f"## {part.question}\n\n`{command}`, {part.minutes:g} min ({when})"
     return "\n".join([head, "", "```", *part.lines, "```", ""])
 
 

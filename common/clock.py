@@ -2,8 +2,9 @@
 
 import ctypes
 import time
+from collections.abc import Callable
 from datetime import UTC, datetime
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 _C_KEEPING_THE_LOCK = ctypes.PyDLL(None)  # its functions run with the interpreter lock held
 
@@ -21,17 +22,24 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The host's CLOCK_MONOTONIC."""
+    """The host's CLOCK_MONOTONIC.
+
+    Attributes:
+        read_ns: the source of every such clock in this process. A trial of what a wrong clock does puts
+            another source in its place; the host's own clock is never set.
+    """
+
+    read_ns: ClassVar[Callable[[], int]] = staticmethod(time.monotonic_ns)
 
     def now_ns(self) -> int:
         """Nanoseconds since an arbitrary start."""
-        return time.monotonic_ns()
+        return MonotonicClock.read_ns()
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
         """Sleeps to an absolute deadline; returns at once when it is past. The interpreter lock is free
         meanwhile.
         """
-        remaining_ns = deadline_ns - time.monotonic_ns()
+        remaining_ns = deadline_ns - MonotonicClock.read_ns()
         if remaining_ns > 0:
             time.sleep(remaining_ns * 1e-9)
 

@@ -83,6 +83,13 @@ class Reports:
             )
         )
 
+    def last_words(self, now_ns: int) -> None:
+        """What is left of both, each whatever becomes of the other; after the loop has ended."""
+        try:
+            self.timing(now_ns)
+        finally:
+            self.impairment(now_ns, last=True)
+
     def impairment(self, now_ns: int, last: bool = False) -> None:
         """What became of each message since the last call; of the first second at its end, or a recorder
         would lack the begin.

@@ -67,7 +67,11 @@ Gripper = Annotated[Grip, Field(strict=False)]
 
 
 class Handshake(Message):
-    """Opens a session (master) or answers it (slave). Both refuse to arm when protocol or settings differ."""
+    """Opens a session (master) or answers it (slave). Both refuse to arm when protocol or settings differ.
+
+    `answers_stamp_ns`: of the handshake that an answer answers. The master measures with it how long the
+    answer took, for it asks several times under one session id.
+    """
 
     most_bytes: ClassVar[int] = 24 * 1024
 
@@ -78,6 +82,7 @@ class Handshake(Message):
     settings: Annotated[str, Field(max_length=4096)] = ""
     accepted: bool = False
     reason: ShortText = ""
+    answers_stamp_ns: Stamp | None = None
 
 
 class MotionCommand(Message):

@@ -4,6 +4,9 @@ from common.messages import SafetyEvent
 from common.slots import BoundedQueue
 
 _NANOSECONDS = 1_000_000_000
+_REPEAT_NS = 5_000_000_000
+"""A cause that lasts is told anew after this long: often enough to be read while it holds."""
+_ROUND_TRIP = "round trip "
 
 
 def printable(text: str) -> str:
@@ -24,6 +27,43 @@ class Notices:
     def drain(self) -> list[str]:
         """The lines since the last call, oldest first; the oldest of very many are lost."""
         return self._queue.drain()
+
+
+def span(seconds: float) -> str:
+    """A time that has passed: 3.2 s, 48 s, 2 min 05 s, 1 h 07 min."""
+    if seconds < 10.0:
+        return f"{max(seconds, 0.0):.1f} s"
+    whole = int(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def long_round_trip(round_trip_s: float, limit_s: float) -> str:
+    """Why an axis does not arm over a link that is too slow."""
+    return f"{_ROUND_TRIP}{round_trip_s * 1e3:.0f} ms, limit {limit_s * 1e3:.0f} ms"
+
+
+def is_long_round_trip(reason: str) -> bool:
+    """Whether a reason is one of `long_round_trip`."""
+    return reason.startswith(_ROUND_TRIP)
+
+
+class Lasting:
+    """Tells when a cause that lasts is to be said: at once, then every 5 s."""
+
+    def __init__(self) -> None:
+        self._said_ns: int | None = None
+
+    def due(self, now_ns: int) -> bool:
+        """Whether it is to be said now; True counts as said."""
+        if self._said_ns is not None and now_ns - self._said_ns < _REPEAT_NS:
+            return False
+        self._said_ns = now_ns
+        return True
 
 
 def in_words(event: SafetyEvent) -> str:

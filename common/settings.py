@@ -58,6 +58,10 @@ class ColumnSettings(Settings):
 TICK_NS = 1_000_000
 """Period of the haptic loop and of the control loop: 1 kHz."""
 
+LONGEST_ROUND_TRIP_S = 2.0
+"""A session is opened up to this round trip, and no axis may be armed at more (`gate.max_round_trip_s`): the
+hand has long gone on by then before it feels what it touched. An answer that takes longer counts as none."""
+
 
 class AxisLimits(Settings):
     """What the slave enforces on one axis and the master respects; equal on both ends or nothing arms.

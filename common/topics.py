@@ -31,6 +31,8 @@ class Topic(Generic[M_co]):
 
     `crosses`: the other end consumes it. What does not cross is published for the recorder only.
     `published`: it goes over the network; what does not stands in flight records only.
+    `ordered`: the other end needs each of them, in order, so that they go over one connection; what is not
+    carries its own number or is repeated, and may take turns between parallel connections.
     """
 
     name: str
@@ -42,6 +44,12 @@ class Topic(Generic[M_co]):
     recorded: bool = True
     crosses: bool = True
     published: bool = True
+    ordered: bool = False
+
+    @property
+    def takes_turns(self) -> bool:
+        """Whether it may go over any of several connections to the other end."""
+        return self.crosses and self.published and not self.ordered
 
     def key(self, cell: str, axis: str) -> str:
         """The Zenoh key expression of this topic for one axis of one cell."""
@@ -58,10 +66,10 @@ MASTER_HANDSHAKE = Topic("master/handshake", m.Handshake, "master", None, Qos.EV
 SLAVE_HANDSHAKE = Topic("slave/handshake", m.Handshake, "slave", None, Qos.EVENT)
 MASTER_HEARTBEAT = Topic("master/heartbeat", m.Heartbeat, "master", 20, Qos.STATE, 1.0, recorded=False)
 SLAVE_HEARTBEAT = Topic("slave/heartbeat", m.Heartbeat, "slave", 20, Qos.STATE, 1.0, recorded=False)
-LIMIT_EVENT = Topic("slave/limit", m.LimitEvent, "slave", None, Qos.EVENT)
+LIMIT_EVENT = Topic("slave/limit", m.LimitEvent, "slave", None, Qos.EVENT, ordered=True)
 MASTER_LIMIT = Topic("master/limit", m.LimitEvent, "master", None, Qos.EVENT, crosses=False)
 MASTER_EVENT = Topic("master/event", m.MasterEvent, "master", None, Qos.EVENT, crosses=False)
-SAFETY_EVENT = Topic("slave/safety", m.SafetyEvent, "slave", None, Qos.EVENT)
+SAFETY_EVENT = Topic("slave/safety", m.SafetyEvent, "slave", None, Qos.EVENT, ordered=True)
 CALIBRATION = Topic("slave/calibration", m.Calibration, "slave", None, Qos.EVENT, crosses=False)
 EMERGENCY_STOP = Topic("any/estop", m.EmergencyStop, "any", None, Qos.EVENT)
 MASTER_TIMING = Topic("master/timing", m.LoopTiming, "master", 1, Qos.STATE, crosses=False)
@@ -81,6 +89,15 @@ TOPICS: tuple[Topic[m.Message], ...] = (
 BY_NAME: dict[str, Topic[m.Message]] = {topic.name: topic for topic in TOPICS}
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
 PUBLISHED = tuple(topic for topic in TOPICS if topic.published)
+
+
+def numbered(number: int | str, key: str) -> str:
+    """`key` as it goes over the connection of that number; "*" for all of them.
+
+    It is outside `forefeel/`, so that nobody who watches a cell hears a message twice.
+    """
+    return f"connection/{number}/{key}"
+
 
 _SEGMENT = re.compile(r"[^@*$?#/\s][^*$?#/\s]*")
 

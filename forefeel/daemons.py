@@ -5,7 +5,7 @@ closed.
 import asyncio
 import os
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from secrets import randbits
 from typing import TYPE_CHECKING
@@ -14,7 +14,15 @@ from common.runtime.real import RealRuntime
 from common.runtime.realtime import prepare_process, prepare_thread
 from common.runtime.service_manager import Attendance, ServiceManager
 from common.settings import DaemonSettings
-from forefeel.linking import POLL_S, closed_on_failure, open_session, opened, show_link, watch_strands
+from forefeel.linking import (
+    POLL_S,
+    MasterLink,
+    closed_on_failure,
+    connecting,
+    obstacles,
+    open_session,
+    opened,
+)
 from forefeel.local.acts import MasterActs, SlaveActs
 from forefeel.local.daemon_state import daemon_state
 from forefeel.local.server import LocalServer
@@ -62,7 +70,8 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
 
     runtime = _runtime(settings)
     with daemon_state(settings, "slave", runtime.clock) as state:
-        transport = await opened(settings, "slave", runtime, insecure, duration_s)
+        found = obstacles(settings, "slave")
+        transport = await opened(settings, "slave", runtime, insecure, duration_s, found)
         if transport is None:
             return
         with closed_on_failure(transport):
@@ -71,12 +80,11 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
             speaker = Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
             runtime.task("notices", _SPEAK_NS, speaker.speak)
             warn_of_latency("slave", settings)
-            watch_strands(runtime, "slave", transport)
             attendance = _attendance(runtime, daemon.axes)
             acts = SlaveActs(daemon, state.journal, runtime.clock)
             async with runtime, LocalServer(state.path, "slave", acts):
                 say(f"slave: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for a master")
-                await _until(runtime, duration_s)
+                await _until(runtime, duration_s, connecting(settings, transport, found))
                 attendance.stopping(_why(runtime))
                 daemon.shut_down()
                 await _rest(daemon)
@@ -94,7 +102,8 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
     compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
     runtime = _runtime(settings)
     with daemon_state(settings, "master", runtime.clock) as state:
-        transport = await opened(settings, "master", runtime, insecure, settings.peer_timeout_s)
+        found = obstacles(settings, "master")
+        transport = await opened(settings, "master", runtime, insecure, settings.peer_timeout_s, found)
         if transport is None:
             return
         with closed_on_failure(transport):
@@ -103,14 +112,14 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
             speaker = Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
             runtime.task("notices", _SPEAK_NS, speaker.speak)
             warn_of_latency("master", settings)
-            watch_strands(runtime, "master", transport)
             attendance = _attendance(runtime, daemon.axes)
             say(f"master: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for the slave")
             async with runtime, LocalServer(state.path, "master", MasterActs(daemon, runtime.clock)):
-                await open_session(daemon, runtime, settings, transport)
+                link = MasterLink(daemon, settings, transport, found)
+                await open_session(link, runtime, settings.peer_timeout_s)
                 if not runtime.stopping.is_set():
                     say(f"master: session open; loop: {runtime.scheduling}")
-                await _until(runtime, duration_s, daemon)
+                await _until(runtime, duration_s, link.look, lambda: daemon.finished)
                 attendance.stopping(_why(runtime))
                 daemon.shut_down()
                 await asyncio.sleep(_FAREWELL_S)
@@ -162,19 +171,20 @@ def _why(runtime: RealRuntime) -> str:
 
 
 async def _until(
-    runtime: RealRuntime, duration_s: float | None, daemon: "MasterDaemon | None" = None
+    runtime: RealRuntime,
+    duration_s: float | None,
+    look: Callable[[int], object],
+    finished: Callable[[], bool] = lambda: False,
 ) -> None:
     """Returns when the daemon is to end: told to, the duration is over, or the motion that is played has
-    ended.
+    ended. Calls `look` meanwhile.
     """
-    start_ns, linked = runtime.clock.now_ns(), True
+    start_ns = runtime.clock.now_ns()
     while not runtime.stopping.is_set():
-        if duration_s is not None and runtime.clock.now_ns() - start_ns >= duration_s * 1e9:
+        now_ns = runtime.clock.now_ns()
+        if finished() or (duration_s is not None and now_ns - start_ns >= duration_s * 1e9):
             return
-        if daemon is not None:
-            if daemon.finished:
-                return
-            linked = show_link(daemon, linked)
+        look(now_ns)
         await asyncio.sleep(POLL_S)
 
 

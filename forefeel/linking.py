@@ -1,18 +1,21 @@
 """How a daemon comes to its network, and a master to its slave: visibly, and not for ever."""
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigurationError, EndpointError, NoRouterError
 from common.runtime.real import RealRuntime
+from common.runtime.threads import in_thread
 from common.settings import DaemonSettings
 from common.topics import Role
+from common.transport.parallel import ParallelTransport
 from common.transport.security import Party
-from common.transport.strands import StrandedTransport
-from forefeel.strand_watch import PERIOD_NS, StrandWatch
 from forefeel.terminal import say
+from forefeel.waiting import Obstacles, Waiting, unheard
 from master.session import Link
 from master.settings import MasterSettings
 
@@ -21,31 +24,60 @@ if TYPE_CHECKING:
     from master.daemon import MasterDaemon
 
 POLL_S = 0.05
-_REMIND_S = 5.0
 _ROUTER_S = 0.5
 
 
+def obstacles(settings: DaemonSettings, role: Role) -> Obstacles:
+    """What may be in the way of a daemon's connections.
+
+    Raises:
+        ConfigurationError: its certificates can not be used.
+    """
+    client, other = settings.transport.mode == "client", "slave" if role == "master" else "master"
+    return Obstacles(settings.transport, Party(role, (settings.cell,)), "router" if client else other)
+
+
 async def opened(
-    settings: DaemonSettings, role: Role, runtime: RealRuntime, insecure: bool, timeout_s: float | None
-) -> StrandedTransport | None:
-    """The daemon's transport, once its router answers where it has one; None when told to end meanwhile."""
-    start_ns, reminded_s = runtime.clock.now_ns(), -_REMIND_S
+    settings: DaemonSettings,
+    role: Role,
+    runtime: RealRuntime,
+    insecure: bool,
+    timeout_s: float | None,
+    found: Obstacles,
+) -> ParallelTransport | None:
+    """The daemon's transport, once its router answers where it has one; None when told to end meanwhile.
+
+    It is opened in a thread. That may take `transport.open_timeout_s`, and a signal is heard at once.
+    """
+    waiting = Waiting(
+        found,
+        lambda: unheard(settings.transport, False, ""),
+        lambda cause: say(f"{role}: waiting for the router: {cause}"),
+    )
+    start_ns = runtime.clock.now_ns()
+    opening = _opening(settings, role, runtime, insecure)
     while not runtime.stopping.is_set():
-        try:
-            return _open(settings, role, runtime, insecure)
-        except NoRouterError as error:
-            waited_s = (runtime.clock.now_ns() - start_ns) * 1e-9
-            if timeout_s is not None and waited_s >= timeout_s:
-                raise
-            if waited_s - reminded_s >= _REMIND_S:
-                reminded_s = waited_s
-                say(f"{role}: waiting for the router: {error} ({waited_s:.0f} s)")
-        await asyncio.sleep(_ROUTER_S)
+        if opening.done():
+            if not isinstance(opening.exception(), NoRouterError):
+                return _noticed(opening.result(), role)
+            await asyncio.sleep(_ROUTER_S)
+            opening = _opening(settings, role, runtime, insecure)
+        now_ns = runtime.clock.now_ns()
+        if timeout_s is not None and now_ns - start_ns >= timeout_s * 1e9:
+            opening.add_done_callback(_close_unused)
+            cause = await _cause(waiting, now_ns)
+            raise NoRouterError(f"no router within {timeout_s:g} s: {cause}")
+        waiting.look(now_ns)
+        await asyncio.sleep(POLL_S)
+    opening.add_done_callback(_close_unused)
     return None
 
 
-def _open(settings: DaemonSettings, role: Role, runtime: RealRuntime, insecure: bool) -> StrandedTransport:
-    transport = StrandedTransport.open(
+def _opening(
+    settings: DaemonSettings, role: Role, runtime: RealRuntime, insecure: bool
+) -> Future[ParallelTransport]:
+    open_it = partial(
+        ParallelTransport.open,
         settings.transport,
         runtime.clock,
         runtime.fault,
@@ -53,19 +85,26 @@ def _open(settings: DaemonSettings, role: Role, runtime: RealRuntime, insecure: 
         insecure=insecure,
         real_stage=settings.real_stage,
     )
+    return in_thread(open_it, "zenoh open")
+
+
+def _noticed(transport: ParallelTransport, role: Role) -> ParallelTransport:
     if transport.notice:
         say(f"{role}: {transport.notice}")
     return transport
 
 
-def watch_strands(runtime: RealRuntime, role: Role, transport: StrandedTransport) -> None:
-    """Says when a connection of several is missing, and when all are there again."""
-    watch = StrandWatch(transport, lambda line: say(f"{role}: {line}"))
-    runtime.task("strands", PERIOD_NS, watch.look)
+def _close_unused(opening: Future[ParallelTransport]) -> None:
+    if opening.exception() is None:
+        opening.result().close()
+
+
+async def _cause(waiting: Waiting, now_ns: int) -> str:
+    return await asyncio.wrap_future(in_thread(partial(waiting.try_now, now_ns), "trial of endpoints"))
 
 
 @contextmanager
-def closed_on_failure(transport: StrandedTransport) -> Iterator[None]:
+def closed_on_failure(transport: ParallelTransport) -> Iterator[None]:
     """The daemon closes its transport; this does when the daemon can not be composed."""
     try:
         yield
@@ -74,45 +113,98 @@ def closed_on_failure(transport: StrandedTransport) -> Iterator[None]:
         raise
 
 
-async def open_session(
-    daemon: "MasterDaemon", runtime: RealRuntime, settings: MasterSettings, transport: StrandedTransport
-) -> None:
-    """Waits visibly until every axis has its session."""
-    timeout_s, connect = settings.peer_timeout_s, settings.transport.connect
-    start_ns, reminded_s = runtime.clock.now_ns(), 0.0
+def connecting(
+    settings: DaemonSettings, transport: ParallelTransport, found: Obstacles
+) -> Callable[[int], None]:
+    """What a slave that connects to somebody does many times a second: it says what is in the way while it
+    has no connection.
+    """
+    waiting = Waiting(
+        found,
+        lambda: unheard(settings.transport, False, ""),
+        lambda cause: say(f"slave: waiting for a connection: {cause}"),
+    )
+
+    def look(now_ns: int) -> None:
+        if not settings.transport.connect or transport.peers():
+            waiting.over()
+        else:
+            waiting.look(now_ns)
+
+    return look
+
+
+class MasterLink:
+    """Whether every axis of a master has its session; says when one is lost, and what is in the way."""
+
+    def __init__(
+        self, daemon: "MasterDaemon", settings: MasterSettings, transport: ParallelTransport, found: Obstacles
+    ) -> None:
+        self._axes, self._settings, self._transport = daemon.axes, settings, transport
+        self._waiting = Waiting(found, self._unheard, lambda it: say(f"master: waiting for the slave: {it}"))
+        self._open = self._lost = False
+
+    def look(self, now_ns: int) -> bool:
+        """Whether every axis has its session; many times a second.
+
+        Raises:
+            ConfigurationError: the settings of both ends differ, which does not come right by waiting.
+        """
+        missing = self._missing()
+        if not missing:
+            if self._lost:
+                say("master: session open again")
+            self._open, self._lost = True, False
+            self._waiting.over()
+            return True
+        first = missing[0]
+        if first.session.link is Link.MISMATCH:
+            raise ConfigurationError(f"axis {first.name}: the slave refuses: {first.session.cause(now_ns)}")
+        if self._open:
+            say(f"master: axis {first.name}: {first.session.cause(now_ns)}; waiting for the slave")
+            self._open, self._lost = False, True
+        self._waiting.look(now_ns, self._known(first, now_ns))
+        for axis in missing:
+            axis.session.obstacle = self._waiting.found
+        return False
+
+    async def cause(self, now_ns: int) -> str:
+        """Why there is no session, in words."""
+        missing = self._missing()
+        known = self._known(missing[0], now_ns) if missing else ""
+        return known or await _cause(self._waiting, now_ns)
+
+    def _missing(self) -> "list[MasterAxis]":
+        missing = [axis for axis in self._axes if axis.session.link is not Link.OPEN]
+        return sorted(missing, key=lambda axis: axis.session.link is not Link.MISMATCH)
+
+    def _known(self, axis: "MasterAxis", now_ns: int) -> str:
+        """The cause where it is known without a trial. Whom a master that listens is connected to is not."""
+        if self._transport.hint:
+            return self._transport.hint
+        if axis.session.heard(now_ns):
+            return f"axis {axis.name}: {axis.session.cause(now_ns)}"
+        connected = self._transport.peers() and not self._settings.transport.listen
+        return self._unheard() if connected else ""
+
+    def _unheard(self) -> str:
+        axes = ", ".join(axis.name for axis in self._missing())
+        missing = f"no slave of cell {self._settings.cell}, axis {axes} answers there"
+        return unheard(self._settings.transport, self._transport.peers() > 0, missing)
+
+
+async def open_session(link: MasterLink, runtime: RealRuntime, timeout_s: float | None) -> None:
+    """Waits visibly until every axis has its session, or the daemon is told to end.
+
+    Raises:
+        EndpointError: not within `timeout_s`. ConfigurationError: the slave's settings differ.
+    """
+    start_ns = runtime.clock.now_ns()
     while not runtime.stopping.is_set():
-        waiting = [axis for axis in daemon.axes if axis.session.link is not Link.OPEN]
-        if not waiting:
+        now_ns = runtime.clock.now_ns()
+        if link.look(now_ns):
             return
-        axis, waited_s = waiting[0], (runtime.clock.now_ns() - start_ns) * 1e-9
-        where = ", ".join(connect) or "our own endpoint"
-        _refuse_mismatch(waiting)
-        if timeout_s is not None and waited_s > timeout_s:
-            word = axis.session.reason if axis.session.heard_ns else transport.hint or "no answer"
-            raise EndpointError(
-                f"{where}: no session with a slave within {timeout_s:g} s ({word}); "
-                f"expected a running slave of the same cell (peer_timeout_s)"
-            )
-        if waited_s - reminded_s >= _REMIND_S:
-            reminded_s = waited_s
-            why = transport.hint or axis.session.reason
-            say(f"master: waiting for the slave at {where}: {why} ({waited_s:.0f} s)")
+        if timeout_s is not None and now_ns - start_ns > timeout_s * 1e9:
+            cause = await link.cause(now_ns)
+            raise EndpointError(f"no session with a slave within {timeout_s:g} s (peer_timeout_s): {cause}")
         await asyncio.sleep(POLL_S)
-
-
-def show_link(daemon: "MasterDaemon", linked: bool) -> bool:
-    """Says when a session was lost and when all are open again; whether they are."""
-    waiting = [axis for axis in daemon.axes if axis.session.link is not Link.OPEN]
-    _refuse_mismatch(waiting)
-    if waiting and linked:
-        say(f"master: axis {waiting[0].name}: {waiting[0].session.reason}; waiting for the slave")
-    elif not waiting and not linked:
-        say("master: session open again")
-    return not waiting
-
-
-def _refuse_mismatch(waiting: "list[MasterAxis]") -> None:
-    """Settings that differ do not come right by waiting."""
-    for axis in waiting:
-        if axis.session.link is Link.MISMATCH:
-            raise ConfigurationError(f"axis {axis.name}: the slave refuses: {axis.session.reason}")

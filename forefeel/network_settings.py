@@ -24,6 +24,8 @@ class ObserverSettings(Settings):
     def _hears_someone(self) -> Self:
         if not (self.transport.connect or self.transport.listen):
             raise ValueError("transport.connect: expected at least one endpoint as in tls/10.0.0.1:7447")
+        if self.transport.connections is not None:
+            raise ValueError("transport.connections: expected none, who only watches has a single one")
         return self
 
 
@@ -51,7 +53,6 @@ def observer(
     connect: Sequence[str],
     pki: Path | None,
     through_router: bool,
-    strands: int = 1,
 ) -> ObserverSettings:
     """The settings of a file, or of the options in its place.
 
@@ -59,13 +60,13 @@ def observer(
         ConfigurationError: both, neither, or a value that can not be used.
     """
     if config is not None:
-        check_alone(cell is not None, connect, pki, through_router, strands != 1)
+        check_alone(cell is not None, connect, pki, through_router)
         return load_settings(ObserverSettings, config)
     if not connect:
         raise ConfigurationError("--connect: missing, expected at least one endpoint, or --config FILE")
     name = checked_segment("cell" if cell is None else cell, "--cell")
     mode: Literal["client", "peer"] = "client" if through_router else "peer"
-    transport = {"mode": mode, "connect": list(connect), "pki": pki, "strands": strands}
+    transport = {"mode": mode, "connect": list(connect), "pki": pki}
     return checked(ObserverSettings, {"cell": name, "transport": transport}, "options")
 
 

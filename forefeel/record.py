@@ -1,20 +1,20 @@
 """`forefeel record`: a cell to a file until Ctrl-C."""
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
+from common.clock import MonotonicClock
 from common.errors import RunError
 from common.runtime.service_manager import attended
+from common.transport.endpoints import address
 from common.transport.security import Party
 from forefeel.interrupt import interruptible
 from forefeel.network_settings import ObserverSettings
 from forefeel.recorder import Recorder
-from forefeel.strand_watch import PERIOD_NS, StrandWatch
 from forefeel.terminal import say
+from forefeel.waiting import Obstacles, Waiting, unheard
 
 _POLL_S = 0.1
-_REMIND_S = 5.0
 
 
 def run_record(
@@ -29,14 +29,13 @@ def run_record(
     cell = settings.cell
     party = Party(settings.role, (cell,))
     recorder = Recorder(out, cell, settings.transport, {"run": {"cell": cell}}, party, insecure)
-    where = ", ".join(settings.transport.connect + settings.transport.listen)
+    where = ", ".join(map(address, settings.transport.connect + settings.transport.listen))
     if recorder.notice:
         say(recorder.notice)
     say(f"recording cell {cell} to {out}; Ctrl-C ends")
     with interruptible() as ignore_signals:
         try:
-            strands = StrandWatch(recorder, say)
-            _wait(recorder, duration_s, lambda s: say(_nobody(recorder, where, s)), strands)
+            _wait(recorder, settings, duration_s)
         except KeyboardInterrupt:
             pass
         finally:
@@ -48,23 +47,26 @@ def run_record(
     say(f"{out}: closed, {recorder.summary}")
 
 
-def _nobody(recorder: Recorder, where: str, waited_s: float) -> str:
-    hint = recorder.hint
-    return f"nobody heard yet at {where}{hint and f': {hint}'} ({waited_s:.0f} s)"
+def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | None) -> None:
+    transport, cell = settings.transport, settings.cell
 
+    def nobody() -> str:
+        return unheard(transport, recorder.connected, f"nobody of cell {cell} is heard there")
 
-def _wait(
-    recorder: Recorder, duration_s: float | None, remind: Callable[[float], None], strands: StrandWatch
-) -> None:
-    start_s = reminded_s = looked_s = time.monotonic()
-    attend = attended(lambda: "recording" if recorder.newest else "nobody heard yet", lambda: recorder.rounds)
+    other = "router" if transport.mode == "client" else "daemon"
+    obstacles = Obstacles(transport, Party(settings.role, (cell,)), other)
+    waiting = Waiting(obstacles, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
+    clock, start_s = MonotonicClock(), time.monotonic()
+    attend = attended(
+        lambda: "recording" if recorder.newest else f"nobody heard yet: {waiting.found}",
+        lambda: recorder.rounds,
+    )
     while duration_s is None or time.monotonic() - start_s < duration_s:
         recorder.check()
         attend()
-        if not recorder.newest and time.monotonic() - reminded_s >= _REMIND_S:
-            reminded_s = time.monotonic()
-            remind(reminded_s - start_s)
-        if time.monotonic() - looked_s >= PERIOD_NS * 1e-9:
-            looked_s = time.monotonic()
-            strands.look(0)
+        if recorder.newest:
+            waiting.over()
+        else:
+            sure = recorder.connected and not transport.listen
+            waiting.look(clock.now_ns(), recorder.hint or (nobody() if sure else ""))
         time.sleep(_POLL_S)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.options import Connect, Duration, Insecure, Quiet, Strands, ThroughRouter
+from forefeel.options import Connect, Duration, Insecure, Quiet, ThroughRouter
 from forefeel.terminal import output
 
 EPILOG = (
@@ -26,7 +26,6 @@ def record(  # noqa: PLR0913, PLR0917 - one parameter per option
         Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role recorder.")
     ] = None,
     through_router: ThroughRouter = False,
-    strands: Strands = 1,
     insecure: Insecure = False,
     duration: Duration = None,
     quiet: Quiet = False,
@@ -35,6 +34,6 @@ def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.network_settings import observer  # noqa: PLC0415
     from forefeel.record import run_record  # noqa: PLC0415 - the others start without Zenoh
 
-    found = observer(config, cell, connect or [], pki, through_router, strands)
+    found = observer(config, cell, connect or [], pki, through_router)
     with output(quiet=quiet):
         run_record(out, found, duration, insecure)

@@ -13,7 +13,7 @@ from common.slots import BoundedQueue
 from common.topics import parse_key
 from common.transport.security import Party
 from common.transport.settings import TransportSettings
-from common.transport.strands import StrandedTransport
+from common.transport.zenoh_bus import ZenohTransport
 
 _QUEUE = 100_000
 _WRITE_EVERY_S = 0.1
@@ -47,7 +47,7 @@ class Recorder:
         self._error: BaseException | None = None
         self._queue: BoundedQueue[tuple[str, bytes, int]] = BoundedQueue(_QUEUE)
         self._closing = threading.Event()
-        self._transport = StrandedTransport.open(
+        self._transport = ZenohTransport.open(
             transport, MonotonicClock(), self._fail, party, insecure=insecure
         )
         self.notice = self._transport.notice
@@ -64,13 +64,13 @@ class Recorder:
 
     @property
     def hint(self) -> str:
-        """What may stand in the way while nobody is heard, or empty."""
+        """What is wrong with a connection that stands, or empty."""
         return self._transport.hint
 
     @property
-    def amiss(self) -> str:
-        """What is wrong with the connections while somebody is heard, or empty."""
-        return self._transport.amiss
+    def connected(self) -> bool:
+        """Whether there is a connection to somebody."""
+        return self._transport.peers() > 0
 
     @property
     def lost(self) -> int:

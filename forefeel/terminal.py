@@ -22,7 +22,7 @@ Tell = Callable[[str], None]
 PLAIN_WIDTH = 160
 """Columns of a table where there is no terminal."""
 SHADES = {"green": "green", "amber": "yellow", "red": "bold red"}
-"""How a level of `forefeel doctor` and of a certificate is coloured."""
+"""How a level of `forefeel doctor`, of a certificate and of a line on stderr is coloured."""
 
 
 @dataclass(slots=True)
@@ -58,13 +58,23 @@ def ask(text: str) -> None:
 
 def complain(text: str) -> None:
     """An error in one line, whatever `text` is broken into."""
+    _headed("forefeel:", SHADES["red"], text)
+
+
+def warn(text: str) -> None:
+    """One line on stderr about what works with less than it should."""
+    if not _mode.quiet:
+        _headed("amber:", SHADES["amber"], text)
+
+
+def _headed(head: str, style: str, text: str) -> None:
     line = f" {printable(' '.join(text.splitlines()))}"
     if not sys.stderr.isatty():
-        print(f"forefeel:{line}", file=sys.stderr, flush=True)
+        print(f"{head}{line}", file=sys.stderr, flush=True)
         return
     from rich.text import Text  # noqa: PLC0415 - as in `console`
 
-    console(sys.stderr).print(Text.assemble(("forefeel:", "bold red"), line), soft_wrap=True)
+    console(sys.stderr).print(Text.assemble((head, style), line), soft_wrap=True)
 
 
 def answer(*parts: "RenderableType", document: Callable[[], object]) -> None:

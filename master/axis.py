@@ -103,7 +103,9 @@ class MasterAxis:
         self._force_stamp_ns = sample.stamp_ns
         self._stage_position_m = sample.position_m
         if sample.valid:
-            self._force = NewestForce(sample, receive_ns)
+            clock = self._heartbeats.offset
+            late_ns = None if clock is None else max(0, clock.excess_ns(receive_ns - sample.stamp_ns))
+            self._force = NewestForce(sample, receive_ns, late_ns)
 
     def _on_state(self, state: SlaveState, receive_ns: int) -> None:
         self.session.heard_state(state.session_id, receive_ns)
@@ -114,7 +116,7 @@ class MasterAxis:
         before, accepted, reason = self.session.link, handshake.accepted, printable(handshake.reason)
         if accepted and handshake.settings_hash != settings_hash(self._shared):
             accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
-        self.session.answered(handshake.session_id, accepted, reason, receive_ns)
+        self.session.answered(handshake.session_id, accepted, reason, handshake.answers_stamp_ns, receive_ns)
         opened = before is not Link.OPEN and self.session.link is Link.OPEN
         self.diary.answered(handshake, opened, accepted, reason, receive_ns)
         if opened:
@@ -146,14 +148,13 @@ class MasterAxis:
         if self.session.link is Link.OPEN:
             self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
 
-    @property
-    def _standing(self) -> tuple[Standing, str]:
+    def _standing(self, now_ns: int) -> tuple[Standing, str]:
         """How it stands, and why."""
         if self._failed:
             return "failed", "a fault of the master"
         if self._hand.fault is not None:
             return "handle_fault", self._hand.fault
-        return "linked" if self.session.link is Link.OPEN else "no_link", self.session.reason
+        return "linked" if self.session.link is Link.OPEN else "no_link", self.session.cause(now_ns)
 
     def _shown_state(self, now_ns: int) -> SafetyState | None:
         """The slave's state; None without a session or when the slave has been silent."""
@@ -184,19 +185,26 @@ class MasterAxis:
     # --- on asyncio ---
 
     def status(self, now_ns: int) -> str:
-        """The slave's safety state, or what the session waits for."""
+        """The slave's safety state, or what the session waits for; and why."""
         state = self._shown_state(now_ns)
-        return f"slave {state.value}" if state else f"{self.session.link.value}: {self.session.reason}"
+        return f"{f'slave {state.value}' if state else self.session.link.value}: {self._reason(now_ns)}"
+
+    def _reason(self, now_ns: int) -> str:
+        """Why the slave is in its state, or why there is no link."""
+        slave = self._slave_state
+        if slave is None or self._shown_state(now_ns) is None:
+            return self.session.cause(now_ns)
+        return printable(slave.reason)
 
     def serve(self, now_ns: int) -> None:
         """Asks for a session when there is none; about every 50 ms."""
         self.diary.serve(now_ns, self._bus, self._hand.fault, self.events.notices)
-        self._own.serve(now_ns, self.session.session_id, *self._standing)
+        self._own.serve(now_ns, self.session.session_id, *self._standing(now_ns))
         asks = (
             not self.stopping and self.session.link is not Link.MISMATCH and self.session.should_ask(now_ns)
         )
         if self.session.link is not Link.OPEN:
-            self.diary.session_lost(now_ns, self.session.reason)
+            self.diary.session_lost(now_ns, self.session.cause(now_ns))
         if not asks:
             return
         self._handshake.send(
@@ -213,7 +221,7 @@ class MasterAxis:
     def last_words(self, now_ns: int) -> None:
         """Publishes and writes down what was gathered and not said yet; at the end, after the loop."""
         try:
-            self._own.serve(now_ns, self.session.session_id, *self._standing, last=True)
+            self._own.serve(now_ns, self.session.session_id, *self._standing(now_ns), last=True)
         finally:  # a link that is broken keeps nothing out of the audit log
             self.diary.last_words(now_ns)
 
@@ -248,7 +256,7 @@ class MasterAxis:
             MasterState(
                 **self._state.header(self.session.session_id, now_ns),
                 indication="handle_fault" if fault else state.value if state else "no_link",
-                reason=(fault or self.session.reason)[:256],
+                reason=(fault or self._reason(now_ns))[:256],
                 deadman=self._deadman,
                 clutched_s=self.handle.clutched_out_s,
                 clock_offset_ns=best.offset_ns if best else None,

@@ -135,8 +135,7 @@ class MasterDaemon:
             for axis in reversed(self.axes):
                 steps.callback(axis.handle.close)
                 steps.callback(axis.last_words, now_ns)
-            steps.callback(self._reports.impairment, now_ns, last=True)
-            steps.callback(self._reports.timing, now_ns)
+            steps.callback(self._reports.last_words, now_ns)
             for axis in reversed(self.axes):
                 steps.callback(axis.report, now_ns)
 

@@ -15,10 +15,17 @@ from master.settings import RenderingSettings
 
 
 class NewestForce(NamedTuple):
-    """The newest valid force that arrived, and when."""
+    """The newest valid force that arrived, when, and by how much later than the fastest of the session; None
+    while the clocks are not compared.
+    """
 
     sample: ForceSample
     arrived_ns: int
+    late_ns: int | None
+
+    def is_fresh(self, now_ns: int, stale_ns: int) -> bool:
+        """Whether path and `stale_ns` explain its age; never before the clocks are compared."""
+        return self.late_ns is not None and now_ns - self.arrived_ns + self.late_ns <= stale_ns
 
 
 class HapticInputs(NamedTuple):
@@ -61,7 +68,7 @@ class HapticLoop:
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
         predicted = self._predict(now_ns, position_m, inputs)
-        fresh = force is not None and now_ns - force.arrived_ns <= self._stale_ns
+        fresh = force is not None and force.is_fresh(now_ns, self._stale_ns)
         live = fresh and reading.deadman and inputs.state in FOLLOWING
         held_n = force.sample.force_n if force else None
         felt_n = held_n if self._feels_hold else predicted.force_n if predicted else None

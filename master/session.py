@@ -5,8 +5,16 @@ id. Pure.
 from collections.abc import Callable
 from enum import Enum
 
+from common.notices import span
+from common.settings import LONGEST_ROUND_TRIP_S
+from common.topics import SLAVE_STATE
+
 _LOST_AFTER_NS = 1_000_000_000
+"""Without a state of the slave that names our session, which comes 50 times a second; the slave's own lease
+lasts as long by default."""
 _RETRY_NS = 250_000_000
+_SILENT_AFTER_S = SLAVE_STATE.stale_after_s or 0.5
+"""What the slave said is no cause any more when nothing was heard of it for so long."""
 
 
 class Link(Enum):
@@ -23,46 +31,82 @@ class Session:
     Attributes:
         session_id: id in use.
         link: its state.
-        reason: the slave's last word.
         heard_ns: when the slave was heard last, None before.
+        obstacle: what keeps the slave from being heard, as somebody found out who looked at the network;
+            empty where it is not known.
     """
 
     def __init__(self, new_id: Callable[[], int]) -> None:
         self._new_id = new_id
         self.session_id = new_id()
         self.link = Link.ASKING
-        self.reason = "no answer yet"
         self.heard_ns: int | None = None
+        self.obstacle = ""
+        self._word = ""
         self._mine_ns = 0
+        self._named = 0
         self._asked_ns: int | None = None
+        self._asking_since_ns: int | None = None
 
     def should_ask(self, now_ns: int) -> bool:
         """Whether a handshake is to be sent now."""
         if self.link is Link.OPEN and now_ns - self._mine_ns > _LOST_AFTER_NS:
-            self._start_again("the slave no longer holds our session")
+            ended = {0: "the slave has ended the session", self.session_id: ""}
+            self._start_again(ended.get(self._named, "the slave serves another master"))
         if self.link is Link.OPEN or (self._asked_ns is not None and now_ns - self._asked_ns < _RETRY_NS):
             return False
         self._asked_ns = now_ns
+        if self._asking_since_ns is None:
+            self._asking_since_ns = now_ns
         return True
 
-    def answered(self, session_id: int, accepted: bool, reason: str, now_ns: int) -> None:
-        """The slave's answer to a handshake; one for an older session is ignored."""
-        self.heard_ns = now_ns
-        if session_id != self.session_id or self.link is Link.OPEN:
+    def answered(
+        self, session_id: int, accepted: bool, reason: str, asked_ns: int | None, now_ns: int
+    ) -> None:
+        """The slave's answer to the handshake of `asked_ns`.
+
+        One for an older session changes nothing. One that took too long opens nothing, and the next handshake
+        has a new id, so that no later answer to the old one does.
+        """
+        self.heard_ns, self.obstacle = now_ns, ""
+        if session_id != self.session_id or self.link is not Link.ASKING or asked_ns is None:
             return
-        self.reason = reason or "accepted"
-        if accepted:
+        took_s = (now_ns - asked_ns) * 1e-9
+        if took_s > LONGEST_ROUND_TRIP_S:
+            self._start_again(f"no answer within {LONGEST_ROUND_TRIP_S:g} s: it takes {took_s:.1f} s")
+        elif accepted:
             self.link, self._mine_ns = Link.OPEN, now_ns
+            self._word = f"the slave accepted the session within {took_s * 1e3:.0f} ms"
         elif reason.startswith("settings differ"):
-            self.link = Link.MISMATCH
+            self.link, self._word = Link.MISMATCH, reason
         elif "used before" in reason:
-            self._start_again(reason)
+            self._start_again(f"the slave refuses: {reason}")
+        else:
+            self._word = f"the slave refuses: {reason}"
 
     def heard_state(self, session_id: int, now_ns: int) -> None:
         """A state of the slave that names the holder of the lease."""
-        self.heard_ns = now_ns
+        self.heard_ns, self.obstacle, self._named = now_ns, "", session_id
         if session_id == self.session_id:
             self._mine_ns = now_ns
 
-    def _start_again(self, reason: str) -> None:
-        self.session_id, self.link, self.reason = self._new_id(), Link.ASKING, reason
+    def heard(self, now_ns: int) -> bool:
+        """Whether the slave was heard a moment ago."""
+        return self.heard_ns is not None and now_ns - self.heard_ns <= _SILENT_AFTER_S * 1e9
+
+    def cause(self, now_ns: int) -> str:
+        """Why the session is open, or why it is not, as of now."""
+        if self.link is Link.MISMATCH:
+            return self._word
+        since_ns = now_ns if self._asking_since_ns is None else self._asking_since_ns
+        if self.heard(now_ns):
+            return self._word or f"no answer to the handshake for {span((now_ns - since_ns) * 1e-9)}"
+        if self.obstacle:
+            return self.obstacle
+        if self.heard_ns is None:
+            return f"no answer from the slave for {span((now_ns - since_ns) * 1e-9)}"
+        return f"no state from the slave for {span((now_ns - self.heard_ns) * 1e-9)}"
+
+    def _start_again(self, word: str) -> None:
+        self.session_id, self.link, self._word = self._new_id(), Link.ASKING, word
+        self._asking_since_ns = None

@@ -1,11 +1,13 @@
-"""What the slave says of its gate: limits are counted, safety transitions told to the person."""
+"""What the slave says of its gate: limits are counted, safety transitions and a round trip that is too long
+told to the person.
+"""
 
 from collections import Counter, deque
 
 from common import topics
 from common.bus import Bus
 from common.messages import LimitEvent, SafetyEvent
-from common.notices import Notices, in_words
+from common.notices import Lasting, Notices, in_words, long_round_trip
 from master.diary import AxisDiary
 
 _REMEMBERED = 64
@@ -16,22 +18,25 @@ class SlaveEvents:
 
     Attributes:
         counters: interventions and refusals of the slave by rule.
-        notices: the transitions in words.
+        notices: the transitions in words, and why the slave does not arm over this link.
     """
 
     def __init__(self, bus: Bus, diary: AxisDiary) -> None:
         self.counters: Counter[str] = Counter()
         self.notices = Notices()
         self._diary = diary
+        self._round_trip = Lasting()
         self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED)
         bus.subscribe(topics.LIMIT_EVENT, self._on_limit)
         bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
 
     def _on_limit(self, event: LimitEvent, receive_ns: int) -> None:
-        del receive_ns
-        if self._is_new(event):
-            self.counters[f"limit_{event.rule}"] += event.count
-            self._diary.slave_limit(event)
+        if not self._is_new(event):
+            return
+        self.counters[f"limit_{event.rule}"] += event.count
+        self._diary.slave_limit(event)
+        if event.rule == "round_trip" and self._round_trip.due(receive_ns):
+            self.notices.add(f"slave does not arm: {long_round_trip(event.requested, event.applied)}")
 
     def _on_safety(self, event: SafetyEvent, receive_ns: int) -> None:
         if self._is_new(event):

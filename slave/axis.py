@@ -20,7 +20,7 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.notices import Notices, in_words
+from common.notices import Lasting, Notices, in_words, long_round_trip
 from common.slots import BoundedQueue, LatestValue
 from slave.answers import ForceAnswers, Instant
 from slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
@@ -69,6 +69,8 @@ class SlaveAxis:
         self._clear: LatestValue[bool] = LatestValue()
         self._executing: MotionCommand | None = None
         self._grip = Grip.CLOSED
+        self._unheard = ""
+        self._round_trip = Lasting()
         self._control: AxisControl | None = None
         self._bus = bus
         self._connect(bus)
@@ -128,8 +130,13 @@ class SlaveAxis:
 
     @property
     def reason(self) -> str:
-        """Why it is in that state."""
-        return "not open" if self._control is None else self._control.machine.reason
+        """Why it is in that state, or what keeps it there."""
+        if self._control is None:
+            return "not open"
+        machine = self._control.machine
+        if machine.state is SafetyState.READY:
+            return self._control.slow(self._link.offset) or machine.reason
+        return self._unheard if machine.state is SafetyState.IDLE and self._unheard else machine.reason
 
     @property
     def halted(self) -> bool:
@@ -143,8 +150,7 @@ class SlaveAxis:
     def status(self, now_ns: int) -> str:
         """The safety state and why it is so."""
         del now_ns
-        machine = self._control and self._control.machine
-        return f"{machine.state.value} ({machine.reason})" if machine else "not open"
+        return "not open" if self._control is None else f"{self.state.value} ({self.reason})"
 
     # --- the control loop ---
 
@@ -206,7 +212,7 @@ class SlaveAxis:
             lost_reason=conflict or self._link.lost_reason,
             clock=self._link.offset,
             estop=self._estop.take(),
-            fault=self._fault.take() or self._journal.problem(now_ns),
+            fault=self._fault.take() or self._journal.problem(now_ns) or self._link.clock_fault(now_ns),
             shutdown=self.shutdown,
             clear=cleared,
         )
@@ -233,13 +239,17 @@ class SlaveAxis:
     def serve(self, now_ns: int, last: bool = False) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
         try:
+            if unheard := self._link.unheard(now_ns):
+                self._unheard = unheard
+                self.notices.add(f"session lost: {unheard}")
             self._link.serve(now_ns, self.at_rest, self._opened)
             reason = self._intake.hopeless(now_ns, self.at_rest)
             if reason is not None:
                 self._link.let_go(now_ns, reason)
             self._publish(now_ns, last)
         finally:  # what can not be published is written down all the same
-            self._diary.serve(now_ns, self._bus, self._link.holder, self._link.live(now_ns), last)
+            lost = "" if self._link.live(now_ns) else self._link.lost_reason
+            self._diary.serve(now_ns, self._bus, self._link.holder, lost, last)
 
     def _publish(self, now_ns: int, last: bool) -> None:
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
@@ -249,11 +259,14 @@ class SlaveAxis:
             self.notices.add(in_words(said))
         for hit, count in self._limits.due(now_ns, last):
             self._diary.limits(hit, count)
+            if hit.rule == "round_trip" and self._round_trip.due(now_ns):
+                self.notices.add(f"not armed: {long_round_trip(hit.requested, hit.applied)}")
             header = self._limit_event.header(self._link.holder, now_ns)
             self._limit_event.send(LimitEvent(**header, **hit._asdict(), count=count))
 
     def _opened(self, session_id: int) -> None:
         self._intake.open(session_id)
+        self._unheard = ""
         self.notices.add("session open")
 
     def beat(self, now_ns: int) -> None:
@@ -267,13 +280,13 @@ class SlaveAxis:
     def report(self, now_ns: int) -> None:
         """The axis' state, about 50 Hz."""
         assert self._control is not None
-        machine, best = self._control.machine, self._link.offset
+        best = self._link.offset
         holder = self._link.holder if self._link.live(now_ns) else 0
         self._state.send(
             SlaveState(
                 **self._state.header(holder, now_ns),
-                state=machine.state,
-                reason=machine.reason[:256],
+                state=self.state,
+                reason=self.reason[:256],
                 position_m=self._watch.stage.position_m,
                 velocity_m_s=self._watch.stage.velocity_m_s,
                 gripper=self._control.grip,

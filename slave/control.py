@@ -6,6 +6,7 @@ from typing import NamedTuple
 from common.clock_offset import OffsetEstimate
 from common.limiter import LimitHit, MotionLimiter
 from common.messages import Grip, MotionCommand, SafetyState
+from common.notices import long_round_trip
 from common.settings import AxisLimits
 from slave.force_watch import ForceWatch
 from slave.safety import SafetyEventName, SafetyMachine
@@ -38,7 +39,7 @@ class ControlInputs(NamedTuple):
     shutdown: bool = False
     clear: bool = False
     released: bool = False
-    lost_reason: str = "the lease expired"
+    lost_reason: str = "no session"
 
 
 @dataclass(slots=True)
@@ -116,6 +117,12 @@ class AxisControl:
             limits=hits,
         )
 
+    def slow(self, clock: OffsetEstimate | None) -> str:
+        """The round trip and its limit in words where it is beyond it, so that nothing arms; else empty."""
+        if clock is None or clock.round_trip_ns <= self._max_round_trip_ns:
+            return ""
+        return long_round_trip(clock.round_trip_ns * 1e-9, self._gate.max_round_trip_s)
+
     def halt(self, now_ns: int, estop: str | None, fault: str | None) -> list[Transition]:
         """What came when no tick follows any more: the machine is told, the setpoint stays."""
         transitions: list[Transition] = []
@@ -192,8 +199,8 @@ class AxisControl:
         silent_ns = now_ns - self._received_ns
         if 0 < self._watchdog_ns < silent_ns:
             return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
-        if clock.round_trip_ns > self._max_round_trip_ns:
-            return [(E.ROUND_TRIP, f"round trip {clock.round_trip_ns * 1e-6:.0f} ms")]
+        if slow := self.slow(clock):
+            return [(E.ROUND_TRIP, slow)]
         engaging = self.machine.state is SafetyState.ENGAGING
         return self._engaging_events(now_ns, command) if engaging else []
 

@@ -152,8 +152,7 @@ class SlaveDaemon:
             steps.callback(self.transport.close)
             for axis in reversed(self.axes):
                 steps.callback(axis.close)
-            steps.callback(self._reports.impairment, now_ns, last=True)
-            steps.callback(self._reports.timing, now_ns)
+            steps.callback(self._reports.last_words, now_ns)
             for axis in reversed(self.axes):
                 steps.callback(axis.report, now_ns)
             for axis in reversed(self.axes):

@@ -78,11 +78,13 @@ class AxisDiary:
             self._live = True
             self._journal.note("session_opened", now_ns, self._axis, **peer(handshake))
 
-    def serve(self, now_ns: int, bus: Bus, session: int, live: bool, last: bool = False) -> None:
-        """Says what was gathered, and that a session was lost; about every 10 ms."""
-        if self._live and not live:
-            self._journal.note("session_lost", now_ns, self._axis, session=session)
-        self._live = live
+    def serve(self, now_ns: int, bus: Bus, session: int, lost: str, last: bool = False) -> None:
+        """Says what was gathered, and that a session was lost; about every 10 ms. `lost`: why there is none,
+        empty while there is one.
+        """
+        if self._live and lost:
+            self._journal.note("session_lost", now_ns, self._axis, session=session, reason=lost)
+        self._live = not lost
         wildcards = {"wildcard": bus.refused} if bus.refused else {}
         self._malformed.counted({**dict(bus.malformed), **wildcards})
         for tally in (self._tally, self._faults):

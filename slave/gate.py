@@ -5,7 +5,7 @@ received the command.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from common.clock_offset import DRIFT_DIVISOR, OffsetEstimate
+from common.clock_offset import OffsetEstimate
 from common.messages import MotionCommand
 
 SECOND_WRITER = "second_writer"
@@ -23,8 +23,8 @@ class Refusal(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class GateLimits:
-    """`max_age_ns`: excess over the base delay; `position_m`, `velocity_m_s`: what is plausible at all
-    (limits proper come later).
+    """`max_age_ns`: by how much a command may be slower than the fastest, see `common.clock_offset`;
+    `position_m`, `velocity_m_s`: what is plausible at all (limits proper come later).
     """
 
     max_age_ns: int
@@ -40,17 +40,6 @@ class _Window:
         self.sequence = 0
         self._stamp_ns = 0
         self._skipped: list[tuple[int, int]] = []
-        self._smallest_ns: int | None = None
-        self._seen_ns = 0
-
-    def base(self, receive_ns: int) -> int | None:
-        """Smallest (receive - stamp) of the admitted commands, and what the clocks may have parted by since:
-        a delay that creeps up faster ages every command, however slowly it does.
-        """
-        if self._smallest_ns is None:
-            return None
-        elapsed_ns = receive_ns - self._seen_ns
-        return self._smallest_ns + (elapsed_ns // DRIFT_DIVISOR if elapsed_ns > 0 else 0)
 
     def is_of_another_writer(self, command: MotionCommand) -> bool:
         """Whether a command that comes too late by its number was stamped after the newest, under a number
@@ -60,13 +49,11 @@ class _Window:
             first <= command.sequence <= last for first, last in self._skipped
         )
 
-    def move(self, command: MotionCommand, transit_ns: int, receive_ns: int, base_ns: int) -> None:
+    def move(self, command: MotionCommand) -> None:
         """Takes an admitted command into account."""
         if 0 < self.sequence < command.sequence - 1:
             self._skipped = [*self._skipped[1 - _GAPS :], (self.sequence + 1, command.sequence - 1)]
         self.sequence, self._stamp_ns = command.sequence, command.stamp_ns
-        if self._smallest_ns is None or transit_ns <= base_ns:
-            self._smallest_ns, self._seen_ns = transit_ns, receive_ns
 
 
 class CommandGate:
@@ -77,36 +64,32 @@ class CommandGate:
         self._window: _Window | None = None
 
     def open(self, session_id: int) -> None:
-        """A new session: sequence and base delay start afresh. Only a handshake leads here."""
+        """A new session: the sequence starts afresh. Only a handshake leads here."""
         self._window = _Window(session_id)
 
     def admit(self, command: MotionCommand, receive_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
-        """None when the command may be executed. Nothing moves when it is refused."""
+        """None when the command may be executed. Nothing moves when it is refused.
+
+        The age is not judged before the clocks are compared: nothing is executed until then.
+        """
         window = self._window
         if window is None or command.session_id != window.session_id:
             return Refusal("session", 0.0, 0.0, "")
         if command.sequence <= window.sequence:
             rule = SECOND_WRITER if window.is_of_another_writer(command) else "sequence"
             return Refusal(rule, command.sequence, window.sequence, "")
-        transit_ns = receive_ns - command.stamp_ns
-        base_ns = window.base(receive_ns)
-        if base_ns is None:
-            base_ns = transit_ns if clock is None else clock.bound_ns - clock.offset_ns
-        refusal = self._check_age(base_ns, transit_ns, clock) or self._check_range(command)
+        refusal = clock and self._check_age(receive_ns - command.stamp_ns, clock)
+        refusal = refusal or self._check_range(command)
         if refusal is None:
-            window.move(command, transit_ns, receive_ns, base_ns)
+            window.move(command)
         return refusal
 
-    def _check_age(self, base_ns: int, transit_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
-        """The base is the smallest transit seen, at first what the clock exchange expects: offset and base
-        delay cancel.
-        """
-        limit_ns = self._limits.max_age_ns
-        earliest_ns = base_ns - limit_ns if clock is None else -clock.offset_ns - clock.bound_ns
-        if transit_ns < earliest_ns:
-            return Refusal("future", (earliest_ns - transit_ns) * 1e-9, 0.0, "s")
-        if transit_ns - base_ns > limit_ns:
-            return Refusal("late", (transit_ns - base_ns) * 1e-9, limit_ns * 1e-9, "s")
+    def _check_age(self, transit_ns: int, clock: OffsetEstimate) -> Refusal | None:
+        ahead_ns, excess_ns = clock.ahead_ns(transit_ns), clock.excess_ns(transit_ns)
+        if ahead_ns > 0:
+            return Refusal("future", ahead_ns * 1e-9, 0.0, "s")
+        if excess_ns > self._limits.max_age_ns:
+            return Refusal("late", excess_ns * 1e-9, self._limits.max_age_ns * 1e-9, "s")
         return None
 
     def _check_range(self, command: MotionCommand) -> Refusal | None:

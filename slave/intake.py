@@ -16,7 +16,7 @@ _RANGE_SPEEDS = 10.0
 _LATE_FOR_NS = 3_000_000_000  # commands that are late for so long are not late, the way has become longer
 _SILENT_FOR_NS = 3_000_000_000  # a master that lives commands a thousand times a second
 _ONLY_LATE = "commands come late all the time: a new session takes the measure of the way again"
-_SILENT = "heartbeats without commands"
+_SILENT = f"no command from the master for {_SILENT_FOR_NS * 1e-9:g} s, though its heartbeats come"
 _TWO_WRITERS = "two writers in one session"
 _NOBODYS = frozenset({"session", "sequence", SECOND_WRITER})
 

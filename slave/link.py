@@ -5,16 +5,15 @@ from collections.abc import Callable
 
 from common import topics
 from common.bus import Bus
-from common.clock_offset import OffsetEstimate
+from common.clock_offset import MAX_RATE_PPM, OffsetEstimate
 from common.heartbeats import Heartbeats
 from common.messages import Handshake, Heartbeat
-from common.settings import differences, settings_hash, shared_text
+from common.notices import span
+from common.settings import LONGEST_ROUND_TRIP_S, differences, settings_hash, shared_text
 from common.slots import BoundedQueue
 from slave.diary import AxisDiary
 from slave.session import Lease
 from slave.settings import SlaveAxisSettings
-
-_EXPIRED = "the lease expired"
 
 
 class SlaveLink:
@@ -24,18 +23,18 @@ class SlaveLink:
 
     Attributes:
         counters: handshakes accepted and refused.
-        lost_reason: why there is no session, if there is none.
     """
 
     def __init__(
         self, cell: str, settings: SlaveAxisSettings, bus: Bus, instance_id: int, diary: AxisDiary
     ) -> None:
         self.counters: Counter[str] = Counter()
-        self.lost_reason = _EXPIRED
+        self._ended = ""
+        self._awaited = False
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._instance_id = instance_id
         self._diary = diary
-        self._lease = Lease(int(settings.gate.lease_s * 1e9))
+        self._lease = Lease(int(settings.gate.lease_s * 1e9), int(LONGEST_ROUND_TRIP_S * 1e9))
         self._handshakes: BoundedQueue[tuple[Handshake, int]] = BoundedQueue(16)
         self._heartbeats = Heartbeats(bus.outlet(topics.SLAVE_HEARTBEAT))
         self._answer = bus.outlet(topics.SLAVE_HANDSHAKE)
@@ -51,6 +50,22 @@ class SlaveLink:
     def offset(self) -> OffsetEstimate | None:
         """The master's clock minus ours."""
         return self._heartbeats.offset
+
+    @property
+    def lost_reason(self) -> str:
+        """Why there is no session any more, where there is none."""
+        return self._ended or f"no heartbeat from the master for {span(self._lease.expired_after_s)}"
+
+    def clock_fault(self, now_ns: int) -> str | None:
+        """That the master's clock runs at a rate that is not followed, while it holds the lease."""
+        clock = self._heartbeats.offset
+        if clock is None or abs(clock.rate_ppm) <= MAX_RATE_PPM or not self._lease.live(now_ns):
+            return None
+        way = "fast" if clock.rate_ppm > 0.0 else "slow"
+        return (
+            f"the master's clock runs at least {abs(clock.rate_ppm):.0f} ppm {way} against ours, "
+            f"limit {MAX_RATE_PPM:.0f} ppm: check the time synchronisation of both hosts"
+        )
 
     def live(self, now_ns: int) -> bool:
         """Whether somebody holds the lease now."""
@@ -84,13 +99,21 @@ class SlaveLink:
                     settings=self._shared,
                     accepted=not reason,
                     reason=reason,
+                    answers_stamp_ns=handshake.stamp_ns,
                 )
             )
+
+    def unheard(self, now_ns: int) -> str:
+        """Why a session has ended in which no heartbeat came, said once: no safety transition tells of it."""
+        if not self._awaited or self._lease.live(now_ns):
+            return ""
+        self._awaited = False
+        return "" if self._lease.renewed else self.lost_reason
 
     def let_go(self, now_ns: int, reason: str) -> None:
         """Ends the session, so that the master asks for a new one."""
         if self._lease.live(now_ns):
-            self.lost_reason = reason
+            self._ended = reason
             self._lease.let_go(now_ns)
             self.counters["sessions_let_go"] += 1
 
@@ -110,7 +133,7 @@ class SlaveLink:
         known = handshake.session_id == self._lease.holder
         reason = self._lease.request(handshake.session_id, receive_ns, at_rest)
         if reason is None and not known:
-            self.lost_reason = _EXPIRED
+            self._ended, self._awaited = "", True
             self._heartbeats.restart()
             opened(handshake.session_id)
         return reason or ""

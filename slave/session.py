@@ -4,15 +4,28 @@
 class Lease:
     """Who may command. A session lives while its heartbeats come; its id is never accepted twice.
 
+    Args:
+        lease_ns: how long it lives after a heartbeat.
+        round_trip_ns: how much longer after it was accepted. The first heartbeat follows the acceptance, so
+            that it comes a round trip later.
+
     Attributes:
         holder: session id of the writer, or of the last one when its lease has expired; 0 before the first.
+        renewed: whether the holder sent a heartbeat.
     """
 
-    def __init__(self, lease_ns: int) -> None:
+    def __init__(self, lease_ns: int, round_trip_ns: int = 0) -> None:
         self._lease_ns = lease_ns
+        self._first_ns = lease_ns + round_trip_ns
         self._expires_ns = 0
         self._used: set[int] = set()
         self.holder = 0
+        self.renewed = False
+
+    @property
+    def expired_after_s(self) -> float:
+        """How long the holder has been silent when its lease expires."""
+        return (self._lease_ns if self.renewed else self._first_ns) * 1e-9
 
     def live(self, now_ns: int) -> bool:
         """Whether somebody holds the lease now."""
@@ -31,8 +44,8 @@ class Lease:
         if not at_rest:
             return "the stage is not at rest"
         self._used.add(session_id)
-        self.holder = session_id
-        self._expires_ns = now_ns + self._lease_ns
+        self.holder, self.renewed = session_id, False
+        self._expires_ns = now_ns + self._first_ns
         return None
 
     def let_go(self, now_ns: int) -> None:
@@ -43,5 +56,5 @@ class Lease:
         """A heartbeat; True when it came from the holder of a live lease."""
         if session_id != self.holder or not self.live(now_ns):
             return False
-        self._expires_ns = now_ns + self._lease_ns
+        self._expires_ns, self.renewed = now_ns + self._lease_ns, True
         return True

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from common.config import Settings
-from common.settings import AxisLimits, DaemonSettings, Segment, require_distinct
+from common.settings import LONGEST_ROUND_TRIP_S, AxisLimits, DaemonSettings, Segment, require_distinct
 from common.topics import COMMAND
 from slave.load_cells.port import VALID_SHARE
 from slave.load_cells.settings import LoadCellDriver, SimulatedLoadCellDriver
@@ -18,7 +18,7 @@ class GateSettings(Settings):
 
     watchdog_s: Annotated[float, Field(ge=0, le=0.3)] = COMMAND.stale_after_s or 0.060
     max_age_s: Annotated[float, Field(gt=0, le=1)] = 0.100
-    max_round_trip_s: Annotated[float, Field(gt=0, le=2)] = 0.700
+    max_round_trip_s: Annotated[float, Field(gt=0, le=LONGEST_ROUND_TRIP_S)] = 0.700
     lease_s: Annotated[float, Field(ge=0.2, le=10)] = 1.0
     alignment_m: Annotated[float, Field(gt=0, le=0.05)] = 0.001
     engage_ramp_s: Annotated[float, Field(gt=0, le=5)] = 0.2

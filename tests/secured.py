@@ -43,6 +43,23 @@ def free_endpoint(protocol: str = "tls") -> str:
         return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
 
 
+def identity(pki: Path, role: PartyRole, authority: Path | None = None) -> Identity:
+    """The files of a role; `authority`: whom it trusts, where that is not its own."""
+    return Identity(authority or pki / AUTHORITY, pki / f"{role}.crt", pki / f"{role}.key")
+
+
+@contextmanager
+def deaf_address() -> Iterator[str]:
+    """Host and port of this host that answer no packet, as those of a host that is off: a full backlog."""
+    with ExitStack() as stack:
+        listener = stack.enter_context(socket.create_server(("127.0.0.1", 0), backlog=0))
+        for _ in range(2):
+            waiting = stack.enter_context(socket.socket())
+            waiting.setblocking(False)
+            waiting.connect_ex(listener.getsockname())
+        yield f"127.0.0.1:{listener.getsockname()[1]}"
+
+
 class Secured:
     """Sessions with the certificates of a folder; closed at the end, the last first."""
 
@@ -98,8 +115,7 @@ def bare_config(connect: str, pki: Path | None, role: PartyRole, authority: Path
     """TLS without access control of its own; `authority`: whom it trusts, where that is not its own."""
     tls: object = {"root_ca_certificate": str(authority)}
     if pki is not None:
-        files = Identity(authority or pki / AUTHORITY, pki / f"{role}.crt", pki / f"{role}.key")
-        tls = secured(Party(role, (CELL,)), files)["transport/link/tls"]
+        tls = secured(Party(role, (CELL,)), identity(pki, role, authority))["transport/link/tls"]
     config = zenoh.Config()
     paths = {**FIXED, "mode": "client", "connect/endpoints": [connect], "transport/link/tls": tls}
     paths |= {"connect/timeout_ms": 0, "connect/exit_on_failure": False, "mode": "peer"}

@@ -69,7 +69,7 @@ def check_period(path: Path, certificate: "x509.Certificate", now: datetime) -> 
     start, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if now > end:
         raise _wrong(
-            path, f"expired on {end:%Y-%m-%d %H:%M} UTC", f"one that is valid: {_renewal(path)}, then copy it"
+            path, f"expired on {end:%Y-%m-%d %H:%M} UTC", f"one that is valid: {renewal(path)}, then copy it"
         )
     if now < start:
         raise _wrong(
@@ -77,7 +77,8 @@ def check_period(path: Path, certificate: "x509.Certificate", now: datetime) -> 
         )
 
 
-def _renewal(path: Path) -> str:
+def renewal(path: Path) -> str:
+    """What makes a certificate anew that has expired."""
     if path.name == AUTHORITY:
         return "forefeel pki init makes a new authority"
     return "forefeel pki renew DIR where ca.key is kept"

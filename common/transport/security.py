@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 from common.codec import MAX_MESSAGE_BYTES
 from common.messages import Message
-from common.topics import PUBLISHED, Topic
+from common.topics import PUBLISHED, Topic, numbered
 
 PartyRole = Literal["slave", "master", "recorder", "viewer", "router"]
 ROLES: tuple[PartyRole, ...] = get_args(PartyRole)
@@ -132,10 +132,11 @@ def _rules(own: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
     through = remote == "router"
     heard = [topic for topic in PUBLISHED if hears(own, topic) and (through or publishes(remote, topic))]
     told = [topic for topic in PUBLISHED if publishes(own, topic) and (through or hears(remote, topic))]
-    asked = [_whole(cell)] if through else _subscriptions(remote, cell)
+    asked = [_whole(cell), numbered("*", _whole(cell))] if through else _subscriptions(remote, cell)
+    ends = through or {own, remote} == {"slave", "master"}
     return _flows(
-        ingress_put=_keys(heard, cell),
-        egress_put=_keys(told, cell),
+        ingress_put=_keys(heard, cell, ends),
+        egress_put=_keys(told, cell, ends),
         ingress_declare_subscriber=asked if told else [],
         egress_declare_subscriber=_subscriptions(own, cell) if heard else [],
     )
@@ -144,11 +145,13 @@ def _rules(own: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
 def _router_rules(remote: PartyRole, cell: str) -> _Allowed:
     """What a router takes from and gives to one party of a cell."""
     told = [topic for topic in PUBLISHED if publishes(remote, topic)]
+    heard = [topic for topic in PUBLISHED if hears(remote, topic)]
+    end = remote in {"slave", "master"}
     return _flows(
-        ingress_put=_keys(told, cell),
-        egress_put=_keys([topic for topic in PUBLISHED if hears(remote, topic)], cell),
+        ingress_put=_keys(told, cell, end),
+        egress_put=_keys(heard, cell, end),
         ingress_declare_subscriber=_subscriptions(remote, cell),
-        egress_declare_subscriber=[_whole(cell)] if told else [],
+        egress_declare_subscriber=[_whole(cell), numbered("*", _whole(cell))] if told else [],
     )
 
 
@@ -162,11 +165,14 @@ def _subscriptions(role: PartyRole, cell: str) -> list[str]:
     """The key expressions that a role may declare; an observer's single one stands for all topics."""
     if role in {"recorder", "viewer"}:
         return [_whole(cell)]
-    return _keys([topic for topic in PUBLISHED if hears(role, topic)], cell)
+    return _keys([topic for topic in PUBLISHED if hears(role, topic)], cell, parallel=True)
 
 
-def _keys(topics: Iterable[Topic[Message]], cell: str) -> list[str]:
-    return [topic.key(cell, "*") for topic in topics]
+def _keys(topics: Iterable[Topic[Message]], cell: str, parallel: bool) -> list[str]:
+    """Of the topics; with those of parallel connections where both parties are ends of the cell."""
+    found = [(topic, topic.key(cell, "*")) for topic in topics]
+    also = [numbered("*", key) for topic, key in found if parallel and topic.takes_turns]
+    return [key for _, key in found] + also
 
 
 def _whole(cell: str) -> str:

@@ -7,28 +7,43 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from common.config import Settings, beside_the_file
+from common.transport.exposure import on_loopback
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 Seconds = Annotated[float, Field(ge=0, le=10)]
 
 
+MOST_CONNECTIONS = 16
+"""Parallel connections to one other end: at 1 % loss and 600 ms each stands still for a third of the time."""
+
+
 class TransportSettings(Settings):
-    """Zenoh endpoints of this daemon, as `tcp/host:port`; `tls/`, `quic/` and `udp/` too.
+    """Zenoh endpoints of this process, as `tls/host:port`; `tcp/`, `quic/` and `udp/` too.
 
     A `peer` waits for whoever it connects to. A `client` speaks to a router: slave and master wait for it,
-    others end when it does not answer. `lease_s`: a silent link counts as lost after this. `pki`: the folder
-    of certificates that `forefeel pki init` made; with it every endpoint is tls/ or quic/, and each role may
-    do its own only. `zenoh_file`: a Zenoh JSON5 file with what else is wanted; endpoints and lease in it are
-    ignored. `strands`: over how many connections the 1 kHz streams take turns, on as many ports from that of
-    each endpoint upwards, the same number at every end of the cell: over a link that loses packets a single
-    TLS connection stands still for a round trip each time.
+    others end when it does not answer. `pki` is the folder of certificates that `forefeel pki init` made;
+    with it every endpoint is tls/ or quic/, and each role may do its own only. `zenoh_file` is a Zenoh JSON5
+    file with further settings; what stands here overrules it.
+
+    Attributes:
+        connections: how many connections a daemon opens to each endpoint in `connect`; the streams take
+            turns between them, so that a lost packet holds up one of them only. null: 16 where a tcp/ or tls/
+            endpoint in `connect` is on another host, else 1.
+        open_timeout_s: how long opening a connection may take at either end; it needs four round trips.
+        lease_s: a connection that is silent for so long is closed and opened anew. Safety does not depend on
+            it: the gate has a watchdog and a lease of its own.
+        retry_min_s: pause after the first failed attempt to connect; it doubles with each further one.
+        retry_max_s: longest of these pauses.
     """
 
     mode: Literal["peer", "client"] = "peer"
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
-    lease_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
-    strands: Annotated[int, Field(ge=1, le=16)] = 1
+    connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] | None = None
+    open_timeout_s: Annotated[float, Field(ge=0.1, le=60)] = 10.0
+    lease_s: Annotated[float, Field(ge=0.1, le=60)] = 3.0
+    retry_min_s: Annotated[float, Field(ge=0.01, le=60)] = 0.1
+    retry_max_s: Annotated[float, Field(ge=0.01, le=60)] = 1.0
     pki: Annotated[Path, AfterValidator(beside_the_file)] | None = None
     zenoh_file: Annotated[Path, AfterValidator(beside_the_file)] | None = None
 
@@ -36,9 +51,29 @@ class TransportSettings(Settings):
     def _client_connects(self) -> Self:
         if self.mode == "client" and (self.listen or not self.connect):
             raise ValueError("mode 'client': expected at least one endpoint in connect and none in listen")
-        if self.mode == "client" and self.strands > 1:
-            raise ValueError(f"strands = {self.strands}: expected 1 with mode 'client'")
         return self
+
+    @model_validator(mode="after")
+    def _retries_in_order(self) -> Self:
+        if self.retry_max_s < self.retry_min_s:
+            raise ValueError(
+                f"retry_max_s = {self.retry_max_s:g}: expected at least retry_min_s = {self.retry_min_s:g}"
+            )
+        return self
+
+    @property
+    def parallel_connections(self) -> int:
+        """`connections`, or what stands for null; 1 for a process that connects to nobody."""
+        if not self.connect:
+            return 1
+        if self.connections is not None:
+            return self.connections
+        return MOST_CONNECTIONS if any(map(_loses_packets, self.connect)) else 1
+
+
+def _loses_packets(endpoint: str) -> bool:
+    """Whether a lost packet may hold up what follows on a connection to that endpoint."""
+    return endpoint.startswith(("tcp/", "tls/")) and not on_loopback(endpoint)
 
 
 class ImpairmentSettings(Settings):

@@ -1,7 +1,6 @@
 """The transport over Zenoh."""
 
 import threading
-from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -39,6 +38,22 @@ _QOS: Mapping[Qos, tuple[CongestionControl, Priority, Reliability, bool]] = {
 }
 
 
+class Publication:
+    """A declared publisher: `put` sends by it."""
+
+    def __init__(self, put: Put, publisher: zenoh.Publisher) -> None:
+        self.put = put
+        self._publisher = publisher
+
+    def heard(self) -> bool:
+        """Whether a session that is connected now subscribes to it; False once it is undeclared."""
+        try:
+            # The stub says bool; it is an object that is always true.
+            return cast(zenoh.MatchingStatus, self._publisher.matching_status).matching
+        except zenoh.ZError:
+            return False
+
+
 class ZenohTransport:
     """One Zenoh session. See the port for the contract.
 
@@ -62,7 +77,7 @@ class ZenohTransport:
         self._declared.enter_context(session)
         self._threads: list[threading.Thread] = []
         self.handler_faults = 0
-        self.notice, self._mode, self._certified = "", "peer", False
+        self.notice, self._mode = "", "peer"
 
     @classmethod
     def open(
@@ -95,27 +110,14 @@ class ZenohTransport:
         )
         transport = cls(session, clock, on_fault)
         transport.notice, transport._mode = notice, settings.mode
-        transport._certified = settings.pki is not None
         return transport
 
     def publisher(self, key: str, qos: Qos) -> Put:
         """Declares a publisher; its `Put` raises RunError when the session broke down."""
-        return self._sender(key, self._declare(key, qos))
+        return self.publication(key, qos).put
 
-    def heard_publisher(self, key: str, qos: Qos) -> tuple[Put, Callable[[], bool]]:
-        """A publisher, and whether somebody on this session's connections subscribes to it now."""
-        publisher = self._declare(key, qos)
-        told: deque[bool] = deque(maxlen=1)
-
-        def changed(status: zenoh.MatchingStatus) -> None:
-            told.append(status.matching)
-
-        self._declared.callback(publisher.declare_matching_listener(changed).undeclare)
-        # The stub says bool; it is an object that is always true. What the listener is told is newer.
-        found = cast(zenoh.MatchingStatus, publisher.matching_status).matching
-        return self._sender(key, publisher), lambda: told[0] if told else found
-
-    def _declare(self, key: str, qos: Qos) -> zenoh.Publisher:
+    def publication(self, key: str, qos: Qos) -> "Publication":
+        """Declares a publisher that also knows whether it is heard."""
         congestion, priority, reliability, express = _QOS[qos]
         publisher = self._session.declare_publisher(
             key,
@@ -125,7 +127,7 @@ class ZenohTransport:
             express=express,
             allowed_destination=Locality.REMOTE,
         )
-        return self._declared.enter_context(publisher)
+        return Publication(self._sender(key, self._declared.enter_context(publisher)), publisher)
 
     def _sender(self, key: str, publisher: zenoh.Publisher) -> Put:
         put = publisher.put
@@ -157,15 +159,12 @@ class ZenohTransport:
 
     @property
     def hint(self) -> str:
-        """What may stand in the way while nobody answers, or empty; refused certificates show as silence."""
-        if self._closed:
+        """What is wrong with a connection that stands, or empty."""
+        if self._closed or self._mode != "peer":
             return ""
         transports = self._session.info.transports()
-        if self._mode == "peer" and any(each.whatami == zenoh.WhatAmI.ROUTER for each in transports):
-            return "a router answers there; expected transport.mode client"
-        if self._certified and not transports:
-            return "nobody there, or a certificate is refused: compare both ends' forefeel pki show"
-        return ""
+        routed = any(each.whatami == zenoh.WhatAmI.ROUTER for each in transports)
+        return "a router answers there; expected transport.mode client" if routed else ""
 
     def refused(self) -> int:
         """How many payloads came under a key with a wildcard."""

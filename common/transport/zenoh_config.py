@@ -16,23 +16,28 @@ FIXED: Mapping[str, object] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "transport/shared_memory/enabled": False,
-    "transport/unicast/open_timeout": 500,
-    "transport/unicast/accept_timeout": 500,
     "transport/link/tx/queue/size/interactive_high": 16,
     "transport/link/tx/batch_size": 4096,  # a message that waits holds on to as much, or to 64 KB
     "transport/link/rx/max_message_size": 4 * MAX_MESSAGE_BYTES,  # put together from fragments; or 1 GB
     # Opening returns at once; the other end may come later.
     "open/return_conditions": {"connect_scouted": False, "declares": False},
-    "connect/retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
 }
 
 
 def chosen(settings: TransportSettings, mode: Mode) -> dict[str, object]:
-    """What the settings say, by path."""
+    """What the settings say, by path. Zenoh counts in ms."""
+    open_timeout_ms = round(settings.open_timeout_s * 1000)
     return {
         "mode": mode,
         "listen/endpoints": list(settings.listen),
         "connect/endpoints": list(settings.connect),
+        "connect/retry": {
+            "period_init_ms": round(settings.retry_min_s * 1000),
+            "period_max_ms": round(settings.retry_max_s * 1000),
+            "period_increase_factor": 2,
+        },
+        "transport/unicast/open_timeout": open_timeout_ms,
+        "transport/unicast/accept_timeout": open_timeout_ms,
         "transport/link/tx/lease": round(settings.lease_s * 1000),
     }
 

@@ -11,7 +11,7 @@ from forefeel.dashboard.finding import Past
 
 MOST_AXES = 16
 BEYOND = f"refused_beyond_{MOST_AXES}_axes"
-_UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
+UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
 """What they hold is not shown, or stands in a message that is: decoding it would be in vain."""
 
 
@@ -37,7 +37,7 @@ class CellView:
         if parsed is None:
             return
         _, axis, topic = parsed
-        if topic.name in _UNREAD:
+        if topic.name in UNREAD:
             self._hears(receive_ns)
             return
         try:

@@ -11,7 +11,6 @@ from forefeel.options import (
     Duration,
     Insecure,
     Quiet,
-    Strands,
     ThroughRouter,
     ViewedCell,
     ViewerConfig,
@@ -37,7 +36,6 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     config: ViewerConfig = None,
     pki: ViewerPki = None,
     through_router: ThroughRouter = False,
-    strands: Strands = 1,
     insecure: Insecure = False,
     address: Address = "127.0.0.1",
     port: Port = 8600,
@@ -48,7 +46,7 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     """Show a cell live in the browser, as a viewer in a process of its own, which commands nothing."""
     from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
 
-    found = observer(config, cell, connect or [], pki, through_router, strands)
+    found = observer(config, cell, connect or [], pki, through_router)
     with extra("dashboard", *_PACKAGES, command="dashboard"):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
     with output(quiet=quiet):

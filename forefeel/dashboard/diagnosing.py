@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import os
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +14,7 @@ from common.error_size import Floats
 from common.notices import printable
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.finding import Finding, wanted_s
+from forefeel.parent import child_environment
 
 _TIMEOUT_S = 120.0
 _LOOK_S = 0.5
@@ -117,7 +117,7 @@ async def _worker() -> asyncio.subprocess.Process:
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
         start_new_session=True,
-        env={**os.environ, "FOREFEEL_PARENT": str(os.getpid())},
+        env=child_environment(),
     )  # fmt: skip
 
 

@@ -1,12 +1,11 @@
 """A recording as the page shows it: the same view of a cell, at any of its times."""
 
 from common.recording.mcap_spans import RunSpans
-from common.topics import BY_NAME, COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT
-from forefeel.dashboard.cell_view import CellView
+from common.topics import BY_NAME
+from forefeel.dashboard.cell_view import UNREAD, CellView
 
 LEAD_S = 20.0
-_UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
-_TOPICS = [topic for name, topic in BY_NAME.items() if name not in _UNREAD]
+_TOPICS = [topic for name, topic in BY_NAME.items() if name not in UNREAD]
 
 
 class Replay:

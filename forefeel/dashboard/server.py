@@ -17,7 +17,7 @@ from nicegui import ui
 from common.clock import MonotonicClock
 from common.errors import RunError
 from common.transport.security import Party
-from common.transport.strands import StrandedTransport
+from common.transport.zenoh_bus import ZenohTransport
 from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.page import build, serve_files
@@ -56,7 +56,7 @@ def run_dashboard(
         where = ", ".join(settings.transport.connect + settings.transport.listen)
         live = LiveCell(settings.cell, where, clock)
         party = Party("viewer", (settings.cell,))
-        transport = StrandedTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
+        transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
         try:
             _step_back()
             transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)

@@ -10,13 +10,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from common.clock import Clock
 from common.errors import RecordingError
+from common.notices import span
 from common.recording.mcap_spans import RunSpans
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Answer, Feed
 from forefeel.dashboard.finding import Finding
 from forefeel.dashboard.replay import Replay
 from forefeel.dashboard.trace import SPAN_S
-from forefeel.dashboard.words import silent_s, span
+from forefeel.dashboard.words import silent_s
 
 R = TypeVar("R")
 

@@ -1,7 +1,7 @@
 """How link, lease and safety stand, in words. Pure: time is an argument."""
 
 from common.messages import SafetyState, SlaveState
-from common.notices import printable
+from common.notices import is_long_round_trip, printable, span
 from common.topics import MASTER_STATE, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level, Light
@@ -30,19 +30,6 @@ def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
     """For how long nothing was heard, None while something is; `since_ns`: when one began to listen."""
     quiet_ns = now_ns - (since_ns if heard_ns is None else heard_ns)
     return quiet_ns * 1e-9 if quiet_ns > SILENT_NS else None
-
-
-def span(seconds: float) -> str:
-    """A time that has passed: 3.2 s, 48 s, 2 min 05 s, 1 h 07 min."""
-    if seconds < 10.0:
-        return f"{max(seconds, 0.0):.1f} s"
-    whole = int(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    minutes, rest = divmod(whole, 60)
-    if minutes < 60:
-        return f"{minutes} min {rest:02d} s"
-    return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def _age(view: AxisView, topic: str, now_ns: int) -> float | None:
@@ -77,6 +64,8 @@ def _link(view: AxisView, now_ns: int) -> Light:
         return Light("link", BAD, "no link", printable(state.reason))
     if state.indication == "handle_fault":
         return Light("link", BAD, "handle fault", printable(state.reason))
+    if is_long_round_trip(state.reason):
+        return Light("link", WARN, "too slow", printable(state.reason))
     return Light("link", GOOD, "linked", "both ends heard")
 
 

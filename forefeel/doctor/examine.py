@@ -25,6 +25,7 @@ from forefeel.doctor import (
 )
 from forefeel.doctor.findings import Finding
 from forefeel.doctor.settings import judge_agreement, load_files
+from forefeel.reaching import reach
 
 _NO_FILE_PRIORITY = 50
 _OBSERVERS: tuple[PartyRole, ...] = ("viewer", "recorder")
@@ -92,11 +93,9 @@ def _network(end: End) -> Iterator[Finding]:
     for endpoint in transport.listen:
         yield network.judge_listen(network.try_listen(endpoint), end.process is not None)
     identity = certificates.find_identity(end.settings, end.role)
-    files = None
-    if identity is not None:
-        files = network.Files(str(identity.authority), str(identity.certificate), str(identity.key))
+    other = "router" if transport.mode == "client" else "slave" if end.role == "master" else "master"
     for endpoint in transport.connect:
-        yield network.judge_reached(network.reach(endpoint, files))
+        yield network.judge_reached(reach(endpoint, identity, other))
 
 
 def _clocks(ends: Sequence[End]) -> Iterator[Finding]:

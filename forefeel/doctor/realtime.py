@@ -15,7 +15,9 @@ from forefeel.doctor.findings import Finding, Level
 GROUP = "real time"
 SECONDS = 2.0
 _GOOD_US, _POOR_US = 250.0, 1000.0
-_FEW, _MANY = 0.001, 0.01
+FEW_MISSED = 0.001
+"""Share of ticks; a loop that misses more is amber."""
+_MANY = 0.01
 _LIMITS = (
     "permit it: systemd units have LimitRTPRIO and LimitMEMLOCK; else rtprio 90 and memlock unlimited for "
     "this user in /etc/security/limits.d, then log in again"
@@ -80,7 +82,7 @@ def _permission(subject: str, found: str, granted: bool) -> Finding:
 def _lateness(loop: Loop) -> Finding:
     share = loop.missed / max(1, loop.ticks + loop.missed)
     level: Level = "green"
-    if loop.p99_us > _GOOD_US or share > _FEW:
+    if loop.p99_us > _GOOD_US or share > FEW_MISSED:
         level = "amber"
     if loop.p99_us > _POOR_US or share > _MANY or not loop.ticks:
         level = "red"

@@ -111,7 +111,8 @@ class MasterActs:
         found = []
         for axis in self._daemon.axes:
             heard = axis.slave_state
-            state, reason = (heard.state.value, heard.reason) if heard else ("not heard", axis.session.reason)
+            cause = axis.session.cause(self._clock.now_ns())
+            state, reason = (heard.state.value, heard.reason) if heard else ("not heard", cause)
             found.append(AxisAnswer(name=axis.name, state=state, reason=reason))
         return tuple(found)
 

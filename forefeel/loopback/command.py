@@ -7,23 +7,21 @@ from tempfile import TemporaryDirectory
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from common.errors import ConfigurationError, RunError
+from common.errors import ConfigurationError
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, postponed
 from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
+from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import STATE, Plan, Wish, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.loopback.watched import LOG, Watched
 from forefeel.report.page import write_report
-from forefeel.report.states import START_S
 from forefeel.report.summary import RunReport
 from forefeel.report.text import ten_lines
-from forefeel.report.wording import micros
-from forefeel.terminal import answer, progress, say, stages
+from forefeel.terminal import answer, progress, say, stages, warn
 
-MIN_ARMED_SHARE = 0.9
 _RECORDING = "recording.mcap"
 _OURS = (
     _RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log",
@@ -46,7 +44,7 @@ def run_loopback(wish: Wish, out: Path | None, how: How) -> RunReport:
 
     Raises:
         InputError: the wish can not be fulfilled; nothing was written.
-        RunError: the run failed, was interrupted, or was armed for too little of its time.
+        RunError: the run failed, was interrupted, or was never armed.
     """
     folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
     if how.virtual and how.dashboard:
@@ -72,6 +70,8 @@ def _run_in(folder: Path, wish: Wish, how: How, written: list[str]) -> RunReport
         report = write_report(folder / _RECORDING, folder)
     answer(*ten_lines(report, folder), document=report.to_json)
     require_armed(report)
+    if remark := amber_line(report):
+        warn(remark)
     return report
 
 
@@ -110,31 +110,6 @@ def _run(
                     loop.write(folder / _RECORDING)
                     written.append(_RECORDING)
     show(plan.expected_s, "done")
-
-
-def require_armed(report: RunReport) -> None:
-    """Raises RunError when a run was armed for too little of its time, with what the host did to it."""
-    share = report.armed_share
-    if share is None or share < MIN_ARMED_SHARE:
-        found = "never armed" if share is None else f"armed {share:.1%} of the time"
-        raise RunError(
-            f"{found}, {report.stops or 0} stops; expected at least {MIN_ARMED_SHARE:.0%} "
-            f"since the first arming, at most {START_S:g} s into the session; this host: {_host(report)}"
-        )
-
-
-def _host(report: RunReport) -> str:
-    """What the host did to the run: two loops at 1 kHz that it woke late, and commands that never came."""
-    ends = (("master", report.loop.master), ("slave", report.loop.slave))
-    return ", ".join(
-        [
-            f"{report.counters.get('safety_watchdog', 0)} watchdog stops",
-            *(
-                f"{role} {loop.missed or 0} ticks missed, {micros(loop.max_us)} late at worst"
-                for role, loop in ends
-            ),
-        ]
-    )
 
 
 def _progress() -> Progress:

@@ -2,7 +2,6 @@
 in order.
 """
 
-import os
 import signal
 import socket
 import subprocess
@@ -22,6 +21,7 @@ from forefeel.interrupt import interruptible
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
 from forefeel.loopback.watched import Watched
+from forefeel.parent import child_environment
 from forefeel.recorder import Recorder
 
 _POLL_S = 0.1
@@ -109,7 +109,7 @@ class _Child:
                 stdout=log,
                 stderr=log,
                 start_new_session=True,
-                env={**os.environ, "FOREFEEL_PARENT": str(os.getpid())},
+                env=child_environment(),
             )
 
     @property

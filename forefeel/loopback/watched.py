@@ -1,6 +1,5 @@
 """A dashboard beside a loopback: a viewer in a process of its own, on which the run does not depend."""
 
-import os
 import signal
 import socket
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from forefeel.extras import how_to_get
 from forefeel.listening import BACKLOG, INHERITED
+from forefeel.parent import child_environment
 
 PORT = 8600
 LOG = "dashboard.log"
@@ -45,7 +45,7 @@ class Watched:
                     stdout=log,
                     stderr=log,
                     start_new_session=True,
-                    env={**os.environ, "FOREFEEL_PARENT": str(os.getpid()), INHERITED: str(fileno)},
+                    env={**child_environment(), INHERITED: str(fileno)},
                     pass_fds=[fileno],
                 )
         except OSError as error:

@@ -10,7 +10,6 @@ from forefeel.options import (
     Duration,
     Insecure,
     Quiet,
-    Strands,
     ThroughRouter,
     ViewedCell,
     ViewerConfig,
@@ -27,7 +26,6 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
     config: ViewerConfig = None,
     pki: ViewerPki = None,
     through_router: ThroughRouter = False,
-    strands: Strands = 1,
     insecure: Insecure = False,
     address: Annotated[str, typer.Option("--address", help="Where Prometheus asks.")] = "127.0.0.1",
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Where Prometheus asks.")] = 9464,
@@ -39,6 +37,6 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
 
     with extra("metrics", "prometheus_client", command="metrics"):
         from forefeel.metrics.run import run_metrics  # noqa: PLC0415
-    found = observer(config, cell, connect or [], pki, through_router, strands)
+    found = observer(config, cell, connect or [], pki, through_router)
     with output(quiet=quiet):
         run_metrics(found, address, port, duration, insecure)

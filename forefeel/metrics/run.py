@@ -12,7 +12,7 @@ from prometheus_client.registry import Collector
 from common.clock import MonotonicClock
 from common.errors import EndpointError, RunError
 from common.transport.security import Party
-from common.transport.strands import StrandedTransport
+from common.transport.zenoh_bus import ZenohTransport
 from forefeel.interrupt import interruptible
 from forefeel.metrics.cell import CellMetrics
 from forefeel.network_settings import ObserverSettings
@@ -67,7 +67,7 @@ def run_metrics(
     server, thread = serve(collector, address, port)
     try:
         party = Party("viewer", (settings.cell,))
-        transport = StrandedTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
+        transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
         try:
             transport.subscribe_all(f"forefeel/{settings.cell}", collector.hear)
             if transport.notice:

@@ -53,13 +53,16 @@ def recorder_counters(run: Run) -> dict[str, int]:
 
 
 def impairment_counters(run: Run) -> dict[str, int]:
-    """Messages that passed each impaired link, and how many of them were lost or duplicated; sorted."""
+    """Messages that passed each impaired link, and how many of them it dropped, duplicated or delayed on
+    purpose; sorted.
+    """
     counts: Counter[str] = Counter()
     for role, topic in _ROLES:
         for part in (part for axis in run.axes for part in run.messages(axis, topic)):
             name = f"impairment_{role}_{part.link}"
             copies = [len(delays_ns) for delays_ns in part.delays_ns]
             counts[f"{name}_messages"] += len(copies)
-            counts[f"{name}_lost"] += copies.count(0)
+            counts[f"{name}_dropped"] += copies.count(0)
             counts[f"{name}_duplicated"] += sum(n > 1 for n in copies)
+            counts[f"{name}_delayed"] += sum(any(delays_ns) for delays_ns in part.delays_ns)
     return dict(sorted(counts.items()))

@@ -12,12 +12,34 @@ class _Part(BaseModel):
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+class NotJudged(_Part):
+    """Commands that were sent and not scored, each counted under one reason.
+
+    Attributes:
+        not_followed: sent while the slave followed no command: before it engaged, after a stop.
+        skipped: no force was measured while the slave executed it: it was lost or refused, a newer command
+            came before it was executed, or the load cell reads less often than commands come.
+        invalid_force: the force that answers it is not valid.
+        not_predicted: answered, but there was no prediction or no received force in its tick.
+    """
+
+    not_followed: int = 0
+    skipped: int = 0
+    invalid_force: int = 0
+    not_predicted: int = 0
+
+
 class ScoredCommands(_Part):
-    """`sent` by the master; `answered` by a valid force; `scored`: answered, predicted and held."""
+    """`sent` by the master; `answered` by a valid force; `scored`: answered, predicted and held.
+
+    `sent` is `scored` and `not_judged` together; `reasons` add up to `not_judged`.
+    """
 
     sent: int = 0
     answered: int = 0
     scored: int = 0
+    not_judged: int = 0
+    reasons: NotJudged = NotJudged()
     answered_share: float | None = None
     scored_share: float | None = None
 
@@ -151,8 +173,7 @@ class RunReport(AxisReport, _RunFields):
     """The whole run: its own fields, those of its first axis, and every axis in `axes`.
 
     `format` is called `schema` in JSON. `seed` and `impairment` are those of the metadata table `run`.
-    `counters`
-    counts what the impairment did, too.
+    `counters` counts what the injected impairment did, too.
     """
 
     metadata: dict[str, dict[str, str]] = {}

@@ -80,6 +80,36 @@ def _codes(session_id: NDArray[Any], sequence: NDArray[Any]) -> Indices:
     return np.asarray(session * (number.max(initial=0) + 1) + number, dtype=np.int64)
 
 
+def stretches(answers_sequence: Floats, stamp_ns: NDArray[Any]) -> Indices:
+    """For each force the number of the stretch of time, without a stop, in which it was measured; -1: while
+    the slave followed no command.
+
+    Args:
+        answers_sequence: of the command that each force answers, NaN for none.
+        stamp_ns: of each force.
+    """
+    order = np.argsort(stamp_ns, kind="stable")
+    following = ~np.isnan(answers_sequence[order])
+    begins = following & ~np.append(False, following[:-1])[: len(following)]
+    found = np.empty(len(order), dtype=np.int64)
+    found[order] = np.where(following, np.cumsum(begins), -1)
+    return found
+
+
+def of_one_stretch(stretch: Indices) -> NDArray[np.bool_]:
+    """Which commands were sent within a stretch: the nearest that is known before and after is the same.
+
+    Args:
+        stretch: in which each command was executed, in the order of sending; -1: it was not executed.
+    """
+    rows = np.arange(len(stretch))
+    known = stretch >= 0
+    before = np.maximum.accumulate(np.where(known, rows, -1))
+    after = np.minimum.accumulate(np.where(known, rows, len(stretch))[::-1])[::-1]
+    edged = np.append(stretch, -1)  # the first and the last command have nothing beyond them
+    return np.asarray((edged[before] == edged[after]) & (edged[before] >= 0))
+
+
 def scored(predicted_n: Floats, held_n: Floats, force_n: Floats) -> NDArray[np.bool_]:
     """Where all three exist (are not NaN)."""
     return np.isfinite(predicted_n) & np.isfinite(held_n) & np.isfinite(force_n)

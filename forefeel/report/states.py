@@ -1,9 +1,10 @@
-"""The slave's safety state along time, and the share of the time in which it was armed. Pure."""
+"""The slave's safety state along time, the end of the last session, and the share of it armed. Pure."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from common.messages import SafetyState
+from common.messages import FOLLOWING, SafetyEvent, SafetyState
+from slave.safety import SafetyEventName
 
 START_S = 5.0
 """How long a slave may take from the opened session to the first arming."""
@@ -42,18 +43,45 @@ def _append(found: list[Span], span: Span) -> None:
     found.append(span)
 
 
-def armed_share(found: list[Span], clutched_s: float) -> float | None:
-    """Time armed over the time that could have been: from the first arming to the end, less `clutched_s`.
+def session_end_ns(
+    transitions: Sequence[tuple[int, SafetyEvent]], wanted_ns: int | None, heard_ns: int
+) -> int:
+    """When the last session ended; the slave could not have been armed after that.
 
-    Who has not armed START_S after the session was opened could have.
-    `clutched_s`: time that the operator chose to spend with the clutch open. At most 1: as the master sees
-    the slave's state late, a few ms of that time may count as armed too. None when never armed.
+    A master that lets go by its own choice ends the session at `wanted_ns`, the last time that it wanted the
+    slave to follow. It was its own choice when the slave stopped by a release and nothing else happened to
+    the slave while the master was there. After any other stop the master wants the session back until
+    `heard_ns`, when it was heard last.
+
+    Args:
+        transitions: of the slave's safety state, with their times, in order.
+        wanted_ns: None when the master never held the deadman.
+        heard_ns: see above.
     """
-    armed = [span for span in found if span.state is SafetyState.ARMED]
+    exits = [i for i, (_, t) in enumerate(transitions) if t.before in FOLLOWING and t.after not in FOLLOWING]
+    if not exits or wanted_ns is None:
+        return heard_ns
+    (_, left), *later = transitions[exits[-1] :]
+    happened = [t for at_ns, t in later if at_ns <= heard_ns and t.event != SafetyEventName.AT_REST]
+    return wanted_ns if left.event == SafetyEventName.RELEASE and not happened else heard_ns
+
+
+def armed_share(found: list[Span], end_ns: int, clutched_s: float) -> float | None:
+    """Time armed over the time that could have been: from the first arming to `end_ns`, less `clutched_s`.
+
+    Who has not armed START_S after the session was opened could have. None when never armed until `end_ns`.
+
+    Args:
+        found: the states.
+        end_ns: when the last session ended.
+        clutched_s: time until then that the operator chose to spend with the clutch open. The master sees
+            the slave's state late, so a few ms of it may count as armed too; the share is at most 1.
+    """
+    armed = [span for span in found if span.state is SafetyState.ARMED and span.start_ns < end_ns]
     if not armed:
         return None
-    armed_ns = sum(span.end_ns - span.start_ns for span in armed)
+    armed_ns = sum(min(span.end_ns, end_ns) - span.start_ns for span in armed)
     opened_ns = next(span.start_ns for span in found if span.state not in (None, SafetyState.IDLE))
     start_ns = min(armed[0].start_ns, opened_ns + int(START_S * 1e9))
-    possible_s = (found[-1].end_ns - start_ns) * 1e-9 - clutched_s
+    possible_s = (end_ns - start_ns) * 1e-9 - clutched_s
     return min(1.0, armed_ns * 1e-9 / possible_s) if possible_s > 0 else None

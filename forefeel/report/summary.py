@@ -31,6 +31,7 @@ from forefeel.report.model import (
     LoopFigures,
     Loops,
     ModelFigures,
+    NotJudged,
     ParameterFigures,
     PredictorFigures,
     RunReport,
@@ -44,6 +45,8 @@ from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_s
 __all__ = ["RunReport", "last_timing", "summarise"]
 
 SETTLING_S = 3.0
+_SILENT_S = 1.0
+"""A master that is silent for so long has missed ten of its states."""
 MOST_EVENTS = 100
 _TIMINGS = {"master": MASTER_TIMING, "slave": SLAVE_TIMING}
 _HOW = (
@@ -95,7 +98,7 @@ def _loop(timing: LoopTiming | None) -> LoopFigures:
 
 def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
     commands = _scored_commands(traces.commands)
-    slave, master = last(run.messages(axis, SLAVE_STATE)), last(run.messages(axis, MASTER_STATE))
+    slave = last(run.messages(axis, SLAVE_STATE))
     overall, settled = _compare(traces.commands)
     return AxisReport(
         axis=axis,
@@ -108,7 +111,9 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         hand=_hand(traces.commands),
         delay_s=spread(traces.delay_s),
         force_age_s=spread(traces.force_age_s),
-        armed_share=armed_share(traces.states, master.clutched_s if master else 0.0),
+        armed_share=armed_share(
+            traces.states, traces.session_end_ns, _clutched_s(run, axis, traces.session_end_ns)
+        ),
         stops=slave.stops if slave else None,
         clock=_clock(run, axis),
         **_model(run, axis),
@@ -117,7 +122,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         settings=_settings(run, axis),
         calibrations=_calibrations(run, axis),
         samples={topic.name: run.count(axis, topic) for topic in RECORDED},
-        notes=_notes(run, axis, commands),
+        notes=(*_notes(run, axis, commands), *_silent_master(run, axis, traces)),
     )
 
 
@@ -159,8 +164,39 @@ def _scored_commands(commands: CommandTraces) -> ScoredCommands:
         sent=sent,
         answered=answered,
         scored=both,
+        not_judged=sent - both,
+        reasons=_reasons(commands, answered - both),
         answered_share=answered / sent if sent else None,
         scored_share=both / sent if sent else None,
+    )
+
+
+def _reasons(commands: CommandTraces, not_predicted: int) -> NotJudged:
+    answered, executed, followed = np.isfinite(commands.force_n), commands.executed, commands.followed
+    return NotJudged(
+        not_followed=int(np.count_nonzero(~followed)),
+        skipped=int(np.count_nonzero(followed & ~executed)),
+        invalid_force=int(np.count_nonzero(executed & ~answered)),
+        not_predicted=not_predicted,
+    )
+
+
+def _clutched_s(run: Run, axis: str, end_ns: int) -> float:
+    """The time until `end_ns` in which the operator chose to have the clutch open."""
+    said = zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)
+    state = last(state for at_ns, state in said if at_ns <= end_ns)
+    return state.clutched_s if state else 0.0
+
+
+def _silent_master(run: Run, axis: str, traces: AxisTraces) -> tuple[str, ...]:
+    """That the master was killed, or cut off from the recorder for good: which of them nobody can tell."""
+    state = last(run.messages(axis, MASTER_STATE))
+    end_s = (traces.session_end_ns - traces.start_ns) * 1e-9
+    if state is None or not state.deadman or traces.duration_s - end_s < _SILENT_S:
+        return ()
+    return (
+        f"The master was heard last at {end_s:.1f} s and had not let go of the deadman: it was killed, or "
+        "the recorder lost it. The armed time ends there.",
     )
 
 

@@ -7,7 +7,10 @@ from forefeel.report import wording
 from forefeel.report.svg import Drawing
 from forefeel.report.text import DISCLAIMER
 
-_WORDS = "quantity", "micros", "share", "ratio", "number", "verdict", "calibration"
+_WORDS = (
+    "quantity", "micros", "share", "ratio", "number", "verdict", "calibration",
+    "reasons", "refused", "injected",
+)  # fmt: skip
 
 
 def render(template: str, **values: object) -> str:

@@ -6,7 +6,7 @@ from common.error_size import ErrorSize
 from common.limiter import MOTION_RULES
 from forefeel.report.model import LoopFigures, RunReport
 from forefeel.report.states import START_S
-from forefeel.report.wording import micros, quantity, ratio, share
+from forefeel.report.wording import injected, micros, quantity, ratio, reasons, refused, share
 
 DISCLAIMER = "Research software, not a medical device."
 _LONGEST = 99
@@ -17,17 +17,18 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     where = f" in {directory}" if directory else ""
     lines = [
         f"Run        {_what_ran(report)}",
-        f"Prediction {_size(report.prediction)}; {report.commands.scored} commands scored, "
-        f"{share(report.commands.answered_share)} answered",
+        f"Prediction {_size(report.prediction)}; {report.commands.scored} of {report.commands.sent} "
+        "commands scored",
         f"Hold       {_size(report.hold)}; prediction / hold {ratio(report.ratio.rms)}, "
         f"settled {ratio(report.settled.ratio.rms)}",
-        f"Delay      {quantity(report.delay_s.p50, 's')} median, {quantity(report.delay_s.p99, 's')} p99, "
-        f"{quantity(report.delay_s.max, 's')} max; force age {quantity(report.force_age_s.p50, 's')} median",
-        f"Armed      {share(report.armed_share)} since the first arming (or {START_S:g} s); "
-        f"{_count(report.stops)} stops that the operator did not choose",
-        f"Loops      p50 / p99 late: {_loop('master', report.loop.master)}; "
+        f"Delay      {quantity(report.delay_s.p50, 's')} p50, {quantity(report.delay_s.p99, 's')} p99, "
+        f"{quantity(report.delay_s.max, 's')} max; force age {quantity(report.force_age_s.p50, 's')}; "
+        f"clocks {_clock(report)}",
+        f"Armed      {share(report.armed_share)} from the first arming (or {START_S:g} s) "
+        f"to the session's end; {_count(report.stops)} unchosen stops",
+        f"Loops      p50/p99 late: {_loop('master', report.loop.master)}; "
         f"{_loop('slave', report.loop.slave)}",
-        f"Clock      {_clock(report)}",
+        f"Not judged {_not_judged(report)}",
         f"Counters   {_counters(report)}",
         f"Files      report.html, report.json{where}",
         DISCLAIMER,
@@ -50,25 +51,23 @@ def _size(size: ErrorSize) -> str:
 
 
 def _loop(role: str, loop: LoopFigures) -> str:
-    return f"{role} {micros(loop.p50_us)} / {micros(loop.p99_us)}, {_count(loop.missed)} missed"
+    return f"{role} {micros(loop.p50_us)}/{micros(loop.p99_us)}, {_count(loop.missed)} missed"
 
 
 def _clock(report: RunReport) -> str:
     clock = report.clock
-    if clock.bound_s is None:
-        return "offset unknown"
-    return f"offset {quantity(clock.offset_s, 's')} within ±{quantity(clock.bound_s, 's')} ({clock.grade})"
+    return "unknown" if clock.bound_s is None else f"±{quantity(clock.bound_s, 's')} ({clock.grade})"
+
+
+def _not_judged(report: RunReport) -> str:
+    commands = report.commands
+    why = reasons(commands.reasons)
+    return f"{commands.not_judged} of {commands.sent} sent{f': {why}' if why else ''}"
 
 
 def _counters(report: RunReport) -> str:
-    def total(start: str, end: str = "") -> int:
-        return sum(n for name, n in report.counters.items() if name.startswith(start) and name.endswith(end))
-
-    return (
-        f"{sum(total(f'limit_{rule}') for rule in MOTION_RULES)} limited, {total('slave_refused_')} refused, "
-        f"{total('impairment_', '_lost')} lost and "
-        f"{total('impairment_', '_duplicated')} duplicated on purpose"
-    )
+    limited = sum(report.counters.get(f"limit_{rule}", 0) for rule in MOTION_RULES)
+    return f"{limited} limited; on purpose {injected(report.counters)}; {refused(report.counters)}"
 
 
 def _count(value: int | None) -> str:

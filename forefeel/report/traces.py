@@ -14,17 +14,35 @@ from numpy.typing import NDArray
 from common.error_size import Floats
 from common.messages import ModelParameters
 from common.recording.mcap_reader import Run
-from common.topics import FORCE, HAPTICS, PARAMETERS, RECORDED, SLAVE_STATE, Topic
-from forefeel.report.score import first_answers, first_of_each
-from forefeel.report.states import Span, spans
+from common.topics import (
+    FORCE,
+    HAPTICS,
+    MASTER_STATE,
+    PARAMETERS,
+    RECORDED,
+    SAFETY_EVENT,
+    SLAVE_STATE,
+    Topic,
+)
+from forefeel.report.score import first_answers, first_of_each, of_one_stretch, stretches
+from forefeel.report.states import Span, session_end_ns, spans
+
+Flags = NDArray[np.bool_]
 
 _SAID = "predicted_n", "low_n", "high_n", "held_n", "rendered_n", "energy_j"
-_RESTART_NS = 10_000_000_000
+_JUMP_NS = 10_000_000_000
+"""Messages of one clock may be out of order by less."""
+_HANDLE_FAULT = "handle_fault"
+"""What the state of a master indicates whose handle has failed."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandTraces:
-    """One row per command, NaN for none. `force_n`: measured while the slave executed that command."""
+    """One row per command, NaN for none. `force_n`: measured while the slave executed that command.
+
+    `executed`: a force answers the command, be it valid or not. `followed`: the slave executed this command,
+    or one before it and one after it without a stop between them.
+    """
 
     time_s: Floats
     position_m: Floats
@@ -35,6 +53,8 @@ class CommandTraces:
     rendered_n: Floats
     energy_j: Floats
     force_n: Floats
+    executed: Flags
+    followed: Flags
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +69,14 @@ class ParameterTraces:
 
 @dataclass(frozen=True, slots=True)
 class AxisTraces:
-    """One axis. `delay_s`: one round trip per newly answered command. `start_ns`: stamp of t = 0."""
+    """One axis. `delay_s`: one round trip per newly answered command. `start_ns`: stamp of t = 0.
+
+    `session_end_ns`: when the last session ended, see `session_end_ns` in `forefeel.report.states`.
+    """
 
     start_ns: int
     duration_s: float
+    session_end_ns: int
 
     commands: CommandTraces
     force_age_s: Floats
@@ -74,16 +98,26 @@ def run_span_ns(run: Run) -> tuple[int, int]:
 def sent_ns(run: Run, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:
     """When each message of a topic was sent, on the recorder's clock.
 
-    When it was received, if the two disagree by more than 10 s: the sender's host was started again.
+    When it was received, if the sender's clock jumped: its host was started again.
     """
     received_ns = run.log_ns(axis, topic)
     if not len(received_ns):
         return received_ns
     stamps_ns = run.column(axis, topic, "stamp_ns")
     transit_ns = received_ns - stamps_ns
-    if np.ptp(transit_ns) > _RESTART_NS:
+    if _jumped(stamps_ns, transit_ns):
         return received_ns
     return np.asarray(stamps_ns + transit_ns.min(), dtype=np.int64)
+
+
+def _jumped(stamps_ns: NDArray[np.int64], transit_ns: NDArray[np.int64]) -> bool:
+    """Whether the clock went back, or ahead of all that was known of it.
+
+    A recorder that falls behind, however far, does neither: it only makes a transit longer.
+    """
+    back = np.diff(stamps_ns) < -_JUMP_NS
+    ahead = transit_ns[1:] < np.minimum.accumulate(transit_ns)[:-1] - _JUMP_NS
+    return bool(back.any() or ahead.any())
 
 
 def axis_traces(run: Run, axis: str) -> AxisTraces:
@@ -96,6 +130,7 @@ def axis_traces(run: Run, axis: str) -> AxisTraces:
     return AxisTraces(
         start_ns=start_ns,
         duration_s=(end_ns - start_ns) * 1e-9,
+        session_end_ns=_session_end_ns(run, axis, end_ns),
         commands=_commands(run, axis, start_ns),
         force_age_s=_floats(run, axis, HAPTICS, "force_age_s"),
         delay_s=_delays(run, axis),
@@ -107,21 +142,30 @@ def axis_traces(run: Run, axis: str) -> AxisTraces:
 
 
 def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
+    valid = run.column(axis, FORCE, "valid").astype(bool)
+    index, any_index = _answers(run, axis, valid), _answers(run, axis, np.ones_like(valid))
+    force_n = np.append(_floats(run, axis, FORCE, "force_n"), np.nan)[index]  # -1: the NaN
+    stretch = stretches(run.column(axis, FORCE, "answers_sequence"), run.column(axis, FORCE, "stamp_ns"))
+    return CommandTraces(
+        time_s=_time_s(run, axis, HAPTICS, start_ns),
+        position_m=_floats(run, axis, HAPTICS, "command_position_m"),
+        force_n=force_n,
+        executed=any_index >= 0,
+        followed=of_one_stretch(np.append(stretch, -1)[any_index]),
+        **{name: _floats(run, axis, HAPTICS, name) for name in _SAID},
+    )
+
+
+def _answers(run: Run, axis: str, counted: Flags) -> NDArray[np.int64]:
+    """For each command the row of the force that answers it first, of those that are counted; -1: none."""
     answers = run.column(axis, FORCE, "answers_sequence")
-    rows = np.flatnonzero(run.column(axis, FORCE, "valid").astype(bool) & ~np.isnan(answers))
+    rows = np.flatnonzero(counted & ~np.isnan(answers))
     index = first_answers(
         (run.column(axis, HAPTICS, "session_id"), run.column(axis, HAPTICS, "sequence")),
         (run.column(axis, FORCE, "session_id")[rows], answers[rows]),
         run.column(axis, FORCE, "stamp_ns")[rows],
     )
-    force_n = np.append(_floats(run, axis, FORCE, "force_n")[rows], np.nan)[index]  # -1: the NaN
-
-    return CommandTraces(
-        time_s=_time_s(run, axis, HAPTICS, start_ns),
-        position_m=_floats(run, axis, HAPTICS, "command_position_m"),
-        force_n=force_n,
-        **{name: _floats(run, axis, HAPTICS, name) for name in _SAID},
-    )
+    return np.append(rows, -1)[index]
 
 
 def _delays(run: Run, axis: str) -> Floats:
@@ -138,6 +182,19 @@ def _states(run: Run, axis: str, end_ns: int) -> list[Span]:
     states = (message.state for message in run.messages(axis, SLAVE_STATE))
     heard = zip(sent_ns(run, axis, SLAVE_STATE).tolist(), states, strict=True)
     return spans(sorted(heard, key=itemgetter(0)), end_ns, int(stale_s * 1e9))
+
+
+def _session_end_ns(run: Run, axis: str, end_ns: int) -> int:
+    """The end of the recording when the master was not recorded."""
+    said = [*zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)]
+    if not said:
+        return end_ns
+    # a handle that has failed can not hold the deadman, which is no choice of the operator
+    wanted = [at_ns for at_ns, state in said if state.deadman or state.indication == _HANDLE_FAULT]
+    events = zip(sent_ns(run, axis, SAFETY_EVENT).tolist(), run.messages(axis, SAFETY_EVENT), strict=True)
+    return session_end_ns(
+        sorted(events, key=itemgetter(0)), max(wanted, default=None), max(at_ns for at_ns, _ in said)
+    )
 
 
 def _parameters(run: Run, axis: str, start_ns: int) -> ParameterTraces | None:

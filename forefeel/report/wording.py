@@ -1,10 +1,18 @@
 """Numbers in words: SI prefixes, three digits, and a dash for what is not known."""
 
+from collections.abc import Mapping
 from math import floor, log10
 
-from forefeel.report.model import CalibrationFigures
+from forefeel.report.model import CalibrationFigures, NotJudged
 
 UNKNOWN = "–"
+REASONS = {
+    "not_followed": "not followed",
+    "skipped": "skipped",
+    "invalid_force": "invalid force",
+    "not_predicted": "not predicted",
+}
+"""Why a command was not judged, see `NotJudged`."""
 _PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
 
 
@@ -43,6 +51,35 @@ def number(value: float | None) -> str:
     return (
         f"{value:,}".replace(",", "\N{NARROW NO-BREAK SPACE}") if isinstance(value, int) else f"{value:.4g}"
     )
+
+
+def reasons(found: NotJudged) -> str:
+    """Why commands were not judged, the most frequent reason first."""
+    return in_order({words: getattr(found, name) for name, words in REASONS.items()})
+
+
+def refused(counters: Mapping[str, int]) -> str:
+    """How many commands the slave's gate refused, and by which rules."""
+    start = "slave_refused_"
+    rules = {name.removeprefix(start): n for name, n in counters.items() if name.startswith(start)}
+    by_rule = in_order(rules)
+    return f"{sum(rules.values())} refused{f' ({by_rule})' if by_rule else ''}"
+
+
+def injected(counters: Mapping[str, int]) -> str:
+    """What the injected impairment did to messages of both ends."""
+
+    def total(what: str) -> int:
+        return sum(
+            n for name, n in counters.items() if name.startswith("impairment_") and name.endswith(what)
+        )
+
+    return ", ".join(f"{total(what)} {what}" for what in ("dropped", "duplicated", "delayed"))
+
+
+def in_order(counts: Mapping[str, int]) -> str:
+    """Numbers with their names, the largest first, without those that are zero."""
+    return ", ".join(f"{n} {name}" for name, n in sorted(counts.items(), key=lambda each: -each[1]) if n)
 
 
 def calibration(found: CalibrationFigures) -> str:

@@ -236,10 +236,11 @@ def terminal_escapes(name: str) -> Outcome:
     answer = {
         "session_id": scene.pair.master.axes[0].session.session_id, "sequence": 1, "stamp_ns": 0,
         "role": "slave", "instance_id": 1, "software": "", "settings_hash": "", "reason": evil,
+        "answers_stamp_ns": scene.now_ns,
     }  # fmt: skip
     said(msgpack.packb(answer))
     scene.run(0.15)
-    heard = [scene.pair.master.axes[0].session.reason]
+    heard = [scene.pair.master.axes[0].session.cause(scene.now_ns)]
     stop = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason=evil)
     scene.put(EMERGENCY_STOP, encode(stop))
     scene.run(0.2)

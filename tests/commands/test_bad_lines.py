@@ -58,8 +58,8 @@ def test_a_slave_that_does_not_answer_is_waited_for_as_long_as_was_said(
     *progress, last = capsys.readouterr().err.splitlines()
     assert all(line.startswith("master: ") for line in progress)
     assert last == (
-        f"forefeel: {endpoint}: no session with a slave within 0.3 s (no answer); "
-        "expected a running slave of the same cell (peer_timeout_s)"
+        "forefeel: no session with a slave within 0.3 s (peer_timeout_s): "
+        f"{endpoint.removeprefix('tcp/')} refuses the connection: start the slave there (0.3 s)"
     )
 
 

@@ -1,5 +1,6 @@
 """The command line as a person uses it: help, effective settings, a run's results."""
 
+import json
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,6 +12,8 @@ from typer.testing import CliRunner
 from common.config import dump_yaml
 from forefeel.cli import app
 from forefeel.daemon_settings import load_any, load_daemon
+from forefeel.report.model import LoopFigures, Loops, RunReport
+from forefeel.report.page import write_report
 from tests.commands.bad_lines import RECORDING, SLAVE
 from tests.commands.command_line import COMMANDS, ROOT, group
 
@@ -47,7 +50,7 @@ def test_config_check_prints_settings_that_load_again(
     assert run(["config", "check", str(effective)]) == 0
     assert capsys.readouterr().out == effective.read_text()
     defaults = yaml.safe_load(effective.read_text())
-    assert defaults["transport"]["lease_s"] == 1.0  # not in the file: a default
+    assert defaults["transport"]["lease_s"] == 3.0  # not in the file: a default
 
 
 def test_config_check_of_a_file_that_names_others_loads_again_from_elsewhere(
@@ -83,8 +86,11 @@ def test_a_loopback_run_reports_and_replaces_itself_only_when_asked(
     out = tmp_path / "out"
     line = f"loopback --virtual-time --duration 3 --impairment lan --seed 1 --out {out}".split()
     assert run(line) == 0
-    report = capsys.readouterr().out
+    said = capsys.readouterr()
+    report = said.out
+    assert said.err == ""
     assert len(report.splitlines()) == 10
+    assert json.loads((out / "report.json").read_text())["armed_share"] > 0.9
     assert {"recording.mcap", "report.json", "report.html"} <= {path.name for path in out.iterdir()}
     before = (out / "recording.mcap").read_bytes()
     (out / "notes.txt").write_text("mine")
@@ -94,3 +100,37 @@ def test_a_loopback_run_reports_and_replaces_itself_only_when_asked(
     assert (out / "notes.txt").read_text() == "mine"
     assert len((out / "recording.mcap").read_bytes()) == len(before)
     assert capsys.readouterr().out == report
+
+
+def test_a_loopback_on_a_slow_host_is_one_amber_line_and_no_failure(
+    run: Callable[[Sequence[str]], int],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    late = Loops(slave=LoopFigures(ticks=20_000, missed=400, max_us=85_000.0))
+
+    def written(recording: Path, folder: Path) -> RunReport:
+        return write_report(recording, folder).model_copy(update={"armed_share": 0.6, "loop": late})
+
+    monkeypatch.setattr("forefeel.loopback.command.write_report", written)
+    line = f"loopback --virtual-time --duration 1 --out {tmp_path}/out".split()
+    assert run(line) == 0
+    said = capsys.readouterr()
+    assert len(said.out.splitlines()) == 10
+    assert said.err == (
+        "amber: This host was too slow for 1 kHz: the slave missed 400 of 20400 ticks and was up to 85 ms "
+        "late; the slave was armed for 60 % of the session and never stopped unasked.\n"
+    )
+    assert run([*line, "--overwrite", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_loopback_that_was_never_armed_fails_with_the_cause(
+    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert run(f"loopback --virtual-time --duration 0.5 --out {tmp_path}/out".split()) == 1
+    said = capsys.readouterr()
+    assert len(said.out.splitlines()) == 10
+    assert said.err.startswith("forefeel: the slave was never armed: release (deadman released); the master ")
+    assert said.err.count("\n") == 1

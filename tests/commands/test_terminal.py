@@ -104,6 +104,18 @@ def test_an_error_on_a_terminal_is_one_line_and_coloured_unless_that_is_not_want
         assert any(start in shown for start in COLOUR) == (not variables)
 
 
+def test_an_amber_line_is_amber_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    for err, shown in (
+        (io.StringIO(), "amber: slow, late\n"),
+        (Terminal(), "\x1b[33mamber:\x1b[0m slow, late\n"),
+    ):
+        monkeypatch.setattr(sys, "stderr", err)
+        terminal.warn("slow,\nlate")
+        assert err.getvalue() == shown
+
+
 def test_a_table_is_coloured_on_a_terminal_alone(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -94,7 +94,7 @@ def slave_state(stamp_ns: int = 0, **changes: object) -> SlaveState:
 
 def master_state(stamp_ns: int = 0, **changes: object) -> MasterState:
     fields: dict[str, Any] = {
-        **header(1, stamp_ns), "indication": "armed", "reason": "accepted", "deadman": True,
+        **header(1, stamp_ns), "indication": "armed", "reason": "ramp done", "deadman": True,
         "clutched_s": 0.0, "clock_offset_ns": None, "clock_bound_ns": None,
         "counters": {"forces_reordered": 2},
     }  # fmt: skip

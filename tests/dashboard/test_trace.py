@@ -70,7 +70,7 @@ def test_the_time_of_the_master_goes_on_between_its_words() -> None:
     assert line.heard(5 * S, 100 * S)
     assert not line.heard(6 * S, 101 * S + 3_000_000)  # later by the jitter of the network: it moves nothing
     assert line.stamp_s(6 * S) == 1.0
-    assert line.now_s(103 * S) == pytest.approx(3.0, abs=1e-3)
+    assert line.now_s(103 * S) == pytest.approx(3.0, abs=4e-3)  # three seconds of 1000 ppm
     assert line.epoch == 1
 
 

@@ -22,7 +22,7 @@ _PRODUCT = ("common", "slave", "master", "forefeel")
 _FILES = ("settings.py", "network_settings.py", "hardware/calibration.py")
 _BASES = {"DaemonSettings", "SerialSettings"}  # never a section: what derives from them is
 WITHOUT_UNIT = {
-    "strands", "seed", "loss", "burst_loss", "burst_length", "reorder", "duplicate", "priority",
+    "connections", "seed", "loss", "burst_loss", "burst_length", "reorder", "duplicate", "priority",
     "flight_records", "device", "axis", "sign", "node_id", "port", "method", "force_scale",
 }  # fmt: skip
 

@@ -162,7 +162,9 @@ def _master_disagrees(run: Run, recorded: Evidence) -> list[str]:
 
 def _slave_disagrees(run: Run, recorded: Evidence) -> list[str]:
     cycles = list(run.messages(AXIS, CONTROL_CYCLE))
-    wrong = [] if len(cycles) > required.FLOWN else [f"{len(cycles)} cycles only"]
+    if len(cycles) <= required.FLOWN:
+        return [f"{len(cycles)} cycles only"]
+    wrong = []
     if any(cycle.moving for cycle in cycles if cycle.state in _HELD):
         wrong.append("a setpoint moves while nothing may")
     off_m = _off_m(run, recorded.slave)
@@ -209,7 +211,7 @@ def _commands(run: Run) -> dict[tuple[int, int], int]:
 def _stale(run: Run, recorded: Evidence) -> list[str]:
     """Each command that a cycle executed was sent, and was young as it began to be executed.
 
-    With a clock that was set the recording alone tells ages.
+    With a clock that was wrong the recording alone tells ages.
     """
     sent_ns = _commands(recorded.master) | _commands(run)
     ages_ns: dict[tuple[int, int], int] = {}
@@ -223,7 +225,7 @@ def _stale(run: Run, recorded: Evidence) -> list[str]:
         elif key not in ages_ns:
             ages_ns[key] = cycle.stamp_ns - sent_ns[key]
     wrong = [f"{unknown} cycles executed what was never sent"] if unknown else []
-    if recorded.stepped or not ages_ns:
+    if recorded.steered or not ages_ns:
         return wrong
     oldest_s = (max(ages_ns.values()) - min(ages_ns.values())) * S
     if oldest_s > required.STALE_S:

@@ -3,16 +3,26 @@
 import signal
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from tests.faults import required as r
 from tests.faults.audit import Expected, heard, says, stopped
+from tests.faults.required import Route
 from tests.faults.scene import SECOND, Fault, Incident, Scene
+from tests.net.evidence import Evidence
+from tests.net.namespaces import ip
+from tests.net.service import RIVAL
+from tests.net.steered import Steering
 
 _FAULT_S = 2.0
 _NS = 1e-9
 EMULATED: dict[str, Any] = {"emulated": {}}
+_HELD = "another session holds the lease"
+_NO_ANSWER = "accepts the connection and says nothing"
+_SMALL_BYTES = 576
+"""What every host of the Internet takes; TCP sends up to 1500 where nobody tells it of less."""
 
 
 def _killed(role: str, scene: Scene) -> Incident:
@@ -73,13 +83,102 @@ def stalled(stall_s: float, scene: Scene) -> Incident:
     return Incident(at_s, at_s + stall_s, speed_m_s)
 
 
-def _lossy(scene: Scene) -> Incident:
-    """30 % of all packets for 4 s; what runs above retransmits."""
+def _shaped(duration_s: float, scene: Scene, **more: Any) -> Incident:  # noqa: ANN401
+    """The cable does that for a while, beside its usual delays; what runs above retransmits."""
     speed_m_s = scene.service.wait_moving()
-    at_s = scene.cable.shape(**r.WAY, loss=0.3) * _NS
-    time.sleep(4.0)
-    over_s = scene.cable.shape(**r.WAY) * _NS
+    at_s = scene.shape(**more)
+    time.sleep(duration_s)
+    over_s = scene.shape()
     scene.rearmed()
+    return Incident(at_s, over_s, speed_m_s)
+
+
+def _small_packets(scene: Scene) -> Incident:
+    """Larger ones are dropped for some seconds, without a word to who sent them."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = scene.shape(largest_bytes=_SMALL_BYTES)
+    time.sleep(5.0)
+    over_s = scene.shape()
+    dropped = sum(scene.cable.count()[way].get("too_large", 0) for way in scene.route.ways)
+    scene.rearmed()
+    return Incident(at_s, over_s, speed_m_s, recovery=f"none is due: {dropped} packets were dropped")
+
+
+def _small_packets_at_start(scene: Scene) -> Incident:
+    """The handshake of TLS does not pass. The cable stays so; the MTU of one host's device is the cure, which
+    bounds the segments of both.
+    """
+    speed_m_s = scene.service.wait_moving()
+    at_s, unanswered = time.monotonic(), scene.said("master", _NO_ANSWER)
+    assert scene.hosts.end(scene.service.processes["master"]) == 0, scene.hosts.last_words()
+    scene.shape(largest_bytes=_SMALL_BYTES)
+    _start("master", scene)
+    scene.hosts.wait_until(lambda: scene.said("master", _NO_ANSWER) > unanswered, 20.0, _NO_ANSWER)
+    assert scene.service.state() == "idle", scene.service.seen()
+    master = scene.hosts.names[1]
+    ip("-n", master, "link", "set", master, "mtu", str(_SMALL_BYTES))
+    over_s = time.monotonic()
+    scene.rearmed()
+    return Incident(at_s, over_s, speed_m_s)
+
+
+def _jumped(scene: Scene) -> Incident:
+    """The way becomes longer for some seconds, but less than where the slave would not arm."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = scene.shape(r.SLOW)
+    for stay_s in (2.0, 0.0):
+        time.sleep(1.0)
+        scene.rearmed()
+        time.sleep(stay_s)
+        scene.shape()
+    return Incident(at_s, at_s, speed_m_s)
+
+
+def _bursts(scene: Scene) -> Incident:
+    """All packets are lost for 400 ms, three times."""
+    speed_m_s = scene.service.wait_moving()
+    begun_s, over_s = list[float](), 0.0
+    for _ in range(3):
+        begun_s.append(scene.cable.cut() * _NS)
+        time.sleep(0.4)
+        over_s = scene.cable.mend() * _NS
+        time.sleep(1.6)
+    scene.rearmed()
+    return Incident(begun_s[0], over_s, speed_m_s, again_s=tuple(begun_s[1:]))
+
+
+def _half_open(scene: Scene) -> Incident:
+    """The master dies while the cable is cut; its connections never end for the slave."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = scene.cable.cut() * _NS
+    scene.strike("master", signal.SIGKILL)
+    scene.cable.forget()
+    time.sleep(0.5)
+    over_s = scene.cable.mend() * _NS
+    scene.service.start_master()
+    scene.rearmed()
+    return Incident(at_s, over_s, speed_m_s, gone=True)
+
+
+def _as_it_is(duration_s: float, scene: Scene) -> Incident:
+    """Nothing happens but what the usual cable does."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = time.monotonic()
+    time.sleep(duration_s)
+    return Incident(at_s, time.monotonic(), speed_m_s)
+
+
+def _second_master(scene: Scene) -> Incident:
+    """It has the certificate, asks and asks, and goes."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = time.monotonic()
+    scene.service.start_rival()
+    refused = partial(scene.hosts.says, f"{RIVAL}.log", _HELD)
+    scene.hosts.wait_until(refused, 60.0, "the second master's word that it is refused")
+    time.sleep(2.0)
+    over_s = time.monotonic()
+    assert scene.hosts.end(scene.service.processes[RIVAL]) == 0, scene.hosts.last_words()
+    time.sleep(0.5)
     return Incident(at_s, over_s, speed_m_s)
 
 
@@ -110,6 +209,27 @@ def _clock_set(role: str, scene: Scene) -> Incident:
         over_s, recovery = scene.cleared(), "forefeel clear"
     scene.rearmed()
     return Incident(at_s, over_s, speed_m_s, recovery=recovery)
+
+
+def _clock_slewed(duration_s: float, scene: Scene) -> Incident:
+    """The master's clock runs fast or slow from now on."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = scene.strike("master", signal.SIGUSR1)
+    time.sleep(duration_s)
+    return Incident(at_s, time.monotonic(), speed_m_s)
+
+
+def _clock_refused(scene: Scene) -> Incident:
+    """It does so too much; a new master has a right one."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = scene.strike("master", signal.SIGUSR1)
+    scene.hosts.wait_until(lambda: scene.service.state() == "fault", r.RATE_NAMED_S + 5.0, "a fault")
+    time.sleep(0.5)
+    assert scene.hosts.end(scene.service.processes["master"]) == 0, scene.hosts.last_words()
+    scene.service.start_master()
+    over_s = scene.cleared()
+    scene.rearmed()
+    return Incident(at_s, over_s, speed_m_s)
 
 
 def _recorder_struck(number: signal.Signals, scene: Scene) -> Incident:
@@ -174,6 +294,18 @@ def _device(name: str, wait_s: float, lasts: bool, scene: Scene) -> Incident:
     return Incident(at_s, over_s, speed_m_s)
 
 
+def _one_writer(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
+    executed = found.executed(incident.injected_s)
+    wrong = [] if len(executed) == 1 else [f"commands of {len(executed)} sessions were executed"]
+    return "nothing of it was executed", wrong
+
+
+def _clock_bound(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
+    bound_s, error_s = found.clock_bound_s(incident.injected_s)
+    wrong = [f"the clocks are off by {error_s * 1e3:.1f} ms, beyond the bound"] if error_s > bound_s else []
+    return f"clock bound ±{bound_s * 1e3:.0f} ms, true error {error_s * 1e3:.0f} ms", wrong
+
+
 _SESSION_LOST = says("slave", "session_lost"), says("master", "session_lost")
 _KILLED = {role: says(role, "previous_not_closed") for role in ("slave", "master")}
 _WATCHDOG = stopped("watchdog", "no valid command .*")
@@ -199,8 +331,8 @@ def _emulated(
         name,
         partial(_device, device, wait_s, lasts),
         "repaired; forefeel clear",
-        rest_s,
-        faded_s=rest_s + r.FADED_S,
+        rest_s=rest_s,
+        faded_s=rest_s + r.NEAR.faded_s,
         service={"emulated": {device: f"{fault},{'plug' if lasts else 'free'}"}},
         audit=_failed(reason, ({"cell": "load_cell"}.get(device, device)) if lasts else ""),
         flights=_BOTH,
@@ -208,10 +340,10 @@ def _emulated(
 
 
 def _recorder(what: str, act: Callable[[Scene], Incident], recovery: str) -> Fault:
-    return Fault(f"recorder {what}", act, recovery, faded_s=None, strikes=True)
+    return Fault(f"recorder {what}", act, recovery, strikes=True)
 
 
-def _clock(role: str, step_s: float) -> Fault:
+def _clock_step(role: str, step_s: float, route: Route) -> Fault:
     back = step_s < 0.0
     audit: tuple[Expected, ...] = (_WATCHDOG, _SESSION_LOST[0] if back else _FUTURE)
     if role == "slave":
@@ -222,60 +354,93 @@ def _clock(role: str, step_s: float) -> Fault:
         f"clock step {step_s:+g} s, {role}",
         partial(_clock_set, role),
         "",
-        r.BY_WATCHDOG_S,
+        route,
+        rest_s=route.by_watchdog_s,
+        faded_s=route.told_s,
         # what an emulated cell measured is attached to the wrong tick for some ms after a clock went back
-        service={"stepped": {role: step_s}} | (EMULATED if role == "slave" and not back else {}),
+        service=EMULATED if role == "slave" and not back else {},
         ends=role == "slave" and back,
-        step=(role, step_s),
+        steered=(role, Steering(step_s)),
         audit=audit,
         flights=("slave",),
     )
 
 
+def _clock_rate(rate: float, route: Route) -> Fault:
+    name = f"clock rate {rate * 100:+g} %, master"
+    return Fault(
+        name, _clock_refused, "master started again with a right clock; forefeel clear", route,
+        rest_s=route.by_rate_s, faded_s=route.by_rate_s + route.told_s, noticed="fault",
+        steered=("master", Steering(rate=rate)),
+        audit=_failed(f"the master's clock runs .* ppm {'fast' if rate > 0 else 'slow'} .*"), flights=_BOTH,
+    )  # fmt: skip
+
+
 def faults() -> Iterable[Fault]:
-    """All of them, by what they strike."""
-    yield from _of_master()
+    """All of them, by what they strike; those of the master and of the network at 300 ms, too."""
+    yield from _on_both_routes(_of_master)
     yield from _of_slave()
     yield from _of_recorder_and_disk()
-    yield from _of_network()
-    yield from (_clock(role, step_s) for role in ("master", "slave") for step_s in (1.0, -1.0))
+    yield from _on_both_routes(_of_network)
+    yield from _of_routes()
+    yield from _on_both_routes(_of_masters_clock)
+    yield from (_clock_step("slave", step_s, r.NEAR) for step_s in (1.0, -1.0))
     yield from _of_devices()
 
 
-def _of_master() -> Iterable[Fault]:
+def _on_both_routes(of: Callable[[Route], Iterable[Fault]]) -> Iterable[Fault]:
+    yield from of(r.NEAR)
+    for fault in of(r.FAR):
+        yield replace(fault, name=f"{fault.name}, 300 ms")
+
+
+def _of_master(route: Route) -> Iterable[Fault]:
     yield Fault(
-        "master SIGKILL", partial(_killed, "master"), "started again", r.BY_WATCHDOG_S,
+        "master SIGKILL", partial(_killed, "master"), "started again", route, rest_s=route.by_watchdog_s,
         audit=(_WATCHDOG, _SESSION_LOST[0], _KILLED["master"]), flights=("slave",),
     )  # fmt: skip
+    for frozen_s in (2.0, 30.0):
+        yield Fault(
+            f"master SIGSTOP {frozen_s:g} s", partial(_frozen, "master", frozen_s), "SIGCONT: a new session",
+            route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
+            audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
+        )  # fmt: skip
     yield Fault(
-        "master SIGSTOP 2 s", partial(_frozen, "master", 2.0), "SIGCONT: a new session", r.BY_WATCHDOG_S,
-        audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
-    )  # fmt: skip
-    yield Fault(
-        "master SIGSTOP 0.3 s", partial(_frozen, "master", 0.3), "SIGCONT", r.BY_WATCHDOG_S,
+        "master SIGSTOP 0.3 s", partial(_frozen, "master", 0.3), "SIGCONT", route,
+        rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
         audit=(_WATCHDOG, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
-        "master restarted", partial(_restarted, "master"), "new session", r.BY_WATCHDOG_S,
+        "master restarted", partial(_restarted, "master"), "new session", route,
+        rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
         audit=(stopped("release"), says("master", "stop"), says("master", "start")),
+    )  # fmt: skip
+    yield Fault(
+        "two masters at once", _second_master, f"the second one is told: {_HELD}", route,
+        audit=(says("slave", "session_refused", name="handshake", reason=_HELD),), finding=_one_writer,
     )  # fmt: skip
 
 
 def _of_slave() -> Iterable[Fault]:
     yield Fault(
-        "slave SIGKILL", partial(_killed, "slave"), "started again", r.BY_DRIVE_S, service=EMULATED,
+        "slave SIGKILL", partial(_killed, "slave"), "started again",
+        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
         audit=(_KILLED["slave"], _SESSION_LOST[1]), flights=("master",),
     )  # fmt: skip
+    for frozen_s in (2.0, 30.0):
+        yield Fault(
+            f"slave SIGSTOP {frozen_s:g} s", partial(_frozen, "slave", frozen_s), "SIGCONT: a new session",
+            rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
+            audit=(_STOOD_STILL, *_SESSION_LOST), flights=_BOTH,
+        )  # fmt: skip
     yield Fault(
-        "slave SIGSTOP 2 s", partial(_frozen, "slave", 2.0), "SIGCONT: a new session", r.BY_DRIVE_S,
-        service=EMULATED, audit=(_STOOD_STILL, *_SESSION_LOST), flights=_BOTH,
-    )  # fmt: skip
-    yield Fault(
-        "slave SIGSTOP 0.3 s", partial(_frozen, "slave", 0.3), "SIGCONT", r.BY_DRIVE_S, service=EMULATED,
+        "slave SIGSTOP 0.3 s", partial(_frozen, "slave", 0.3), "SIGCONT",
+        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
         audit=(_STOOD_STILL, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
-        "slave restarted", partial(_restarted, "slave"), "new session", r.BY_DRIVE_S, service=EMULATED,
+        "slave restarted", partial(_restarted, "slave"), "new session",
+        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
         audit=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
     )  # fmt: skip
 
@@ -285,8 +450,9 @@ def _of_recorder_and_disk() -> Iterable[Fault]:
     yield _recorder("SIGSTOP 2 s", partial(_recorder_struck, signal.SIGSTOP), "nobody waits for it")
     yield _recorder("disk full", _recorder_disk_full, "ends and says so; the others go on")
     yield Fault(
-        "state folder full", _state_disk_full, "room made; forefeel clear", r.NOTICED_S + r.BY_FAULT_S,
-        faded_s=r.NOTICED_S + r.FADED_S, noticed="fault", on_disk=True,
+        "state folder full", _state_disk_full, "room made; forefeel clear",
+        rest_s=r.NOTICED_S + r.BY_FAULT_S, faded_s=r.NOTICED_S + r.NEAR.faded_s,
+        noticed="fault", on_disk=True,
         service={"extra": {"slave": {"state": {"directory": "disk/state"}}}},
         audit=(
             says("slave", "disk_full", what=".*No space left.*"),
@@ -298,31 +464,77 @@ def _of_recorder_and_disk() -> Iterable[Fault]:
     )  # fmt: skip
 
 
-def _of_network() -> Iterable[Fault]:
+def _of_network(route: Route) -> Iterable[Fault]:
     yield Fault(
-        "link cut 2 s", _cut, "link mended: a new session", r.BY_WATCHDOG_S,
+        "link cut 2 s", _cut, "link mended: a new session", route, rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S,
         audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
-        "stall 2 s, burst", partial(stalled, 2.0), "stall over: a new session", r.BY_WATCHDOG_S,
-        audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
+        "stall 2 s, burst", partial(stalled, 2.0), "stall over: a new session", route,
+        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S, audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
-        "stall 0.3 s, burst", partial(stalled, 0.3), "stall over", r.BY_WATCHDOG_S,
+        "stall 0.3 s, burst", partial(stalled, 0.3), "stall over", route,
+        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S,
         audit=(_WATCHDOG, _LATE, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
-    yield Fault("30 % loss 4 s", _lossy, "loss over", may_go_on=True, faded_s=None)
     yield Fault(
-        "router SIGKILL", _router_killed, "router started again: a new session", r.BY_WATCHDOG_S,
+        "all lost for 0.4 s, three times", _bursts, "by itself, each time", route,
+        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S, audit=(_WATCHDOG,), flights=_BOTH,
+    )  # fmt: skip
+    yield Fault("30 % loss 4 s", partial(_shaped, 4.0, loss=0.3), "loss over", route, may_go_on=True)
+    mixed: dict[str, Any] = {"duplicate": 0.05, "reorder": 0.05, "reorder_hold_s": 0.020}
+    yield Fault(
+        "5 % doubled, 5 % overtaken by 20 ms, 5 s",
+        partial(_shaped, 5.0, **mixed),
+        "nothing to recover",
+        route,
+    )
+    small = f"packets over {_SMALL_BYTES} bytes dropped"
+    yield Fault(f"{small} 5 s", _small_packets, "", route, may_go_on=True)
+    yield Fault(
+        f"{small}, master restarted", _small_packets_at_start,
+        f"the master says that the slave {_NO_ANSWER}; an MTU of {_SMALL_BYTES} on its host",
+        route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
+        audit=(stopped("release"), says("master", "start")),
+    )  # fmt: skip
+    yield Fault(
+        "half-open TCP", _half_open, "a new master is started", route, rest_s=r.BY_SILENCE_S,
+        audit=(_WATCHDOG, _SESSION_LOST[0], _KILLED["master"]), flights=("slave",),
+    )  # fmt: skip
+    yield Fault(
+        "router SIGKILL", _router_killed, "router started again: a new session", route,
+        rest_s=r.BY_SILENCE_S, faded_s=route.faded_s,
         service={"through_router": True, "emulated": {}},
         audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
     )  # fmt: skip
 
 
+def _of_routes() -> Iterable[Fault]:
+    yield Fault(
+        "round trip 20 -> 500 -> 20 ms", _jumped, "by itself: a new session on the longer way",
+        changing=True, rest_s=r.NEAR.by_watchdog_s, faded_s=r.NEAR.faded_s,
+        audit=(_WATCHDOG, _LATE), flights=_BOTH,
+    )  # fmt: skip
+    yield Fault(
+        "200 ms there, 10 ms back", partial(_as_it_is, 5.0), "nothing to recover", r.ASYMMETRIC,
+        finding=_clock_bound,
+    )  # fmt: skip
+
+
+def _of_masters_clock(route: Route) -> Iterable[Fault]:
+    yield from (_clock_step("master", step_s, route) for step_s in (1.0, -1.0))
+    yield Fault(
+        "clock rate +500 ppm, master, 20 s", partial(_clock_slewed, 20.0), "nothing to recover", route,
+        steered=("master", Steering(rate=500e-6)),
+    )  # fmt: skip
+    yield from (_clock_rate(rate, route) for rate in (0.08, -0.08))
+
+
 def _of_devices() -> Iterable[Fault]:
     blind = "load cell invalid for more than 0.2 s"
     yield _emulated("stage unplugged", "stage", "unplug", r.BY_DRIVE_S, ".*zaber_ascii.*")
-    yield _emulated("load cell unplugged", "cell", "unplug", r.BY_SILENCE_S, ".*bota_serial.*gone.*")
+    yield _emulated("load cell unplugged", "cell", "unplug", r.BY_DEVICE_S, ".*bota_serial.*gone.*")
     yield _emulated("load cell NaN", "cell", "nan", r.BLIND_S, blind)
     yield _emulated("load cell saturated", "cell", "overrange", r.BLIND_S, blind)
     yield _emulated("load cell stuck", "cell", "stuck", r.STUCK_S, blind, 3.0)

@@ -19,6 +19,7 @@ from tests.net.disk import SmallDisk
 from tests.net.evidence import STILL_FOR_S, Evidence
 from tests.net.hosts import Hosts, joined_by_tun
 from tests.net.service import AXIS, Service
+from tests.net.steered import Steering
 
 SECOND = "second-record"
 """The recorder that is struck, beside one that is not."""
@@ -33,7 +34,8 @@ class Incident:
     `over_s`: when the fault was over, or what had failed was started again. `frozen`: until then the master
     could show nothing, so its force fades from there. `stood`: until then the slave could execute nothing;
     what its cell measured meanwhile is told with the command before. `gone`: the master was killed, and
-    shows nothing. `recovery`: how it recovered, where that is not always the same.
+    shows nothing. `recovery`: how it recovered, where that is not always the same. `again_s`: the same
+    happened then, too.
     """
 
     injected_s: float
@@ -43,6 +45,11 @@ class Incident:
     stood: bool = False
     gone: bool = False
     recovery: str = ""
+    again_s: tuple[float, ...] = ()
+
+
+Finding = Callable[[Evidence, Incident], tuple[str, list[str]]]
+"""Reads from the evidence what one row alone is about: what to say of it, and what is not as required."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +58,14 @@ class Fault:
 
     Attributes:
         act: does it, and waits until the service has recovered where it can.
+        route: the usual delays of its cable.
+        changing: the cable becomes another one; what is old is judged within each session.
         rest_s: the stage has to be at rest by then; None: it has to go on following.
         may_go_on: it need not stop, but where it does, as required.
         faded_s: the hand feels nothing by then; None where the service goes on.
         recovery: in words.
         service: keyword arguments of `Service`.
-        step: the daemon whose clock is set, and by how many seconds.
+        steered: the daemon whose clock is made wrong, and how.
         ends: the slave ends by itself once it is at rest, and its simulated stage with it.
         noticed: the event by which the slave notices it, to be measured from there where it goes on until
             then, which `rest_s` and `faded_s` have in them.
@@ -64,32 +73,42 @@ class Fault:
         strikes: the second recorder, whose recording has to be readable.
         audit: entries that have to be in the audit logs.
         flights: the daemons of whom a flight record is due.
+        finding: what else is read from the evidence.
     """
 
     name: str
     act: Callable[["Scene"], Incident]
     recovery: str
+    route: required.Route = required.NEAR
+    changing: bool = False
     rest_s: float | None = None
     may_go_on: bool = False
-    faded_s: float | None = required.FADED_S
+    faded_s: float | None = None
     service: dict[str, Any] = field(default_factory=dict)
-    step: tuple[str, float] | None = None
+    steered: tuple[str, Steering] | None = None
     ends: bool = False
     noticed: str | None = None
     on_disk: bool = False
     strikes: bool = False
     audit: tuple[Expected, ...] = ()
     flights: tuple[str, ...] = ()
+    finding: Finding | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What a fault can get hold of."""
+    """What a fault can get hold of. `route`: the usual delays of the cable."""
 
     hosts: Hosts
     cable: TunCable
     service: Service
     disk: SmallDisk
+    route: required.Route
+
+    def shape(self, route: required.Route | None = None, /, **more: Any) -> float:  # noqa: ANN401
+        """The delays of a route, else the usual ones, and what else the cable does both ways; when."""
+        ways = (route or self.route).ways
+        return max(self.cable.shape(way, **settings, **more) for way, settings in ways.items()) * 1e-9
 
     def strike(self, name: str, number: signal.Signals) -> float:
         """A signal to one of the processes; when."""
@@ -99,6 +118,10 @@ class Scene:
         at_s = time.monotonic()
         process.send_signal(number)
         return at_s
+
+    def said(self, role: str, text: str) -> int:
+        """How often a daemon has said that."""
+        return (self.hosts.folder / f"{role}.log").read_text(errors="replace").count(text)
 
     def rearmed(self) -> None:
         """Waits until the service follows the operator again, and a second longer."""
@@ -142,10 +165,12 @@ class Row:
 
 @contextmanager
 def staged(folder: Path, fault: Fault) -> Iterator[Scene]:
-    """The service, armed for a second on a cable of 10 ms."""
+    """The service, armed for a second on its usual cable."""
     with joined_by_tun(folder) as (hosts, cable), SmallDisk(folder / "disk", DISK_BYTES) as disk:
-        cable.shape(**required.WAY)
-        scene = Scene(hosts, cable, Service(hosts, **fault.service), disk)
+        steered = {} if fault.steered is None else dict([fault.steered])
+        service = Service(hosts, steered=steered, **fault.service)
+        scene = Scene(hosts, cable, service, disk, fault.route)
+        scene.shape()
         if fault.on_disk:
             scene.service.within["slave"] = disk.within
         scene.service.start()
@@ -173,24 +198,36 @@ def tried(fault: Fault, folder: Path) -> Row:
 
 def judge(row: Row, fault: Fault, incident: Incident, folder: Path) -> None:
     """Fills the row from the recordings."""
-    step = None if fault.step is None else (*fault.step, incident.injected_s)
-    found = Evidence(folder, step)
     at_s, row.speed_m_s = incident.injected_s, incident.speed_m_s
+    found = Evidence(folder, None if fault.steered is None else (*fault.steered, at_s))
     _judge_motion(row, fault, incident, found)
     stood = (at_s, incident.over_s) if incident.stood else None
-    row.stale, row.excess_s = found.stale_commands(required.STALE_S, at_s, stood)
+    row.stale, row.excess_s = found.stale_commands(required.STALE_S, None if fault.changing else at_s, stood)
     if row.stale:
         row.failures.append(f"{row.stale} stale commands executed, {row.excess_s * 1e3:.0f} ms too old")
-    if fault.faded_s is not None and not incident.gone:
-        row.force_n = found.rendered_n(at_s)
-        start_s = incident.over_s if incident.frozen else _noticed_s(fault, at_s, found)
-        row.faded_s = found.faded_after_s(start_s)
-        if row.faded_s is not None and not incident.frozen:
-            row.faded_s += start_s - at_s
-        if row.faded_s is None or row.faded_s > fault.faded_s:
-            row.failures.append(f"force faded after {row.faded_s} s, required {fault.faded_s:.2f} s")
+    _judge_force(row, fault, incident, found)
     row.recording = _recordings(row, found, at_s, folder / f"{SECOND}.mcap" if fault.strikes else None)
     _judge_audit(row, fault, incident, found, folder)
+    if fault.finding is not None:
+        said, failures = fault.finding(found, incident)
+        row.recovery = f"{row.recovery}; {said}"
+        row.failures += failures
+
+
+def _judge_force(row: Row, fault: Fault, incident: Incident, found: Evidence) -> None:
+    stale_s = 0.0 if found.steered else found.felt_stale_s(required.FORCE_AGE_S)
+    if stale_s > required.STALE_FELT_S:
+        row.failures.append(f"the hand felt a force for {stale_s:.3f} s after the last fresh one")
+    if fault.faded_s is None or incident.gone:
+        return
+    at_s = incident.injected_s
+    row.force_n = found.rendered_n(at_s)
+    start_s = incident.over_s if incident.frozen else _noticed_s(fault, at_s, found)
+    row.faded_s = found.faded_after_s(start_s)
+    if row.faded_s is not None and not incident.frozen:
+        row.faded_s += start_s - at_s
+    if row.faded_s is None or row.faded_s > fault.faded_s:
+        row.failures.append(f"force faded after {row.faded_s} s, required {fault.faded_s:.2f} s")
 
 
 def _judge_motion(row: Row, fault: Fault, incident: Incident, found: Evidence) -> None:
@@ -204,14 +241,8 @@ def _judge_motion(row: Row, fault: Fault, incident: Incident, found: Evidence) -
             row.failures.append(f"the stage stopped: {stop.event}: {stop.reason}")
         row.moved_again_m = found.moved_while_stopped_m(grace_s)
     else:
-        if fault.ends:
-            found.end_motion(incident.over_s)
-        start_s = _noticed_s(fault, at_s, found)
-        rest = found.rest(start_s, required.ENDS_AFTER_S if fault.ends else STILL_FOR_S)
-        row.rest_s = None if rest.after_s is None else rest.after_s + start_s - at_s
-        row.moved_again_m = max(rest.moved_again_m, found.moved_while_stopped_m(grace_s))
-        if row.rest_s is None or row.rest_s > fault.rest_s:
-            row.failures.append(f"at rest after {row.rest_s} s, required {fault.rest_s:.3f} s")
+        _judge_rest(row, fault, incident, found)
+        row.moved_again_m = max(row.moved_again_m or 0.0, found.moved_while_stopped_m(grace_s))
     if row.moved_again_m > required.STILL_M:
         row.failures.append(f"moved by {row.moved_again_m * 1e3:.3f} mm while stopped")
     if engaged_s is not None and not found.released_between(at_s, engaged_s):
@@ -221,6 +252,21 @@ def _judge_motion(row: Row, fault: Fault, incident: Incident, found: Evidence) -
     row.armed_s = None if armed_s is None else armed_s - over_s
     if fault.rest_s is not None and armed_s is None:
         row.failures.append("did not arm again")
+
+
+def _judge_rest(row: Row, fault: Fault, incident: Incident, found: Evidence) -> None:
+    """The slowest of the stops, where there were several."""
+    assert fault.rest_s is not None
+    if fault.ends:
+        found.end_motion(incident.over_s)
+    for at_s in (incident.injected_s, *filter(found.following, incident.again_s)):
+        start_s = _noticed_s(fault, at_s, found)
+        rest = found.rest(start_s, required.ENDS_AFTER_S if fault.ends else STILL_FOR_S)
+        rest_s = None if rest.after_s is None else rest.after_s + start_s - at_s
+        row.moved_again_m = max(row.moved_again_m or 0.0, rest.moved_again_m)
+        if rest_s is None or rest_s > fault.rest_s:
+            row.failures.append(f"at rest after {rest_s} s, required {fault.rest_s:.3f} s")
+        row.rest_s = rest_s if row.rest_s is None or rest_s is None else max(row.rest_s, rest_s)
 
 
 def _noticed_s(fault: Fault, at_s: float, found: Evidence) -> float:

@@ -1,5 +1,6 @@
 """`forefeel record` beside an end that speaks, and beside nobody."""
 
+import re
 import signal
 import socket
 import threading
@@ -27,14 +28,15 @@ def test_a_recording_of_nobody_is_no_recording(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr("forefeel.record._REMIND_S", 0.2)
+    monkeypatch.setattr("forefeel.waiting.EVERY_NS", 200_000_000)
     line = f"record --connect tcp/127.0.0.1:9 --out {tmp_path}/run.mcap --duration 0.5"
     assert run(line.split()) == 1
     _, *waiting, last = capsys.readouterr().err.splitlines()
-    assert waiting == ["nobody heard yet at tcp/127.0.0.1:9 (0 s)"] * len(waiting) != []
+    refused = r"nobody heard yet: 127\.0\.0\.1:9 refuses the connection: start the daemon there \(0\.\d s\)"
+    assert waiting
+    assert all(re.fullmatch(refused, line) for line in waiting)
     assert last == (
-        f"forefeel: {tmp_path}/run.mcap: nothing was recorded, "
-        "nobody of cell cell was heard at tcp/127.0.0.1:9"
+        f"forefeel: {tmp_path}/run.mcap: nothing was recorded, nobody of cell cell was heard at 127.0.0.1:9"
     )
     assert list(tmp_path.iterdir()) == []
 

@@ -304,7 +304,7 @@ def test_no_put_waits_for_a_frozen_peer_and_its_link_is_given_up(net: Net, qos: 
             put(bytes(16_000))  # fills every buffer on the way
             slowest_s = max(slowest_s, time.monotonic() - begin)
             time.sleep(0.0005)
-        wait_until(lambda: transport.peers() == 0, 1)  # the lease of 1 s is over
+        wait_until(lambda: transport.peers() == 0, TransportSettings().lease_s)
     assert slowest_s < 0.05
 
 

@@ -71,12 +71,19 @@ class TunCable:
             self.close()
             raise
 
-    def shape(self, way: str = "both", rate_bit_s: float | None = None, **settings: Any) -> int:  # noqa: ANN401
+    def shape(
+        self,
+        way: str = "both",
+        rate_bit_s: float | None = None,
+        largest_bytes: int | None = None,
+        **settings: Any,  # noqa: ANN401
+    ) -> int:
         """From now on: the fields of `ImpairmentSettings`, or `preset`; without any it is transparent.
 
         `way`: `ab` (from the first host to the second), `ba` or both.
         """
-        return self._order(do="shape", way=way, rate_bit_s=rate_bit_s, settings=settings)
+        order = {"way": way, "rate_bit_s": rate_bit_s, "largest_bytes": largest_bytes}
+        return self._order(do="shape", **order, settings=settings)
 
     def stall(self, stall_s: float, way: str = "both") -> int:
         """Holds everything for that long, then delivers it in one burst."""
@@ -89,6 +96,10 @@ class TunCable:
     def mend(self) -> int:
         """See `Cable`."""
         return self._order(do="mend")
+
+    def forget(self) -> int:
+        """From now on no packet passes of a TCP connection that there was; see `Way`."""
+        return self._order(do="forget")
 
     def count(self) -> dict[str, Any]:
         """Packets by way, how late the forwarder was since the last call, its processor time."""

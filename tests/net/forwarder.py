@@ -2,8 +2,8 @@
 
 A TUN device in each of the two namespaces, named as its namespace; IP packets go from one to the other
 through a `Way`. Each line on the standard input is a JSON order, answered by a JSON line with the
-CLOCK_MONOTONIC stamp at which it took effect: `{"do": "shape" | "stall" | "cut" | "mend" | "count", ...}`.
-It ends with the standard input.
+CLOCK_MONOTONIC stamp at which it took effect: `{"do": "shape" | "stall" | "cut" | "mend" | "forget" |
+"count", ...}`. It ends with the standard input.
 """
 
 import fcntl
@@ -103,7 +103,7 @@ class Forwarder:
             case "shape":
                 settings = checked(ImpairmentSettings, order["settings"], "shape")
                 for one in ways:
-                    one.shape(settings, order.get("rate_bit_s"))
+                    one.shape(settings, order.get("rate_bit_s"), order.get("largest_bytes"))
             case "stall":
                 for one in ways:
                     one.stall(time.monotonic_ns(), order["stall_s"])
@@ -113,6 +113,9 @@ class Forwarder:
             case "mend":
                 for one in ways:
                     one.mend()
+            case "forget":
+                for one in ways:
+                    one.forget()
             case "count":
                 return self._count()
             case unknown:

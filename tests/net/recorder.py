@@ -1,9 +1,10 @@
-"""A recorder that daemons connect to: `python -m tests.net.recorder FILE CELL WAY ENDPOINT PKI`.
+"""A recorder beside a daemon: `python -m tests.net.recorder FILE CELL WAY ENDPOINT PKI`.
 
-`WAY`: `listen`, or `client` of a router.
+`WAY`: `listen` for a daemon, `connect` to one, or `client` of a router.
 
 `forefeel record` connects, and again within a second after a daemon was started anew: in that second it hears
-nothing. This one listens beside the daemon, and hears its first word.
+nothing. This one listens and hears the daemon's first word, or connects so soon that it hears the first word
+of a session.
 """
 
 import os
@@ -18,6 +19,8 @@ from forefeel.interrupt import interruptible
 from forefeel.recorder import Recorder
 
 _POLL_S = 0.1
+_RETRY_S = 0.1
+"""A master opens no session so soon after it has begun to listen."""
 NICE = -15
 """Behind the daemons, ahead of all else: a witness that gets no processor for a second loses its link.
 Not under SCHED_FIFO: the kernel's own threads, which carry the bytes of a pty, would wait for it, too.
@@ -25,9 +28,11 @@ Not under SCHED_FIFO: the kernel's own threads, which carry the bytes of a pty, 
 
 
 def onlooker(way: str, endpoint: str, pki: str) -> TransportSettings:
-    """Of who looks on: waits to be connected to (`listen`), or is a router's `client`."""
+    """Of who looks on, see `WAY`."""
     if way == "client":
         return TransportSettings(mode="client", connect=(endpoint,), pki=Path(pki))
+    if way == "connect":
+        return TransportSettings(connect=(endpoint,), retry_max_s=_RETRY_S, pki=Path(pki))
     return TransportSettings(listen=(endpoint,), pki=Path(pki))
 
 

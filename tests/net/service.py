@@ -19,15 +19,19 @@ import yaml
 from common.state.folder import AUDIT, FLIGHT
 from tests.net.cable import ADDRESSES, MEASURING, ROOT
 from tests.net.hosts import Hosts, Process
+from tests.net.steered import Steering
 from tests.secured import make_pki
 
 DEPLOY = ROOT / "deploy" / "config"
 CELL, AXIS = "cathlab", "insertion"
 SLAVE_AT, MASTER_AT = f"tls/{ADDRESSES[0]}:7447", f"tls/{ADDRESSES[1]}:7448"
 RECORDER_AT, OBSERVER_AT = "tls/127.0.0.1:7450", "tls/127.0.0.1:7451"
-"""On the host itself: daemons connect to those who look on, which so hear them from their first word."""
+"""On the host itself. The slave connects to those who look on, which so hear it from its first word. The
+recorder beside the master connects to it: over each of its parallel connections it would hear a part.
+"""
 ROUTER_AT = f"tls/{ADDRESSES[0]}:7446"
 PKI = "pki"
+RIVAL = "rival"
 DEVICES = {"cell": "bota_serial", "stage": "zaber_ascii"}
 BRISK = {"driver": "operator", "insert_s": 1.0, "withdraw_s": 1.0, "dwell_s": 0.05}
 _TRAVEL_M = [-0.006, 0.124]
@@ -45,14 +49,17 @@ def configure(
     extra: dict[str, dict[str, Any]] | None = None,
 ) -> None:
     """The files of deploy/config with the addresses of these hosts, and their certificates; see `Service`."""
-    here = {"slave": [ADDRESSES[0]], "router": [ADDRESSES[0]], "master": [*ADDRESSES[1:], *MEASURING[1:]]}
+    here = {
+        "slave": [ADDRESSES[0]],
+        "router": [ADDRESSES[0]],
+        "master": [ADDRESSES[1], MEASURING[1], "127.0.0.1"],
+    }
     make_pki(folder / PKI, [CELL], {**here, "recorder": ["127.0.0.1"], "viewer": ["127.0.0.1"]})
     slave = yaml.safe_load((DEPLOY / "slave.yaml").read_text())
     master = yaml.safe_load((DEPLOY / "master.yaml").read_text())
-    near, seen = [RECORDER_AT], [OBSERVER_AT]
     ends: dict[str, dict[str, Any]] = {
-        "slave": {"listen": [SLAVE_AT], "connect": near + seen},
-        "master": {"listen": [MASTER_AT], "connect": [SLAVE_AT, *near]},
+        "slave": {"listen": [SLAVE_AT], "connect": [RECORDER_AT, OBSERVER_AT]},
+        "master": {"listen": [MASTER_AT, RECORDER_AT], "connect": [SLAVE_AT]},
     }
     if through_router:
         ends = {role: {"mode": "client", "connect": [ROUTER_AT]} for role in ends}
@@ -76,7 +83,7 @@ class Service:
     """The processes of one cell, by name: slave, master, slave-record, master-record, observer, stage, cell.
 
     `emulated`: stage and load cell are processes of their own, with the faults that SIGUSR1 brings about,
-    one each time. `stepped`: by how many seconds SIGUSR1 sets the clock of a daemon. `axis`: what else
+    one each time. `steered`: what SIGUSR1 does to the clock of a daemon. `axis`: what else
     stands under the axis, by role; `extra`: at the top. `through_router`: both ends know a router on the
     first host, and not each other; then who looks on hears through it, too, and one recorder beside it has
     all. `insecure`: for settings that are written over those of `configure`, without certificates.
@@ -87,7 +94,7 @@ class Service:
         hosts: Hosts,
         *,
         emulated: dict[str, str] | None = None,
-        stepped: dict[str, float] | None = None,
+        steered: dict[str, Steering] | None = None,
         axis: dict[str, dict[str, Any]] | None = None,
         through_router: bool = False,
         extra: dict[str, dict[str, Any]] | None = None,
@@ -97,7 +104,7 @@ class Service:
         self.folder = hosts.folder
         self.processes: dict[str, Process] = {}
         self.within: dict[str, tuple[str, ...]] = {}
-        self._emulated, self._stepped = emulated, stepped or {}
+        self._emulated, self._steered = emulated, steered or {}
         self._through_router = through_router
         self._consent = ("--insecure",) if insecure else ()
         configure(
@@ -156,10 +163,20 @@ class Service:
         """Again, too."""
         self.processes["master"] = self._daemon(1, "master")
 
+    def start_rival(self) -> None:
+        """A second master with the same certificate, beside the first; nobody records it."""
+        settings = yaml.safe_load((self.folder / "master.yaml").read_text())
+        settings["transport"] |= {"listen": []}
+        settings["state"] = {"directory": f"state/{RIVAL}"}
+        (self.folder / f"{RIVAL}.yaml").write_text(yaml.safe_dump(settings))
+        words = ("forefeel", "master", "--config", f"{RIVAL}.yaml", *self._consent)
+        self.processes[RIVAL] = self.hosts.run(1, f"{RIVAL}.log", *words)
+
     def start_recorder(self, role: str) -> None:
         """The recorder beside the slave or the master."""
         host = ("slave", "master").index(role)
-        words = ("tests.net.recorder", f"{role}.mcap", CELL, *self._way(RECORDER_AT), PKI)
+        way = ("connect", RECORDER_AT) if role == "master" else self._way(RECORDER_AT)
+        words = ("tests.net.recorder", f"{role}.mcap", CELL, *way, PKI)
         name = f"{role}-record"
         self.processes[name] = self.hosts.run(host, f"{name}.log", *words)
         self.hosts.wait_until(lambda: self.hosts.says(f"{name}.log", "recording"), 20, name)
@@ -176,7 +193,7 @@ class Service:
         self.processes["observer"] = self.hosts.run(0, "seen.log", *words)
 
     def _way(self, endpoint: str) -> tuple[str, str]:
-        """How who looks on is connected: daemons come to it, or both to the router."""
+        """How who looks on is connected: the slave comes to it, or both to the router."""
         return ("client", ROUTER_AT) if self._through_router else ("listen", endpoint)
 
     def clear(self) -> int:
@@ -189,8 +206,8 @@ class Service:
         raise AssertionError("forefeel clear did not come back in 20 s")
 
     def _daemon(self, host: int, role: str) -> Process:
-        step_s = self._stepped.get(role)
-        entry = ("forefeel",) if step_s is None else ("tests.net.stepped", str(step_s))
+        steering = self._steered.get(role)
+        entry = ("forefeel",) if steering is None else ("tests.net.steered", *steering.words)
         words = (*entry, role, "--config", f"{role}.yaml", *self._consent)
         return self.hosts.run(host, f"{role}.log", *words, within=self.within.get(role, ()))
 

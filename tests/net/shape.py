@@ -14,13 +14,16 @@ from common.transport.settings import ImpairmentSettings
 S = 1_000_000_000
 QUEUE_BYTES = 256 * 1024
 """What waits in front of a slow cable; more is dropped, as at a router's tail."""
+_CONNECTION = slice(12, 24)
+"""Both addresses and both ports in an IPv4 packet without options."""
 
 
 class Way:
     """One direction: packets are offered and taken when they are due.
 
     Attributes:
-        counts: packets `offered`, `lost`, `delivered`, `doubled`, `cut`, `overflowed`.
+        counts: packets `offered`, `lost`, `delivered`, `doubled`, `cut`, `overflowed`, `too_large`,
+            `forgotten`.
     """
 
     def __init__(self, seed: int) -> None:
@@ -30,14 +33,25 @@ class Way:
         self._under_way: list[tuple[int, int, bytes]] = []
         self._impairment: Impairment | None = None
         self._rate_bit_s: float | None = None
+        self._largest_bytes: int | None = None
+        self._known: set[bytes] = set()
+        self._forgotten: frozenset[bytes] = frozenset()
         self._free_ns = self._floor_ns = self._stalled_until_ns = 0
         self._cut = False
 
-    def shape(self, settings: ImpairmentSettings, rate_bit_s: float | None = None) -> None:
-        """From now on; what is under way keeps its time, and is not overtaken by what comes."""
+    def shape(
+        self,
+        settings: ImpairmentSettings,
+        rate_bit_s: float | None = None,
+        largest_bytes: int | None = None,
+    ) -> None:
+        """From now on; what is under way keeps its time, and is not overtaken by what comes.
+
+        A packet of more than `largest_bytes` is dropped without a word, as by a path whose MTU nobody says.
+        """
         self._seed += 1
         self._impairment = None if settings.transparent else Impairment(settings, self._seed)
-        self._rate_bit_s = rate_bit_s
+        self._rate_bit_s, self._largest_bytes = rate_bit_s, largest_bytes
         self._floor_ns = max((due_ns for due_ns, _, _ in self._under_way), default=0)
 
     def stall(self, now_ns: int, stall_s: float) -> None:
@@ -54,11 +68,18 @@ class Way:
         """After a cut."""
         self._cut = False
 
+    def forget(self) -> None:
+        """No packet passes any more of a TCP connection that has been seen, as behind a firewall that was
+        started anew: neither end hears that the other one has gone.
+        """
+        self._forgotten = frozenset(self._known)
+
     def offer(self, packet: bytes, now_ns: int) -> None:
         """A packet comes to the cable."""
         self.counts["offered"] += 1
-        if self._cut:
-            self.counts["cut"] += 1
+        refusal = self._refusal(packet)
+        if refusal is not None:
+            self.counts[refusal] += 1
             return
         entry_ns = self._through_queue(len(packet), now_ns)
         if entry_ns is None:
@@ -86,6 +107,16 @@ class Way:
     def next_ns(self) -> int | None:
         """When something is due next; None when nothing is under way."""
         return max(self._under_way[0][0], self._stalled_until_ns) if self._under_way else None
+
+    def _refusal(self, packet: bytes) -> str | None:
+        """Why the packet does not pass whatever the chances, as it is counted."""
+        connection = packet[_CONNECTION]
+        self._known.add(connection)
+        if self._cut:
+            return "cut"
+        if self._largest_bytes is not None and len(packet) > self._largest_bytes:
+            return "too_large"
+        return "forgotten" if connection in self._forgotten else None
 
     def _through_queue(self, size: int, now_ns: int) -> int | None:
         """When the last bit is on the cable; None when the queue is full."""

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.net.evidence import Floats, rest, set_right
+from tests.net.evidence import Felt, Floats, felt_stale_s, rest, set_right
+from tests.net.steered import Steering
 
 TIME_S: Floats = np.arange(3000, dtype=np.float64) * 1e-3
 
@@ -38,8 +39,48 @@ def test_stamps_of_a_clock_that_was_set_are_set_right_up_to_the_next_process(ste
     sequence = np.concatenate((np.arange(5000, 7500), np.arange(1, 1501)))
     stepped = (true_s > 101.5) & (true_s < 102.5)
     arrived_s: Floats = true_s + np.float64(0.002)
-    found = set_right(true_s + step_s * stepped, sequence, arrived_s, step_s, 101.4995)
+    found = set_right(true_s + step_s * stepped, sequence, arrived_s, Steering(step_s), 101.4995)
     assert found == pytest.approx(true_s, abs=1e-6)
     few = np.array([0, 1700, 3000])
-    found = set_right((true_s + step_s * stepped)[few], sequence[few], arrived_s[few], step_s, 101.4995)
+    found = set_right(
+        (true_s + step_s * stepped)[few], sequence[few], arrived_s[few], Steering(step_s), 101.4995
+    )
     assert found == pytest.approx(true_s[few], abs=1e-6)
+
+
+@pytest.mark.parametrize("rate", [0.08, -0.08, 0.0005])
+def test_stamps_of_a_clock_that_was_too_fast_or_slow_are_set_right_up_to_the_next_process(
+    rate: float,
+) -> None:
+    true_s: Floats = np.arange(100_000, 106_000, dtype=np.float64) * 1e-3
+    sequence = np.concatenate((np.arange(5000, 9000), np.arange(1, 2001)))
+    from_ns = 101_500_000_000
+    wrong = (true_s > 101.5) & (sequence > 2000)
+    shown_s = np.array([Steering(rate=rate).shown_ns(round(t * 1e9), from_ns) * 1e-9 for t in true_s])
+    found = set_right(np.where(wrong, shown_s, true_s), sequence, true_s, Steering(rate=rate), 101.5)
+    assert found == pytest.approx(true_s, abs=1e-6)
+    assert np.abs(shown_s - true_s)[wrong].max() == pytest.approx(2.5 * abs(rate), rel=0.01)
+
+
+def felt(age_s: Floats, force_n: Floats, sessions: Floats | None = None) -> Felt:
+    session = np.ones(len(age_s)) if sessions is None else sessions
+    return Felt(TIME_S[: len(age_s)], force_n, age_s, session.astype(np.int64))
+
+
+def test_a_hand_that_feels_an_old_force_is_found_out_and_one_whose_force_fades_is_not() -> None:
+    """The newest force is 150 ms old, and from 1 s on it ages."""
+    age_s: Floats = 0.150 + np.maximum(TIME_S - 1.0, 0.0)
+    until = [1.25, 2.5]
+    for until_s, stale_s in zip(until, (0.15, 1.4), strict=True):
+        hand_n = np.where(until_s > TIME_S, 0.2, 0.0)
+        assert felt_stale_s(felt(age_s, hand_n), 0.1) == pytest.approx(stale_s, abs=3e-3)
+
+
+def test_a_force_is_judged_by_the_fastest_way_of_its_own_session() -> None:
+    """10 ms; 250 ms in the same session, where the hand feels it; 250 ms as usual in the next session."""
+    age_s = np.where(TIME_S < 1.0, 0.010, 0.250)
+    hand_n = np.full(len(TIME_S), 0.2)
+    assert felt_stale_s(felt(age_s, hand_n, np.where(TIME_S < 1.0, 1.0, 2.0)), 0.1) == 0.0
+    late = felt(age_s, hand_n, np.where(TIME_S < 2.0, 1.0, 2.0))
+    assert felt_stale_s(late, 0.1) == pytest.approx(1.0, abs=3e-3)
+    assert felt_stale_s(felt(age_s[::-1], hand_n), 0.1) == 0.0, "the way became shorter"

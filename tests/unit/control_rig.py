@@ -8,13 +8,14 @@ from common.messages import Grip, MotionCommand, SafetyState
 from common.settings import AxisLimits
 from slave.control import AxisControl, ControlInputs, ControlOutputs
 from slave.settings import GateSettings
+from tests.clocks import compared
 
 MS = 1_000_000
 START_M = 0.02
 SESSION = 5
 LIMITS = AxisLimits(workspace_m=(-0.01, 0.1))
 GATE = GateSettings()
-COMPARED = OffsetEstimate(0, 5 * MS)
+COMPARED = compared(0, 5 * MS)
 
 
 @dataclass

@@ -108,13 +108,19 @@ class RunBuilder:
         self.put("slave/state", message, t_ms)
 
     def master_state(
-        self, t_ms: int, clutched_s: float = 0.0, offset_ns: int | None = None, bound_ns: int | None = None
+        self,
+        t_ms: int,
+        clutched_s: float = 0.0,
+        offset_ns: int | None = None,
+        bound_ns: int | None = None,
+        deadman: bool = True,
+        indication: str = "armed",
     ) -> None:
         message = MasterState(
             **self.header(t_ms),
-            indication="armed",
+            indication=indication,
             reason="",
-            deadman=True,
+            deadman=deadman,
             clutched_s=clutched_s,
             clock_offset_ns=offset_ns,
             clock_bound_ns=bound_ns,
@@ -160,10 +166,15 @@ class RunBuilder:
         )
         self.put("slave/limit", message, t_ms)
 
-    def safety(self, t_ms: int, event: str, reason: str) -> None:
-        message = SafetyEvent(
-            **self.header(t_ms), before=S.READY, event=event, after=S.ENGAGING, reason=reason
-        )
+    def safety(
+        self,
+        t_ms: int,
+        event: str,
+        reason: str,
+        before: SafetyState = S.READY,
+        after: SafetyState = S.ENGAGING,
+    ) -> None:
+        message = SafetyEvent(**self.header(t_ms), before=before, event=event, after=after, reason=reason)
         self.put("slave/safety", message, t_ms)
 
     def calibration(self, t_ms: int, **fields: str | float | None) -> None:
@@ -223,7 +234,7 @@ def write_known_run(path: Path, reason: str = "deadman pressed", seed: str = "7"
         run.impairment(4000, "master", ((5,), (), (7, 7), (9,)))
         for t_ms in range(2000, 10_000, 500):
             run.parameters(t_ms, 7.0 + t_ms / 1e4, "m and k only as k - 0.99 m")
-        run.master_state(9000, clutched_s=0.5, offset_ns=-2 * MS, bound_ns=3 * MS)
+        run.master_state(10_000, clutched_s=0.5, offset_ns=-2 * MS, bound_ns=3 * MS)
         for role in "master", "slave":
             run.timing(9000, role)
             run.timing(9900, role)

@@ -145,6 +145,7 @@ class SlaveRig:
         self.position_m = START_M
         self.deadman = False
         self.sends = True
+        self.rate = 0.0
         self.fields: dict[str, Any] = {}
         self._ticks = 0
 
@@ -183,6 +184,10 @@ class SlaveRig:
     def now_ns(self) -> int:
         return self.clock.now_ns()
 
+    def masters_ns(self, stamp_ns: int) -> int:
+        """What the master's clock shows at a stamp of the slave's; it gains `rate` s in a second."""
+        return stamp_ns + round(stamp_ns * self.rate)
+
     def state(self) -> SafetyState:
         """As it is published now."""
         self.axis.report(self.now_ns)
@@ -209,17 +214,18 @@ class SlaveRig:
         return self.answers[-1]
 
     def beat(self) -> None:
-        """The master's heartbeat, echoing the slave's newest: equal clocks, a network without delay."""
+        """The master's heartbeat, echoing the slave's newest: a network without delay."""
         outlet = self.outlets[topics.MASTER_HEARTBEAT.name]
         echo = self.beats[-1].stamp_ns if self.beats else None
-        header = outlet.header(self.session_id, self.now_ns)
-        outlet.send(Heartbeat(**header, echo_stamp_ns=echo, echo_receive_ns=echo))
+        header = outlet.header(self.session_id, self.masters_ns(self.now_ns))
+        receive_ns = None if echo is None else self.masters_ns(echo)
+        outlet.send(Heartbeat(**header, echo_stamp_ns=echo, echo_receive_ns=receive_ns))
 
     def command(self) -> MotionCommand:
         outlet = self.outlets[topics.COMMAND.name]
         fields: dict[str, Any] = {"velocity_m_s": 0.0, **self.fields}
         command = MotionCommand(
-            **outlet.header(self.session_id, self.now_ns),
+            **outlet.header(self.session_id, self.masters_ns(self.now_ns)),
             position_m=self.position_m,
             deadman=self.deadman,
             **fields,

@@ -1,10 +1,13 @@
+from collections.abc import Callable
 from itertools import accumulate
+from random import Random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock_offset import ClockOffset, OffsetEstimate
+from common.clock_offset import MAX_RATE_PPM, ClockOffset, OffsetEstimate
+from tests.clocks import compared
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -34,7 +37,7 @@ def test_nothing_is_known_before_an_exchange() -> None:
 def test_equal_delays_give_the_offset_exactly(offset_ns: int) -> None:
     clock = ClockOffset()
     exchange(clock, S, offset_ns, 7 * MS, 7 * MS, peer_ns=40 * MS)
-    assert best(clock) == OffsetEstimate(offset_ns, 7 * MS)
+    assert best(clock) == compared(offset_ns, 7 * MS)
     assert best(clock).round_trip_ns == 14 * MS
 
 
@@ -52,21 +55,21 @@ def test_the_exchange_with_the_shortest_round_trip_counts() -> None:
     for _ in range(20):
         end_ns = exchange(clock, end_ns, 0, 90 * MS, 10 * MS)
     assert best(clock).offset_ns == 0
-    assert 2 * MS <= best(clock).bound_ns <= 2 * MS + 2 * S * 100 * PPM
+    assert 2 * MS <= best(clock).bound_ns <= 2 * MS + 2 * S * 1000 * PPM
 
 
 def test_what_is_older_than_the_window_does_not_count() -> None:
     clock = ClockOffset(window_ns=S)
     end_ns = exchange(clock, S, 0, MS, MS)
     end_ns = exchange(clock, end_ns + S, 100, 30 * MS, 30 * MS)
-    assert best(clock) == OffsetEstimate(100, 30 * MS)
+    assert (best(clock).offset_ns, best(clock).bound_ns) == (100, 30 * MS)
 
 
 def test_the_bound_of_an_exchange_grows_with_its_age() -> None:
     clock = ClockOffset()
     end_ns = exchange(clock, S, 0, MS, MS)
     exchange(clock, end_ns + 5 * S, 0, 50 * MS, 50 * MS)
-    assert best(clock).bound_ns == pytest.approx(MS + 5.1 * S * 100 * PPM, rel=1e-6)
+    assert best(clock).bound_ns == pytest.approx(MS + 5.1 * S * 1000 * PPM, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +88,7 @@ def test_an_exchange_that_can_not_be_is_ignored(stamps: tuple[int, int, int, int
     assert clock.best is None
     end_ns = exchange(clock, S, 5, MS, MS)
     clock.update(*stamps)
-    assert best(clock) == OffsetEstimate(5, MS)
+    assert best(clock) == compared(5, MS)
     assert end_ns
 
 
@@ -121,7 +124,7 @@ def test_the_true_offset_is_always_within_the_bound(
         assert abs(best(clock).offset_ns - offset_ns) <= best(clock).bound_ns
 
 
-@given(st.integers(-(10**15), 10**15), st.integers(-95, 95), exchanges_of(TRUE_DELAY))
+@given(st.integers(-(10**15), 10**15), st.integers(-950, 950), exchanges_of(TRUE_DELAY))
 def test_the_true_offset_stays_within_the_bound_of_clocks_that_drift(
     offset_ns: int, drift_ppm: int, exchanges: list[tuple[int, int, int, int]]
 ) -> None:
@@ -137,18 +140,154 @@ def test_the_true_offset_stays_within_the_bound_of_clocks_that_drift(
         now_ns = t3 + back_ns
         clock.update(t1, peer(t2), peer(t3), now_ns)
         away_ns = abs(best(clock).offset_ns - (peer(now_ns) - now_ns))
-        within_the_exchange_ns = (there_ns + peer_ns + back_ns) // 10_000 + 3  # and whole nanoseconds
+        within_the_exchange_ns = (there_ns + peer_ns + back_ns) // 1000 + 3  # and whole nanoseconds
         assert away_ns <= best(clock).bound_ns + within_the_exchange_ns
 
 
-def test_the_drift_of_two_hosts_on_a_local_network_is_followed() -> None:
+@pytest.mark.parametrize("rate_ppm", [100, -1000])
+def test_the_drift_of_two_hosts_on_a_local_network_is_followed(rate_ppm: int) -> None:
     clock = ClockOffset()
     worst_ns = 0
     for now_ns in accumulate([50 * MS] * 7_200, initial=S):  # six minutes of heartbeats at 20 Hz
         there_ns = MS // 10 + now_ns // (50 * MS) % 7 * 10_000  # a local network: 0.1 to 0.16 ms
-        offset_ns = int(now_ns * 100 * PPM)
+        offset_ns = int(now_ns * rate_ppm * PPM)
         end_ns = exchange(clock, now_ns, offset_ns, there_ns, MS // 10)
-        error_ns = abs(best(clock).offset_ns - int(end_ns * 100 * PPM))
+        error_ns = abs(best(clock).offset_ns - int(end_ns * rate_ppm * PPM))
         assert error_ns <= best(clock).bound_ns
         worst_ns = max(worst_ns, error_ns, best(clock).bound_ns)
     assert worst_ns < MS // 4
+
+
+# --- the path now, and the rate of the peer's clock ---
+
+
+def heartbeats(
+    clock: ClockOffset,
+    seconds: float,
+    path: Callable[[float], tuple[int, int]],
+    offset: Callable[[float], int],
+    start_ns: int = S,
+) -> int:
+    """Exchanges at 20 Hz; `path`, `offset`: one-way delays and the peer's offset, in ns, at a time in s."""
+    for now_ns in range(start_ns, start_ns + round(seconds * S), 50 * MS):
+        there_ns, back_ns = path(now_ns / S)
+        arrival_ns = now_ns + there_ns
+        clock.update(
+            now_ns,
+            arrival_ns + offset(arrival_ns / S),
+            arrival_ns + offset(arrival_ns / S),
+            arrival_ns + back_ns,
+        )
+    return start_ns + round(seconds * S)
+
+
+def jittered(mean_ns: int, half_width_ns: int, seed: int) -> Callable[[float], tuple[int, int]]:
+    draw = Random(seed).uniform
+    return lambda _: (
+        round(mean_ns + draw(-half_width_ns, half_width_ns)),
+        round(mean_ns + draw(-half_width_ns, half_width_ns)),
+    )
+
+
+@pytest.mark.parametrize(("there_ns", "back_ns"), [(200 * MS, 10 * MS), (10 * MS, 200 * MS), (5, 5)])
+@pytest.mark.parametrize("offset_ns", [0, -86_400 * S])
+def test_the_excess_of_a_message_is_what_it_took_longer_however_the_route_is_split(
+    there_ns: int, back_ns: int, offset_ns: int
+) -> None:
+    clock = ClockOffset()
+    end_ns = heartbeats(clock, 2.0, lambda _: (there_ns, back_ns), lambda _: offset_ns)
+    for late_ns in (0, 40 * MS, 480 * MS):
+        transit_ns = (end_ns + back_ns + late_ns) - (end_ns + offset_ns)
+        assert best(clock).excess_ns(transit_ns) == late_ns
+        assert best(clock).ahead_ns(transit_ns) == 0
+    assert best(clock).ahead_ns(-offset_ns - there_ns - 5 * MS) == pytest.approx(4 * MS, abs=0.3 * MS)
+
+
+def test_after_a_jump_of_the_delay_messages_are_late_and_after_the_way_back_they_are_not() -> None:
+    clock = ClockOffset()
+    end_ns = heartbeats(clock, 5.0, lambda _: (10 * MS, 10 * MS), lambda _: 0)
+    assert best(clock).excess_ns(10 * MS) == 0
+    end_ns = heartbeats(clock, 5.0, lambda _: (250 * MS, 250 * MS), lambda _: 0, end_ns)
+    assert best(clock).excess_ns(250 * MS) == 480 * MS
+    assert (best(clock).round_trip_ns, best(clock).least_round_trip_ns) == (500 * MS, 20 * MS)
+    heartbeats(clock, 5.0, lambda _: (10 * MS, 10 * MS), lambda _: 0, end_ns)
+    assert best(clock).excess_ns(10 * MS) == 0
+
+
+@pytest.mark.parametrize("rate_ppm", [500, -1000, 83_333])
+def test_a_clock_at_another_rate_makes_no_message_late_or_early(rate_ppm: int) -> None:
+    clock = ClockOffset()
+
+    def offset(time_s: float) -> int:
+        return round(time_s * S * rate_ppm * PPM)
+
+    end_ns = heartbeats(clock, 60.0, lambda _: (150 * MS, 150 * MS), offset)
+    excess_ns = best(clock).excess_ns(150 * MS - offset(end_ns / S))
+    assert abs(excess_ns) <= 1.6 * S * abs(rate_ppm) * PPM  # what it moves in a second and two round trips
+
+
+@pytest.mark.parametrize("creep_s_s", [1.5e-3, 0.1e-3])
+def test_a_delay_that_creeps_up_ages_every_message_however_slowly(creep_s_s: float) -> None:
+    """On our way or on the peer's: a message that completes the longer round trip is late."""
+    for there, back in ((1.0, 0.0), (0.0, 1.0)):
+        clock, crept_ns = ClockOffset(), round(200.0 * creep_s_s * S)
+        heartbeats(
+            clock,
+            200.0,
+            lambda t, there=there, back=back: (  # type: ignore[misc]
+                150 * MS + round(there * t * creep_s_s * S),
+                150 * MS + round(back * t * creep_s_s * S),
+            ),
+            lambda _: 0,
+        )
+        excess_ns = best(clock).excess_ns(150 * MS + round(back * crept_ns))
+        assert excess_ns == pytest.approx(crept_ns, abs=2 * MS)
+
+
+@pytest.mark.parametrize("rate_ppm", [83_333, -83_333])
+@pytest.mark.parametrize(("mean_ns", "jitter_ns"), [(10 * MS, 2 * MS), (150 * MS, 10 * MS)])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_rate_that_is_not_followed_is_certain_within_seconds(
+    rate_ppm: int, mean_ns: int, jitter_ns: int, seed: int
+) -> None:
+    clock = ClockOffset()
+    seconds = 4.0 if jitter_ns < 5 * MS else 8.0
+    heartbeats(clock, seconds, jittered(mean_ns, jitter_ns, seed), lambda t: round(t * S * rate_ppm * PPM))
+    assert MAX_RATE_PPM < abs(best(clock).rate_ppm) <= abs(rate_ppm) * 1.001
+    assert best(clock).rate_ppm * rate_ppm > 0
+
+
+@pytest.mark.parametrize("rate_ppm", [80_000, -83_333])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rate_that_begins_in_the_middle_of_a_session_is_found_as_soon(rate_ppm: int, seed: int) -> None:
+    clock = ClockOffset()
+
+    def offset(time_s: float) -> int:
+        return round(max(0.0, time_s - 41.0) * S * rate_ppm * PPM)
+
+    heartbeats(clock, 45.0, jittered(10 * MS, 2 * MS, seed), offset)
+    assert MAX_RATE_PPM < abs(best(clock).rate_ppm) <= abs(rate_ppm) * 1.001
+
+
+@pytest.mark.parametrize("rate_ppm", [0, 500, -1000])
+@pytest.mark.parametrize("seed", range(3))
+def test_no_rate_that_is_followed_is_taken_for_one_that_is_not(rate_ppm: int, seed: int) -> None:
+    """Neither with the jitter of the paper, nor over a route that changes, nor after a clock was set."""
+    for path in (
+        jittered(150 * MS, 10 * MS, seed),
+        jittered(20 * MS, 15 * MS, seed),
+        lambda t: (10 * MS, (10 if t < 20.0 else 200) * MS),
+        lambda t: (10 * MS + round(4 * MS * t), 10 * MS),
+        lambda t: (400 * MS - round(4 * MS * t), 10 * MS),
+    ):
+        for step_ns in (0, S):
+            clock = ClockOffset()
+            for start_s in range(1, 61, 2):
+                heartbeats(
+                    clock,
+                    2.0,
+                    path,
+                    lambda t, step_ns=step_ns: round(t * S * rate_ppm * PPM) + step_ns * (t > 30.0),  # type: ignore[misc]
+                    start_s * S,
+                )
+                assert abs(best(clock).rate_ppm) <= MAX_RATE_PPM * 1.01

@@ -2,9 +2,9 @@ from typing import Any
 
 import pytest
 
-from common.clock_offset import OffsetEstimate
 from common.limiter import LimitHit
 from common.messages import SafetyState
+from tests.clocks import compared
 from tests.unit.control_rig import COMPARED, MS, START_M, Rig
 
 S = SafetyState
@@ -92,12 +92,12 @@ def test_the_guard_compares_with_the_stage_and_not_with_an_old_setpoint() -> Non
 
 
 def test_a_round_trip_beyond_the_limit_does_not_engage() -> None:
-    rig = Rig(clock=OffsetEstimate(0, 350 * MS + 1))
+    rig = Rig(clock=compared(0, 350 * MS + 1))
     rig.released(2)
     out = rig.tick(rig.command(START_M, True))
     assert (rig.state(), [hit.rule for hit in out.limits]) == (S.READY, ["round_trip"])
     assert out.limits[0].requested > out.limits[0].applied == 0.7
-    rig.clock = OffsetEstimate(0, 350 * MS)
+    rig.clock = compared(0, 350 * MS)
     rig.held()
     assert rig.state() is S.ENGAGING
 

@@ -7,9 +7,9 @@ from itertools import product
 
 import pytest
 
-from common.clock_offset import OffsetEstimate
 from common.messages import SafetyState
 from slave.safety import SafetyEventName
+from tests.clocks import compared
 from tests.unit.control_rig import MS, START_M, Rig
 
 S, E = SafetyState, SafetyEventName
@@ -90,7 +90,7 @@ def inject(rig: Rig, event: SafetyEventName) -> None:  # noqa: PLR0912 - one cas
         case E.MISALIGNED:
             rig.tick(rig.command(held_m + 0.03, state in (S.ENGAGING, S.ARMED)))
         case E.ROUND_TRIP:
-            rig.tick(goes_on, clock=OffsetEstimate(0, 351 * MS))
+            rig.tick(goes_on, clock=compared(0, 351 * MS))
         case E.AT_REST:
             rig.tick(goes_on)
         case E.SHUTDOWN:

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from common.clock_offset import OffsetEstimate
 from common.messages import SafetyState
 from slave.settings import GateSettings
+from tests.clocks import compared
 from tests.unit.control_rig import COMPARED, MS, SESSION, START_M, Rig
 
 S = SafetyState
@@ -20,12 +20,13 @@ STOPS: list[dict[str, Any]] = [*HALTS, {"shutdown": True}, {"session_live": Fals
 
 def test_a_round_trip_that_grows_beyond_the_limit_stops() -> None:
     rig = Rig().moving()
-    rig.clock = OffsetEstimate(0, 350 * MS)
+    rig.clock = compared(0, 350 * MS)
     rig.held(1, rig.stage_m)
     assert rig.state() is S.ARMED
-    rig.clock = OffsetEstimate(0, 350 * MS + 1)
+    rig.clock = compared(0, 350 * MS + 1)
     rig.held(1, rig.stage_m)
-    assert (rig.state(), rig.reason, rig.events) == (S.STOPPING, "round trip 700 ms", ["round_trip"])
+    assert (rig.state(), rig.events) == (S.STOPPING, ["round_trip"])
+    assert rig.reason == "round trip 700 ms, limit 700 ms"
     assert rig.control.stops == 1
 
 

@@ -1,8 +1,6 @@
 """Running a daemon: whatever keeps it from its work, devices and transport are closed behind it."""
 
 import asyncio
-import sys
-from collections.abc import Iterator
 
 import pytest
 
@@ -17,14 +15,15 @@ from slave.devices import Devices
 from slave.settings import SlaveSettings
 from tests.unit.failing import refusing
 from tests.unit.master_rig import FakeHandle
+from tests.unit.real_time import as_it_is
 from tests.unit.slave_rig import FakeGripper, FakeLoadCell, FakeStage
+
+process_as_it_is = pytest.fixture(as_it_is, autouse=True, name="process_as_it_is")
 
 
 @pytest.fixture(name="session", autouse=True)
-def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> Iterator[MemoryTransport]:
-    """The daemon's transport, one of two on a bus. Locked memory, a frozen heap, handlers of signals and a
-    short interval would last for the rest of the test run.
-    """
+def with_session(monkeypatch: pytest.MonkeyPatch) -> MemoryTransport:
+    """The daemon's transport, one of two on a bus. Its process keeps its scheduling and its signals."""
     network, clock = MemoryBus(), MonotonicClock()
     session = network.session(clock)
     network.session(clock)
@@ -33,12 +32,8 @@ def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> Iterator[MemoryTranspor
         return session
 
     monkeypatch.setattr(daemons, "opened", opened)
-    monkeypatch.setattr(daemons, "watch_strands", lambda *_: None)
     monkeypatch.setattr(daemons, "_runtime", lambda _: RealRuntime())
-    monkeypatch.setattr("common.runtime.real.prepare_process", lambda: "memory as it was")
-    interval_s = sys.getswitchinterval()
-    yield session
-    sys.setswitchinterval(interval_s)
+    return session
 
 
 FAILURES: list[tuple[object, str]] = [(LocalServer, "_bound"), (daemons, "warn_of_latency")]

@@ -23,14 +23,16 @@ from forefeel.doctor.clocks import (
 )
 from forefeel.doctor.devices import CanBus, Port, judge_can, judge_port, judge_probed, judge_running
 from forefeel.doctor.findings import Finding, Level, worst
-from forefeel.doctor.network import Bound, Reached, judge_endpoints, judge_listen, judge_reached
+from forefeel.doctor.network import Bound, judge_endpoints, judge_listen, judge_reached
 from forefeel.doctor.realtime import Kernel, Loop, judge_kernel, judge_loop
 from forefeel.doctor.settings import judge_agreement, load_files
 from forefeel.doctor.software import Package, judge_software
 from forefeel.doctor.storage import Folder, judge_folder
+from forefeel.reaching import Obstacle, Reached
 
 MS = 1_000_000
 TODAY = date(2026, 7, 1)
+NO_ANSWER = Obstacle("no answer from a:1", "check the cable", silent=True)
 LISTEN = ("tls/0.0.0.0:7447",)
 
 
@@ -101,7 +103,7 @@ TABLE: list[tuple[str, Level, Judged]] = [
     ("no endpoint", "red", lambda: judge_endpoints((), ())),
     ("reached", "green", lambda: [judge_reached(Reached("tls/a:1", connect_s=1e-3, handshake_s=4e-3))]),
     ("not tried", "amber", lambda: [judge_reached(Reached("quic/a:1", tried=False))]),
-    ("not reached", "red", lambda: [judge_reached(Reached("tcp/a:1", error="no answer within 2 s"))]),
+    ("not reached", "red", lambda: [judge_reached(Reached("tcp/a:1", obstacle=NO_ANSWER))]),
     ("port free", "green", lambda: [judge_listen(Bound("tcp/a:1", 0), False)]),
     ("port ours", "green", lambda: [judge_listen(Bound("tcp/a:1", EADDRINUSE), True)]),
     ("port taken", "amber", lambda: [judge_listen(Bound("tcp/a:1", EADDRINUSE), False)]),

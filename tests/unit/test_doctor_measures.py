@@ -5,10 +5,7 @@ import fcntl
 import os
 import pty
 import socket
-import ssl
-import threading
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -24,7 +21,7 @@ from forefeel.doctor.access import Tried, try_access
 from forefeel.doctor.calibrations import read_calibration
 from forefeel.doctor.certificates import find_identity, read_folder
 from forefeel.doctor.devices import can_buses, examine_port, judge_probed, probe_devices
-from forefeel.doctor.network import Files, reach, try_listen
+from forefeel.doctor.network import try_listen
 from forefeel.doctor.realtime import measure_loop, read_kernel
 from forefeel.doctor.software import judge_software, python_version, read_packages
 from forefeel.doctor.storage import examine_folder
@@ -86,64 +83,6 @@ def test_files_that_are_none_are_an_error_and_not_an_exception(pki: Path, tmp_pa
 
 
 # --- network ---
-
-
-def files(pki: Path, role: str) -> Files:
-    return Files(str(pki / "ca.crt"), str(pki / f"{role}.crt"), str(pki / f"{role}.key"))
-
-
-@contextmanager
-def tls_server(server: Files) -> Iterator[int]:
-    """Asks for a certificate of the same authority, as the daemons do; its port."""
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(server.certificate, server.key)
-    context.load_verify_locations(server.authority)
-    context.verify_mode = ssl.CERT_REQUIRED
-
-    def serve() -> None:
-        try:
-            accepted, _ = listener.accept()
-            with accepted, context.wrap_socket(accepted, server_side=True) as secured:
-                secured.recv(1)
-        except OSError:
-            pass
-
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        thread = threading.Thread(target=serve)
-        thread.start()
-        yield listener.getsockname()[1]
-        thread.join()
-
-
-def test_a_server_that_takes_our_certificate_is_reached(pki: Path) -> None:
-    with tls_server(files(pki, "slave")) as port:
-        found = reach(f"tls/127.0.0.1:{port}", files(pki, "master"))
-    assert (found.tried, found.error) == (True, "")
-    assert found.connect_s is not None
-    assert found.handshake_s is not None
-    assert 0 < found.connect_s < 2
-
-
-def test_a_certificate_of_another_authority_is_refused_on_either_side(pki: Path, tmp_path: Path) -> None:
-    make_folder(tmp_path / "pki", [CELL], {}, 10, now_utc())
-    other = tmp_path / "pki"
-    with tls_server(files(pki, "slave")) as port:
-        found = reach(f"tls/127.0.0.1:{port}", files(other, "master"))
-    assert "its certificate is not accepted" in found.error
-    mixed = Files(str(pki / "ca.crt"), str(other / "master.crt"), str(other / "master.key"))
-    with tls_server(files(pki, "slave")) as port:
-        found = reach(f"tls/127.0.0.1:{port}", mixed)
-    assert "the handshake failed" in found.error
-    assert "unknown ca" in found.error
-
-
-def test_nobody_at_the_other_end_is_said_as_such() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        endpoint = f"127.0.0.1:{server.getsockname()[1]}"
-        assert reach(f"tcp/{endpoint}", None).error == ""
-        assert reach(f"tls/{endpoint}", None, timeout_s=0.1).error == "no answer within 0.1 s"
-    assert "refused" in reach(f"tcp/{endpoint}", None).error
-    assert not reach(f"quic/{endpoint}", None).tried
 
 
 def test_an_address_that_is_taken_or_not_ours_can_not_be_listened_on() -> None:

@@ -3,39 +3,25 @@ show the fault all the same.
 """
 
 import asyncio
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 
 from common import topics
 from common.bus import Bus
 from common.messages import SafetyEvent, SafetyState, SlaveState
-from common.runtime import real
 from common.runtime.real import RealRuntime
 from common.transport.memory import MemoryBus
 from slave.daemon import SlaveDaemon
 from slave.settings import SlaveAxisSettings, SlaveSettings
 from tests.unit.failing import refusing
+from tests.unit.real_time import PATIENCE_S, as_it_is, until
 from tests.unit.slave_cell import Book, Cell
 
-PATIENCE_S = 5.0
 FAULT, STOPPED = SafetyState.FAULT, SafetyState.ESTOPPED
 
 
-@pytest.fixture(autouse=True)
-def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Locked memory, a frozen heap and a short interval would last for the rest of the test run."""
-    monkeypatch.setattr(real, "prepare_process", lambda: "memory as it was")
-    interval_s = sys.getswitchinterval()
-    yield
-    sys.setswitchinterval(interval_s)
-
-
-async def until(condition: Callable[[], object]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not condition():  # noqa: ASYNC110 - what is waited for happens in another thread
-            await asyncio.sleep(0.001)
+process_as_it_is = pytest.fixture(as_it_is, autouse=True, name="process_as_it_is")
 
 
 class LiveCell:

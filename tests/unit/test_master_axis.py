@@ -29,7 +29,7 @@ def test_an_accepting_slave_with_other_settings_is_not_believed() -> None:
     rig.axis.serve(rig.now_ns)
     rig.answer(shared=shared_text("cell", "insertion", AxisLimits(max_force_n=30.0)))
     assert rig.axis.session.link is Link.MISMATCH
-    assert rig.axis.session.reason == "settings differ: max_force_n: 3.0 here, 30.0 there"
+    assert rig.axis.session.cause(rig.now_ns) == "settings differ: max_force_n: 3.0 here, 30.0 there"
     rig.clock.set_ns(rig.now_ns + 5000 * MS)
     rig.axis.serve(rig.now_ns)
     assert len(rig.asked) == 1
@@ -44,7 +44,7 @@ def test_a_refusal_is_shown_and_asked_again() -> None:
     rig.axis.report(rig.now_ns)
     assert (rig.states[-1].indication, rig.states[-1].reason) == (
         "no_link",
-        "another session holds the lease",
+        "the slave refuses: another session holds the lease",
     )
     rig.clock.set_ns(rig.now_ns + 250 * MS)
     rig.axis.serve(rig.now_ns)

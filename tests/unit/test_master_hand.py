@@ -13,6 +13,7 @@ rig = pytest.fixture(linked, name="rig")
 
 
 def test_what_is_published_is_what_the_handle_applied(rig: Rig) -> None:
+    rig.compare_clocks()
     rig.predictor.answer = 3.5
     rig.step(400)
     assert rig.handle.felt_n[-1] == 2.0
@@ -104,6 +105,7 @@ def test_a_handle_that_fails_while_it_renders_is_let_go_in_the_same_tick(rig: Ri
 
 
 def test_a_handle_that_answers_again_stays_let_go_until_the_deadman_is_pressed_anew(rig: Rig) -> None:
+    rig.compare_clocks()
     break_handle(rig)
     rig.step(500)
     rig.handle.broken = False

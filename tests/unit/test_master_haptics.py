@@ -57,6 +57,7 @@ class Bench:
         self.loop = HapticLoop(self.predictor, settings)
         self.now_ns = 10_000 * MS
         self.heard_ns: int | None = None
+        self.late_ns: int | None = 0
         self.state: S | None = S.ARMED
         self.stage_m: float | None = 0.02
         self.reading = HandleReading(0.1, 0.003, True)
@@ -66,7 +67,7 @@ class Bench:
             self.now_ns += MS
             if fresh:
                 self.heard_ns = self.now_ns
-            force = None if self.heard_ns is None else NewestForce(sample(), self.heard_ns)
+            force = None if self.heard_ns is None else NewestForce(sample(), self.heard_ns, self.late_ns)
             out = self.loop.tick(
                 self.now_ns, HapticInputs(self.reading, self.state, self.stage_m, force, None)
             )
@@ -122,6 +123,17 @@ def test_feedback_that_stops_coming_is_felt_for_the_stale_time_and_fades_after_i
     assert all(after < before for before, after in zip([1.0, *fading[:-1]], fading, strict=True) if before)
     assert fading[-1] == 0.0
     assert bench.tick(1000, fresh=False).rendered_n == 0.0
+
+
+@pytest.mark.parametrize("late_ns", [None, 101 * MS, 480 * MS])
+def test_forces_that_keep_coming_but_are_old_by_measurement_are_not_felt(late_ns: int | None) -> None:
+    """None: the clocks are not compared."""
+    bench = Bench()
+    bench.tick(300)
+    bench.late_ns = late_ns
+    assert bench.tick(200).rendered_n == 0.0
+    bench.late_ns = 99 * MS
+    assert bench.tick(300).rendered_n == 1.0
 
 
 def test_before_any_force_nothing_is_felt() -> None:

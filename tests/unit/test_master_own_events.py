@@ -29,7 +29,7 @@ class Rig:
 
 def test_a_change_is_one_event_and_standing_still_is_none() -> None:
     rig = Rig()
-    rig.events.serve(0, 7, "no_link", "no answer yet")
+    rig.events.serve(0, 7, "no_link", "no answer")
     rig.events.serve(50 * MS, 7, "linked", "accepted")
     rig.events.serve(100 * MS, 7, "linked", "accepted")
     rig.events.serve(150 * MS, 7, "handle_fault", "x" * 1000)

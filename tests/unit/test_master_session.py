@@ -11,59 +11,99 @@ def session() -> Session:
     return Session(count(11).__next__)
 
 
-def opened(now_ns: int = 0) -> Session:
+def asked() -> Session:
     asking = session()
-    asking.answered(11, True, "", now_ns)
+    assert asking.should_ask(0)
+    return asking
+
+
+def opened() -> Session:
+    asking = asked()
+    asking.answered(11, True, "", 0, 30 * MS)
     return asking
 
 
 def test_it_asks_at_once_and_again_every_quarter_of_a_second() -> None:
     asking = session()
-    asked = [ms for ms in range(0, 1001, 50) if asking.should_ask(ms * MS)]
-    assert asked == [0, 250, 500, 750, 1000]
-    assert (asking.session_id, asking.link, asking.reason) == (11, Link.ASKING, "no answer yet")
+    times = [ms for ms in range(0, 1001, 50) if asking.should_ask(ms * MS)]
+    assert times == [0, 250, 500, 750, 1000]
+    assert (asking.session_id, asking.link) == (11, Link.ASKING)
+    assert asking.cause(12_400 * MS) == "no answer from the slave for 12 s"
+
+
+def test_what_keeps_the_slave_from_being_heard_is_said_instead_of_its_silence() -> None:
+    asking = asked()
+    asking.obstacle = "10.0.0.2:7447 refuses the connection"
+    assert asking.cause(9000 * MS) == "10.0.0.2:7447 refuses the connection"
+    asking.heard_state(0, 10_000 * MS)
+    assert asking.cause(10_100 * MS) == "no answer to the handshake for 10 s"
+    assert asking.cause(14_000 * MS) == "no state from the slave for 4.0 s"
 
 
 def test_an_acceptance_opens_it_and_it_asks_no_more() -> None:
-    asking = session()
-    asking.should_ask(0)
-    asking.answered(11, True, "", 30 * MS)
-    assert (asking.link, asking.reason, asking.heard_ns) == (Link.OPEN, "accepted", 30 * MS)
+    asking = opened()
+    assert (asking.link, asking.heard_ns) == (Link.OPEN, 30 * MS)
+    assert asking.cause(40 * MS) == "the slave accepted the session within 30 ms"
     assert not asking.should_ask(900 * MS)
 
 
 def test_an_answer_to_an_older_session_is_heard_but_changes_nothing() -> None:
-    asking = session()
-    asking.answered(10, True, "", 5 * MS)
-    asking.answered(12, False, "settings differ: kind", 6 * MS)
-    assert (asking.link, asking.reason, asking.heard_ns) == (Link.ASKING, "no answer yet", 6 * MS)
+    asking = asked()
+    asking.answered(10, True, "", 0, 5 * MS)
+    asking.answered(12, False, "settings differ: kind", 0, 6 * MS)
+    assert (asking.link, asking.heard_ns) == (Link.ASKING, 6 * MS)
+
+
+def test_an_answer_to_no_handshake_opens_nothing() -> None:
+    asking = asked()
+    asking.answered(11, True, "", None, 5 * MS)
+    assert asking.link is Link.ASKING
+
+
+def test_an_answer_may_take_two_seconds() -> None:
+    asking = asked()
+    assert asking.should_ask(1750 * MS)
+    asking.answered(11, True, "", 0, 2000 * MS)
+    assert asking.link is Link.OPEN
+
+
+@pytest.mark.parametrize("accepted", [True, False])
+def test_an_answer_that_took_longer_is_none_and_later_ones_find_another_id(accepted: bool) -> None:
+    asking = asked()
+    assert asking.should_ask(1750 * MS)
+    asking.answered(11, accepted, "" if accepted else "another session holds the lease", 0, 2212 * MS)
+    assert (asking.link, asking.session_id) == (Link.ASKING, 12)
+    assert asking.cause(2300 * MS) == "no answer within 2 s: it takes 2.2 s"
+    asking.answered(11, True, "", 1750 * MS, 2300 * MS)
+    assert asking.link is Link.ASKING
 
 
 @pytest.mark.parametrize("reason", ["another session holds the lease", "the stage is not at rest"])
 def test_a_refusal_that_passes_is_asked_again_with_the_same_id(reason: str) -> None:
-    asking = session()
-    assert asking.should_ask(0)
-    asking.answered(11, False, reason, 10 * MS)
-    assert (asking.link, asking.reason, asking.session_id) == (Link.ASKING, reason, 11)
+    asking = asked()
+    asking.answered(11, False, reason, 0, 10 * MS)
+    assert (asking.link, asking.session_id) == (Link.ASKING, 11)
+    assert asking.cause(20 * MS) == f"the slave refuses: {reason}"
     assert asking.should_ask(250 * MS)
 
 
 def test_settings_that_differ_do_not_come_right_by_asking() -> None:
-    asking = session()
-    asking.answered(11, False, "settings differ: kind: insertion here, rotation there", 0)
+    asking = asked()
+    asking.answered(11, False, "settings differ: kind: insertion here, rotation there", 0, MS)
     assert (asking.link, asking.session_id) == (Link.MISMATCH, 11)
+    assert asking.cause(9000 * MS) == "settings differ: kind: insertion here, rotation there"
 
 
 def test_an_id_that_was_used_is_replaced() -> None:
-    asking = session()
-    asking.answered(11, False, "this session id was used before", 0)
+    asking = asked()
+    asking.answered(11, False, "this session id was used before", 0, MS)
     assert (asking.link, asking.session_id) == (Link.ASKING, 12)
 
 
 def test_a_late_refusal_does_not_close_an_open_session() -> None:
     asking = opened()
-    asking.answered(11, False, "another session holds the lease", 10 * MS)
-    assert (asking.link, asking.reason) == (Link.OPEN, "accepted")
+    asking.answered(11, False, "another session holds the lease", 0, 40 * MS)
+    assert asking.link is Link.OPEN
 
 
 def test_it_lives_as_long_as_the_slave_names_it_as_holder() -> None:
@@ -74,8 +114,17 @@ def test_it_lives_as_long_as_the_slave_names_it_as_holder() -> None:
     assert asking.link is Link.OPEN
 
 
-@pytest.mark.parametrize("named", [0, 99, None])
-def test_when_the_slave_names_another_or_nobody_for_a_second_it_asks_with_a_new_id(named: int | None) -> None:
+@pytest.mark.parametrize(
+    ("named", "cause"),
+    [
+        (0, "the slave has ended the session"),
+        (99, "the slave serves another master"),
+        (None, "no state from the slave for 1.0 s"),
+    ],
+)
+def test_when_the_slave_names_another_or_nobody_for_a_second_it_asks_with_a_new_id(
+    named: int | None, cause: str
+) -> None:
     asking = opened()
     asking.heard_state(11, 100 * MS)
     for ms in range(120, 1101, 20):
@@ -84,8 +133,8 @@ def test_when_the_slave_names_another_or_nobody_for_a_second_it_asks_with_a_new_
         assert not asking.should_ask(ms * MS)
     assert asking.should_ask(1101 * MS)
     assert (asking.link, asking.session_id) == (Link.ASKING, 12)
-    assert asking.reason == "the slave no longer holds our session"
-    asking.answered(11, True, "", 1102 * MS)  # the answer of before
+    assert asking.cause(1101 * MS) == cause
+    asking.answered(11, True, "", 0, 1102 * MS)  # the answer of before
     assert asking.link is Link.ASKING
 
 
@@ -93,7 +142,7 @@ def test_every_new_session_has_a_new_id() -> None:
     asking, ids = session(), set[int]()
     for round_ in range(50):
         now_ns = round_ * 2000 * MS
-        asking.answered(asking.session_id, True, "", now_ns)
+        asking.answered(asking.session_id, True, "", now_ns, now_ns)
         ids.add(asking.session_id)
         assert asking.should_ask(now_ns + 1500 * MS)
     assert len(ids) == 50

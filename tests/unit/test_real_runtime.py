@@ -4,7 +4,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
@@ -14,28 +14,16 @@ from common.errors import RunError
 from common.runtime import real, realtime
 from common.runtime.real import RealRuntime
 from common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, go_before, prepare_thread
+from tests.unit.failing import refusing
+from tests.unit.real_time import PATIENCE_S, as_it_is, until
 
 MS = 1_000_000
-PATIENCE_S = 5.0
 
-
-@pytest.fixture(autouse=True)
-def process_as_it_is(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Locked memory, a frozen heap and a short interval would last for the rest of the test run."""
-    monkeypatch.setattr(real, "prepare_process", lambda: "memory as it was")
-    interval_s = sys.getswitchinterval()
-    yield
-    sys.setswitchinterval(interval_s)
+process_as_it_is = pytest.fixture(as_it_is, autouse=True, name="process_as_it_is")
 
 
 async def stopped(runtime: RealRuntime) -> None:
     await asyncio.wait_for(runtime.stopping.wait(), PATIENCE_S)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not condition():  # noqa: ASYNC110 - what is waited for happens in another thread
-            await asyncio.sleep(0.001)
 
 
 def test_a_loop_ticks_in_a_thread_of_its_own_on_its_deadlines() -> None:
@@ -288,12 +276,9 @@ def test_a_reaction_that_fails_keeps_neither_the_next_from_its_own_nor_the_daemo
 def test_one_loop_that_fails_does_not_stop_the_others() -> None:
     ticks = list[int]()
 
-    def fail(_now_ns: int) -> None:
-        raise ValueError
-
     async def run() -> None:
         runtime = RealRuntime()
-        runtime.loop("bad", MS, fail)
+        runtime.loop("bad", MS, refusing(ValueError()))
         runtime.loop("good", MS, ticks.append)
         async with runtime:
             await stopped(runtime)
@@ -306,12 +291,9 @@ def test_one_loop_that_fails_does_not_stop_the_others() -> None:
 def test_a_loop_says_that_it_has_ended_before_the_reactions_to_its_fault() -> None:
     ended = list[bool]()
 
-    def fail(_now_ns: int) -> None:
-        raise ValueError
-
     async def run() -> None:
         runtime = RealRuntime()
-        bad, good = runtime.loop("bad", MS, fail), runtime.loop("good", MS, lambda _: None)
+        bad, good = runtime.loop("bad", MS, refusing(ValueError())), runtime.loop("good", MS, lambda _: None)
         runtime.on_fault(lambda _: ended.extend((bad.ended, good.ended)))
         async with runtime:
             await stopped(runtime)

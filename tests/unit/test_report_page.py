@@ -75,6 +75,7 @@ def test_ids_of_the_figures_do_not_clash(page: str) -> None:
 
 def test_the_page_says_what_counts(page: str) -> None:
     for text in ("578 mN", "1.16 N", "0.500", "better than holding", "80 %", "m and k only as k - 0.99 m",
+                 "and 0 not judged", "10000 refused (10000 late)", "1 dropped, 1 duplicated, 3 delayed",
                  "Research software, not a medical device."):  # fmt: skip
         assert text in page
 

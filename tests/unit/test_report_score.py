@@ -4,9 +4,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.error_size import error_size
-from common.messages import SafetyState
-from forefeel.report.score import compare, first_answers, first_of_each, spread
-from forefeel.report.states import Span, armed_share, spans
+from common.messages import SafetyEvent, SafetyState
+from forefeel.report.score import (
+    compare,
+    first_answers,
+    first_of_each,
+    of_one_stretch,
+    spread,
+    stretches,
+)
+from forefeel.report.states import Span, armed_share, session_end_ns, spans
 from forefeel.report.wording import micros, number, quantity, ratio, share
 
 S = SafetyState
@@ -35,6 +42,20 @@ def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
 def test_first_of_each_agrees_with_a_dictionary(pairs: list[tuple[int, int]]) -> None:
     expected = sorted({pair: i for i, pair in reversed(list(enumerate(pairs)))}.values())
     assert first_of_each(*_columns(pairs)).tolist() == expected
+
+
+def test_stretches_are_told_apart_by_the_forces_between_them() -> None:
+    answers = np.array([np.nan, 1.0, 3.0, np.nan, 5.0, 2.0, np.nan])
+    stamps_ns = np.array([0, 1, 3, 4, 6, 2, 7])  # the answer to 2 came late
+    assert stretches(answers, stamps_ns).tolist() == [-1, 1, 1, -1, 2, 1, -1]
+    assert stretches(np.empty(0), np.empty(0)).tolist() == []
+
+
+def test_a_command_belongs_to_a_stretch_when_it_was_sent_between_two_that_were_executed_in_it() -> None:
+    executed_in = np.array([-1, 1, -1, -1, 1, -1, 2, -1])
+    assert np.flatnonzero(of_one_stretch(executed_in)).tolist() == [1, 2, 3, 4, 6]
+    assert of_one_stretch(np.array([-1, -1])).tolist() == [False, False]
+    assert of_one_stretch(np.empty(0, dtype=np.int64)).tolist() == []
 
 
 def test_errors_of_one_to_thousand() -> None:
@@ -91,14 +112,60 @@ def test_armed_share_counts_from_the_first_arming_and_without_the_chosen_pause()
     seconds = 10**9
     heard = [(0, S.IDLE), (1 * seconds, S.READY), (2 * seconds, S.ARMED), (8 * seconds, S.READY)]
     found = spans(heard, end_ns=10 * seconds, stale_ns=10 * seconds)
-    assert armed_share(found, 0.0) == pytest.approx(6 / 8)
-    assert armed_share(found, 1.5) == pytest.approx(6 / 6.5)
-    assert armed_share(found, 2.1) == 1.0
-    assert armed_share(found, 8.0) is None
+    end_ns = 10 * seconds
+    assert armed_share(found, end_ns, 0.0) == pytest.approx(6 / 8)
+    assert armed_share(found, end_ns, 1.5) == pytest.approx(6 / 6.5)
+    assert armed_share(found, end_ns, 2.1) == 1.0
+    assert armed_share(found, end_ns, 8.0) is None
     late = spans([*heard[:2], (9 * seconds, S.ARMED)], end_ns=20 * seconds, stale_ns=20 * seconds)
-    assert armed_share(late, 0.0) == pytest.approx(11 / 14)  # 5 s after the session was opened
-    assert armed_share(found[:1], 0.0) is None
-    assert armed_share([], 0.0) is None
+    assert armed_share(late, 20 * seconds, 0.0) == pytest.approx(11 / 14)  # 5 s after the session was opened
+    assert armed_share(found[:1], end_ns, 0.0) is None
+    assert armed_share([], end_ns, 0.0) is None
+
+
+def test_armed_share_counts_until_the_end_of_the_session() -> None:
+    found = spans([(0, S.READY), (2, S.ARMED), (4, S.READY), (6, S.ARMED), (9, S.IDLE)], 50, 50)
+    assert armed_share(found, 8, 0.0) == pytest.approx(4 / 6)
+    assert armed_share(found, 3, 0.0) == 1.0
+    assert armed_share(found, 2, 0.0) is None
+
+
+WANTED_NS, HEARD_NS = 80, 90
+
+
+def transition(event: str) -> SafetyEvent:
+    before, after = {
+        "engage": (S.READY, S.ENGAGING),
+        "engaged": (S.ENGAGING, S.ARMED),
+        "at_rest": (S.STOPPING, S.READY),
+        "session_lost": (S.READY, S.IDLE),
+    }.get(event, (S.ARMED, S.STOPPING))
+    return SafetyEvent(
+        session_id=1, sequence=1, stamp_ns=0, before=before, event=event, after=after, reason=""
+    )
+
+
+@pytest.mark.parametrize(
+    ("happened", "end_ns"),
+    [
+        ("81 release, 83 at_rest", WANTED_NS),
+        ("81 release, 83 at_rest, 99 session_lost", WANTED_NS),  # the master had ended by then
+        ("20 watchdog, 21 at_rest, 30 engage, 31 engaged, 81 release, 83 at_rest", WANTED_NS),
+        ("40 watchdog, 41 at_rest", HEARD_NS),
+        ("40 watchdog, 41 at_rest, 50 session_lost", HEARD_NS),
+        ("40 release, 41 at_rest, 50 session_lost", HEARD_NS),  # while the master was there
+        ("40 release, 41 at_rest, 50 engage, 51 engaged", HEARD_NS),  # the slave was killed then
+        ("5 engage, 6 engaged", HEARD_NS),
+        ("", HEARD_NS),
+    ],
+)
+def test_the_session_ends_when_the_master_lets_go_by_choice_or_is_heard_last(
+    happened: str, end_ns: int
+) -> None:
+    events = [each.split() for each in happened.split(", ") if each]
+    transitions = [(int(at_ns), transition(event)) for at_ns, event in events]
+    assert session_end_ns(transitions, WANTED_NS, HEARD_NS) == end_ns
+    assert session_end_ns(transitions, None, HEARD_NS) == HEARD_NS
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,18 @@ def test_a_lease_lives_until_exactly_its_end() -> None:
     assert not lease.live(LEASE_NS)
 
 
+def test_the_first_heartbeat_may_take_a_round_trip_more_than_the_next() -> None:
+    lease = Lease(LEASE_NS, 2000 * MS)
+    lease.request(7, 0, at_rest=True)
+    assert (lease.renewed, lease.expired_after_s, lease.live(3000 * MS)) == (False, 3.0, False)
+    assert lease.renew(7, 2999 * MS)
+    assert (lease.renewed, lease.expired_after_s) == (True, 1.0)
+    assert lease.live(3998 * MS)
+    assert not lease.live(3999 * MS)
+    lease.request(8, 4000 * MS, at_rest=True)
+    assert (lease.renewed, lease.live(6999 * MS)) == (False, True)
+
+
 def test_heartbeats_of_the_holder_renew_it_and_no_others() -> None:
     lease = held(7)
     assert lease.renew(7, 900 * MS)

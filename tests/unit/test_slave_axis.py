@@ -1,3 +1,4 @@
+import re
 from math import inf, nan
 
 import msgpack
@@ -10,6 +11,7 @@ from common.settings import settings_hash
 from tests.unit.slave_rig import MS, SESSION, SHARED, START_M, SlaveRig, other_limits
 
 S = SafetyState
+UNHEARD = "no heartbeat from the master for 3.0 s"
 
 
 # --- sessions ---
@@ -72,6 +74,7 @@ def test_the_lease_of_a_silent_master_expires_and_the_next_one_starts_afresh() -
     rig.beating = False
     rig.step(1050)
     assert (rig.state(), rig.states[-1].session_id) == (S.IDLE, 0)
+    assert rig.events[-1].reason == "no heartbeat from the master for 1.0 s"
     assert [event.event for event in rig.events][-3:] == ["session_lost", "at_rest", "session_lost"]
     rig.session_id, rig.beating = SESSION + 1, True
     assert rig.shake().accepted
@@ -82,6 +85,20 @@ def test_the_lease_of_a_silent_master_expires_and_the_next_one_starts_afresh() -
     rig.deadman = True
     rig.step(40)
     assert rig.state() is S.ARMED
+
+
+def test_a_session_in_which_the_master_is_never_heard_is_told_to_have_ended() -> None:
+    rig = SlaveRig()
+    rig.axis.open(rig.now_ns)
+    rig.beating = False
+    assert rig.shake().accepted
+    rig.step(2990)
+    assert rig.shake(SESSION + 1).reason == "another session holds the lease"
+    rig.step(100)
+    assert rig.axis.notices.drain() == ["session open", f"session lost: {UNHEARD}"]
+    assert (rig.events, rig.states[-1].state, rig.states[-1].reason) == ([], S.IDLE, UNHEARD)
+    assert rig.axis.status(rig.now_ns) == f"idle ({UNHEARD})"
+    assert rig.shake(SESSION + 1).accepted
 
 
 def test_the_id_of_an_old_session_is_refused_with_everything_recorded_of_it() -> None:
@@ -129,10 +146,38 @@ def test_heartbeats_of_others_neither_renew_nor_set_the_clock() -> None:
     rig.axis.open(rig.now_ns)
     rig.shake()
     rig.session_id = 1234
-    rig.step(1100)
+    rig.step(3100)
     assert rig.state() is S.IDLE
     assert rig.states[-1].clock_offset_ns is None
     assert rig.states[-1].session_id == 0
+
+
+@pytest.mark.parametrize("rate", [500e-6, -1000e-6])
+def test_a_masters_clock_at_a_rate_that_ntp_brings_about_stops_nothing(rate: float) -> None:
+    """A second of command age in less than an hour: the limit is 0.1 s."""
+    rig = SlaveRig()
+    rig.rate = rate
+    rig.armed().step(20_000)
+    assert rig.state() is S.ARMED
+    assert not [event for event in rig.events if event.after is S.STOPPING]
+
+
+@pytest.mark.parametrize(("rate", "way"), [(0.08, "fast"), (-0.083, "slow")])
+def test_a_masters_clock_at_a_rate_that_can_not_be_followed_is_a_fault_that_says_so(
+    rate: float, way: str
+) -> None:
+    rig = SlaveRig()
+    rig.rate = rate
+    rig.connected().step(5000)
+    assert rig.state() is S.FAULT
+    found = re.fullmatch(
+        rf"the master's clock runs at least (\d+) ppm {way} against ours, limit 1000 ppm: .*",
+        rig.states[-1].reason,
+    )
+    assert found is not None and 60_000 < int(found[1]) < 90_000
+    rig.axis.clear()
+    rig.step(10)
+    assert rig.state() is S.FAULT
 
 
 # --- commands and answers ---
@@ -265,7 +310,7 @@ def test_a_session_without_commands_is_let_go_though_its_heartbeats_come() -> No
     assert rig.state() is not S.IDLE
     rig.step(200)
     assert rig.state() is S.IDLE
-    assert rig.states[-1].reason == "heartbeats without commands"
+    assert rig.states[-1].reason == "no command from the master for 3 s, though its heartbeats come"
     assert rig.counters()["sessions_let_go"] == 1
     assert rig.shake(SESSION + 1).accepted
 

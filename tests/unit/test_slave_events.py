@@ -7,6 +7,8 @@ from common.transport.memory import MemoryBus
 from master.diary import AxisDiary
 from master.slave_events import SlaveEvents
 
+S = 1_000_000_000
+
 
 def test_limits_are_counted_by_rule_and_transitions_told_each_once() -> None:
     network, clock = MemoryBus(), VirtualClock(0)
@@ -28,5 +30,11 @@ def test_limits_are_counted_by_rule_and_transitions_told_each_once() -> None:
         )
         safety.send(moved)
         safety.send(moved)
+    for _ in range(8):
+        clock.set_ns(clock.now_ns() + S)
+        header = limit.header(1, clock.now_ns())
+        limit.send(LimitEvent(**header, rule="round_trip", requested=0.812, applied=0.7, unit="s", count=9))
+    slow = ["slave does not arm: round trip 812 ms, limit 700 ms"] * 2  # in 8 s, every 5 s
+    assert events.counters.pop("limit_round_trip") == 72
     assert events.counters == {"limit_force": 7, "limit_late": 5}
-    assert events.notices.drain() == ["slave ready -> engaging, engage: pressed"] * 2
+    assert events.notices.drain() == ["slave ready -> engaging, engage: pressed"] * 2 + slow

@@ -1,0 +1,216 @@
+"""A daemon's transport over several connections to the same other end, between which messages take turns.
+
+TCP, and TLS above it, deliver in order: a lost packet holds back all that follows on its connection for a
+round trip and more, far beyond the watchdog. Here each message goes over the next connection. While one waits
+for its packet the others go on, and what it then delivers is refused as a message that was overtaken.
+
+The end that connects opens the connections, each a Zenoh session of its own, all to the one port on which
+the other end listens with a single session. A put of a connecting session reaches the other end once. A put
+of the listening session would reach each of the connecting sessions, so that it goes out under a key with the
+number of the connection, `common.topics.numbered`, to which one of them subscribes. Observers, and ends with
+a single connection, hear the plain key.
+"""
+
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from typing import Self
+
+from common.clock import Clock
+from common.messages import Message
+from common.runtime.threads import in_thread
+from common.topics import EMERGENCY_STOP, Qos, Topic, numbered, parse_key
+from common.transport.port import Handler, KeyedHandler, OnFault, Put
+from common.transport.security import Party
+from common.transport.settings import MOST_CONNECTIONS, TransportSettings
+from common.transport.zenoh_bus import Publication, ZenohTransport
+
+_LOOK_S = 0.1
+"""How often is looked which connections have a subscriber: one that is gone loses its share for so long."""
+
+
+class ParallelTransport:
+    """`TransportSettings.parallel_connections` Zenoh sessions that connect, and one that listens. See the
+    port for the contract.
+
+    Args:
+        connecting: the sessions that connect; with a single one it listens, too.
+        listening: the session that only listens, where there is one beside several that connect.
+
+    Attributes:
+        notice: what the user must be told loudly about this transport, or empty.
+    """
+
+    def __init__(self, connecting: Sequence[ZenohTransport], listening: ZenohTransport | None) -> None:
+        self._connecting = tuple(connecting)
+        self._listening = () if listening is None else (listening,)
+        self._plain = (self._connecting[0], *self._listening)
+        self._sessions: tuple[ZenohTransport, ...] = (*self._connecting, *self._listening)
+        self.notice = self._connecting[0].notice
+        self._turns: list[_Turns] = []
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._look, name="zenoh subscribers", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def open(
+        cls,
+        settings: TransportSettings,
+        clock: Clock,
+        on_fault: OnFault,
+        party: Party | None = None,
+        *,
+        insecure: bool = False,
+        real_stage: bool = False,
+    ) -> Self:
+        """All of the sessions, or none. See `ZenohTransport.open`, also for what is raised."""
+        count = settings.parallel_connections
+        only_connects = settings.model_copy(update={"listen": ()})
+        wanted = [settings] if count == 1 else [only_connects] * count
+        if count > 1 and settings.listen:
+            wanted.append(settings.model_copy(update={"connect": ()}))
+
+        def opened(one: TransportSettings) -> ZenohTransport:
+            return ZenohTransport.open(one, clock, on_fault, party, insecure=insecure, real_stage=real_stage)
+
+        sessions = _all_or_none(wanted, opened)
+        return cls(sessions[:count], sessions[count] if len(sessions) > count else None)
+
+    def publisher(self, key: str, qos: Qos) -> Put:
+        """What takes turns goes over the next connection that is heard, anything else over the first."""
+        topic = _topic(key)
+        if topic is None or not topic.takes_turns:
+            return _all_of([session.publisher(key, qos) for session in self._plain])
+        publications = [session.publication(key, qos) for session in self._connecting]
+        count = len(self._connecting)
+        plain = _Turns(publications)
+        single = _Turns(
+            [
+                self._connecting[number % count].publication(numbered(number, key), qos)
+                for number in range(MOST_CONNECTIONS)
+            ]
+        )
+        first = publications[0].put
+        listening = [each.publisher(key, qos) for each in self._listening]
+        self._turns += [plain, single]
+
+        def put(payload: bytes) -> None:
+            told, told_plain = single.put(payload), plain.put(payload)
+            if not (told or told_plain):
+                first(payload)  # somebody may have come since the last look
+            for each in listening:
+                each(payload)
+
+        return put
+
+    def subscribe(self, key: str, handler: Handler) -> None:
+        """Delivers one message at a time, from whichever connection."""
+        serial = threading.Lock()
+
+        def deliver(payload: bytes, receive_ns: int) -> None:
+            with serial:
+                handler(payload, receive_ns)
+
+        topic = _topic(key)
+        heard_plain: tuple[ZenohTransport, ...] = self._plain
+        if topic is not None and topic.takes_turns and len(self._connecting) > 1:
+            for number, session in enumerate(self._connecting):
+                session.subscribe(numbered(number, key), deliver)
+            # A stop may come from anyone, and who only watches has a single connection.
+            heard_plain = self._plain if topic is EMERGENCY_STOP else self._listening
+        for session in heard_plain:
+            session.subscribe(key, deliver)
+
+    def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
+        """Delivers one message at a time, from whichever connection."""
+        serial = threading.Lock()
+
+        def deliver(key: str, payload: bytes, receive_ns: int) -> None:
+            with serial:
+                handler(key, payload, receive_ns)
+
+        for session in self._plain:
+            session.subscribe_all(prefix, deliver)
+
+    def peers(self) -> int:
+        """How many other sessions are connected now, to the connection that has most of them."""
+        return max(session.peers() for session in self._sessions)
+
+    @property
+    def hint(self) -> str:
+        """What may stand in the way, or empty."""
+        return self._connecting[0].hint
+
+    def refused(self) -> int:
+        """How many payloads came under a key with a wildcard."""
+        return sum(session.refused() for session in self._sessions)
+
+    @property
+    def handler_faults(self) -> int:
+        """Exceptions that handlers raised."""
+        return sum(session.handler_faults for session in self._sessions)
+
+    def close(self) -> None:
+        """All of them; the first last, whose events are the latest."""
+        self._closing.set()
+        self._thread.join()
+        for session in reversed(self._sessions):
+            session.close()
+
+    def _look(self) -> None:
+        while not self._closing.wait(_LOOK_S):
+            for turns in tuple(self._turns):
+                turns.look()
+
+
+class _Turns:
+    """Sends each message over the next of several publications that is heard."""
+
+    def __init__(self, publications: Sequence[Publication]) -> None:
+        self._publications = publications
+        self._next = 0
+        self._heard: tuple[Put, ...] = ()
+
+    def look(self) -> None:
+        """Finds out anew which of them are heard."""
+        self._heard = tuple(each.put for each in self._publications if each.heard())
+
+    def put(self, payload: bytes) -> bool:
+        """Sends by the next one; False where none is heard."""
+        heard = self._heard
+        if heard:
+            self._next += 1
+            heard[self._next % len(heard)](payload)
+        return bool(heard)
+
+
+def _topic(key: str) -> Topic[Message] | None:
+    parsed = parse_key(key)
+    return None if parsed is None else parsed[2]
+
+
+def _all_of(puts: Sequence[Put]) -> Put:
+    """Sends by each of them."""
+    if len(puts) == 1:
+        return puts[0]
+
+    def put(payload: bytes) -> None:
+        for each in puts:
+            each(payload)
+
+    return put
+
+
+def _all_or_none(
+    wanted: Sequence[TransportSettings], opened: Callable[[TransportSettings], ZenohTransport]
+) -> list[ZenohTransport]:
+    """Opens them at the same time, for each may wait some round trips for a router."""
+    with ExitStack() as kept:
+        opening = [in_thread(partial(opened, one), "zenoh open") for one in wanted]
+        for each in opening:
+            if each.exception() is None:
+                kept.callback(each.result().close)
+        sessions = [each.result() for each in opening]
+        kept.pop_all()
+    return sessions

@@ -1,0 +1,79 @@
+"""What a loopback run says beside its ten lines: it was never armed, or this host was too slow. Pure."""
+
+from common.errors import RunError
+from common.messages import SafetyState
+from common.topics import COMMAND
+from forefeel.doctor.realtime import FEW_MISSED
+from forefeel.report.model import LoopFigures, RunReport, SafetyNote
+from forefeel.report.wording import micros, share
+
+ENOUGH_ARMED = 0.9
+"""Share of the session; a run that was armed for less is remarked upon."""
+_STOPPED = frozenset({SafetyState.STOPPING, SafetyState.FAULT, SafetyState.ESTOPPED})
+
+
+def require_armed(report: RunReport) -> None:
+    """Raises RunError, with the cause, when the slave was never armed."""
+    if report.armed_share is None:
+        found = [_cause(report), *_lateness(report)]
+        raise RunError(f"the slave was never armed: {'; '.join(found)}")
+
+
+def amber_line(report: RunReport) -> str | None:
+    """One sentence about a run that was armed too little, stopped by the watchdog or late; else None."""
+    watchdog = report.counters.get("safety_watchdog", 0)
+    slow = _is_slow(report.loop.master) or _is_slow(report.loop.slave)
+    armed = report.armed_share or 0.0
+    if armed >= ENOUGH_ARMED and not watchdog and not slow:
+        return None
+    stops = "never stopped unasked"
+    if report.stops:
+        stops = f"stopped {report.stops} times unasked, {watchdog} of them by the watchdog"
+    if unasked := _unasked(report):
+        stops += f", the last because of {_words(unasked[-1])}"
+    found = f"the slave was armed for {share(armed)} of the session and {stops}"
+    if slow:
+        return f"This host was too slow for 1 kHz: {'; '.join([*_lateness(report), found])}."
+    return f"This host kept 1 kHz, but {found}."
+
+
+def _is_slow(loop: LoopFigures) -> bool:
+    """Whether a loop missed too many ticks, or stood still for as long as the watchdog waits."""
+    assert COMMAND.stale_after_s is not None
+    missed = loop.missed or 0
+    stood_still = (loop.max_us or 0.0) > COMMAND.stale_after_s * 1e6
+    return stood_still or missed > FEW_MISSED * _due(loop)
+
+
+def _due(loop: LoopFigures) -> int:
+    return (loop.ticks or 0) + (loop.missed or 0)
+
+
+def _lateness(report: RunReport) -> list[str]:
+    """Of each loop that said something."""
+    ends = (("master", report.loop.master), ("slave", report.loop.slave))
+    return [
+        f"the {role} missed {loop.missed or 0} of {_due(loop)} ticks and was up to {micros(loop.max_us)} late"
+        for role, loop in ends
+        if loop.ticks
+    ]
+
+
+def _cause(report: RunReport) -> str:
+    """Why the slave was not armed, as far as it was recorded."""
+    if unasked := _unasked(report):
+        return _words(unasked[-1])
+    rules = [rule for rule in ("round_trip", "alignment") if f"limit_{rule}" in report.counters]
+    if rules:
+        return f"it refused to engage because of {' and '.join(rules)}"
+    events = [event for event in report.safety_events if event.event != "at_rest"]
+    return _words(events[-1]) if events else "no session was opened"
+
+
+def _unasked(report: RunReport) -> list[SafetyNote]:
+    """What stopped the slave, or kept it from engaging, and was no release of the deadman."""
+    return [note for note in report.safety_events if note.after in _STOPPED and note.event != "release"]
+
+
+def _words(note: SafetyNote) -> str:
+    return f"{note.event} ({note.reason})"

@@ -1,0 +1,81 @@
+"""The armed share of a recording that goes on when one end is gone."""
+
+from pathlib import Path
+
+import pytest
+
+from common.recording.mcap_reader import read_run
+from common.recording.mcap_writer import RunWriter
+from common.topics import parse_key
+from forefeel.report.model import RunReport
+from forefeel.report.summary import summarise
+from tests.simulation.pair import Pair
+
+
+@pytest.fixture
+def armed() -> Pair:
+    """For about two seconds."""
+    pair = Pair()
+    pair.run(3.0)
+    return pair
+
+
+def reported(pair: Pair, path: Path) -> RunReport:
+    with RunWriter(path) as writer:
+        for key, payload, stamp_ns in pair.payloads:
+            parsed = parse_key(key)
+            if parsed is not None and parsed[2].recorded:
+                writer.write(key, payload, stamp_ns)
+    return summarise(read_run(path))
+
+
+def end_master(pair: Pair) -> None:
+    """In order, as in real time: it says for 0.3 s that it has let go."""
+    pair.master.shut_down()
+    pair.run(0.3)
+    pair.master.close(pair.runtime.clock.now_ns())
+
+
+def test_what_is_recorded_after_an_orderly_end_is_not_counted(armed: Pair, tmp_path: Path) -> None:
+    end_master(armed)
+    armed.run(4.0)
+    report = reported(armed, tmp_path / "run.mcap")
+    assert report.duration_s > 7.0
+    assert report.armed_share == 1.0
+    assert report.stops == 0
+    assert not any("heard last" in note for note in report.notes)
+
+
+def test_the_armed_time_ends_with_a_master_that_was_killed_and_that_is_noted(
+    armed: Pair, tmp_path: Path
+) -> None:
+    armed.master.transport.close()
+    armed.run(4.0)
+    report = reported(armed, tmp_path / "run.mcap")
+    assert report.armed_share == 1.0
+    assert report.stops == 1
+    (note,) = [note for note in report.notes if "heard last" in note]
+    assert "heard last at 2.9 s" in note or "heard last at 3.0 s" in note
+
+
+def test_a_slave_that_was_killed_could_have_been_armed_until_the_master_ended(
+    armed: Pair, tmp_path: Path
+) -> None:
+    armed.slave.transport.close()
+    armed.run(4.0)
+    end_master(armed)
+    share = reported(armed, tmp_path / "run.mcap").armed_share
+    assert share is not None
+    assert 0.3 < share < 0.5  # 2.2 s, and 0.5 s until a slave counts as silent, of 6.5 s
+
+
+def test_a_session_that_is_lost_and_never_regained_could_have_been_armed(armed: Pair, tmp_path: Path) -> None:
+    now_s = armed.runtime.clock.now_ns() / 1e9
+    for cable in (armed.to_slave, armed.to_master):
+        cable.cuts.append((now_s, now_s + 60.0))
+    armed.run(4.0)
+    end_master(armed)
+    armed.run(4.0)
+    share = reported(armed, tmp_path / "run.mcap").armed_share
+    assert share is not None
+    assert 0.25 < share < 0.45

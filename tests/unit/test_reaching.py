@@ -1,0 +1,142 @@
+"""Probes of endpoints on real sockets, with certificates and without."""
+
+import socket
+import ssl
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from common.clock import now_utc
+from common.transport.security import Identity
+from forefeel.reaching import Obstacle, Reached, reach, when
+from tests.secured import deaf_address, expired_pki, identity, make_pki
+
+
+@pytest.fixture(scope="module")
+def pki(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_pki(tmp_path_factory.mktemp("certificates") / "pki")
+
+
+@contextmanager
+def tls_server(server: Identity, connections: int = 1, host: str = "127.0.0.1") -> Iterator[str]:
+    """Asks for a certificate of the same authority, as the daemons do; its address. That each connection ends
+    in order, or by an alert, is checked.
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(server.certificate, server.key)
+    context.load_verify_locations(server.authority)
+    context.verify_mode = ssl.CERT_REQUIRED
+    broken: list[OSError] = []
+
+    def serve() -> None:
+        for _ in range(connections):
+            accepted, _ = listener.accept()
+            try:
+                with accepted, context.wrap_socket(accepted, server_side=True) as secured:
+                    assert secured.recv(1) == b""
+            except ssl.SSLError as error:
+                if isinstance(error, ssl.SSLEOFError):
+                    broken.append(error)
+            except OSError as error:
+                broken.append(error)
+
+    with socket.create_server((host, 0)) as listener:
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield f"{host}:{listener.getsockname()[1]}"
+        thread.join()
+    assert broken == []
+
+
+def obstacle(found: Reached) -> str:
+    assert found.obstacle is not None
+    assert found.obstacle.advice
+    return found.obstacle.what
+
+
+def test_a_server_that_takes_our_certificate_is_reached_and_left_in_order(pki: Path) -> None:
+    with tls_server(identity(pki, "slave")) as address:
+        found = reach(f"tls/{address}", identity(pki, "master"), "slave")
+    assert (found.tried, found.obstacle) == (True, None)
+    assert found.connect_s is not None
+    assert found.handshake_s is not None
+    assert 0 < found.connect_s < 2
+
+
+def test_a_certificate_of_another_authority_is_refused_on_either_side(pki: Path, tmp_path: Path) -> None:
+    other = make_pki(tmp_path / "pki")
+    with tls_server(identity(pki, "slave")) as address:
+        found = reach(f"tls/{address}", identity(other, "master"), "slave")
+        assert obstacle(found) == f"the certificate of {address} is of another authority"
+    mixed = identity(other, "master", pki / "ca.crt")
+    with tls_server(identity(pki, "slave")) as address:
+        found = reach(f"tls/{address}", mixed, "slave")
+        assert obstacle(found).startswith(f"{address} refuses our certificate (")
+
+
+def test_a_certificate_that_expired_is_told_with_its_date(tmp_path: Path) -> None:
+    pki = expired_pki(tmp_path / "pki")
+    with tls_server(identity(pki, "slave"), 2) as address:
+        found = reach(f"tls/{address}", identity(pki, "master"), "slave")
+        assert obstacle(found) == f"the certificate of {address} expired yesterday"
+
+
+def test_a_certificate_that_does_not_stand_for_the_address_is_told(pki: Path) -> None:
+    with tls_server(identity(pki, "slave"), host="127.0.0.2") as address:
+        found = reach(f"tls/{address}", identity(pki, "master"), "slave")
+        assert obstacle(found) == f"the certificate of {address} does not name 127.0.0.2"
+
+
+def test_nobody_at_the_other_end_is_said_as_such(pki: Path) -> None:
+    ours = identity(pki, "master")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        assert reach(f"tcp/{address}", None, "slave").obstacle is None
+        assert reach(f"tls/{address}", None, "slave").obstacle is None  # TLS can not be tried
+        held_up = reach(f"tls/{address}", ours, "slave", timeout_s=0.1)
+        assert obstacle(held_up) == f"{address} accepts the connection and says nothing"
+    refused = reach(f"tls/{address}", ours, "slave")
+    assert refused.obstacle == Obstacle(f"{address} refuses the connection", "start the slave there")
+    with deaf_address() as deaf:
+        found = reach(f"tls/{deaf}", ours, "slave", timeout_s=0.1)
+        assert (obstacle(found), found.obstacle and found.obstacle.silent) == (f"no answer from {deaf}", True)
+
+
+def test_an_end_without_certificates_breaks_the_handshake_off(pki: Path) -> None:
+    def hang_up() -> None:
+        accepted, _ = server.accept()
+        accepted.recv(4096)
+        accepted.sendall(b"HTTP/1.1 400 Bad Request")
+        accepted.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=hang_up)
+        thread.start()
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        found = reach(f"tls/{address}", identity(pki, "master"), "slave")
+        thread.join()
+    assert obstacle(found).startswith(f"{address} breaks the TLS handshake off (")
+
+
+@pytest.mark.parametrize("endpoint", ["quic/127.0.0.1:9", "udp/127.0.0.1:9", "nonsense"])
+def test_what_can_not_be_tried_is_said_as_such(endpoint: str) -> None:
+    assert not reach(endpoint, None, "slave").tried
+
+
+@pytest.mark.parametrize("host", ["no-such-host.invalid", f"{'a' * 70}.invalid"])
+def test_a_name_that_does_not_resolve_any_more_is_told(host: str) -> None:
+    found = reach(f"tcp/{host}:7447", None, "slave")
+    assert obstacle(found) == f"the name in {host}:7447 does not resolve"
+
+
+def test_dates_that_have_passed() -> None:
+    now = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
+    ago = [timedelta(hours=2), timedelta(hours=13), timedelta(hours=35), timedelta(hours=37)]
+    assert [when(now - each, now) for each in ago] == [
+        "today at 10:00 UTC", "yesterday", "yesterday", "on 2026-02-27",
+    ]  # fmt: skip
+    assert when(now_utc(), now_utc()).startswith("today")
