@@ -9,7 +9,10 @@ import typer
 from common.errors import ForefeelError, InputError
 from forefeel.terminal import complain
 
-_STOP_PRIORITY = 35
+_STOP_PRIORITY = 25
+"""Of SCHED_FIFO: below the threads of the daemons that receive commands, at 30. Above them, the imports of
+`forefeel estop` on the slave's host kept commands from the watchdog for more than 60 ms.
+"""
 
 
 def main() -> None:
@@ -33,7 +36,7 @@ def main() -> None:
 def _go_first() -> None:
     """A stop waits for nobody where that is permitted: on a busy host imports alone took half a minute.
 
-    Ahead of everything but the loops and the devices, which bring the stage to rest.
+    Ahead of everything but the daemons, which bring the stage to rest.
     """
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_STOP_PRIORITY))

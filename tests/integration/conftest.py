@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 
 
+# first: xdist reads the groups in the same hook, before a conftest.py that was named on the command line
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """They run one after the other, beside nothing (`realtime`) but a browser, which mostly waits for its
     frames. A failed one runs twice more: a fault stays, a stolen second does not.
