@@ -242,7 +242,8 @@ def test_the_slave_stops_when_the_master_is_killed_and_a_new_one_takes_over(cell
 def test_the_master_waits_visibly_when_the_slave_is_killed_and_works_with_a_new_one(cell: Cell) -> None:
     slave, master = cell.pair()
     slave.send(signal.SIGKILL)
-    wait_until(lambda: re.search(r"no state from the slave for 1\.\d s; waiting for the slave", master.log.read_text()))
+    lost = re.compile(r"no state from the slave for 1\.\d s; waiting for the slave")
+    wait_until(lambda: lost.search(master.log.read_text()))
     cell.heard.clear()
     wait_until(lambda: cell.messages(MASTER_STATE))
     state = cell.messages(MASTER_STATE)[-1]
