@@ -215,7 +215,8 @@ def judge(row: Row, fault: Fault, incident: Incident, folder: Path) -> None:
 
 
 def _judge_force(row: Row, fault: Fault, incident: Incident, found: Evidence) -> None:
-    stale_s = 0.0 if found.steered else found.felt_stale_s(required.FORCE_AGE_S)
+    frozen = (incident.injected_s, incident.over_s) if incident.frozen else None
+    stale_s = 0.0 if found.steered else found.felt_stale_s(required.FORCE_AGE_S, frozen)
     if stale_s > required.STALE_FELT_S:
         row.failures.append(f"the hand felt a force for {stale_s:.3f} s after the last fresh one")
     if fault.faded_s is None or incident.gone:

@@ -241,9 +241,13 @@ class Evidence:
         last = int(np.flatnonzero(felt)[-1])
         return None if last == len(felt) - 1 else float(time_s[span][last] - at_s)
 
-    def felt_stale_s(self, stale_s: float) -> float:
-        """See `felt_stale_s`."""
-        return felt_stale_s(self._haptics, stale_s)
+    def felt_stale_s(self, stale_s: float, frozen: tuple[float, float] | None = None) -> float:
+        """See `felt_stale_s`. `frozen`: from when to when the master stood still, which does not count."""
+        haptics = self._haptics
+        if frozen is not None:
+            stood_s = np.clip(haptics.time_s - frozen[0], 0.0, frozen[1] - frozen[0])
+            haptics = haptics._replace(time_s=haptics.time_s - stood_s)
+        return felt_stale_s(haptics, stale_s)
 
     def clock_bound_s(self, after_s: float) -> tuple[float, float]:
         """(the largest bound that the slave gave for its comparison of the clocks, its largest error).
