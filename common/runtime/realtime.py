@@ -115,7 +115,7 @@ class RealtimeThread:
             self._wait(self._at_hand(deadline_ns, clock.now_ns()))
             now_ns = clock.now_ns()
             deadline_ns = self._at_hand(deadline_ns, now_ns)
-            late_ns = now_ns - deadline_ns
+            late_ns = max(0, now_ns - deadline_ns)  # a sleep in which the clock was slow ends early
             self.lateness.record(late_ns)
             self._tick(now_ns)
             sys.setswitchinterval(SWITCH_INTERVAL_S)

@@ -11,6 +11,7 @@ import pytest
 
 from common.clock import MonotonicClock
 from common.errors import RunError
+from common.lateness import Lateness
 from common.runtime import real, realtime
 from common.runtime.real import RealRuntime
 from common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, go_before, prepare_thread
@@ -158,6 +159,30 @@ def test_a_clock_that_goes_back_is_a_fault_at_once_and_the_loop_goes_on(
     runtime = asyncio.run(run())
     with pytest.raises(RunError, match=r"pace loop: the clock went back by (3600|3599)\.\d\d\d s"):
         runtime.raise_fault()
+
+
+def test_a_tick_before_its_deadline_by_a_slow_clock_has_missed_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start_ns = MonotonicClock.read_ns()
+
+    def slow_ns() -> int:
+        return start_ns + (time.monotonic_ns() - start_ns) // 10
+
+    monkeypatch.setattr(MonotonicClock, "read_ns", staticmethod(slow_ns))
+    ticks = list[int]()
+
+    async def run() -> Lateness:
+        runtime = RealRuntime()
+        lateness = runtime.loop("pace", 5 * MS, ticks.append)
+        async with runtime:
+            await until(lambda: len(ticks) >= 20)
+        return lateness
+
+    lateness = asyncio.run(run())
+    deadlines = (ticks[-1] - ticks[0]) // (5 * MS)
+    assert len(ticks) > deadlines + 1, "none was early"
+    assert 0 <= lateness.missed <= deadlines
 
 
 def test_a_late_tick_skips_the_deadlines_it_missed_and_counts_them() -> None:
