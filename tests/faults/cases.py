@@ -345,7 +345,9 @@ def _recorder(what: str, act: Callable[[Scene], Incident], recovery: str) -> Fau
 
 def _clock_step(role: str, step_s: float, route: Route) -> Fault:
     back = step_s < 0.0
-    audit: tuple[Expected, ...] = (_WATCHDOG, _SESSION_LOST[0] if back else _FUTURE)
+    # a master that ends by the fault lets go, unless the slave missed its commands before it heard that
+    first = stopped("(watchdog|release)", "(no valid command|deadman released).*") if back else _WATCHDOG
+    audit: tuple[Expected, ...] = (first, _SESSION_LOST[0] if back else _FUTURE)
     if role == "slave":
         audit = (stopped("fault", ".*"),) if back else (stopped("watchdog"),)
     if back:
@@ -362,7 +364,7 @@ def _clock_step(role: str, step_s: float, route: Route) -> Fault:
         ends=role == "slave" and back,
         steered=(role, Steering(step_s)),
         audit=audit,
-        flights=("slave",),
+        flights=(role if back else "slave",),
     )
 
 

@@ -61,6 +61,8 @@ STILL_M = 20e-6
 ENDS_AFTER_S = 0.030
 """A slave that ends by itself waits for 50 ms once the stage is at rest; some readings may be missing."""
 
+FLIGHT_NS = 2_000_000_000
+"""What a flight record holds before its event."""
 FLOWN = 100
 """Ticks in a flight record of 2 s, at least: its daemon may have begun, or stood still, meanwhile."""
 FLOWN_BEFORE_NS = 100_000_000
