@@ -1,5 +1,6 @@
 """The transport over Zenoh."""
 
+import os
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -17,10 +18,15 @@ from common.transport.exposure import check_exposure
 from common.transport.pki import read_identity
 from common.transport.port import Handler, KeyedHandler, OnFault, Put
 from common.transport.security import Party, secured
-from common.transport.settings import TransportSettings
+from common.transport.settings import MOST_CONNECTIONS, TransportSettings
 from common.transport.zenoh_config import Mode, configuration, secured_by_file
 
 _Receive = Callable[[zenoh.Sample], None]
+
+_WORKERS = 2 * MOST_CONNECTIONS
+"""Threads of each of Zenoh's runtimes. Closing a link of TCP or TLS blocks one until the other end has
+acknowledged all, or for 10 s; with Zenoh's one or two nobody receives meanwhile (docs/decisions/0021).
+"""
 
 _WAITING_SAMPLES = 4096
 """What a subscriber that lags keeps: 4 s of a 1 kHz stream; older samples make room."""
@@ -218,6 +224,8 @@ def open_session(
         insecure=insecure,
         real_stage=real_stage,
     )
+    runtimes = ", ".join(f"{name}: (worker_threads: {_WORKERS})" for name in ("rx", "tx", "net"))
+    os.environ.setdefault("ZENOH_RUNTIME", f"({runtimes})")  # read once, by the first session of a process
     try:
         return zenoh.open(configuration(settings, mode, added)), notice
     except zenoh.ZError as error:

@@ -8,7 +8,7 @@ import pytest
 from forefeel.__main__ import main
 
 
-@pytest.mark.parametrize(("command", "expected"), [("estop", [(os.SCHED_FIFO, 35)]), ("clear", [])])
+@pytest.mark.parametrize(("command", "expected"), [("estop", [(os.SCHED_FIFO, 25)]), ("clear", [])])
 def test_a_stop_goes_first_and_nothing_else(
     monkeypatch: pytest.MonkeyPatch, command: str, expected: list[tuple[int, int]]
 ) -> None:

@@ -60,6 +60,7 @@ operator moves the stage in contact, one thing goes wrong. Measured by `{command
   segments of both.
 - **half-open TCP**: the cable is cut, the master killed, and no packet of the old connections ever passes
   again, as behind a firewall that was started anew.
+- **two masters at once**: a second master with the same certificate asks, is refused, and is then ended.
 - **clock rate**: the clock that the master's daemon reads gains so much from then on; the host's clock is
   not touched. The slave names a rate beyond 1000 ppm when the past minute shows it throughout, after
   {named_s:.0f} s at most; ages of commands do not depend on that, for they are measured within a second.
@@ -79,7 +80,9 @@ def main() -> None:
     parser.add_argument(
         "--patience", type=float, default=60.0, help="s that a try waits at most for a quiet machine"
     )
-    parser.add_argument("--out", type=Path, help="the page with the table, in Markdown")
+    parser.add_argument(
+        "--out", type=Path, help="the page, in Markdown; with names, only their rows of it are written anew"
+    )
     wanted = parser.parse_args()
     if os.geteuid() != 0:
         sys.exit("tests.faults: making network namespaces needs root")
@@ -98,8 +101,10 @@ def main() -> None:
                 break
         rows.append(row)
     print(table(rows))
-    if wanted.out is not None:
-        command = shlex.join(["python", "-m", "tests.faults", *sys.argv[1:]])
+    command = shlex.join(["python", "-m", "tests.faults", *sys.argv[1:]])
+    if wanted.out is not None and wanted.names:
+        wanted.out.write_text(renewed(wanted.out.read_text(), rows, command))
+    elif wanted.out is not None:
         took_min = (time.monotonic() - start_s) / 60.0
         words = {"command": command, "took_min": took_min, "machine": _machine(load), "rate_hz": CELL_HZ}
         words |= {
@@ -167,6 +172,23 @@ def table(rows: Sequence[Row]) -> str:
     """In Markdown."""
     lines = [HEAD, tuple("---" for _ in HEAD), *map(line, rows)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def renewed(page: str, rows: Sequence[Row], command: str) -> str:
+    """A page with these rows in place of those of the same names, and how they were measured.
+
+    Raises:
+        ValueError: it has no such row.
+    """
+    lines = page.splitlines()
+    at = {text.split(" | ")[0].removeprefix("| "): number for number, text in enumerate(lines)}
+    for row in rows:
+        if row.name not in at:
+            raise ValueError(f"no row {row.name!r}: write the whole page first")
+        lines[at[row.name]] = f"| {' | '.join(line(row))} |"
+    last = max(number for number, text in enumerate(lines) if text.startswith("| "))
+    note = f"Measured anew since, by `{command}`: {'; '.join(row.name for row in rows)}."
+    return "\n".join([*lines[: last + 1], "", note, *lines[last + 1 :]]) + "\n"
 
 
 def _number(value: float | None, digits: int) -> str:
