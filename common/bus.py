@@ -3,7 +3,7 @@ on the way in.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import count as numbers
 from typing import TypedDict, TypeVar
 
@@ -87,13 +87,12 @@ class Bus:
         self._transport.subscribe(topic.key(self._cell, self._axis), receive)
 
     @property
-    def refused(self) -> int:
-        """Payloads that came under a key with a wildcard."""
+    def refused(self) -> Mapping[str, int]:
+        """See the transport's port."""
         return self._transport.refused()
 
     def counts(self) -> dict[str, int]:
         """`malformed` and `counters` for a state message."""
         counted = list(self.malformed.items())  # at once: the transport's threads go on counting
-        wildcards = {"refused_wildcard": self.refused} if self.refused else {}
         malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
-        return {**self.counters, **wildcards, **malformed}
+        return {**self.counters, **self.refused, **malformed}

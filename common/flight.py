@@ -5,7 +5,7 @@ whose first member is their stamp, and read by the one that writes a record.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from common.messages import ControlCycle, Grip, Message, SafetyState
@@ -111,7 +111,7 @@ class TappedTransport:
         """See the port."""
         return self._inner.peers()
 
-    def refused(self) -> int:
+    def refused(self) -> Mapping[str, int]:
         """See the port."""
         return self._inner.refused()
 

@@ -5,10 +5,11 @@ from itertools import count
 
 import zenoh
 
+from common.clock import MonotonicClock
 from common.runtime.realtime import prepare_thread
 from common.runtime.service_manager import attended
 from common.transport.security import Party
-from common.transport.zenoh_bus import open_session
+from common.transport.zenoh_bus import open_session, pending_connections
 from forefeel.interrupt import interruptible
 from forefeel.network_settings import RouterSettings
 from forefeel.parent import die_with_parent
@@ -33,10 +34,11 @@ def run_router(settings: RouterSettings, duration_s: float | None = None, insecu
         session, notice = open_session(
             settings.transport, "router", party, insecure=insecure, real_stage=False
         )
-        with session:
+        faults: list[Exception] = []
+        with session, pending_connections(session, settings.transport, MonotonicClock(), faults.append):
             try:
                 _greet(settings, notice)
-                _watch(session, duration_s)
+                _watch(session, duration_s, faults)
             except KeyboardInterrupt:
                 pass
             finally:
@@ -52,8 +54,12 @@ def _greet(settings: RouterSettings, notice: str) -> None:
     say(f"router: listening on {', '.join(transport.listen)} {how}; cells {', '.join(settings.cells)}")
 
 
-def _watch(session: zenoh.Session, duration_s: float | None) -> None:
-    """Says each link that is added or removed."""
+def _watch(session: zenoh.Session, duration_s: float | None, faults: list[Exception]) -> None:
+    """Says each link that is added or removed.
+
+    Raises:
+        Exception: the first of the faults of a thread.
+    """
     start_s = time.monotonic()
     channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_EVENTS)
     looks = count(1)
@@ -65,5 +71,7 @@ def _watch(session: zenoh.Session, duration_s: float | None) -> None:
                 who = event.link.auth_identifier or "someone without certificate"
                 where = event.link.dst.partition("/")[2]
                 say(f"router: {who} {'came from' if came else 'left'} {where}")
+            if faults:
+                raise faults[0]
             attend()
             time.sleep(_POLL_S)

@@ -85,7 +85,6 @@ class AxisDiary:
         if self._live and lost:
             self._journal.note("session_lost", now_ns, self._axis, session=session, reason=lost)
         self._live = not lost
-        wildcards = {"wildcard": bus.refused} if bus.refused else {}
-        self._malformed.counted({**dict(bus.malformed), **wildcards})
+        self._malformed.counted({**dict(bus.malformed), **bus.refused})
         for tally in (self._tally, self._faults):
             tally.drain(self._journal, now_ns, self._axis, last)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from common.audit import CONTINUED, Detail, Entry, Link, Noted, parse, seal
+from common.runtime.descriptors import DESCRIPTORS
 from common.state.folder import sync_folder
 
 _KEEP_SIZE = 1
@@ -126,7 +127,8 @@ class AuditFile:
         """Goes on with them in the next file."""
         aside = self._free_name(f"{self.first_number():09d}")
         data, end = _sealed([_beside(notes[0], CONTINUED, file=aside.name), *notes], self.end)
-        self._set_aside(aside, data)
+        with DESCRIPTORS.reserve():
+            self._set_aside(aside, data)
         self.end = end
 
     def reserve(self) -> bool:

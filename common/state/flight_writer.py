@@ -15,6 +15,7 @@ from common.clock import Clock, WallClock
 from common.errors import InputError, RunError
 from common.flight import AFTER_NS, BEFORE_NS, Ring, Rings, Row, cycle_message
 from common.recording.mcap_writer import RunWriter
+from common.runtime.descriptors import DESCRIPTORS
 from common.topics import CONTROL_CYCLE
 
 _AT_MOST_EVERY_NS = 1_000_000_000
@@ -141,7 +142,9 @@ class FlightWriter:
         self._prune()
 
     def _write(self, part: Path, request: _Request, rings: list[tuple[Ring, list[Row]]]) -> dict[str, Detail]:
-        with RunWriter(part) as writer:
+        with DESCRIPTORS.reserve():
+            opened = RunWriter(part)
+        with opened as writer:
             asked = {name: str(value) for name, value in request._asdict().items()}
             writer.add_metadata("flight", {**self.facts, **asked})
             for ring, rows in rings:
@@ -149,7 +152,9 @@ class FlightWriter:
             return {"messages": writer.written, "malformed": writer.malformed}
 
     def _prune(self) -> None:
-        for old in sorted(self._folder.glob("*.mcap"))[: -self._keep]:
+        with DESCRIPTORS.reserve():
+            records = sorted(self._folder.glob("*.mcap"))
+        for old in records[: -self._keep]:
             with suppress(OSError):
                 old.unlink()
 

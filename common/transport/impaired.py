@@ -2,7 +2,7 @@
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -76,8 +76,8 @@ class ImpairedTransport:
         """How many other sessions are connected now."""
         return self._inner.peers()
 
-    def refused(self) -> int:
-        """How many payloads came under a key with a wildcard."""
+    def refused(self) -> Mapping[str, int]:
+        """See the port."""
         return self._inner.refused()
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
 """The transport within one process, synchronous and in order: it carries the simulation in virtual time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from common.clock import Clock
 from common.topics import Qos
@@ -73,9 +73,9 @@ class MemoryTransport:
         """Number of other open sessions on the bus."""
         return 0 if self._closed else len(self._bus._others(self))
 
-    def refused(self) -> int:
-        """None: a key here is a key."""
-        return 0
+    def refused(self) -> Mapping[str, int]:
+        """Nothing: a key here is a key."""
+        return {}
 
     def close(self) -> None:
         """Leaves the bus."""

@@ -12,7 +12,8 @@ a single connection, hear the plain key.
 """
 
 import threading
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import Self
@@ -142,9 +143,9 @@ class ParallelTransport:
         """What may stand in the way, or empty."""
         return self._connecting[0].hint
 
-    def refused(self) -> int:
-        """How many payloads came under a key with a wildcard."""
-        return sum(session.refused() for session in self._sessions)
+    def refused(self) -> Mapping[str, int]:
+        """See the port."""
+        return sum((Counter(session.refused()) for session in self._sessions), Counter[str]())
 
     @property
     def handler_faults(self) -> int:

@@ -1,6 +1,6 @@
 """The transport port: what the daemons need of a network, and nothing more."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from common.topics import Qos
@@ -46,8 +46,10 @@ class Transport(Protocol):
         """How many other sessions are connected now; 0 while the other end is waited for."""
         ...
 
-    def refused(self) -> int:
-        """How many payloads came under a key that is none: one with a wildcard reaches every axis at once."""
+    def refused(self) -> Mapping[str, int]:
+        """What was refused of strangers, by counter: payloads under a key that is none, for one with a
+        wildcard reaches every axis at once; connections of which no session came. Nothing where it is 0.
+        """
         ...
 
     def close(self) -> None:

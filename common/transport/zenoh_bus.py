@@ -2,6 +2,7 @@
 
 import os
 import threading
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -15,6 +16,7 @@ from common.errors import EndpointError, NoRouterError, RunError
 from common.topics import Qos
 from common.transport.endpoints import check_endpoint, explain
 from common.transport.exposure import check_exposure
+from common.transport.pending import PendingConnections
 from common.transport.pki import read_identity
 from common.transport.port import Handler, KeyedHandler, OnFault, Put
 from common.transport.security import Party, secured
@@ -84,6 +86,7 @@ class ZenohTransport:
         self._threads: list[threading.Thread] = []
         self.handler_faults = 0
         self.notice, self._mode = "", "peer"
+        self._pending: PendingConnections | None = None
 
     @classmethod
     def open(
@@ -116,6 +119,10 @@ class ZenohTransport:
         )
         transport = cls(session, clock, on_fault)
         transport.notice, transport._mode = notice, settings.mode
+        if settings.listen:
+            transport._pending = transport._declared.enter_context(
+                pending_connections(session, settings, clock, on_fault)
+            )
         return transport
 
     def publisher(self, key: str, qos: Qos) -> Put:
@@ -172,9 +179,10 @@ class ZenohTransport:
         routed = any(each.whatami == zenoh.WhatAmI.ROUTER for each in transports)
         return "a router answers there; expected transport.mode client" if routed else ""
 
-    def refused(self) -> int:
-        """How many payloads came under a key with a wildcard."""
-        return self._refused
+    def refused(self) -> Mapping[str, int]:
+        """See the port."""
+        closed = 0 if self._pending is None else self._pending.closed
+        return +Counter(refused_wildcard=self._refused, connections_closed=closed)
 
     def close(self) -> None:
         """Undeclares, closes the session, waits for running handlers; not to be called from one."""
@@ -231,6 +239,17 @@ def open_session(
     except zenoh.ZError as error:
         kind = NoRouterError if "Unable to connect" in str(error) else EndpointError
         raise kind(explain(str(error), settings.listen, settings.connect)) from error
+
+
+def pending_connections(
+    session: zenoh.Session, settings: TransportSettings, clock: Clock, on_fault: OnFault
+) -> PendingConnections:
+    """What bounds the strangers at a session that listens, while it is entered."""
+
+    def links() -> list[str]:
+        return [link.dst for link in session.info.links()]
+
+    return PendingConnections(settings, links, clock, on_fault)
 
 
 def _secured(pki: Path, party: Party | None) -> dict[str, object]:

@@ -126,7 +126,7 @@ def wildcards(scene: Scene) -> Outcome:
         scene.attacker.put(key, stop)
     scene.attacker.put(f"forefeel/{CELL}/*/master/command", scene.command())
     outcome = scene.end(Expected("refused_wildcard", 6, armed=_ARMED))
-    outcome.require("wildcard" in (outcome.audited or {}), "not in the audit log")
+    outcome.require("refused_wildcard" in (outcome.audited or {}), "not in the audit log")
     return outcome
 
 
