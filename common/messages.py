@@ -154,13 +154,18 @@ class ModelParameters(Message):
 
 
 class SlaveState(Message):
-    """The slave's state, 50 Hz: safety state, readback and counters."""
+    """The slave's state, 50 Hz: safety state, readback and counters.
+
+    `latch_persisted`: whether what is latched is on the slave's disk, so that a new start finds it. A stop is
+    acknowledged by ESTOPPED together with it.
+    """
 
     most_bytes: ClassVar[int] = 24 * 1024
     most_items: ClassVar[int] = 256
 
     state: State
     reason: ShortText
+    latch_persisted: bool = True
     position_m: float
     velocity_m_s: float
     gripper: Gripper
@@ -168,6 +173,11 @@ class SlaveState(Message):
     clock_offset_ns: Stamp | None
     clock_bound_ns: NonNegativeInt | None
     counters: dict[Name, NonNegativeInt]
+
+    @property
+    def acknowledges_stop(self) -> bool:
+        """Whether the axis is stopped, and stays so over a new start."""
+        return self.state is SafetyState.ESTOPPED and self.latch_persisted
 
 
 class MasterState(Message):

@@ -279,8 +279,7 @@ class MasterAxis:
 
     def say_stop(self, now_ns: int) -> None:
         """Says the stop that is wanted, if it is due; about every 20 ms."""
-        state = self._slave_state
-        if not self.stop.due(now_ns, state.state if state else None, self._state_heard_ns):
+        if not self.stop.due(now_ns, self._slave_state, self._state_heard_ns):
             return
         header = self._estop.header(self.session.session_id, now_ns)
         self._estop.send(EmergencyStop(**header, source="master", reason=self.stop.reason[:256]))

@@ -1,6 +1,6 @@
 """An emergency stop that the person asked for: said again and again until the slave shows it. Pure."""
 
-from common.messages import SafetyState
+from common.messages import SlaveState
 
 _OFTEN_NS = 20_000_000
 _FOR_NS = 2_000_000_000
@@ -11,7 +11,8 @@ class StopWish:
     """Every 20 ms for 2 s, then four times a second: a link that comes back must not have lost it.
 
     Attributes:
-        wanted: from the asking until the slave says ESTOPPED; the deadman counts as released meanwhile.
+        wanted: from the asking until the slave acknowledges it, see `SlaveState`; the deadman counts as
+            released meanwhile.
         reason: why.
     """
 
@@ -29,11 +30,11 @@ class StopWish:
         self.wanted = True
         return True
 
-    def due(self, now_ns: int, state: SafetyState | None, heard_ns: int) -> bool:
+    def due(self, now_ns: int, state: SlaveState | None, heard_ns: int) -> bool:
         """Whether it is to be said now; `state`: the slave's newest, `heard_ns`: when it came."""
         if not self.wanted:
             return False
-        if state is SafetyState.ESTOPPED and heard_ns > self._asked_ns:
+        if state is not None and state.acknowledges_stop and heard_ns > self._asked_ns:
             self.wanted = False
             return False
         often = now_ns - self._asked_ns <= _FOR_NS

@@ -143,6 +143,11 @@ class SlaveAxis:
         """Whether an emergency stop or a fault is latched."""
         return self.state in HALTED
 
+    @property
+    def latch_persisted(self) -> bool:
+        """Whether what is latched is on the disk, so that a new start finds it."""
+        return self._journal.kept(self.name)
+
     def _device_failed(self, device: str, reason: str) -> None:
         self._diary.device_fault(device, reason)
         self._fault.put(reason)
@@ -287,6 +292,7 @@ class SlaveAxis:
                 **self._state.header(holder, now_ns),
                 state=self.state,
                 reason=self.reason[:256],
+                latch_persisted=self.latch_persisted,
                 position_m=self._watch.stage.position_m,
                 velocity_m_s=self._watch.stage.velocity_m_s,
                 gripper=self._control.grip,

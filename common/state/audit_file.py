@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from common.audit import CONTINUED, Detail, Entry, Link, Noted, parse, seal
 from common.runtime.descriptors import DESCRIPTORS
-from common.state.folder import sync_folder
+from common.state.folder import own_file, sync_folder
 
 _KEEP_SIZE = 1
 _RESERVE = 64 * 1024
@@ -66,7 +66,7 @@ class AuditFile:
                 self._part.unlink()
             else:
                 self._part.rename(self.path)
-        self._descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        self._descriptor = own_file(self.path)
         self._size = os.fstat(self._descriptor).st_size
         self._reserved = 0
         sync_folder(self.path.parent)

@@ -2,7 +2,7 @@
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,14 +25,8 @@ class AuditWriter:
         OSError: the file can not be opened.
     """
 
-    def __init__(
-        self, path: Path, wall: WallClock, on_noted: Callable[[Noted], None], on_turn: Callable[[], None]
-    ) -> None:
-        """Called in the thread. `on_noted`: with each entry before it is written; `on_turn`: every second
-        or more often.
-        """
+    def __init__(self, path: Path, wall: WallClock) -> None:
         self._wall = wall
-        self._on_noted, self._on_turn = on_noted, on_turn
         self._file = AuditFile(path)
         self._waiting: deque[Noted] = deque(maxlen=_WAITING)
         self._lost = 0
@@ -109,7 +103,6 @@ class AuditWriter:
     def _write(self) -> None:
         if self._problem is not None:
             self._try_again()
-        self._on_turn()
         with self._counting:
             batch = list(self._waiting)
             self._waiting.clear()
@@ -125,8 +118,6 @@ class AuditWriter:
         if not batch:
             return
         self._newest_ns = batch[-1].monotonic_ns
-        for noted in batch:
-            self._on_noted(noted)
         lost = self._lost
         losses = [self._said("entries_lost", count=lost)] if lost else []
         try:

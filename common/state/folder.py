@@ -3,7 +3,9 @@
 import fcntl
 import os
 import re
+import stat
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
@@ -13,6 +15,7 @@ from common.settings import DaemonSettings
 AUDIT, FLIGHT, SOCKET, LATCHED = "audit.jsonl", "flight", "control.sock", "latched.json"
 _LOCK = "lock"
 _OTHERS_WRITE = 0o022
+_OWN = (_LOCK, AUDIT, FLIGHT, LATCHED, SOCKET)
 
 
 def state_path(settings: DaemonSettings, role: str, environment: Mapping[str, str]) -> Path:
@@ -52,29 +55,65 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
+def own_file(path: Path) -> int:
+    """A descriptor of a file, made for its owner alone where it is missing; never through a link.
+
+    Raises:
+        OSError: it can not be opened, or is a link.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+    return os.open(path, flags, 0o600)
+
+
+def _require_own(folder: Path) -> None:
+    """Refuses a folder in which somebody else has a say.
+
+    Raises:
+        ConfigurationError: another user's, writable for others, or with a link in it.
+    """
+    status, user = folder.stat(), os.geteuid()
+    if status.st_uid != user:
+        raise ConfigurationError(
+            f"state folder {folder}: of user {status.st_uid}; expected one of the daemon's own user {user}"
+        )
+    if status.st_mode & _OTHERS_WRITE:
+        raise ConfigurationError(
+            f"state folder {folder}: mode {status.st_mode & 0o777:04o}; "
+            "expected one that others can not write"
+        )
+    for name in _OWN:
+        with suppress(FileNotFoundError):
+            found = (folder / name).lstat()
+            if stat.S_ISLNK(found.st_mode) or found.st_uid != user:
+                what = "a link" if stat.S_ISLNK(found.st_mode) else f"of user {found.st_uid}"
+                raise ConfigurationError(
+                    f"state folder {folder}: {name} is {what}; expected the daemon's own file, or none"
+                )
+
+
 class StateFolder:
     """The folder while its daemon runs; made with mode 0700 where it is missing, and locked.
 
+    It and what is in it belong to the daemon's user, and no name in it is a link: a daemon that runs as root
+    would else write wherever somebody points.
+
     Raises:
-        ConfigurationError: another daemon uses it, others may write to it, or it can not be used.
+        ConfigurationError: another daemon uses it, others may write to it, it is somebody else's, or it can
+            not be used.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
             path.mkdir(parents=True, exist_ok=True, mode=0o700)
+            _require_own(path)
             (path / FLIGHT).mkdir(exist_ok=True, mode=0o700)
-            mode = path.stat().st_mode
-            self._lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            self._lock = own_file(path / _LOCK)
         except OSError as error:
             raise ConfigurationError(
                 f"state folder {path}: {error.strerror}; expected one that can be written (state.directory)"
             ) from error
         try:
-            if mode & _OTHERS_WRITE:
-                raise ConfigurationError(
-                    f"state folder {path}: mode {mode & 0o777:04o}; expected one that others can not write"
-                )
             self._take()
         except BaseException:
             os.close(self._lock)

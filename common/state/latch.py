@@ -1,65 +1,151 @@
-"""Emergency stops that outlive the daemon: a kill and a new start do not clear them."""
+"""Emergency stops, and faults of a motion, that outlive the daemon: a new start does not clear them."""
 
 import json
 import os
+import threading
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
-from common.state.folder import sync_folder
+from common.audit import Detail
+from common.journal import HALTED
+from common.messages import FOLLOWING, SafetyState
+from common.state.folder import own_file, sync_folder
+
+_BYTES = 16 * 1024
+"""Of the file, whatever it says. 60 axes with a reason of 256 characters each."""
+_RETRY_S = 1.0
+_MOVING = FOLLOWING | {SafetyState.STOPPING}
+_ALL = ""
+"""In place of an axis: every one."""
 
 
 class Latch:
-    """Which axes are stopped, in a file that is there only while one is.
+    """Which axes are stopped, in a file that has its full size from the start and is overwritten in place.
+
+    So a disk that is full later does not keep a stop out of it. Half of a new content behind half of the old
+    one is no JSON, and what can not be read stops every axis. Any thread says what is to be kept; the thread
+    `latch` writes it.
 
     Attributes:
-        reasons: by axis, as they are now; of a file that can not be read one for all, under the empty name.
+        found: by axis what was latched when it was opened; under the empty name what stops every axis.
+        problem: why the file does not say what it should, if it does not.
+
+    Raises:
+        OSError: the file can not be made or written.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self.reasons: dict[str, str] = {}
+    def __init__(
+        self,
+        path: Path,
+        axes: Collection[str],
+        new: bool,
+        on_problem: Callable[[str | None, str | None], None],
+    ) -> None:
+        """`new`: no daemon has used the folder before, so that there is no file yet. `on_problem`: called in
+        the thread with the problem before and after it changed.
+        """
+        self.problem: str | None = None
+        self._on_problem = on_problem
+        found = latched(path) if new or path.exists() else {_ALL: "the file of what was latched is gone"}
+        unknown = sorted(set(found) - {_ALL, *axes})
+        if unknown:
+            found = {_ALL: f"axis {unknown[0]!r} was latched, which is none of {', '.join(axes)}"}
+        self.found: Mapping[str, str] = found
+        self._wanted = found
+        self._written: Mapping[str, str] | None = None
+        self._wanting = threading.Lock()
+        self._wake = threading.Event()
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name="latch", daemon=True)
+        self._descriptor = own_file(path)
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            self.reasons = {str(axis): str(reason) for axis, reason in found.items()}
-        except FileNotFoundError:
-            pass
-        except (OSError, ValueError, AttributeError):
-            self.reasons = {"": "what was latched can not be read"}
-        self._written: dict[str, str] | None = self.reasons
+            self._write()
+            sync_folder(path.parent)
+        except BaseException:
+            os.close(self._descriptor)
+            raise
 
-    def keep(self, axis: str, reason: str | None) -> None:
-        """That an axis is stopped for a reason, or is not; in `reasons` whatever happens to the file.
+    def start(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
 
-        Raises:
-            OSError: it can not be written; `write` tries again.
+    def close(self) -> None:
+        """Writes what is to be kept, where it can be, and ends the thread; idempotent."""
+        self._closing = True
+        self._wake.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def transition(self, axis: str, details: Mapping[str, Detail]) -> None:
+        """What a transition of the safety state machine means: a stop is kept until it is cleared, and so is
+        a fault that struck while the stage was moved. Any thread; waits for no disk.
         """
-        reasons = {name: text for name, text in self.reasons.items() if name not in (axis, "")}
-        if reason is not None:
-            reasons[axis] = reason
-        self.reasons = reasons
-        self.write()
+        before, after = SafetyState(str(details["before"])), SafetyState(str(details["after"]))
+        if after is SafetyState.ESTOPPED or (after is SafetyState.FAULT and before in _MOVING):
+            self._want(axis, str(details["reason"]))
+        elif before in HALTED and after not in HALTED:
+            self._want(axis, None)
 
-    def write(self) -> None:
-        """Makes the file say what `reasons` say, where it does not yet; on the disk when it returns.
+    def kept(self, axis: str) -> bool:
+        """Whether the file says of the axis what it should, so that a new start does."""
+        written = self._written
+        return written is not None and written.get(axis) == self._wanted.get(axis)
 
-        Raises:
-            OSError: it can not be written.
-        """
-        reasons = self.reasons
-        if reasons == self._written:
+    def _want(self, axis: str, reason: str | None) -> None:
+        with self._wanting:
+            others = {name: text for name, text in self._wanted.items() if name not in {axis, _ALL}}
+            self._wanted = others if reason is None else {**others, axis: reason}
+        self._wake.set()
+
+    def _run(self) -> None:
+        closing = False
+        while not closing:
+            self._wake.wait(_RETRY_S)
+            self._wake.clear()
+            closing, before = self._closing, self.problem
+            try:
+                self._write()
+                self.problem = None
+            except OSError as error:
+                self.problem = f"latch: {error.strerror or error}"
+            if self.problem != before:
+                self._on_problem(before, self.problem)
+
+    def _write(self) -> None:
+        """Makes the file say what is wanted, on the disk when it returns."""
+        wanted = self._wanted
+        if wanted == self._written:
             return
         self._written = None  # half-way it may say either
-        if reasons:
-            self._replace(json.dumps(reasons).encode())
-        else:
-            self._path.unlink(missing_ok=True)
-        sync_folder(self._path.parent)
-        self._written = reasons
+        _put(self._descriptor, wanted)
+        self._written = wanted
 
-    def _replace(self, data: bytes) -> None:
-        part = self._path.with_name(f".{self._path.name}.part")
-        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
-        with os.fdopen(descriptor, "wb") as file:  # which writes all of it, or raises
-            file.write(data)
-            file.flush()
-            os.fsync(descriptor)
-        part.replace(self._path)
+
+def latched(path: Path) -> dict[str, str]:
+    """Why each axis is stopped, by the file of a daemon; empty where there is no file. One that can not be
+    read, or that no daemon wrote so, stops every axis.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if list(found) != ["latched"]:
+            raise ValueError
+        return {str(axis): str(reason) for axis, reason in found["latched"].items()}
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {_ALL: "what was latched can not be read"}
+
+
+def _put(descriptor: int, latched: Mapping[str, str]) -> None:
+    """The whole file anew, on the disk when it returns."""
+    data = json.dumps({"latched": latched}).encode()
+    if len(data) >= _BYTES:
+        data = json.dumps({"latched": {_ALL: "more was latched than the file holds"}}).encode()
+    data = data.ljust(_BYTES - 1) + b"\n"
+    done = 0
+    while done < len(data):
+        done += os.pwrite(descriptor, data[done:], done)
+    os.fsync(descriptor)

@@ -47,7 +47,8 @@ def daemon_state(settings: DaemonSettings, role: str, clock: Clock) -> Iterator[
     folder = StateFolder(state_path(settings, role, os.environ))
     try:
         facts = _facts(settings, role)
-        state = DaemonState(folder, StateJournal(folder, clock, settings.state.flight_records))
+        axes = [axis["name"] for axis in settings.model_dump(include={"axes"}).get("axes", ())]
+        state = DaemonState(folder, StateJournal(folder, clock, axes, settings.state.flight_records))
     except BaseException:
         folder.close()
         raise

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from common.errors import RunError
 from common.state.folder import LATCHED, StateFolder, state_path
-from common.state.latch import Latch
+from common.state.latch import latched
 from forefeel.daemon_settings import load_daemon
 
 
@@ -24,7 +24,7 @@ def no_slave_beside(config: Path) -> Iterator[None]:
         yield
         return
     with StateFolder(folder):
-        for axis, reason in Latch(folder / LATCHED).reasons.items():
+        for axis, reason in latched(folder / LATCHED).items():
             raise RunError(
                 f"an emergency stop is latched ({axis or 'every axis'}: {reason}); expected it to be cleared "
                 "first: start the slave, then `forefeel clear`"

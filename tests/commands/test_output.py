@@ -51,7 +51,7 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "slave.yaml").write_text("role: slave\n")
     make_pki(folder / "pki")
     with StateFolder(folder / "state") as state:
-        journal = StateJournal(state, MonotonicClock(), keep=1)
+        journal = StateJournal(state, MonotonicClock(), ["a"], keep=1)
         journal.start({"role": "slave"})
         journal.close("ended")
     (folder / "recordings").mkdir()

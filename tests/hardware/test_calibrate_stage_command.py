@@ -11,7 +11,6 @@ from common.config import load_settings
 from common.errors import ConfigurationError
 from common.hardware.calibration import StageCalibration, stage_calibration
 from common.state.folder import LATCHED, StateFolder
-from common.state.latch import Latch
 from forefeel.devices.drivers import Driver
 from slave.stages.settings import SimulatedStageDriver
 from tests.hardware.calibrate_bench import STAGE, configure, unwritten
@@ -83,11 +82,11 @@ def test_a_stage_does_not_move_beside_a_slave_or_while_a_stop_is_latched(
     with StateFolder(tmp_path / "st"):
         assert run(STAGE) == 2
     assert "in use by another daemon" in capsys.readouterr().err
-    Latch(tmp_path / "st" / LATCHED).keep("insertion", "nurse: pressed")
+    (tmp_path / "st" / LATCHED).write_text('{"latched": {"insertion": "nurse: pressed"}}')
     assert run(STAGE) == 1
     assert "an emergency stop is latched (insertion: nurse: pressed)" in capsys.readouterr().err
     assert homing.calls == []
-    Latch(tmp_path / "st" / LATCHED).keep("insertion", None)
+    (tmp_path / "st" / LATCHED).write_text('{"latched": {}}')
     assert run(STAGE) == 0
 
 

@@ -11,7 +11,7 @@ from common.state.journal import StateJournal
 def daemon(folder: Path, killed: bool = False) -> list[str]:
     """One daemon's life; the events of the log then."""
     with StateFolder(folder) as state:
-        journal = StateJournal(state, MonotonicClock(), keep=1)
+        journal = StateJournal(state, MonotonicClock(), ["a"], keep=1)
         journal.start({"role": "slave"})
         if not killed:
             journal.close("ended")

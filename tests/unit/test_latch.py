@@ -1,13 +1,21 @@
-"""The file of latched emergency stops: what it says after a write that failed, and that it is on the disk."""
+"""The file of what is latched: its room is there beforehand, and it is on the disk when it says so."""
 
-import errno
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from common.state.folder import LATCHED
-from common.state.latch import Latch
+from common.state.latch import Latch, latched
+from tests.live_cell import wait_until
+
+STOPPED = {"before": "armed", "after": "estopped", "reason": "pressed"}
+CLEARED = {"before": "estopped", "after": "idle", "reason": "cleared"}
+
+
+def nothing_said(before: str | None, problem: str | None) -> None:
+    raise AssertionError((before, problem))
 
 
 @pytest.fixture
@@ -15,64 +23,58 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / LATCHED
 
 
-def in_the_way(path: Path) -> Path:
-    """What lets no file be made: a folder under the name that it is written by."""
-    return path.with_name(f".{path.name}.part")
+@pytest.fixture
+def latch(path: Path) -> Iterator[Latch]:
+    opened = Latch(path, ["a", "b"], True, nothing_said)
+    opened.start()
+    yield opened
+    opened.close()
 
 
-def test_a_stop_that_could_not_be_written_is_held_and_written_with_the_next(path: Path) -> None:
-    latch = Latch(path)
-    in_the_way(path).mkdir()
-    for _ in range(2):  # the second one is no news, and still not in the file
-        with pytest.raises(IsADirectoryError):
-            latch.keep("a", "pressed")
-    assert latch.reasons == {"a": "pressed"} and not path.exists()
-    in_the_way(path).rmdir()
-    latch.keep("b", "follows")
-    assert Latch(path).reasons == {"a": "pressed", "b": "follows"}
+def test_its_room_is_allocated_from_the_start_and_a_stop_is_written_into_it(latch: Latch, path: Path) -> None:
+    def taken() -> tuple[int, int, int]:
+        found = path.stat()
+        return found.st_ino, found.st_size, found.st_blocks
+
+    before = taken()
+    assert before[1] == 16 * 1024 <= 512 * before[2]
+    latch.transition("a", STOPPED)
+    wait_until(lambda: latch.kept("a"), 10.0, "kept")
+    assert latched(path) == {"a": "pressed"}
+    assert taken() == before
 
 
-def test_it_is_written_again_without_news_and_only_where_it_has_to_be(path: Path) -> None:
-    latch = Latch(path)
-    in_the_way(path).mkdir()
-    with pytest.raises(IsADirectoryError):
-        latch.keep("a", "pressed")
-    in_the_way(path).rmdir()
-    latch.write()
-    assert Latch(path).reasons == {"a": "pressed"}
-    path.unlink()
-    latch.write()
-    assert not path.exists()
-
-
-def test_a_stop_that_was_cleared_when_half_written_is_not_found_later(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    latch = Latch(path)
-
-    def fails(_: Path) -> None:
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    with monkeypatch.context() as broken, pytest.raises(OSError, match="Input/output"):
-        broken.setattr("common.state.latch.sync_folder", fails)
-        latch.keep("a", "pressed")
-    latch.keep("a", None)
-    assert Latch(path).reasons == {}
-
-
-def test_the_folder_is_on_the_disk_too_of_a_stop_and_of_a_clearing(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    synced: list[tuple[str, bool]] = []
+def test_kept_means_on_the_disk(latch: Latch, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[dict[str, str]] = []
     real = os.fsync
 
     def fsync(descriptor: int) -> None:
-        synced.append((Path(f"/proc/self/fd/{descriptor}").readlink().name, path.exists()))
+        assert not latch.kept("a")
+        synced.append(latched(path))
         real(descriptor)
 
     monkeypatch.setattr("common.state.latch.os.fsync", fsync)
-    latch = Latch(path)
-    latch.keep("a", "pressed")
-    assert synced == [(in_the_way(path).name, False), (path.parent.name, True)]
-    latch.keep("a", None)
-    assert synced[2:] == [(path.parent.name, False)]
+    latch.transition("a", STOPPED)
+    wait_until(lambda: latch.kept("a"), 10.0, "kept")
+    latch.transition("a", CLEARED)
+    wait_until(lambda: latch.kept("a"), 10.0, "kept")
+    assert synced == [{"a": "pressed"}, {}]
+
+
+def test_each_axis_has_its_own_and_the_newest_counts(latch: Latch, path: Path) -> None:
+    latch.transition("a", STOPPED)
+    latch.transition("b", {**STOPPED, "reason": "follows"})
+    latch.transition("a", CLEARED)
+    wait_until(lambda: latch.kept("a") and latch.kept("b"), 10.0, "kept")
+    assert latched(path) == {"b": "follows"}
+
+
+def test_what_does_not_fit_stops_every_axis(path: Path) -> None:
+    axes = [f"axis{number}" for number in range(100)]
+    latch = Latch(path, axes, True, nothing_said)
+    latch.start()
+    for axis in axes:
+        latch.transition(axis, {**STOPPED, "reason": "\N{SNOWMAN}" * 256})
+    latch.close()
+    assert latched(path) == {"": "more was latched than the file holds"}
+    assert path.stat().st_size == 16 * 1024

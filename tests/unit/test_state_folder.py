@@ -19,7 +19,7 @@ from common.settings import DaemonSettings
 from common.state.audit_file import AuditFile
 from common.state.folder import AUDIT, LATCHED, StateFolder, holder, state_path
 from common.state.journal import StateJournal
-from common.state.latch import Latch
+from common.state.latch import latched
 
 CLOCK = MonotonicClock()
 
@@ -35,12 +35,19 @@ def verified(path: Path) -> Verdict:
     return verify(path.read_bytes().splitlines(keepends=True))
 
 
+MOVED = ("engaging", "armed", "stopping")
+
+
+def no_room(*_: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 class Daemon:
     """The state of a daemon, from start to end or to a crash."""
 
     def __init__(self, path: Path) -> None:
         self.folder = StateFolder(path)
-        self.journal = StateJournal(self.folder, CLOCK, keep=3)
+        self.journal = StateJournal(self.folder, CLOCK, ["a"], keep=3)
         self.journal.start({"role": "slave"})
         self.log = path / AUDIT
 
@@ -316,47 +323,112 @@ def test_a_recorder_that_has_ended_is_a_problem_to_the_end(
 # --- what is latched ---
 
 
-def test_an_emergency_stop_outlives_the_daemon_until_it_is_cleared(state: Callable[[], Daemon]) -> None:
-    daemon = state()
-    assert daemon.journal.latched == {}
-    daemon.transition("armed", "estopped", "nurse: pressed")
-    daemon.end()
-    again = state()
-    assert again.journal.latched == {"a": "nurse: pressed"}
-    again.transition("estopped", "idle")
-    again.transition("armed", "fault")
-    again.end()
+def test_a_stop_and_a_fault_of_a_motion_outlive_the_daemon_until_they_are_cleared(
+    state: Callable[[], Daemon],
+) -> None:
+    for before, after in (("armed", "estopped"), *((moved, "fault") for moved in MOVED)):
+        daemon = state()
+        assert daemon.journal.latched == {}
+        daemon.transition(before, after, "why it stands")
+        daemon.end()
+        again = state()
+        assert again.journal.latched == {"a": "why it stands"}
+        again.transition(after, "idle")
+        again.transition("ready", "fault", "of a stage that rests")
+        again.end()
     assert state().journal.latched == {}
 
 
 def test_a_stop_that_could_not_be_latched_is_a_problem_until_it_is(
     state: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("common.state.audit_writer._RETRY_S", 0.01)
+    monkeypatch.setattr("common.state.latch._RETRY_S", 0.01)
     daemon = state()
-    in_the_way = daemon.log.parent / f".{LATCHED}.part"
-    in_the_way.mkdir()
-    daemon.transition("armed", "estopped", "nurse: pressed")
-    wait_until(lambda: "latch_not_kept" in daemon.events())
-    assert daemon.journal.problem(CLOCK.now_ns()) == "latch: Is a directory"
-    in_the_way.rmdir()
+    with monkeypatch.context() as broken:
+        broken.setattr("common.state.latch._put", no_room)
+        daemon.transition("armed", "estopped", "nurse: pressed")
+        assert not daemon.journal.kept("a")
+        wait_until(lambda: "latch_not_kept" in daemon.events())
+        assert daemon.journal.problem(CLOCK.now_ns()) == "latch: No space left on device"
     wait_until(lambda: "latch_written_again" in daemon.events())
+    assert daemon.journal.kept("a")
     assert daemon.journal.problem(CLOCK.now_ns()) is None
-    latched = Latch(daemon.log.parent / LATCHED).reasons
-    assert latched == {"a": "nurse: pressed"}, "as a daemon finds it after a kill"
+    assert latched(daemon.log.parent / LATCHED) == {"a": "nurse: pressed"}, "as it is after a kill"
     assert daemon.end() is None
     assert daemon.events() == ["start", "safety", "latch_not_kept", "latch_written_again", "stop"]
 
 
-def test_a_daemon_that_ends_with_a_stop_that_is_not_latched_says_so(state: Callable[[], Daemon]) -> None:
+def test_a_daemon_that_ends_with_a_stop_that_is_not_latched_says_so(
+    state: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
     daemon = state()
-    (daemon.log.parent / f".{LATCHED}.part").mkdir()
-    daemon.transition("armed", "estopped", "nurse: pressed")
-    assert daemon.end() == "latch: Is a directory"
+    with monkeypatch.context() as broken:
+        broken.setattr("common.state.latch._put", no_room)
+        daemon.transition("armed", "estopped", "nurse: pressed")
+        assert daemon.end() == "latch: No space left on device"
 
 
-def test_a_latch_that_can_not_be_read_stops_every_axis(state: Callable[[], Daemon]) -> None:
+UNREADABLE, GONE = "what was latched can not be read", "the file of what was latched is gone"
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ("{", UNREADABLE),
+        ("{}", UNREADABLE),
+        ("", UNREADABLE),
+        ("[]", UNREADABLE),
+        ('{"a": "as the version before wrote it"}', UNREADABLE),
+        ('{"latched": {"a": "nurse"}} {"latched"', UNREADABLE),
+        ('{"latched": {"b": "nurse"}}', "axis 'b' was latched, which is none of a"),
+        (None, GONE),
+    ],
+)
+def test_a_latch_that_can_not_be_trusted_stops_every_axis_until_it_is_cleared(
+    state: Callable[[], Daemon], content: str | None, found: str
+) -> None:
     daemon = state()
     daemon.end()
-    (daemon.log.parent / LATCHED).write_text("{")
-    assert state().journal.latched == {"": "what was latched can not be read"}
+    path = daemon.log.parent / LATCHED
+    path.unlink()
+    if content is not None:
+        path.write_text(content)
+    for _ in range(2):  # and a new start does not forget it
+        again = state()
+        assert again.journal.latched == {"": found}
+        again.end()
+    last = state()
+    last.transition("idle", "estopped", found)
+    last.transition("estopped", "idle")
+    last.end()
+    assert state().journal.latched == {}
+
+
+@pytest.mark.parametrize("name", [AUDIT, LATCHED, "lock", "flight"])
+@pytest.mark.parametrize("to", ["elsewhere", "nowhere"])
+def test_a_link_in_the_folder_is_refused_and_nothing_is_written_through_it(
+    tmp_path: Path, name: str, to: str
+) -> None:
+    folder = tmp_path / "state"
+    folder.mkdir(mode=0o700)
+    (tmp_path / "elsewhere").write_text("precious")
+    (folder / name).symlink_to(tmp_path / to)
+    with pytest.raises(ConfigurationError, match=f"{name} is a link") as caught:
+        StateFolder(folder)
+    assert "\n" not in str(caught.value)
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["elsewhere", "state"]
+    assert (tmp_path / "elsewhere").read_text() == "precious"
+
+
+@pytest.mark.root
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root makes files of other users")
+def test_what_is_another_user_s_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    folder.mkdir(mode=0o700)
+    (folder / AUDIT).touch()
+    os.chown(folder / AUDIT, 12345, 12345)
+    with pytest.raises(ConfigurationError, match=f"{AUDIT} is of user 12345"):
+        StateFolder(folder)
+    os.chown(folder, 12345, 12345)
+    with pytest.raises(ConfigurationError, match="of user 12345; expected one of the daemon's own user 0"):
+        StateFolder(folder)

@@ -1,6 +1,6 @@
 """An emergency stop at the master: said until the slave shows it, and the deadman is let go meanwhile."""
 
-from common.messages import SafetyState
+from common.messages import Grip, SafetyState, SlaveState
 from master.stop import StopWish
 from tests.unit.master_rig import Rig
 
@@ -8,10 +8,16 @@ MS = 1_000_000
 S = 1000 * MS
 
 
-def said(
-    wish: StopWish, start_ns: int, end_ns: int, state: SafetyState | None = None, heard_ns: int = 0
-) -> int:
-    return sum(wish.due(now_ns, state, heard_ns) for now_ns in range(start_ns, end_ns, MS))
+def said(wish: StopWish, start_ns: int, end_ns: int) -> int:
+    return sum(wish.due(now_ns, None, 0) for now_ns in range(start_ns, end_ns, MS))
+
+
+def slave_says(state: SafetyState, persisted: bool = True) -> SlaveState:
+    return SlaveState(
+        session_id=0, sequence=1, stamp_ns=0, state=state, reason="", latch_persisted=persisted,
+        position_m=0.0, velocity_m_s=0.0, gripper=Grip.CLOSED, stops=0,
+        clock_offset_ns=None, clock_bound_ns=None, counters={},
+    )  # fmt: skip
 
 
 def test_it_is_said_every_20_ms_for_2_s_then_seldom_and_never_given_up() -> None:
@@ -28,9 +34,10 @@ def test_it_ends_with_a_state_that_was_heard_after_it_and_not_with_an_older_one(
     wish.ask("first", 1 * S)
     assert not wish.ask("second", 1 * S + MS)
     assert wish.reason == "first"
-    assert wish.due(1 * S, SafetyState.ESTOPPED, 1 * S - MS)
-    assert wish.due(1 * S + 20 * MS, SafetyState.FAULT, 1 * S + 10 * MS)
-    assert not wish.due(1 * S + 40 * MS, SafetyState.ESTOPPED, 1 * S + 30 * MS)
+    assert wish.due(1 * S, slave_says(SafetyState.ESTOPPED), 1 * S - MS)
+    assert wish.due(1 * S + 20 * MS, slave_says(SafetyState.FAULT), 1 * S + 10 * MS)
+    assert wish.due(1 * S + 40 * MS, slave_says(SafetyState.ESTOPPED, persisted=False), 1 * S + 30 * MS)
+    assert not wish.due(1 * S + 60 * MS, slave_says(SafetyState.ESTOPPED), 1 * S + 50 * MS)
     assert not wish.wanted
     assert wish.ask("again", 2 * S)
 
