@@ -1,6 +1,7 @@
 """An emergency stop over the network, said until every axis of the cell shows it."""
 
 import socket
+import threading
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -43,7 +44,10 @@ class Outcome(NamedTuple):
 
 @dataclass
 class Stopper:
-    """Says the stop on the keys of the axes, of every axis that is heard where none is named."""
+    """Says the stop on the keys of the axes, of every axis that is heard where none is named.
+
+    `news`: an axis says another state than before.
+    """
 
     transport: Transport
     cell: str
@@ -51,6 +55,7 @@ class Stopper:
     source: str
     reason: str
     states: dict[str, SafetyState] = field(default_factory=dict)
+    news: threading.Event = field(default_factory=threading.Event)
     _outlets: dict[str, Outlet] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -67,9 +72,12 @@ class Stopper:
         if parsed is None or parsed[2] is not SLAVE_STATE:
             return
         try:
-            self.states[parsed[1]] = decode(SlaveState, payload).state
+            state = decode(SlaveState, payload).state
         except CodecError:
             return
+        if self.states.get(parsed[1]) is not state:
+            self.states[parsed[1]] = state
+            self.news.set()
 
     def say(self, now_ns: int) -> None:
         """Once on each axis."""
@@ -100,7 +108,7 @@ class Caller(NamedTuple):
 
 
 def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason: str) -> Outcome:
-    """Says the stop every 20 ms until every axis shows it, or 2 s have gone.
+    """Says the stop every 20 ms, and with each news, until every axis shows it, or 2 s have gone.
 
     Raises:
         InputError: an endpoint, a certificate or a name can not be used.
@@ -117,7 +125,8 @@ def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason
         stopper, start_s = Stopper(opened, cell, axes, source, reason[:256]), time.monotonic()
         while True:
             stopper.say(clock.now_ns())
-            time.sleep(EVERY_S)
+            if stopper.news.wait(EVERY_S):
+                stopper.news.clear()
             outcome = stopper.outcome()
             if outcome.done or time.monotonic() - start_s > FOR_S:
                 return outcome

@@ -76,9 +76,9 @@ def test_a_stop_beside_the_daemon_needs_no_package_that_may_be_broken(folder: Pa
     for name in HEAVY:
         (broken / f"{name}.py").write_text("raise ImportError('broken')\n")
     done, asked = beside_a_daemon(
-        folder, lambda: stop("--config", "slave.yaml", "--reason", "-- it kinks", path=broken)
+        folder, lambda: stop("--config", "slave.yaml", "--reason", "--kinks", path=broken)
     )
-    assert (done.returncode, done.stderr, asked) == (0, "", [Request("estop", "-- it kinks")])
+    assert (done.returncode, done.stderr, asked) == (0, "", [Request("estop", "--kinks")])
     said, stopped = done.stdout.splitlines()
     assert said == "slave: axis insertion: estopped, pressed" and stopped.startswith("stopped in ")
     helped = stop("--help", path=broken)
