@@ -17,9 +17,9 @@ from pathlib import Path
 
 import yaml
 
-from common.config import dump_mapping
 from common.effects.model import SCHEMA
 from common.recording.mcap_reader import Run, read_run
+from common.yaml_file import dump_mapping
 from diagnosis.diagnose import diagnose
 from diagnosis.diagnose.extended import extended_model
 from forefeel.loopback.plan import Wish, make_plan

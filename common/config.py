@@ -1,18 +1,15 @@
 """YAML -> frozen settings. Every mistake is one line: file, line, place, value, what was expected."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
 from pydantic_core import ErrorDetails
 
 from common.config_keys import expected_keys, leaves
 from common.errors import ConfigurationError
-
-Place = tuple[int | str, ...]
+from common.yaml_file import KINDS, Place, dump_mapping, load_yaml, shown_key
 
 
 class Settings(BaseModel):
@@ -48,47 +45,6 @@ def _is_quoted_number(value: object) -> bool:
 
 S = TypeVar("S", bound=BaseModel)
 _WHOLE = "(whole file)"
-_KINDS = {type(None): "empty", list: "a list", str: "text"}
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe YAML that also reads 1e-3 as a number (YAML 1.2), as engineers write it."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d[\d_]*)(\.\d*)?[eE][-+]?\d+$"),
-    list("-+0123456789"),
-)
-
-
-def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
-    """The mapping in a YAML file, and the line of each place in it.
-
-    Raises:
-        ConfigurationError: missing, unreadable, not YAML, a key twice, or not a mapping.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigurationError(f"{path}: {reason}; expected a readable YAML file") from error
-    try:
-        loader = _Loader(text)
-        node = loader.get_single_node()
-        lines = dict(_lines(node, (), path, ())) if node else {}
-        data = loader.construct_document(node) if node else None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = mark.line + 1 if mark else 1
-        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
-        raise ConfigurationError(f"{path}:{line}: {problem}; expected YAML") from error
-    except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
-        raise ConfigurationError(f"{path}: {error}; expected YAML") from error
-    if not isinstance(data, dict):
-        found = _KINDS.get(type(data), f"{data!r:.40}")
-        raise ConfigurationError(f"{path}:1: {found}; expected a mapping of settings")
-    return data, lines
 
 
 def load_settings(kind: type[S], path: Path) -> S:
@@ -127,7 +83,7 @@ def beside_the_file(path: Path, info: ValidationInfo) -> Path:
 def _describe(problem: ErrorDetails, kind: type[BaseModel], where: str, lines: dict[Place, int]) -> str:
     place, value = _placed(problem["loc"], lines), problem["input"]
     line = _line(place, lines)
-    dotted = "".join(f"[{p}]" if isinstance(p, int) else f".{_shown(p)}" for p in place).lstrip(".")
+    dotted = "".join(f"[{p}]" if isinstance(p, int) else f".{shown_key(p)}" for p in place).lstrip(".")
     dotted = dotted or _WHOLE
     expected = problem["msg"].removeprefix("Value error, ")
     match problem["type"]:
@@ -141,7 +97,7 @@ def _describe(problem: ErrorDetails, kind: type[BaseModel], where: str, lines: d
         line = _line((*place, *re.split(r"[ :]", expected)[0].split(".")), lines)
         return f"{where}{line}: {'' if dotted == _WHOLE else f'{dotted}: '}{expected}"
     simple = isinstance(value, int | float | str | bool | None)
-    shown = repr(value) if simple else _KINDS.get(type(value), "a mapping")
+    shown = repr(value) if simple else KINDS.get(type(value), "a mapping")
     return f"{where}{line}: {dotted} = {shown}: {expected[:1].lower()}{expected[1:]}"
 
 
@@ -153,7 +109,7 @@ def _describe_kind(
     head = f"{where}{_line((*place, key), lines)}: {dotted}.{key}"
     if "tag" not in found:
         return f"{head}: missing, a value is required"
-    return f"{head} = {_shown(str(found['tag']))!r}: expected one of {found['expected_tags']}"
+    return f"{head} = {shown_key(str(found['tag']))!r}: expected one of {found['expected_tags']}"
 
 
 def _line(place: Place, lines: dict[Place, int]) -> str:
@@ -161,11 +117,6 @@ def _line(place: Place, lines: dict[Place, int]) -> str:
     while place and place not in lines:
         place = place[:-1]
     return f":{lines[place]}" if place in lines else ""
-
-
-def _shown(key: str) -> str:
-    """A key on one line, whatever it holds."""
-    return repr(key)[1:-1]
 
 
 def _placed(loc: Place, lines: dict[Place, int]) -> Place:
@@ -177,36 +128,9 @@ def _placed(loc: Place, lines: dict[Place, int]) -> Place:
     return (*place, *loc[-1:])
 
 
-def _lines(
-    node: yaml.Node, place: Place, path: Path, around: tuple[yaml.Node, ...]
-) -> Iterator[tuple[Place, int]]:
-    line = node.start_mark.line + 1
-    yield place, line
-    if node in around:
-        raise ConfigurationError(f"{path}:{line}: an alias inside of what it stands for; expected a value")
-    around = (*around, node)
-    if isinstance(node, yaml.SequenceNode):
-        for index, child in enumerate(node.value):
-            yield from _lines(child, (*place, index), path, around)
-    elif isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
-        for key, child in node.value:
-            line = key.start_mark.line + 1
-            if not isinstance(key, yaml.ScalarNode):
-                raise ConfigurationError(f"{path}:{line}: a {key.id} as key; expected the name of a setting")
-            if key.value in seen:
-                raise ConfigurationError(
-                    f"{path}:{line}: {_shown(key.value)}: the key stands twice; expected it once"
-                )
-            seen.add(key.value)
-            yield from _lines(child, (*place, key.value), path, around)
-            yield (*place, key.value), line
-
-
 def dump_yaml(settings: BaseModel) -> str:
     """The effective settings as YAML, defaults included."""
-    text: str = yaml.safe_dump(settings.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
-    return text
+    return dump_mapping(settings.model_dump(mode="json"))
 
 
 def deep_merge(base: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]:
@@ -216,9 +140,3 @@ def deep_merge(base: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)
         merged[key] = deep_merge(merged[key], value) if both else value
     return merged
-
-
-def dump_mapping(data: dict[str, Any]) -> str:
-    """Plain data as YAML, in the order of its keys."""
-    text: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
-    return text

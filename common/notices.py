@@ -1,7 +1,11 @@
 """What a daemon has to tell the person at its terminal, in one line each."""
 
-from common.messages import SafetyEvent
+from typing import TYPE_CHECKING
+
 from common.slots import BoundedQueue
+
+if TYPE_CHECKING:  # a stop speaks before pydantic is imported
+    from common.messages import SafetyEvent
 
 _NANOSECONDS = 1_000_000_000
 _REPEAT_NS = 5_000_000_000
@@ -66,7 +70,7 @@ class Lasting:
         return True
 
 
-def in_words(event: SafetyEvent) -> str:
+def in_words(event: "SafetyEvent") -> str:
     """A transition of the safety state machine in words."""
     return f"{event.before.value} -> {event.after.value}, {event.event}: {event.reason}"
 

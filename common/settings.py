@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 from common.config import Settings, beside_the_file
 from common.errors import ConfigurationError, RecordingError
 from common.messages import PROTOCOL_VERSION
-from common.recording.tabular import Mapping
+from common.recording.units import Mapping
 from common.topics import checked_segment
 from common.transport.settings import ImpairmentSettings, TransportSettings
 

@@ -3,8 +3,7 @@
 import os
 import sys
 from contextlib import suppress
-
-import typer
+from typing import NoReturn
 
 from common.errors import ForefeelError, InputError
 from forefeel.terminal import complain
@@ -17,20 +16,36 @@ _STOP_PRIORITY = 25
 
 def main() -> None:
     """Runs the command line."""
-    if sys.argv[1:2] == ["estop"]:
-        _go_first()
-    from forefeel.cli import app  # noqa: PLC0415 - so that an import error of an extra is one line, too
-
     try:
-        code = app(standalone_mode=False, prog_name="forefeel")
+        code = _stop() if sys.argv[1:2] == ["estop"] else _command()
     except InputError as error:
         _complain(str(error), 2)
     except ForefeelError as error:
         _complain(str(error), 1)
-    except typer.TyperException as error:  # wrong usage, which typer itself would show in a box
-        _complain(error.format_message(), error.exit_code)
     else:
         sys.exit(code)
+
+
+def _stop() -> int:
+    """`forefeel estop`, before typer and what the other commands need are imported."""
+    _go_first()
+    from forefeel.local import estop  # noqa: PLC0415 - the imports go first, too
+
+    estop.run(sys.argv[2:])
+    return 0
+
+
+def _command() -> int | None:
+    """Any command, by typer."""
+    import typer  # noqa: PLC0415 - as in `_stop`
+
+    from forefeel.cli import app  # noqa: PLC0415 - so that an import error of an extra is one line, too
+
+    try:
+        code: int | None = app(standalone_mode=False, prog_name="forefeel")
+    except typer.TyperException as error:  # wrong usage, which typer itself would show in a box
+        _complain(error.format_message(), error.exit_code)
+    return code
 
 
 def _go_first() -> None:
@@ -42,7 +57,7 @@ def _go_first() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_STOP_PRIORITY))
 
 
-def _complain(text: str, code: int) -> None:
+def _complain(text: str, code: int) -> NoReturn:
     if text:  # empty where the help was shown instead
         complain(text)
     sys.exit(code)

@@ -8,7 +8,7 @@ import typer
 
 from common.config import dump_yaml
 from common.errors import ConfigurationError
-from common.recording.tabular import Mapping
+from common.recording.units import Mapping
 from common.transport.settings import PRESETS
 from forefeel.calibrate.cli import calibrate_app
 from forefeel.daemon_settings import load_any, load_daemon
@@ -25,7 +25,8 @@ from forefeel.emulate.command import EPILOG as EMULATE_EPILOG
 from forefeel.emulate.command import emulate
 from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
 from forefeel.evaluate.command import evaluate
-from forefeel.local.commands import CLEAR_EPILOG, ESTOP_EPILOG, audit_app, clear, estop
+from forefeel.local import estop
+from forefeel.local.commands import CLEAR_EPILOG, audit_app, clear, typed
 from forefeel.metrics.command import EPILOG as METRICS_EPILOG
 from forefeel.metrics.command import metrics
 from forefeel.options import AsJson, Duration, Quiet, among
@@ -55,7 +56,7 @@ app.add_typer(audit_app, name="audit")
 app.command(epilog=EPILOG)(reproduce)
 app.command(epilog=DEVICES_EPILOG)(devices)
 app.command(epilog=DOCTOR_EPILOG)(doctor)
-app.command(epilog=ESTOP_EPILOG)(estop)
+app.command("estop", epilog=estop.EPILOG)(typed(estop.PARSER, estop.estop))
 app.command(epilog=CLEAR_EPILOG)(clear)
 
 ConfigFile = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from common.config import Settings, load_settings, load_yaml
+from common.config import Settings, load_settings
 from common.errors import ConfigurationError
 from common.settings import DaemonSettings
+from common.yaml_file import load_yaml
 
 
 def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
@@ -13,11 +14,13 @@ def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
     Raises:
         ConfigurationError: one line on the first mistake.
     """
-    from master.settings import MasterSettings  # noqa: PLC0415 - each daemon loads only its own side
-    from slave.settings import SlaveSettings  # noqa: PLC0415
+    if _role(path, (role,) if role else ("slave", "master")) == "slave":
+        from slave.settings import SlaveSettings  # noqa: PLC0415 - each daemon loads only its own side
 
-    kinds: dict[str, type[DaemonSettings]] = {"slave": SlaveSettings, "master": MasterSettings}
-    return load_settings(kinds[_role(path, (role,) if role else tuple(kinds))], path)
+        return load_settings(SlaveSettings, path)
+    from master.settings import MasterSettings  # noqa: PLC0415
+
+    return load_settings(MasterSettings, path)
 
 
 def load_any(path: Path) -> Settings:

@@ -11,6 +11,7 @@ from common.errors import ConfigurationError
 from common.settings import Segment
 from common.topics import checked_segment
 from common.transport.settings import TransportSettings
+from forefeel.alone import check_alone
 
 
 class ObserverSettings(Settings):
@@ -68,16 +69,6 @@ def observer(
     mode: Literal["client", "peer"] = "client" if through_router else "peer"
     transport = {"mode": mode, "connect": list(connect), "pki": pki}
     return checked(ObserverSettings, {"cell": name, "transport": transport}, "options")
-
-
-def check_alone(*others: object) -> None:
-    """Refuses options that the file of `--config` settles; `others` are empty, None or False where not given.
-
-    Raises:
-        ConfigurationError: one was given.
-    """
-    if any(others):
-        raise ConfigurationError("--config: stands for every option about the network; expected it alone")
 
 
 def router_settings(

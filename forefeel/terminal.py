@@ -8,7 +8,6 @@ import json
 import sys
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING
 
 from common.notices import printable
@@ -25,7 +24,6 @@ SHADES = {"green": "green", "amber": "yellow", "red": "bold red"}
 """How a level of `forefeel doctor`, of a certificate and of a line on stderr is coloured."""
 
 
-@dataclass(slots=True)
 class _Mode:
     as_json: bool = False
     quiet: bool = False

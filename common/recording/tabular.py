@@ -1,36 +1,14 @@
 """Import of recordings from CSV, Parquet and MCAP files."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import RecordingError
 from common.recording.mcap_reader import read_run
 from common.recording.recording import Recording, check_samples
 from common.recording.tables import CsvTable, ParquetTable, Table
-from common.recording.units import parse_column
+from common.recording.units import Mapping
 
 _TABLES: dict[str, type[CsvTable] | type[ParquetTable]] = {".csv": CsvTable, ".parquet": ParquetTable}
-
-
-@dataclass(frozen=True, slots=True)
-class Mapping:
-    """Which columns hold time, position and force (None: none does), each as `unit:column`, e.g. `mm:laser`.
-
-    Raises:
-        RecordingError: see `parse_column`.
-    """
-
-    time: str = "s:time_s"
-    position: str = "m:position_m"
-    force: str | None = None
-
-    def __post_init__(self) -> None:
-        self.columns()
-
-    def columns(self) -> list[tuple[str, float]]:
-        """(name, factor to SI) of time, position and, where mapped, force."""
-        columns = [parse_column("time", self.time), parse_column("position", self.position)]
-        return columns if self.force is None else [*columns, parse_column("force", self.force)]
 
 
 def load_recording(path: Path, mapping: Mapping | None = None, axis: str | None = None) -> Recording:

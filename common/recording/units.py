@@ -1,5 +1,6 @@
 """Units of imported columns, each with its factor to SI, and the text `unit:column` that names both."""
 
+from dataclasses import dataclass
 from typing import Literal
 
 from common.errors import RecordingError
@@ -29,3 +30,24 @@ def parse_column(quantity: Quantity, text: str) -> tuple[str, float]:
             f"{quantity} = {text!r}: unknown unit {unit!r}, expected {', '.join(TO_SI[quantity])}"
         )
     return column, TO_SI[quantity][unit]
+
+
+@dataclass(frozen=True, slots=True)
+class Mapping:
+    """Which columns hold time, position and force (None: none does), each as `unit:column`, e.g. `mm:laser`.
+
+    Raises:
+        RecordingError: see `parse_column`.
+    """
+
+    time: str = "s:time_s"
+    position: str = "m:position_m"
+    force: str | None = None
+
+    def __post_init__(self) -> None:
+        self.columns()
+
+    def columns(self) -> list[tuple[str, float]]:
+        """(name, factor to SI) of time, position and, where mapped, force."""
+        columns = [parse_column("time", self.time), parse_column("position", self.position)]
+        return columns if self.force is None else [*columns, parse_column("force", self.force)]

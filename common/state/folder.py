@@ -7,10 +7,12 @@ import stat
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from common.errors import ConfigurationError
-from common.settings import DaemonSettings
+
+if TYPE_CHECKING:  # a stop finds the folder before pydantic is imported
+    from common.settings import DaemonSettings
 
 AUDIT, FLIGHT, SOCKET, LATCHED = "audit.jsonl", "flight", "control.sock", "latched.json"
 _LOCK = "lock"
@@ -18,15 +20,18 @@ _OTHERS_WRITE = 0o022
 _OWN = (_LOCK, AUDIT, FLIGHT, LATCHED, SOCKET)
 
 
-def state_path(settings: DaemonSettings, role: str, environment: Mapping[str, str]) -> Path:
+def state_path(settings: "DaemonSettings", role: str, environment: Mapping[str, str]) -> Path:
     """The folder of a daemon with these settings, whether it exists or not."""
-    if settings.state.directory is not None:
-        return settings.state.directory
+    return settings.state.directory or unnamed_path(settings.cell, role, environment)
+
+
+def unnamed_path(cell: str, role: str, environment: Mapping[str, str]) -> Path:
+    """The folder of a daemon whose settings name none."""
     base = environment.get("STATE_DIRECTORY", "").partition(":")[0]
     if not base:
         home = environment.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
         base = f"{home}/forefeel"
-    return Path(base).absolute() / re.sub(r"[^A-Za-z0-9_.-]", "_", f"{settings.cell}-{role}")
+    return Path(base).absolute() / re.sub(r"[^A-Za-z0-9_.-]", "_", f"{cell}-{role}")
 
 
 def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:

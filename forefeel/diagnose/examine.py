@@ -8,11 +8,11 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from common.config import dump_mapping
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError, RecordingError, RunError
 from common.recording.recording import Recording
 from common.recording.tabular import load_recording
+from common.yaml_file import dump_mapping
 from diagnosis.diagnose import Diagnosed, diagnose
 from diagnosis.diagnose.diagnose import check
 from diagnosis.diagnose.extended import extended_model

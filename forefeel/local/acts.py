@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from common.clock import Clock
 from common.journal import Journal
 from common.messages import SafetyState
-from forefeel.local.protocol import Answer, AxisAnswer, Request
+from forefeel.local.protocol import Answer, Request
 
 if TYPE_CHECKING:
     from master.daemon import MasterDaemon
@@ -37,20 +37,20 @@ class SlaveActs:
             case "clear":
                 return await self._clear(request.axis, by)
             case _:
-                return self._answer(True, *_lines(self._axes()))
+                return self._answer(True, *self._lines())
 
     async def _stop(self, reason: str, by: str) -> Answer:
         for axis in self._daemon.axes:
             axis.emergency_stop(reason, by)
         done = await _until(_STOPS_S, lambda: self._all(SafetyState.ESTOPPED))
-        return self._answer(done, *_lines(self._axes()))
+        return self._answer(done, *self._lines())
 
     async def _clear(self, name: str | None, by: str) -> Answer:
         names = [axis.name for axis in self._daemon.axes]
         if name is not None and name not in names:
             return self._answer(False, f"no axis {name!r}; expected one of {', '.join(names)}")
         if not any(axis.halted for axis in self._daemon.axes):
-            return self._answer(True, "nothing is latched", *_lines(self._axes()))
+            return self._answer(True, "nothing is latched", *self._lines())
         cleared = await self._cleared(name)
         if isinstance(cleared, str):
             return self._noted(by, False, cleared)
@@ -78,14 +78,11 @@ class SlaveActs:
     def _all(self, state: SafetyState) -> bool:
         return all(axis.state is state for axis in self._daemon.axes)
 
-    def _axes(self) -> tuple[AxisAnswer, ...]:
-        return tuple(
-            AxisAnswer(name=axis.name, state=axis.state.value, reason=axis.reason)
-            for axis in self._daemon.axes
-        )
+    def _lines(self) -> list[str]:
+        return [_line(axis.name, axis.state.value, axis.reason) for axis in self._daemon.axes]
 
     def _answer(self, done: bool, *text: str) -> Answer:
-        return Answer(done=done, text=text, role="slave", axes=self._axes())
+        return Answer(done, text, "slave")
 
 
 class MasterActs:
@@ -101,27 +98,27 @@ class MasterActs:
                 False, "a master clears nothing; expected `forefeel clear` on the slave's host"
             )
         if request.do == "state":
-            return self._answer(True, *_lines(self._axes()))
+            return self._answer(True, *self._lines())
         for axis in self._daemon.axes:
             axis.emergency_stop(request.reason or "the operator's stop", self._clock.now_ns(), by)
         done = await _until(_STOPS_S, lambda: not any(axis.stop.wanted for axis in self._daemon.axes))
-        return self._answer(done, *_lines(self._axes()))
+        return self._answer(done, *self._lines())
 
-    def _axes(self) -> tuple[AxisAnswer, ...]:
+    def _lines(self) -> list[str]:
         found = []
         for axis in self._daemon.axes:
             heard = axis.slave_state
             cause = axis.session.cause(self._clock.now_ns())
             state, reason = (heard.state.value, heard.reason) if heard else ("not heard", cause)
-            found.append(AxisAnswer(name=axis.name, state=state, reason=reason))
-        return tuple(found)
+            found.append(_line(axis.name, state, reason))
+        return found
 
     def _answer(self, done: bool, *text: str) -> Answer:
-        return Answer(done=done, text=text, role="master", axes=self._axes())
+        return Answer(done, text, "master")
 
 
-def _lines(axes: tuple[AxisAnswer, ...]) -> list[str]:
-    return [f"axis {axis.name}: {axis.state}, {axis.reason}" for axis in axes]
+def _line(axis: str, state: str, reason: str) -> str:
+    return f"axis {axis}: {state}, {reason}"
 
 
 async def _until(timeout_s: float, condition: Callable[[], bool]) -> bool:

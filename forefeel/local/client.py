@@ -1,10 +1,9 @@
 """Asks a daemon on this machine."""
 
+import json
 import os
 import socket
 from pathlib import Path
-
-from pydantic import ValidationError
 
 from common.errors import RunError
 from common.state.folder import SOCKET
@@ -32,15 +31,15 @@ def ask(folder: Path, request: Request, timeout_s: float = 5.0) -> Answer:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
             connection.settimeout(timeout_s)
             connection.connect(path)
-            connection.sendall(request.model_dump_json().encode() + b"\n")
+            connection.sendall(json.dumps(request._asdict()).encode() + b"\n")
             with connection.makefile("rb") as lines:
-                line = lines.readline()
-        return Answer.model_validate_json(line)
+                said = json.loads(lines.readline())
+        return Answer(said["done"] is True, tuple(map(str, said["text"])), str(said["role"]))
     except PermissionError as error:
         raise RunError(
             f"{folder / SOCKET}: {error.strerror}; expected root or the daemon's own user"
         ) from error
-    except (OSError, ValidationError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise NobodyThereError(f"{folder / SOCKET}: no daemon answers") from error
     finally:
         os.close(descriptor)

@@ -1,7 +1,10 @@
-"""`forefeel estop`, `forefeel clear`, `forefeel audit`: acts of a person beside a daemon."""
+"""`forefeel clear`, `forefeel audit`: acts of a person beside a daemon; `forefeel estop` as typer sees it."""
 
 import json
 import os
+from collections.abc import Callable
+from inspect import Parameter, Signature
+from optparse import OptionParser
 from pathlib import Path
 from typing import Annotated
 
@@ -9,61 +12,18 @@ import typer
 
 from common.audit import is_hash
 from common.errors import ConfigurationError, RunError
-from common.settings import DaemonSettings
 from common.state.folder import AUDIT, state_path
-from common.topics import Role
-from common.transport.security import PartyRole
-from common.transport.settings import TransportSettings
-from forefeel.daemon_settings import load_any, load_daemon
+from forefeel.daemon_settings import load_daemon
 from forefeel.local.audit_text import describe, entry_text, read_entries, read_verdict, verdict_json
 from forefeel.local.client import NobodyThereError, ask
 from forefeel.local.protocol import Answer, Request
-from forefeel.options import AsJson, Insecure, Quiet, ThroughRouter, ViewerPki
-from forefeel.terminal import answer, output, say
+from forefeel.options import AsJson, Quiet
+from forefeel.terminal import answer, output
 
 audit_app = typer.Typer(help="The audit log of a daemon.", no_args_is_help=True)
-ESTOP_EPILOG = (
-    "Example: forefeel estop --config deploy/config/slave.yaml --reason 'catheter kinked'   "
-    "Example: forefeel estop --cell cathlab --connect tls/10.0.0.1:7447 --pki pki"
-)
 CLEAR_EPILOG = "Example: forefeel clear --config deploy/config/slave.yaml"
-_REASON = "asked for on the command line"
 
 LogFile = Annotated[Path, typer.Argument(metavar="FILE", help="STATE/audit.jsonl of a daemon.")]
-
-
-def estop(  # noqa: PLR0913, PLR0917 - one parameter per option
-    config: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Of slave or master: its socket, else the network.")
-    ] = None,
-    cell: Annotated[str | None, typer.Option(help="Without --config: which cell.")] = None,
-    connect: Annotated[list[str] | None, typer.Option(metavar="ENDPOINT", help="Where; repeat it.")] = None,
-    axis: Annotated[list[str] | None, typer.Option(help="Which axes; every one that is heard.")] = None,
-    reason: Annotated[str, typer.Option(help="Stands in the audit log.")] = _REASON,
-    pki: ViewerPki = None,
-    through_router: ThroughRouter = False,
-    insecure: Insecure = False,
-) -> None:
-    """Stop a cell, latched until `forefeel clear` on the slave's host. Exit 1: nothing confirmed it."""
-    from forefeel.network_settings import ObserverSettings, check_alone, observer  # noqa: PLC0415
-
-    if config is None:
-        if not (cell and connect):
-            raise ConfigurationError("expected --config, or --cell and --connect")
-        found = observer(None, cell, connect, pki, through_router)
-        return _stop_there(found.transport, "viewer", cell, tuple(axis or ()), reason, insecure)
-    check_alone(cell is not None, connect, pki, through_router)
-    settings = load_any(config)
-    if isinstance(settings, ObserverSettings):
-        if settings.role != "viewer":
-            raise ConfigurationError(f"{config}: role = {settings.role!r}: a recorder may not stop a cell")
-        return _stop_there(settings.transport, "viewer", settings.cell, tuple(axis or ()), reason, insecure)
-    if not isinstance(settings, DaemonSettings):
-        raise ConfigurationError(f"{config}: expected the file of a slave, a master or a viewer")
-    if _stopped_here(settings, reason):
-        return None
-    axes = tuple(axis or _names(settings))
-    return _stop_there(_towards(settings), _role(settings), settings.cell, axes, reason, insecure)
 
 
 def clear(
@@ -72,7 +32,7 @@ def clear(
 ) -> None:
     """Clear a latched emergency stop or fault: on the slave's host only, while the slave runs."""
     settings = load_daemon(config)
-    if _role(settings) != "slave":
+    if settings.model_dump(include={"role"}) != {"role": "slave"}:
         raise ConfigurationError(f"{config}: role = 'master': expected the slave's file, on its host")
     folder = state_path(settings, "slave", os.environ)
     try:
@@ -82,6 +42,30 @@ def clear(
     _say(answer)
     if not answer.done:
         raise typer.Exit(1)
+
+
+def typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
+    """`act` as a command of typer with the parser's options: for help, completion and reference."""
+
+    def command(**options: object) -> None:
+        act(**options)
+
+    kinds = {"store": str | None, "append": list[str] | None, "store_true": bool}
+    parameters = [
+        Parameter(
+            each.dest,
+            Parameter.KEYWORD_ONLY,
+            default=parser.defaults[each.dest],
+            annotation=Annotated[
+                kinds[each.action], typer.Option(each.get_opt_string(), metavar=each.metavar, help=each.help)
+            ],
+        )
+        for each in parser.option_list
+        if each.dest
+    ]
+    setattr(command, "__signature__", Signature(parameters))  # noqa: B010 - of no type that has it
+    command.__doc__ = parser.description
+    return command
 
 
 @audit_app.command("verify", epilog="Example: forefeel audit verify state/audit.jsonl")
@@ -112,50 +96,6 @@ def audit_show(file: LogFile, as_json: AsJson = False) -> None:
         raise RunError(f"{file}:{flaw.line}: the line {flaw.what}")
 
 
-def _stopped_here(settings: DaemonSettings, reason: str) -> bool:
-    """Whether the daemon of these settings runs here and has stopped the cell."""
-    try:
-        folder = state_path(settings, _role(settings), os.environ)
-        answer = ask(folder, Request(do="estop", reason=reason[:256]))
-    except RunError as error:
-        say(f"{error}; over the network, then")
-        return False
-    if answer.done:
-        _say(answer)
-    return answer.done
-
-
-def _stop_there(
-    transport: TransportSettings,
-    role: PartyRole,
-    cell: str,
-    axes: tuple[str, ...],
-    reason: str,
-    insecure: bool,
-) -> None:
-    from forefeel.local.stop import Caller, stop_over_network, who  # noqa: PLC0415 - others start without Zenoh
-
-    outcome = stop_over_network(Caller(transport, role, cell, insecure), axes, who(), reason)
-    for axis, state in outcome.axes.items():
-        typer.echo(f"axis {axis}: {state}")
-    if not outcome.done:
-        where = ", ".join(transport.connect)
-        heard = ", ".join(f"axis {axis} {state}" for axis, state in outcome.axes.items()) or "no slave heard"
-        raise RunError(
-            f"EMERGENCY STOP NOT CONFIRMED by cell {cell} at {where} in {outcome.took_s:.1f} s ({heard}): "
-            "USE THE STOP OF THE MACHINE ITSELF"
-        )
-    typer.echo(
-        f"stopped in {outcome.took_s * 1e3:.0f} ms; latched until `forefeel clear` on the slave's host"
-    )
-
-
-def _towards(settings: DaemonSettings) -> TransportSettings:
-    from forefeel.local.stop import towards  # noqa: PLC0415
-
-    return towards(settings)
-
-
 def _last_words(folder: Path) -> str:
     """How the daemon ended, by its audit log."""
     path = folder / AUDIT
@@ -171,12 +111,3 @@ def _last_words(folder: Path) -> str:
 def _say(answer: Answer) -> None:
     for line in answer.text:
         typer.echo(f"{answer.role}: {line}")
-
-
-def _role(settings: DaemonSettings) -> Role:
-    role: Role = settings.model_dump(include={"role"})["role"]
-    return role
-
-
-def _names(settings: DaemonSettings) -> list[str]:
-    return [axis["name"] for axis in settings.model_dump(include={"axes": {"__all__": {"name"}}})["axes"]]

@@ -4,42 +4,27 @@ import os
 import socket
 import struct
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
-
-from pydantic import BaseModel, ConfigDict, Field
+from typing import Literal, NamedTuple
 
 LONGEST_LINE = 8192
+LONGEST_TEXT = 256
 _CREDENTIALS = struct.Struct("3i")
-Text = Annotated[str, Field(max_length=256)]
 
 
-class _Said(BaseModel):
-    model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class Request(_Said):
-    """`axis`: of a clearing; None: all."""
+class Request(NamedTuple):
+    """`axis`: of a clearing; None: all. No text is longer than `LONGEST_TEXT`."""
 
     do: Literal["state", "estop", "clear"]
-    reason: Text = ""
-    axis: Text | None = None
+    reason: str = ""
+    axis: str | None = None
 
 
-class AxisAnswer(_Said):
-    """One axis; at a master the slave's state as it is heard."""
-
-    name: str
-    state: str
-    reason: str
-
-
-class Answer(_Said):
+class Answer(NamedTuple):
     """`done`: whether what was asked for is so now; `text`: in words, a line for each thing."""
 
     done: bool
     text: tuple[str, ...]
     role: str
-    axes: tuple[AxisAnswer, ...]
 
 
 def socket_path(folder: Path, name: str) -> tuple[int, str]:

@@ -1,6 +1,7 @@
 """The local socket of a daemon, on asyncio: for the same user and root, a few at a time, a line each."""
 
 import asyncio
+import json
 import os
 import socket
 from collections.abc import Awaitable, Callable
@@ -8,14 +9,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-from pydantic import ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from common.errors import ConfigurationError
 from common.state.folder import SOCKET
-from forefeel.local.protocol import LONGEST_LINE, Answer, Request, peer_uid, socket_path
+from forefeel.local.protocol import LONGEST_LINE, LONGEST_TEXT, Answer, Request, peer_uid, socket_path
 
 _AT_ONCE = 8
 _PATIENCE_S = 5.0
+_REQUEST = TypeAdapter(Request, config=ConfigDict(strict=True, str_max_length=LONGEST_TEXT))
 Act = Callable[[Request, str], Awaitable[Answer]]
 """Does what is asked for; who asks."""
 
@@ -72,7 +74,7 @@ class LocalServer:
         self._talks.add(talk)
         try:
             answer = await self._answer(reader, writer)
-            writer.write(answer.model_dump_json().encode() + b"\n")
+            writer.write(json.dumps(answer._asdict()).encode() + b"\n")
             await asyncio.wait_for(writer.drain(), _PATIENCE_S)
         except (OSError, TimeoutError, ValueError):  # gone, silent, or endless: its own loss
             pass
@@ -88,10 +90,10 @@ class LocalServer:
         if len(self._talks) > _AT_ONCE:
             return self._refused(f"{_AT_ONCE} others are speaking")
         try:
-            request = Request.model_validate_json(line)
+            request = _REQUEST.validate_json(line)
         except ValidationError as error:
             return self._refused(f"not understood: {error.errors(include_url=False)[0]['msg']}")
         return await self._act(request, f"uid {uid}")
 
     def _refused(self, why: str) -> Answer:
-        return Answer(done=False, text=(why,), role=self._role, axes=())
+        return Answer(done=False, text=(why,), role=self._role)

@@ -1,17 +1,19 @@
-"""`forefeel estop`: an emergency stop from any host, said until every axis of the cell shows it."""
+"""An emergency stop over the network, said until every axis of the cell shows it."""
 
 import socket
+import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 from common import topics
 from common.bus import Bus, Outlet
 from common.clock import MonotonicClock
 from common.codec import decode
-from common.errors import CodecError
+from common.errors import CodecError, ConfigurationError
 from common.messages import EmergencyStop, SafetyState, SlaveState
 from common.settings import DaemonSettings
 from common.topics import SLAVE_STATE, checked_segment, parse_key
@@ -19,6 +21,8 @@ from common.transport.port import Transport
 from common.transport.security import Party, PartyRole
 from common.transport.settings import TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
+from forefeel.daemon_settings import load_any
+from forefeel.network_settings import ObserverSettings, observer
 from forefeel.terminal import say
 
 EVERY_S = 0.020
@@ -28,10 +32,9 @@ _NO_NAME = "unknown-host"
 
 
 class Outcome(NamedTuple):
-    """What the slave said of each axis: its state, `not heard` without a word; how long it took."""
+    """What the slave said of each axis: its state, `not heard` without a word."""
 
     axes: dict[str, str]
-    took_s: float
 
     @property
     def done(self) -> bool:
@@ -41,7 +44,10 @@ class Outcome(NamedTuple):
 
 @dataclass
 class Stopper:
-    """Says the stop on the keys of the axes, of every axis that is heard where none is named."""
+    """Says the stop on the keys of the axes, of every axis that is heard where none is named.
+
+    `news`: an axis says another state than before.
+    """
 
     transport: Transport
     cell: str
@@ -49,6 +55,7 @@ class Stopper:
     source: str
     reason: str
     states: dict[str, SafetyState] = field(default_factory=dict)
+    news: threading.Event = field(default_factory=threading.Event)
     _outlets: dict[str, Outlet] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -57,7 +64,7 @@ class Stopper:
             key = SLAVE_STATE.key(self.cell, axis)
             self.transport.subscribe(key, partial(self._heard, key))
         if not self.axes:
-            self.transport.subscribe_all(f"forefeel/{self.cell}", self._heard)
+            self.transport.subscribe_all(SLAVE_STATE.key(self.cell, "*"), self._heard)
 
     def _heard(self, key: str, payload: bytes, receive_ns: int) -> None:
         del receive_ns
@@ -65,9 +72,12 @@ class Stopper:
         if parsed is None or parsed[2] is not SLAVE_STATE:
             return
         try:
-            self.states[parsed[1]] = decode(SlaveState, payload).state
+            state = decode(SlaveState, payload).state
         except CodecError:
             return
+        if self.states.get(parsed[1]) is not state:
+            self.states[parsed[1]] = state
+            self.news.set()
 
     def say(self, now_ns: int) -> None:
         """Once on each axis."""
@@ -79,23 +89,26 @@ class Stopper:
             header = outlet.header(0, now_ns)
             outlet.send(EmergencyStop(**header, source=self.source, reason=self.reason))
 
-    def outcome(self, took_s: float) -> Outcome:
+    def outcome(self) -> Outcome:
         """As it is now; an axis that is only heard counts, too: a stop stops the cell."""
         found: dict[str, str] = dict.fromkeys(self.axes, "not heard")
-        return Outcome({**found, **{axis: state.value for axis, state in dict(self.states).items()}}, took_s)
+        return Outcome({**found, **{axis: state.value for axis, state in dict(self.states).items()}})
 
 
 class Caller(NamedTuple):
-    """Who stops which cell: its transport, its role there, whether it may do without certificates."""
+    """Who stops which cell: its transport, its role there, whether it may do without certificates; which axes
+    it knows of.
+    """
 
     transport: TransportSettings
     role: PartyRole
     cell: str
     insecure: bool = False
+    axes: tuple[str, ...] = ()
 
 
 def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason: str) -> Outcome:
-    """Says the stop every 20 ms until every axis shows it, or 2 s have gone.
+    """Says the stop every 20 ms, and with each news, until every axis shows it, or 2 s have gone.
 
     Raises:
         InputError: an endpoint, a certificate or a name can not be used.
@@ -112,15 +125,46 @@ def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason
         stopper, start_s = Stopper(opened, cell, axes, source, reason[:256]), time.monotonic()
         while True:
             stopper.say(clock.now_ns())
-            time.sleep(EVERY_S)
-            outcome = stopper.outcome(time.monotonic() - start_s)
-            if outcome.done or outcome.took_s > FOR_S:
+            if stopper.news.wait(EVERY_S):
+                stopper.news.clear()
+            outcome = stopper.outcome()
+            if outcome.done or time.monotonic() - start_s > FOR_S:
                 return outcome
     finally:
         opened.close()
 
 
-def towards(settings: DaemonSettings) -> TransportSettings:
+def caller_of(config: Path, insecure: bool) -> Caller:
+    """Whom the file of a slave, a master or a viewer makes a caller.
+
+    Raises:
+        ConfigurationError: it is of nobody who may stop a cell, or wrong.
+    """
+    settings = load_any(config)
+    if isinstance(settings, ObserverSettings):
+        if settings.role != "viewer":
+            raise ConfigurationError(f"{config}: role = {settings.role!r}: a recorder may not stop a cell")
+        return Caller(settings.transport, "viewer", settings.cell, insecure)
+    if not isinstance(settings, DaemonSettings):
+        raise ConfigurationError(f"{config}: expected the file of a slave, a master or a viewer")
+    own = settings.model_dump(include={"role": True, "axes": {"__all__": {"name"}}})
+    axes = tuple(axis["name"] for axis in own["axes"])
+    return Caller(_towards(settings), own["role"], settings.cell, insecure, axes)
+
+
+def viewer(
+    cell: str | None, connect: Sequence[str], pki: str | None, through_router: bool, insecure: bool
+) -> Caller:
+    """The same by options.
+
+    Raises:
+        ConfigurationError: one can not be used.
+    """
+    found = observer(None, cell, connect, None if pki is None else Path(pki), through_router)
+    return Caller(found.transport, "viewer", found.cell, insecure)
+
+
+def _towards(settings: DaemonSettings) -> TransportSettings:
     """How somebody beside the daemon of these settings reaches the cell: it listens to nobody."""
     transport = settings.transport
     targets = (*transport.connect, *map(_near, transport.listen))

@@ -7,7 +7,8 @@ from typing import Any
 from common.config import checked, dump_yaml
 from common.errors import ConfigurationError, RecordingError
 from common.model_file import load_model
-from common.recording.tabular import Mapping, load_recording
+from common.recording.tabular import load_recording
+from common.recording.units import Mapping
 from common.transport.settings import PRESETS
 from forefeel.calibrate.carried import calibrations
 from forefeel.loopback.played import GAP_S, HAND_MAX_N, play

@@ -12,7 +12,8 @@ from common.effects.model import ContactModel
 from common.errors import ConfigurationError
 from common.model_file import load_model
 from common.recording.recording import Array
-from common.recording.tabular import Mapping, load_recording
+from common.recording.tabular import load_recording
+from common.recording.units import Mapping
 from forefeel.simulate.motion import Hand, Piece, Recorded, multisine, sine
 from forefeel.simulate.sensor import SensorWish, counted, encoded, noise
 from forefeel.simulate.world import integrate

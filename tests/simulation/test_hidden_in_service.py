@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import yaml
 
-from common.config import dump_mapping
 from common.effects.model import SCHEMA
 from common.recording.mcap_reader import Run, read_run
 from common.topics import FORCE
+from common.yaml_file import dump_mapping
 from diagnosis.diagnose import diagnose
 from diagnosis.diagnose.extended import extended_model
 from forefeel.__main__ import main

@@ -22,7 +22,7 @@ SLAVE = "role: slave\nstate: {directory: st}\ntransport: {listen: ['tcp/127.0.0.
 
 
 async def act(request: Request, by: str) -> Answer:
-    return Answer(done=True, text=(f"{request.do} by {by}",), role="slave", axes=())
+    return Answer(done=True, text=(f"{request.do} by {by}",), role="slave")
 
 
 def serving(folder: Path, talk: Callable[[], Awaitable[None]]) -> None:

@@ -15,7 +15,8 @@ from common.errors import RecordingError, RunError
 from common.messages import EmergencyStop, ImpairmentTrace, SafetyEvent, SafetyState
 from common.recording.mcap_reader import read_run
 from common.recording.mcap_writer import RunWriter
-from common.recording.tabular import Mapping, load_recording
+from common.recording.tabular import load_recording
+from common.recording.units import Mapping
 from common.topics import COMMAND, EMERGENCY_STOP, FORCE, MASTER_IMPAIRMENT, SAFETY_EVENT, SLAVE_STATE
 from tests.unit.recording_samples import (
     AXIS,

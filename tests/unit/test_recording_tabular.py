@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from common.errors import RecordingError
-from common.recording.tabular import Mapping, load_recording
-from common.recording.units import Quantity, parse_column
+from common.recording.tabular import load_recording
+from common.recording.units import Mapping, Quantity, parse_column
 
 GOOD = "time_s,position_m,force_n\n0,0.001,1.5\n0.5,0.002,-2\n"
 

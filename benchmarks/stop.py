@@ -1,0 +1,116 @@
+"""How long `forefeel estop` takes from the start of its process: `python -m benchmarks.stop`.
+
+A slave with a simulated stage and certificates runs beside it, cleared before each stop. The ways take turns
+with an interpreter that only prints a line, below which no command of ours can come; ratios are of one round.
+"""
+
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+from common.clock import now_utc
+from common.state.folder import SOCKET
+from forefeel.pki.folder import make_folder
+
+_ROUNDS = 21
+_START_S = 20.0
+_SETTLE_S = 3.0
+"""A slave serves its socket before its devices are calm."""
+_INSTALLED = Path(sys.executable).with_name("forefeel")
+_FOREFEEL = [str(_INSTALLED)] if _INSTALLED.exists() else [sys.executable, "-m", "forefeel"]
+
+
+class Took(NamedTuple):
+    """One process: user and system time, and from its start to its first line; s."""
+
+    processor_s: float
+    said_s: float
+
+
+def main() -> None:
+    """Prints one line a way."""
+    with tempfile.TemporaryDirectory() as folder, _slave(Path(folder)) as endpoint:
+        ways = {
+            "an interpreter alone": [sys.executable, "-c", "print()"],
+            "estop --help": [*_FOREFEEL, "estop", "--help"],
+            "estop on the slave's host": [*_FOREFEEL, "estop", "--config", "slave.yaml"],
+            "estop as a viewer, mTLS": [
+                *_FOREFEEL, "estop", "--cell", "cell", "--connect", endpoint, "--pki", "pki",
+            ],
+            "estop as a master, mTLS": [*_FOREFEEL, "estop", "--config", "master.yaml"],
+        }  # fmt: skip
+        rounds = []
+        for _ in range(_ROUNDS):
+            rounds.append({way: _once(command, Path(folder)) for way, command in ways.items()})
+    _table(rounds)
+
+
+def _table(rounds: Sequence[dict[str, Took]]) -> None:
+    print(
+        f"{'':>27} {'processor, ms':>15} {'ratio':>6} {'start to said, ms':>18} {'ratio':>6}\n"
+        f"{'':>27} {'p50 / most':>15} {'p50':>6} {'p50 / most':>18} {'p50':>6}"
+    )
+    bare = next(iter(rounds[0]))
+    for way in rounds[0]:
+        cells = []
+        for part, width in ((0, 15), (1, 18)):
+            times_ms = [each[way][part] * 1e3 for each in rounds]
+            ratio = median(each[way][part] / each[bare][part] for each in rounds)
+            shown = f"{median(times_ms):.0f} / {max(times_ms):.0f}"
+            cells.append(f"{shown:>{width}} {ratio:6.1f}")
+        print(f"{way:>27} {' '.join(cells)}", flush=True)
+
+
+def _once(command: Sequence[str], folder: Path) -> Took:
+    """The command, after a clearing."""
+    subprocess.run(
+        [*_FOREFEEL, "clear", "--config", "slave.yaml"], cwd=folder, capture_output=True, check=True
+    )
+    start_s = time.monotonic()
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        said_s = time.monotonic() - start_s
+        process.stdout.read()
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise SystemExit(f"{' '.join(command)}: exit code {process.returncode}")
+    return Took(used.ru_utime + used.ru_stime, said_s)
+
+
+@contextmanager
+def _slave(folder: Path) -> Iterator[str]:
+    """A slave that is ready; its endpoint."""
+    make_folder(folder / "pki", ["cell"], {}, 2, now_utc())
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        endpoint = f"tls/127.0.0.1:{probe.getsockname()[1]}"
+    settings = {"slave": "listen", "master": "connect"}
+    for role, side in settings.items():
+        (folder / f"{role}.yaml").write_text(
+            f"role: {role}\nstate: {{directory: {role}}}\ntransport: {{{side}: ['{endpoint}'], pki: pki}}\n"
+        )
+    command = [*_FOREFEEL, "slave", "--config", "slave.yaml"]
+    with subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL) as process:
+        try:
+            deadline_s = time.monotonic() + _START_S
+            while not (folder / "slave" / SOCKET).exists():
+                if time.monotonic() > deadline_s or process.poll() is not None:
+                    raise SystemExit("the slave does not start")
+                time.sleep(0.1)
+            time.sleep(_SETTLE_S)
+            yield endpoint
+        finally:
+            process.terminate()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""A YAML file as plain data with the line of each place; without pydantic, for a stop waits for no import."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from common.errors import ConfigurationError
+
+Place = tuple[int | str, ...]
+KINDS = {type(None): "empty", list: "a list", str: "text"}
+"""What stands where a mapping was expected, in words."""
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe YAML that also reads 1e-3 as a number (YAML 1.2), as engineers write it."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\d[\d_]*)(\.\d*)?[eE][-+]?\d+$"),
+    list("-+0123456789"),
+)
+
+
+def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
+    """The mapping in a YAML file, and the line of each place in it.
+
+    Raises:
+        ConfigurationError: missing, unreadable, not YAML, a key twice, or not a mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ConfigurationError(f"{path}: {reason}; expected a readable YAML file") from error
+    try:
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        lines = dict(_lines(node, (), path, ())) if node else {}
+        data = loader.construct_document(node) if node else None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = mark.line + 1 if mark else 1
+        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
+        raise ConfigurationError(f"{path}:{line}: {problem}; expected YAML") from error
+    except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
+        raise ConfigurationError(f"{path}: {error}; expected YAML") from error
+    if not isinstance(data, dict):
+        found = KINDS.get(type(data), f"{data!r:.40}")
+        raise ConfigurationError(f"{path}:1: {found}; expected a mapping of settings")
+    return data, lines
+
+
+def _lines(
+    node: yaml.Node, place: Place, path: Path, around: tuple[yaml.Node, ...]
+) -> Iterator[tuple[Place, int]]:
+    line = node.start_mark.line + 1
+    yield place, line
+    if node in around:
+        raise ConfigurationError(f"{path}:{line}: an alias inside of what it stands for; expected a value")
+    around = (*around, node)
+    if isinstance(node, yaml.SequenceNode):
+        for index, child in enumerate(node.value):
+            yield from _lines(child, (*place, index), path, around)
+    elif isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, child in node.value:
+            line = key.start_mark.line + 1
+            if not isinstance(key, yaml.ScalarNode):
+                raise ConfigurationError(f"{path}:{line}: a {key.id} as key; expected the name of a setting")
+            if key.value in seen:
+                raise ConfigurationError(
+                    f"{path}:{line}: {shown_key(key.value)}: the key stands twice; expected it once"
+                )
+            seen.add(key.value)
+            yield from _lines(child, (*place, key.value), path, around)
+            yield (*place, key.value), line
+
+
+def shown_key(key: str) -> str:
+    """A key on one line, whatever it holds."""
+    return repr(key)[1:-1]
+
+
+def dump_mapping(data: dict[str, Any]) -> str:
+    """Plain data as YAML, in the order of its keys."""
+    text: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+    return text

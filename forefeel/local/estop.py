@@ -1,0 +1,189 @@
+"""`forefeel estop`: an emergency stop, by the daemon beside us, else over the network.
+
+What it imports up to the answer of that daemon is the standard library and a reader of YAML: a stop waits for
+no other import, and for none that fails (docs/decisions/0022). The network's side is in `stop`.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from optparse import IndentedHelpFormatter, OptionParser
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from common.errors import ConfigurationError, RunError
+from common.notices import printable
+from common.state.folder import unnamed_path
+from common.yaml_file import load_yaml
+from forefeel.alone import check_alone
+from forefeel.local.client import ask
+from forefeel.local.protocol import LONGEST_TEXT, Request
+from forefeel.terminal import say
+
+if TYPE_CHECKING:
+    from forefeel.local import stop
+
+EPILOG = (
+    "Example: forefeel estop --config deploy/config/slave.yaml --reason 'catheter kinked'   "
+    "Example: forefeel estop --cell cathlab --connect tls/10.0.0.1:7447 --pki pki"
+)
+_REASON = "asked for on the command line"
+_PATIENCE_S = 2.0
+"""For the daemon beside us, which answers within 1 s; one that hangs must not keep the network waiting."""
+
+
+class _Formatter(IndentedHelpFormatter):
+    """An example is a line of its own, to be copied."""
+
+    def format_epilog(self, epilog: str | None) -> str:
+        text = (epilog or "").replace("   Example: ", "\nExample: ")
+        return f"\n{text}\n"
+
+
+class _Parser(OptionParser):
+    """Wrong usage is one line and exit code 2, as of every command."""
+
+    def error(self, msg: str) -> NoReturn:
+        raise ConfigurationError(msg)
+
+
+PARSER = _Parser(
+    "forefeel estop [OPTIONS]",
+    description="Stop a cell, latched until `forefeel clear` on the slave's host. "
+    "Exit 1: nothing confirmed it.",
+    epilog=EPILOG,
+    formatter=_Formatter(),
+)
+PARSER.add_option("--config", metavar="FILE", help="Of slave or master: its socket, else the network.")
+PARSER.add_option("--cell", help="Without --config: which cell.")
+PARSER.add_option("--connect", action="append", metavar="ENDPOINT", help="Where; repeat it.")
+PARSER.add_option("--axis", action="append", help="Which axes; every one that is heard.")
+PARSER.add_option("--reason", default=_REASON, help="Stands in the audit log.")
+PARSER.add_option("--pki", metavar="DIR", help="Certificates of the role viewer.")
+PARSER.add_option(
+    "--through-router", action="store_true", default=False, help="What it connects to is a router."
+)
+PARSER.add_option(
+    "--insecure", action="store_true", default=False, help="Do without certificates outside this host."
+)
+
+
+def run(words: Sequence[str]) -> None:
+    """The command with these words."""
+    options, others = PARSER.parse_args(list(words))
+    if others:
+        raise ConfigurationError(f"{others[0]}: unexpected, expected options only (forefeel estop --help)")
+    estop(**vars(options))
+
+
+def estop(  # noqa: PLR0913 - one parameter per option
+    *,
+    config: str | None,
+    cell: str | None,
+    connect: list[str] | None,
+    axis: list[str] | None,
+    reason: str,
+    pki: str | None,
+    through_router: bool,
+    insecure: bool,
+) -> None:
+    """Stops.
+
+    Raises:
+        InputError: an option or a file is wrong, and no daemon beside us has stopped the cell.
+        RunError: nothing confirmed it.
+    """
+    why = ""
+    if config is not None:
+        check_alone(cell is not None, connect, pki, through_router)
+        try:
+            if _stopped_here(Path(config), reason):
+                return
+        except RunError as error:
+            why = f"{error}; over the network, then"
+    elif not (cell and connect):
+        raise ConfigurationError("expected --config, or --cell and --connect")
+    from forefeel.local import stop  # noqa: PLC0415 - pydantic and Zenoh, which a stop here does not need
+
+    if config is not None:
+        caller = stop.caller_of(Path(config), insecure)
+    else:
+        caller = stop.viewer(cell, connect or (), pki, through_router, insecure)
+    if why:
+        say(why)
+    axes, where = tuple(axis or caller.axes), ", ".join(caller.transport.connect)
+    _confirm(stop.stop_over_network(caller, axes, stop.who(), reason), f"cell {caller.cell} at {where}")
+
+
+def state_folder(config: Path) -> Path | None:
+    """Of the daemon of that file, by the three values that say it; None: it has other values there, or is of
+    no daemon. Whatever else is wrong with the file keeps nobody from stopping.
+
+    Raises:
+        ConfigurationError: it is no YAML file of settings.
+    """
+    match {"cell": "cell", "state": {}, **load_yaml(config)[0]}:
+        case {"role": "slave" | "master", "state": {"directory": str(directory)}}:
+            return (config.parent / directory).absolute()
+        case {"role": "slave" | "master" as role, "cell": str(cell), "state": dict(state)}:
+            if state.get("directory") is None:
+                return unnamed_path(cell, role, os.environ)
+    return None
+
+
+def _stopped_here(config: Path, reason: str) -> bool:
+    """Whether the daemon of that file runs here and has stopped the cell; False: the file is of none.
+
+    Raises:
+        ConfigurationError: it is no YAML file of settings.
+        RunError: the daemon does not answer, or could not stop.
+    """
+    folder = state_folder(config)
+    if folder is None:
+        return False
+    answer = ask(folder, Request("estop", reason[:LONGEST_TEXT]), _PATIENCE_S)
+    lines = [f"{answer.role}: {line}" for line in answer.text]
+    if not answer.done:
+        raise RunError("; ".join(lines))
+    _tell(*lines, _stopped())
+    return True
+
+
+def _confirm(outcome: "stop.Outcome", whom: str) -> None:
+    """Says what came of a stop over the network.
+
+    Raises:
+        RunError: it is not confirmed.
+    """
+    axes = [f"axis {axis}: {state}" for axis, state in outcome.axes.items()]
+    _tell(*axes, *[_stopped()] * outcome.done)
+    if not outcome.done:
+        heard = ", ".join(f"axis {axis} {state}" for axis, state in outcome.axes.items()) or "no slave heard"
+        raise RunError(
+            f"EMERGENCY STOP NOT CONFIRMED by {whom} in {_since_start_s():.1f} s ({heard}): "
+            "USE THE STOP OF THE MACHINE ITSELF"
+        )
+
+
+def _stopped() -> str:
+    took_ms = _since_start_s() * 1e3
+    return f"stopped in {took_ms:.0f} ms; latched until `forefeel clear` on the slave's host"
+
+
+def _since_start_s() -> float:
+    """How long this process runs, interpreter and imports included: up to 10 ms more, for the kernel keeps
+    its start rounded down to a tick.
+    """
+    fields = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - int(fields[19]) / os.sysconf("SC_CLK_TCK")
+
+
+def _tell(*lines: str) -> None:
+    """On stdout; what that is full of or closed to goes to stderr, for the cell is stopped all the same."""
+    text = "\n".join(map(printable, lines))
+    try:
+        print(text, flush=True)
+    except OSError:
+        sys.stdout = sys.stderr  # or the interpreter would fail at its end, which writes again
+        say(text)
