@@ -42,7 +42,7 @@ class SlaveActs:
     async def _stop(self, reason: str, by: str) -> Answer:
         for axis in self._daemon.axes:
             axis.emergency_stop(reason, by)
-        done = await _until(_STOPS_S, lambda: self._all(SafetyState.ESTOPPED))
+        done = await _until(_STOPS_S, self._stopped)
         return self._answer(done, *self._lines())
 
     async def _clear(self, name: str | None, by: str) -> Answer:
@@ -55,10 +55,15 @@ class SlaveActs:
         if isinstance(cleared, str):
             return self._noted(by, False, cleared)
         await _until(_LASTS_S, lambda: any(axis.halted for axis in self._daemon.axes))
+        unkept = [
+            f"axis {axis.name}: the clearing is not on the disk: latched again after a new start"
+            for axis in self._daemon.axes
+            if not (axis.halted or axis.latch_persisted)
+        ]
         still = {axis.name: axis.reason for axis in self._daemon.axes if axis.halted}
         said = [f"axis {each.axis}: cleared {each.was}" for each in cleared if each.axis not in still]
         said += [f"axis {axis}: not cleared, the cause persists: {reason}" for axis, reason in still.items()]
-        return self._noted(by, not still, *said)
+        return self._noted(by, not (still or unkept), *said, *unkept)
 
     async def _cleared(self, name: str | None) -> "Sequence[Clearing] | str":
         """What a tick made of the wish, or why it is not known; what none has heeded in time, none will."""
@@ -75,11 +80,17 @@ class SlaveActs:
         self._journal.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))
         return self._answer(done, *text)
 
-    def _all(self, state: SafetyState) -> bool:
-        return all(axis.state is state for axis in self._daemon.axes)
+    def _stopped(self) -> bool:
+        """Whether every axis is, and a new start would find it so."""
+        return all(axis.state is SafetyState.ESTOPPED and axis.latch_persisted for axis in self._daemon.axes)
 
     def _lines(self) -> list[str]:
-        return [_line(axis.name, axis.state.value, axis.reason) for axis in self._daemon.axes]
+        lost = self._journal.problem(self._clock.now_ns()) or "it is not written yet"
+        return [
+            _line(axis.name, axis.state.value, axis.reason)
+            + ("" if axis.latch_persisted else f"; NOT KEPT OVER A NEW START: {lost}")
+            for axis in self._daemon.axes
+        ]
 
     def _answer(self, done: bool, *text: str) -> Answer:
         return Answer(done, text, "slave")

@@ -9,6 +9,9 @@ from common.errors import RunError
 from common.state.folder import SOCKET
 from forefeel.local.protocol import Answer, Request, socket_path
 
+_LONGEST_ANSWER = 1 << 16
+"""Bytes. An axis takes some hundred."""
+
 
 class NobodyThereError(RunError):
     """No daemon answers in that state folder."""
@@ -28,12 +31,12 @@ def ask(folder: Path, request: Request, timeout_s: float = 5.0) -> Answer:
             f"{folder}: {error.strerror}; expected the state folder of a daemon"
         ) from error
     try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-            connection.settimeout(timeout_s)
-            connection.connect(path)
-            connection.sendall(json.dumps(request._asdict()).encode() + b"\n")
-            with connection.makefile("rb") as lines:
-                said = json.loads(lines.readline())
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
+            asking.settimeout(timeout_s)
+            asking.bind("")  # an abstract address, which the kernel chooses, for the answer
+            asking.connect(path)
+            asking.send(json.dumps(request._asdict()).encode())
+            said = json.loads(asking.recv(_LONGEST_ANSWER))
         return Answer(said["done"] is True, tuple(map(str, said["text"])), str(said["role"]))
     except PermissionError as error:
         raise RunError(

@@ -1,4 +1,4 @@
-"""What is said over a daemon's local socket: one line of JSON each way."""
+"""What is said over a daemon's local socket: a datagram of JSON each way."""
 
 import os
 import socket
@@ -6,9 +6,11 @@ import struct
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-LONGEST_LINE = 8192
+LONGEST_DATAGRAM = 8192
 LONGEST_TEXT = 256
 _CREDENTIALS = struct.Struct("3i")
+"""struct ucred of unix(7): process, user, group."""
+_NOBODY = 65534
 
 
 class Request(NamedTuple):
@@ -33,8 +35,17 @@ def socket_path(folder: Path, name: str) -> tuple[int, str]:
     return descriptor, f"/proc/self/fd/{descriptor}/{name}"
 
 
-def peer_uid(connection: socket.socket) -> int:
-    """The user at the other end of a Unix socket, as the kernel knows it."""
-    raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    uid: int = _CREDENTIALS.unpack(raw)[1]
-    return uid
+def received(bound: socket.socket) -> tuple[bytes, int, str | bytes]:
+    """A datagram, cut off behind the longest there is; the user who sent it, as the kernel knows it; where
+    the answer goes.
+
+    Raises:
+        BlockingIOError: there is none.
+    """
+    data, ancillary, _, asker = bound.recvmsg(LONGEST_DATAGRAM + 1, socket.CMSG_SPACE(_CREDENTIALS.size))
+    uids = [
+        _CREDENTIALS.unpack(raw)[1]
+        for level, kind, raw in ancillary
+        if (level, kind) == (socket.SOL_SOCKET, socket.SCM_CREDENTIALS)
+    ]
+    return data, uids[0] if uids else _NOBODY, asker

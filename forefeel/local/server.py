@@ -1,4 +1,7 @@
-"""The local socket of a daemon, on asyncio: for the same user and root, a few at a time, a line each."""
+"""The local socket of a daemon, on asyncio: for the same user and root, a few at a time, a datagram each.
+
+It needs no descriptor for who asks, so that it answers when all are taken.
+"""
 
 import asyncio
 import json
@@ -13,10 +16,9 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from common.errors import ConfigurationError
 from common.state.folder import SOCKET
-from forefeel.local.protocol import LONGEST_LINE, LONGEST_TEXT, Answer, Request, peer_uid, socket_path
+from forefeel.local.protocol import LONGEST_DATAGRAM, LONGEST_TEXT, Answer, Request, received, socket_path
 
 _AT_ONCE = 8
-_PATIENCE_S = 5.0
 _REQUEST = TypeAdapter(Request, config=ConfigDict(strict=True, str_max_length=LONGEST_TEXT))
 Act = Callable[[Request, str], Awaitable[Answer]]
 """Does what is asked for; who asks."""
@@ -32,65 +34,64 @@ class LocalServer:
     def __init__(self, folder: Path, role: str, act: Act) -> None:
         self._folder, self._role, self._act = folder, role, act
         self._talks: set[asyncio.Task[None]] = set()
-        self._server: asyncio.Server | None = None
 
     async def __aenter__(self) -> Self:
-        listening = self._bound()
-        self._server = await asyncio.start_unix_server(self._accept, sock=listening, limit=LONGEST_LINE)
+        self._socket = self._bound()
+        asyncio.get_running_loop().add_reader(self._socket, self._receive)
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        assert self._server is not None
-        self._server.close()
+        asyncio.get_running_loop().remove_reader(self._socket)
         for talk in list(self._talks):
             talk.cancel()
         await asyncio.gather(*self._talks, return_exceptions=True)
-        await self._server.wait_closed()
+        self._socket.close()
         with suppress(OSError):
             (self._folder / SOCKET).unlink()
 
     def _bound(self) -> socket.socket:
-        listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
             with suppress(FileNotFoundError):
                 (self._folder / SOCKET).unlink()  # of a daemon that was killed: we hold the folder's lock
             descriptor, path = socket_path(self._folder, SOCKET)
             try:
-                listening.bind(path)
+                bound.bind(path)
                 Path(path).chmod(0o600)
             finally:
                 os.close(descriptor)
-            listening.setblocking(False)
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
+            bound.setblocking(False)
         except OSError as error:
-            listening.close()
+            bound.close()
             raise ConfigurationError(
                 f"{self._folder / SOCKET}: {error.strerror}; expected a socket"
             ) from error
-        return listening
+        return bound
 
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        talk = asyncio.current_task()
-        assert talk is not None
-        self._talks.add(talk)
+    def _receive(self) -> None:
         try:
-            answer = await self._answer(reader, writer)
-            writer.write(json.dumps(answer._asdict()).encode() + b"\n")
-            await asyncio.wait_for(writer.drain(), _PATIENCE_S)
-        except (OSError, TimeoutError, ValueError):  # gone, silent, or endless: its own loss
-            pass
-        finally:
-            self._talks.discard(talk)
-            writer.close()
+            data, uid, asker = received(self._socket)
+        except BlockingIOError:
+            return
+        talk = asyncio.create_task(self._talk(data, uid, asker), name="local request")
+        self._talks.add(talk)
+        talk.add_done_callback(self._talks.discard)
 
-    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> Answer:
-        line = await asyncio.wait_for(reader.readline(), _PATIENCE_S)  # read, or a refusal is lost
-        uid = peer_uid(writer.get_extra_info("socket"))
+    async def _talk(self, data: bytes, uid: int, asker: str | bytes) -> None:
+        answer = await self._answer(data, uid)
+        with suppress(OSError):  # gone, or it does not read: its own loss
+            self._socket.sendto(json.dumps(answer._asdict()).encode(), asker)
+
+    async def _answer(self, data: bytes, uid: int) -> Answer:
         if uid not in (0, os.geteuid()):
             return self._refused(f"user {uid} may not: only root and the daemon's own user")
         if len(self._talks) > _AT_ONCE:
             return self._refused(f"{_AT_ONCE} others are speaking")
+        if len(data) > LONGEST_DATAGRAM:
+            return self._refused(f"not understood: more than {LONGEST_DATAGRAM} bytes")
         try:
-            request = _REQUEST.validate_json(line)
+            request = _REQUEST.validate_json(data)
         except ValidationError as error:
             return self._refused(f"not understood: {error.errors(include_url=False)[0]['msg']}")
         return await self._act(request, f"uid {uid}")

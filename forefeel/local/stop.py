@@ -38,7 +38,7 @@ class Outcome(NamedTuple):
 
     @property
     def done(self) -> bool:
-        """Whether every axis is stopped, and there is one."""
+        """Whether every axis acknowledges the stop, and there is one."""
         return bool(self.axes) and set(self.axes.values()) == {SafetyState.ESTOPPED.value}
 
 
@@ -54,7 +54,7 @@ class Stopper:
     axes: tuple[str, ...]
     source: str
     reason: str
-    states: dict[str, SafetyState] = field(default_factory=dict)
+    states: dict[str, str] = field(default_factory=dict)
     news: threading.Event = field(default_factory=threading.Event)
     _outlets: dict[str, Outlet] = field(default_factory=dict)
 
@@ -72,10 +72,11 @@ class Stopper:
         if parsed is None or parsed[2] is not SLAVE_STATE:
             return
         try:
-            state = decode(SlaveState, payload).state
+            said = decode(SlaveState, payload)
         except CodecError:
             return
-        if self.states.get(parsed[1]) is not state:
+        state = said.state.value + ("" if said.latch_persisted else ", NOT KEPT OVER A NEW START")
+        if self.states.get(parsed[1]) != state:
             self.states[parsed[1]] = state
             self.news.set()
 
@@ -92,7 +93,7 @@ class Stopper:
     def outcome(self) -> Outcome:
         """As it is now; an axis that is only heard counts, too: a stop stops the cell."""
         found: dict[str, str] = dict.fromkeys(self.axes, "not heard")
-        return Outcome({**found, **{axis: state.value for axis, state in dict(self.states).items()}})
+        return Outcome({**found, **self.states})
 
 
 class Caller(NamedTuple):

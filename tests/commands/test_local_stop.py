@@ -131,9 +131,8 @@ def test_a_daemon_that_hangs_keeps_the_network_waiting_for_a_while_only(
 ) -> None:
     monkeypatch.setattr("forefeel.local.stop.FOR_S", 0.1)
     monkeypatch.setattr("forefeel.local.estop._PATIENCE_S", 0.1)
-    with socket.socket(socket.AF_UNIX) as hanging:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as hanging:
         hanging.bind(f"st/{SOCKET}")
-        hanging.listen()
         assert run(["estop", "--config", "slave.yaml"]) == 1
     assert capsys.readouterr().err.startswith(
         f"{folder / 'st' / SOCKET}: no daemon answers; over the network"

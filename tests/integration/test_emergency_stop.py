@@ -49,7 +49,7 @@ def test_anyone_stops_only_the_slave_s_host_clears_and_all_of_it_is_written_down
     words = ["--cell", "cell", "--connect", cell.slave_endpoint, "--reason", "third"]
     code, text = ended(cell.run("estop", *words))
     assert code == 0 and "axis insertion: estopped" in text
-    assert cell.messages(SAFETY_EVENT)[-1].after is SafetyState.ESTOPPED
+    wait_until(lambda: cell.messages(SAFETY_EVENT)[-1].after is SafetyState.ESTOPPED)
     wait_until(lambda: flights(cell, "slave") and flights(cell, "master"))
     # a kill does not clear it
     slave.send(signal.SIGKILL)

@@ -5,17 +5,21 @@ import json
 import os
 import socket
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from common.audit import Noted
+from common.clock import MonotonicClock
+from common.messages import SafetyState
 from common.state.audit_file import AuditFile
 from common.state.folder import AUDIT, SOCKET
-from forefeel.local import server
+from forefeel.local import acts, protocol, server
 from forefeel.local.client import NobodyThereError, ask
 from forefeel.local.protocol import Answer, Request
 from forefeel.local.server import LocalServer
+from tests.unit.slave_cell import Book, Cell
 
 Run = Callable[[Sequence[str]], int]
 SLAVE = "role: slave\nstate: {directory: st}\ntransport: {listen: ['tcp/127.0.0.1:7447']}\n"
@@ -34,12 +38,11 @@ def serving(folder: Path, talk: Callable[[], Awaitable[None]]) -> None:
 
 
 def raw(folder: Path, data: bytes) -> bytes:
-    with socket.socket(socket.AF_UNIX) as connection:
-        connection.settimeout(5)
-        connection.connect(os.path.relpath(folder / SOCKET))
-        connection.sendall(data)
-        connection.shutdown(socket.SHUT_WR)
-        return connection.recv(65536)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
+        asking.settimeout(5)
+        asking.bind("")
+        asking.sendto(data, os.path.relpath(folder / SOCKET))
+        return asking.recv(65536)
 
 
 @pytest.fixture
@@ -84,18 +87,21 @@ def test_what_is_no_request_is_refused_and_the_next_is_served(
     monkeypatch.chdir(tmp_path)
 
     async def talk() -> None:
-        try:
-            said = await asyncio.to_thread(raw, tmp_path, data)
-        except OSError:  # closed on it
-            said = b""
-        assert not said or not json.loads(said)["done"]
+        said = json.loads(await asyncio.to_thread(raw, tmp_path, data))
+        assert not said["done"] and said["text"][0].startswith("not understood: ")
         assert (await asyncio.to_thread(ask, tmp_path, Request(do="state"))).done
 
     serving(tmp_path, talk)
 
 
 def test_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "peer_uid", lambda _: 12345)
+    real = protocol.received
+
+    def from_another(bound: socket.socket) -> tuple[bytes, int, str | bytes]:
+        data, _, asker = real(bound)
+        return data, 12345, asker
+
+    monkeypatch.setattr(server, "received", from_another)
 
     async def talk() -> None:
         answer = await asyncio.to_thread(ask, tmp_path, Request(do="clear"))
@@ -104,20 +110,73 @@ def test_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     serving(tmp_path, talk)
 
 
-def test_who_says_nothing_holds_nobody_up_and_ends_with_the_daemon(
+def test_who_does_not_listen_to_the_answer_holds_nobody_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    request = json.dumps(Request("state")._asdict()).encode()
 
     async def talk() -> None:
-        silent = [socket.socket(socket.AF_UNIX) for _ in range(5)]
-        for each in silent:
-            each.connect(SOCKET)
-        assert (await asyncio.to_thread(ask, tmp_path, Request(do="state"))).done
-        for each in silent:
-            each.close()
+        with (
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as deaf,
+            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as nameless,
+        ):
+            deaf.bind("")
+            for _ in range(100):
+                for each in (deaf, nameless):
+                    each.setblocking(False)
+                    with suppress(BlockingIOError):
+                        each.sendto(request, SOCKET)
+                await asyncio.sleep(0)
+            assert (await asyncio.to_thread(ask, tmp_path, Request(do="state"))).done
 
     serving(tmp_path, talk)
+
+
+def test_more_than_a_few_at_a_time_are_refused(tmp_path: Path) -> None:
+    async def slow(request: Request, by: str) -> Answer:
+        await asyncio.sleep(0.2)
+        return await act(request, by)
+
+    async def main() -> list[Answer]:
+        async with LocalServer(tmp_path, "slave", slow):
+            asked = [asyncio.to_thread(ask, tmp_path, Request(do="state")) for _ in range(12)]
+            return await asyncio.gather(*asked)
+
+    answers = asyncio.run(main())
+    assert {answer.text[0] for answer in answers if not answer.done} <= {"8 others are speaking"}
+    assert sum(answer.done for answer in answers) >= 8
+
+
+# --- a stop that the disk does not take ---
+
+
+class Forgetful(Book):
+    """An audit log beside a latch that can not be written."""
+
+    def kept(self, axis: str) -> bool:
+        del axis
+        return False
+
+
+def test_a_stop_and_a_clearing_that_are_not_on_the_disk_are_not_acknowledged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for limit in ("_STOPS_S", "_LASTS_S"):
+        monkeypatch.setattr(acts, limit, 0.0)
+    cell = Cell()
+    journal = Forgetful()
+    for axis in cell.daemon.axes:
+        axis.emergency_stop("pressed")
+        monkeypatch.setattr(axis, "_journal", journal)
+    cell.step()
+    asked = acts.SlaveActs(cell.daemon, journal, MonotonicClock())
+    answer = asyncio.run(asked(Request("estop"), "nurse"))
+    assert not answer.done
+    assert answer.text[0] == (
+        "axis insertion: estopped, pressed; NOT KEPT OVER A NEW START: it is not written yet"
+    )
+    assert cell.states() == [SafetyState.ESTOPPED, SafetyState.ESTOPPED]
 
 
 # --- the commands, with nobody there ---
