@@ -221,6 +221,7 @@ def test_a_number_that_does_not_fit_shows_that(monkeypatch: pytest.MonkeyPatch) 
         ("simulate --motion ", {"hand", "multisine", "sine"}),
         ("audit ", {"show", "verify"}),
         ("report --js", {"--json"}),
+        ("estop --con", {"--config", "--connect"}),
     ],
 )
 def test_a_shell_completes_words(
