@@ -3,7 +3,8 @@
 One line of canonical JSON each: keys sorted, no blanks, ASCII. `hash` is the SHA-256 (FIPS 180-4) of the
 line without it; `previous` is the hash of the entry before, so that no entry can be changed, taken out, put
 in or moved without breaking the chain. What a chain can not show is a tail that was cut off: compare with a
-hash that was noted elsewhere, such as the one that a daemon says when it ends.
+hash that was noted elsewhere: in the log of the other end (`PEER_LOG`), or by whoever keeps what a daemon
+says when it starts and ends.
 """
 
 import hashlib
@@ -23,6 +24,9 @@ CONTINUED = "continued"
 
 SAFETY = "safety"
 """The event of an entry that is a transition of the slave's safety state machine."""
+
+PEER_LOG = "peer_log"
+"""The event of an entry that holds the end of the other end's log."""
 
 Detail = str | int | float | bool | None | list[str] | dict[str, str]
 _KEYS = frozenset({"number", "utc", "monotonic_ns", "event", "axis", "details", "previous", "hash"})

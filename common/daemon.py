@@ -1,15 +1,23 @@
-"""What both daemons do alike: one impaired transport, and the reports on loop timing and impairment."""
+"""What both daemons do alike: one impaired transport, the reports on loop timing and impairment, and the ends
+of the audit logs.
+"""
 
+from collections.abc import Callable
+
+from common.audit import PEER_LOG, Link
 from common.bus import Bus
 from common.errors import RecordingError
+from common.journal import Journal
 from common.lateness import EDGES_US, Lateness
-from common.messages import ImpairmentTrace, LoopTiming
+from common.messages import AuditHead, ImpairmentTrace, LoopTiming
 from common.recording.mcap_reader import Run, read_run
 from common.runtime.port import Runtime
 from common.settings import LinkImpairment
-from common.topics import BY_NAME, Role
+from common.slots import LatestValue
+from common.topics import BY_NAME, MASTER_AUDIT, SLAVE_AUDIT, Role
 from common.transport.impaired import ImpairedTransport
-from common.transport.impairment import Impairment, Link, ReplayedImpairment
+from common.transport.impairment import Impairment, ReplayedImpairment
+from common.transport.impairment import Link as ImpairedLink
 from common.transport.port import Transport
 from common.transport.settings import ImpairmentSettings
 
@@ -37,11 +45,11 @@ def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Ru
     return ImpairedTransport(inner, runtime.timers, runtime.clock, inbound, outbound)
 
 
-def _drawn(settings: ImpairmentSettings, seed: int) -> Link | None:
+def _drawn(settings: ImpairmentSettings, seed: int) -> ImpairedLink | None:
     return None if settings.transparent else Impairment(settings, seed)
 
 
-def _replayed(run: Run, role: Role, link: str) -> Link | None:
+def _replayed(run: Run, role: Role, link: str) -> ImpairedLink | None:
     trace = run.impairment_trace(f"{role}/impairment", link)
     return ReplayedImpairment(trace) if trace else None
 
@@ -106,3 +114,30 @@ class Reports:
                     **header, link=chunk.link, first_index=chunk.first_index, delays_ns=chunk.delays_ns
                 )
             )
+
+
+class AuditHeads:
+    """Tells the other end once a second where our audit log ends, and notes in ours where its log does."""
+
+    def __init__(
+        self, bus: Bus, role: Role, session: Callable[[], int], journal: Journal, runtime: Runtime
+    ) -> None:
+        """`session`: the id of the session that is open, or 0."""
+        own, other = (MASTER_AUDIT, SLAVE_AUDIT) if role == "master" else (SLAVE_AUDIT, MASTER_AUDIT)
+        self._journal, self._session = journal, session
+        self._outlet = bus.outlet(own)
+        self._heard: LatestValue[AuditHead] = LatestValue()
+        self._noted = Link()
+        bus.subscribe(other, lambda head, _: self._heard.put(head))
+        runtime.task(f"{role} audit heads", SECOND_NS, self._exchange)
+
+    def _exchange(self, now_ns: int) -> None:
+        session, heard = self._session(), self._heard.take()
+        if session and (head := self._journal.head()) is not None:
+            number, digest = head
+            self._outlet.send(AuditHead(**self._outlet.header(session, now_ns), number=number, hash=digest))
+        if session and heard is not None and heard.session_id == session:
+            told = Link(heard.number, heard.hash)
+            if told != self._noted:
+                self._journal.note(PEER_LOG, now_ns, number=told.number, head=told.hash)
+                self._noted = told

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from threading import Lock
 
-from common.audit import Detail
+from common.audit import Detail, Link
 from common.flight import Rings
 from common.messages import FOLLOWING, Handshake, SafetyState
 
@@ -50,6 +50,10 @@ class Journal:
 
     def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
         """Asks for a record of what led to this and of half a second after it."""
+
+    def head(self) -> Link | None:
+        """The end of the audit log, for the log of the other end; None where there is no log."""
+        return None
 
     def kept(self, axis: str) -> bool:
         """Whether what is latched of the axis would be found by a new start: it is on the disk."""

@@ -16,6 +16,8 @@ NonNegativeInt = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Int64 = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
 Stamp = Int64
 ShortText = Annotated[str, Field(max_length=256)]
+DIGEST = r"^[0-9a-f]{64}$"
+"""A SHA-256 in hexadecimal digits."""
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
@@ -296,6 +298,16 @@ class LoopTiming(Message):
     edges_us: tuple[float, ...]
     counts: tuple[NonNegativeInt, ...]
     scheduling: ShortText
+
+
+class AuditHead(Message):
+    """The end of the sender's audit log, for the other end's log: what is cut off or removed shows there.
+
+    `number`, `hash`: of the newest entry that is not itself about the other end's log.
+    """
+
+    number: NonNegativeInt
+    hash: Annotated[str, Field(pattern=DIGEST)]
 
 
 class ImpairmentTrace(Message):

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 from common.bus import Bus
 from common.clock import Clock
-from common.daemon import SECOND_NS, Reports, impaired
+from common.daemon import SECOND_NS, AuditHeads, Reports, impaired
 from common.effects.model import ContactModel
 from common.errors import ConfigurationError
 from common.estimation.default_model import default_model
@@ -97,6 +97,8 @@ class MasterDaemon:
         )
         runtime.task("state", SECOND_NS // 10, self._report)
         self._reports = Reports(bus, "master", lateness, self.transport, runtime)
+        session = self.axes[0].session
+        AuditHeads(bus, "master", lambda: session.open_id, self._journal, runtime)
 
     @property
     def finished(self) -> bool:

@@ -143,6 +143,10 @@ class SlaveAxis:
         """Whether an emergency stop or a fault is latched."""
         return self.state in HALTED
 
+    def session(self, now_ns: int) -> int:
+        """The session that holds the lease, or 0."""
+        return self._link.holder if self._link.live(now_ns) else 0
+
     @property
     def latch_persisted(self) -> bool:
         """Whether what is latched is on the disk, so that a new start finds it."""
@@ -285,8 +289,7 @@ class SlaveAxis:
     def report(self, now_ns: int) -> None:
         """The axis' state, about 50 Hz."""
         assert self._control is not None
-        best = self._link.offset
-        holder = self._link.holder if self._link.live(now_ns) else 0
+        best, holder = self._link.offset, self.session(now_ns)
         self._state.send(
             SlaveState(
                 **self._state.header(holder, now_ns),

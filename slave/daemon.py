@@ -5,7 +5,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 
 from common.bus import Bus
-from common.daemon import SECOND_NS, Reports, impaired
+from common.daemon import SECOND_NS, AuditHeads, Reports, impaired
 from common.errors import RecordingError
 from common.flight import TappedTransport
 from common.journal import NOTHING_KEPT, Journal
@@ -88,6 +88,8 @@ class SlaveDaemon:
         runtime.task("state", SECOND_NS // 50, self._report)
         runtime.task("calibration", _ANNOUNCE_NS, self._announce)
         self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
+        first = self.axes[0]
+        AuditHeads(bus, "slave", lambda: first.session(self._now_ns()), self._journal, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from common.audit import CLOSING, Detail, Link, Noted
+from common.audit import CLOSING, PEER_LOG, Detail, Link, Noted
 from common.clock import WallClock
 from common.state.audit_file import AuditFile
 
@@ -21,6 +21,10 @@ class AuditWriter:
     A log that can not be written is a `problem`, and the slave makes a fault of it. What waits meanwhile is
     written when it can be again; of more than 4096 entries the oldest are lost, counted and said.
 
+    Attributes:
+        head: the end of the chain on the disk after the last entry that is not about the other end's log. Two
+            logs that note each other's ends come to rest.
+
     Raises:
         OSError: the file can not be opened.
     """
@@ -28,6 +32,7 @@ class AuditWriter:
     def __init__(self, path: Path, wall: WallClock) -> None:
         self._wall = wall
         self._file = AuditFile(path)
+        self.head = self._file.end
         self._waiting: deque[Noted] = deque(maxlen=_WAITING)
         self._lost = 0
         self._counting = threading.Lock()  # held for less than it takes to copy what waits
@@ -122,6 +127,8 @@ class AuditWriter:
         losses = [self._said("entries_lost", count=lost)] if lost else []
         try:
             self._file.write([*losses, *batch])
+            if any(noted.event != PEER_LOG for noted in batch):
+                self.head = self._file.end
             with self._counting:
                 self._lost -= lost
         except OSError as error:

@@ -60,6 +60,10 @@ class StateJournal(Journal):
             self._latch.transition(axis, details)
         self._audit.note(event, now_ns, axis, details)
 
+    def head(self) -> Link:
+        """See the port."""
+        return self._audit.head
+
     def kept(self, axis: str) -> bool:
         """See the port."""
         return self._latch.kept(axis)

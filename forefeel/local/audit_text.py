@@ -4,7 +4,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from common.audit import Entry, Flaw, Verdict, parse, verify
+from common.audit import PEER_LOG, Entry, Flaw, Link, Verdict, parse, verify
 from common.errors import ConfigurationError
 
 
@@ -19,6 +19,29 @@ def read_verdict(path: Path, head: str | None = None) -> Verdict:
             return verify(lines, head)
     except OSError as error:
         raise ConfigurationError(f"{path}: {error.strerror}; expected an audit log") from error
+
+
+def heads_noted_in(path: Path) -> list[Link]:
+    """Where the log of the other end ended each time, by that log's own entries.
+
+    Raises:
+        ConfigurationError: the file can not be read.
+    """
+    details = [entry.noted.details for entry in read_entries(path)[0] if entry.noted.event == PEER_LOG]
+    return [Link(int(str(each["number"])), str(each["head"])) for each in details]
+
+
+def missing_heads(path: Path, noted: list[Link]) -> list[Link]:
+    """Those of the heads that the log does not have, or has with another hash: its end was cut off, or it was
+    removed and begun anew. Those before its first entry are of an earlier file of the same log.
+
+    Raises:
+        ConfigurationError: the file can not be read.
+    """
+    entries = read_entries(path)[0]
+    first = entries[0].number if entries else 1
+    own = {(entry.number, entry.hash) for entry in entries}
+    return [head for head in noted if head.number >= first and tuple(head) not in own]
 
 
 def read_entries(path: Path) -> tuple[list[Entry], Flaw | None]:
@@ -54,6 +77,17 @@ def describe(verdict: Verdict, head: str | None) -> list[str]:
     if not verdict.closed:
         said.append(_open_end(verdict))
     return said
+
+
+def describe_heads(noted: list[Link], missing: list[Link]) -> list[str]:
+    """Which of the noted heads are here, a line for each thing."""
+    if not missing:
+        return [f"the other end noted {len(noted)} heads: all of this file's are here"]
+    number, digest = missing[-1]
+    return [
+        f"NOT COMPLETE: the other end noted {len(missing)} heads that are not here, the last one of entry "
+        f"{number}, {digest}: the end was cut off, or the log was removed and begun anew"
+    ]
 
 
 def verdict_json(verdict: Verdict) -> dict[str, Any]:

@@ -14,7 +14,16 @@ from common.audit import is_hash
 from common.errors import ConfigurationError, RunError
 from common.state.folder import AUDIT, state_path
 from forefeel.daemon_settings import load_daemon
-from forefeel.local.audit_text import describe, entry_text, read_entries, read_verdict, verdict_json
+from forefeel.local.audit_text import (
+    describe,
+    describe_heads,
+    entry_text,
+    heads_noted_in,
+    missing_heads,
+    read_entries,
+    read_verdict,
+    verdict_json,
+)
 from forefeel.local.client import NobodyThereError, ask
 from forefeel.local.protocol import Answer, Request
 from forefeel.options import AsJson, Quiet
@@ -72,6 +81,9 @@ def typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]
 def audit_verify(
     file: LogFile,
     head: Annotated[str | None, typer.Option(metavar="HASH", help="Of an entry that must be there.")] = None,
+    peer_log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Audit log of the other end, which noted this one's.")
+    ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -79,9 +91,17 @@ def audit_verify(
     if head is not None and not is_hash(head):
         raise ConfigurationError(f"--head {head}: expected 64 hexadecimal digits, as an entry's hash has")
     verdict = read_verdict(file, head)
-    good = verdict.intact and (head is None or verdict.head_at is not None)
+    noted = [] if peer_log is None else heads_noted_in(peer_log)
+    missing = missing_heads(file, noted)
+    good = verdict.intact and not missing and (head is None or verdict.head_at is not None)
     with output(as_json, quiet):
-        answer(*describe(verdict, head), document=lambda: {"intact": good, **verdict_json(verdict)})
+        answer(
+            *describe(verdict, head),
+            *([] if peer_log is None else describe_heads(noted, missing)),
+            document=lambda: {
+                "intact": good, **verdict_json(verdict), "missing": [each._asdict() for each in missing],
+            },
+        )  # fmt: skip
     if not good:
         raise typer.Exit(1)
 

@@ -14,6 +14,7 @@ from common.settings import DaemonSettings
 from common.state.folder import StateFolder, state_path
 from common.state.journal import StateJournal
 from forefeel.calibrate.carried import calibrations
+from forefeel.terminal import say
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
@@ -52,6 +53,9 @@ def daemon_state(settings: DaemonSettings, role: str, clock: Clock) -> Iterator[
     except BaseException:
         folder.close()
         raise
+    head = state.journal.head()
+    if head.number:  # whoever keeps what we say can compare it later
+        say(f"{role}: audit log: goes on behind {head.number} entries, head {head.hash}")
     state.journal.start(facts)
     try:
         yield state

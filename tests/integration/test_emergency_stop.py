@@ -10,8 +10,9 @@ import pytest
 from common.audit import verify
 from common.messages import SafetyState
 from common.recording.mcap_reader import read_run
+from common.state.folder import AUDIT
 from common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS, SAFETY_EVENT
-from forefeel.local.audit_text import read_entries
+from forefeel.local.audit_text import heads_noted_in, missing_heads, read_entries
 from forefeel.local.client import ask
 from forefeel.local.protocol import Request
 from forefeel.report.page import make_pages
@@ -51,6 +52,12 @@ def test_anyone_stops_only_the_slave_s_host_clears_and_all_of_it_is_written_down
     assert code == 0 and "axis insertion: estopped" in text
     wait_until(lambda: cell.messages(SAFETY_EVENT)[-1].after is SafetyState.ESTOPPED)
     wait_until(lambda: flights(cell, "slave") and flights(cell, "master"))
+    # the master's log holds the end of the slave's, with the stop in it
+    log = cell.folder / "slave-state" / AUDIT
+    stopped = next(e for e in read_entries(log)[0] if e.noted.details.get("after") == "estopped")
+    peer_log = cell.folder / "master-state" / AUDIT
+    wait_until(lambda: max((head.number for head in heads_noted_in(peer_log)), default=0) >= stopped.number)
+    assert missing_heads(log, heads_noted_in(peer_log)) == []
     # a kill does not clear it
     slave.send(signal.SIGKILL)
     slave.process.wait()

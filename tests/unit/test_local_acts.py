@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from common.audit import Noted
+from common.audit import Noted, parse
 from common.clock import MonotonicClock
 from common.messages import SafetyState
 from common.state.audit_file import AuditFile
@@ -254,6 +254,43 @@ def test_an_intact_log_is_verified_and_shown(log: Path, run: Run, capsys: pytest
     assert json.loads(capsys.readouterr().out)["head_at"] == 3
     assert run(["audit", "show", str(log)]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3  # a line each, whatever a reason holds
+
+
+@pytest.mark.parametrize(
+    ("damage", "lasting", "said"),
+    [
+        (lambda lines: lines, True, "the other end noted 2 heads: all of this file's are here"),
+        (
+            lambda lines: lines[:2],
+            False,
+            "the other end noted 1 heads that are not here, the last one of entry 3",
+        ),
+        (lambda _: [], False, "the other end noted 2 heads that are not here"),
+    ],
+    ids=["whole", "cut", "removed"],
+)
+def test_the_other_end_s_log_shows_what_was_cut_off(
+    log: Path,
+    run: Run,
+    capsys: pytest.CaptureFixture[str],
+    damage: Callable[[list[bytes]], list[bytes]],
+    lasting: bool,
+    said: str,
+) -> None:
+    lines = log.read_bytes().splitlines(keepends=True)
+    other = AuditFile(log.parent / "other.jsonl")
+    for line in lines[1:]:
+        entry = parse(line[:-1])
+        other.write([Noted("2026", 1, "peer_log", "", {"number": entry.number, "head": entry.hash})])
+    other.close()
+    log.write_bytes(b"".join(damage(lines)))
+    begun_anew = AuditFile(log)
+    begun_anew.write([Noted("2026", 9, "start", "", {})])
+    begun_anew.close()
+    assert run(["audit", "verify", str(log)]) == 0, "a chain alone does not tell"
+    capsys.readouterr()
+    assert run(["audit", "verify", str(log), "--peer-log", str(other.path)]) == (0 if lasting else 1)
+    assert said in capsys.readouterr().out
 
 
 def test_a_log_that_is_broken_cut_or_not_there(

@@ -320,6 +320,19 @@ def test_a_recorder_that_has_ended_is_a_problem_to_the_end(
     assert "flight recorder: its thread has ended" in (daemon.end() or "")
 
 
+def test_the_end_that_the_other_end_is_told_moves_with_news_only(state: Callable[[], Daemon]) -> None:
+    daemon = state()
+    wait_until(lambda: daemon.journal.head().number == 1)
+    daemon.note("peer_log", number="7", head="0")
+    wait_until(lambda: daemon.events() == ["start", "peer_log"])
+    assert daemon.journal.head().number == 1, "two logs would note each other for ever"
+    daemon.note("refused", name="late")
+    wait_until(lambda: daemon.journal.head().number == 3)
+    assert daemon.journal.head().hash == daemon.entries()[-1].hash
+    daemon.end()
+    assert state().journal.head().number >= 4
+
+
 # --- what is latched ---
 
 
