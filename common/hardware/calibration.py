@@ -4,10 +4,11 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat
+from pydantic import Field
 
 from common.config import Settings, load_settings
 from common.errors import ConfigurationError
+from common.messages import MOST_FORCE_N, MOST_POSITION_M, Native
 
 SCALE_FACTOR = 2.0
 """Gain and data sheet agree within it: data sheets are right to some per cent, and a mistaken unit is further
@@ -32,10 +33,10 @@ class LoadCellCalibration(Settings):
     serial: Serial
     date: date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 365
-    gain_n: PositiveFloat
-    zero: float
-    residual_n: NonNegativeFloat
-    hysteresis_n: NonNegativeFloat
+    gain_n: Annotated[float, Field(gt=0.0, le=1e12)]
+    zero: Native
+    residual_n: Annotated[float, Field(ge=0.0, le=MOST_FORCE_N)]
+    hysteresis_n: Annotated[float, Field(ge=0.0, le=MOST_FORCE_N)]
     range_n: tuple[float, float]
     temperature_c: float | None = None
     points: tuple[tuple[float, float], ...]
@@ -58,10 +59,10 @@ class StageCalibration(Settings):
     serial: Serial
     date: date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 365
-    zero: float
+    zero: Native
     native_per_m: Annotated[float, Field(gt=0, le=1e12)]
     travel_m: tuple[float, float]
-    repeatability_m: NonNegativeFloat | None
+    repeatability_m: Annotated[float, Field(ge=0.0, le=MOST_POSITION_M)] | None
 
 
 class CellScale(NamedTuple):

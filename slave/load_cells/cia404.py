@@ -14,6 +14,7 @@ from common.hardware.conversation import Conversation, Timed
 from common.hardware.link import LinkState
 from common.hardware.pacing import Pacer
 from common.hardware.sdo import RemoteDevice, can_link, talking_to
+from common.messages import within
 from common.slots import BoundedQueue
 from slave.load_cells.port import VALID_SHARE, LoadCellReading, NativeReading
 from slave.load_cells.settings import Cia404Settings
@@ -44,6 +45,7 @@ class Cia404LoadCell:
         self._clock = clock or MonotonicClock()
         self.link = can_link("load cell", settings.driver, settings.can, settings.node_id)
         self.stale_s = max(0.02, 5.0 / settings.rate_hz)
+        self.full_scale_n = settings.full_scale_n
         self._readings: BoundedQueue[Timed[cia404.Measured]] = BoundedQueue(1024)
         self._pdo = cia404.reading_pdo(settings.node_id)
         self._conversation: Conversation | None = None
@@ -117,12 +119,12 @@ class Cia404LoadCell:
             assert self.scale is not None, "_scale finds it"
             force_n = native * self.scale.newton_per_native
         force_n *= self._settings.sign
-        raw = round(max(-_MOST_MICRO, min(_MOST_MICRO, native * _MICRO)))
-        if abs(force_n) > VALID_SHARE * self._settings.full_scale_n:
+        raw = round(within(native * _MICRO, _MOST_MICRO))
+        if abs(force_n) > VALID_SHARE * self.full_scale_n:
             flaws = (*flaws, "beyond_full_scale")
         if self._stuck.take(native, timed.host_ns * 1e-9):
             flaws = (*flaws, "stuck")
-        return LoadCellReading(force_n, raw, self._flawless(flaws), timed.host_ns)
+        return LoadCellReading(within(force_n, self.full_scale_n), raw, self._flawless(flaws), timed.host_ns)
 
     def _flawless(self, flaws: Sequence[str]) -> bool:
         """Whether a reading may be believed; each of its flaws is counted."""

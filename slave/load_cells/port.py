@@ -28,9 +28,11 @@ class LoadCell(Protocol):
 
     Attributes:
         stale_s: a newest reading that is older than this is not to be believed any longer.
+        full_scale_n: no reading is beyond it, whatever the device says; one that is is a fault.
     """
 
     stale_s: float
+    full_scale_n: float
 
     def open(self) -> None:
         """Connects."""

@@ -87,6 +87,7 @@ class SerialLoadCell(Generic[S]):
     ) -> None:
         self.link = Link(f"load cell {settings.driver} on {settings.port}")
         self.stale_s = 3.0 / settings.rate_hz + 0.02
+        self.full_scale_n = settings.full_scale_n
         self.measured_hz: float | None = None
         self.calibration: LoadCellCalibration | None = None
         self._settings: S = settings

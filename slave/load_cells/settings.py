@@ -8,9 +8,10 @@ from common.config import Settings
 from common.hardware.ascii_line import NEWTON_PER_UNIT, Unit
 from common.hardware.calibration import CellScale, Serial
 from common.hardware.settings import CanSettings, SerialSettings, Sign
+from common.messages import MOST_FORCE_N
 from common.settings import ColumnSettings, ExistingFile
 
-FullScale = Annotated[float, Field(gt=0.0, le=10_000.0)]
+FullScale = Annotated[float, Field(gt=0.0, le=MOST_FORCE_N)]
 Native = Annotated[float, Field(gt=0.0, le=1e12)]
 """What the device's number rises by from no load to `full_scale_n`, by its data sheet."""
 
