@@ -1,8 +1,11 @@
 """The wire contract: every message that crosses the network.
 
-All are frozen pydantic models: unknown fields are refused, numbers are finite, units stand in the names. SI
-only. A rotation
-axis uses the tangential equivalents (arc length in m, tangential force in N), see docs/decisions/0003.
+All are frozen pydantic models: unknown fields are refused, numbers are within a range, units stand in the
+names. SI only. A rotation axis uses the tangential equivalents (arc length in m, tangential force in N), see
+docs/decisions/0003.
+
+The ranges are beyond every device, so that what is outside is no measurement; who sends sees to it that what
+it computes is within them (`within`).
 """
 
 from enum import StrEnum
@@ -10,15 +13,45 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 
 NonNegativeInt = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Int64 = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
 Stamp = Int64
+
+MOST_FORCE_N = 10_000.0
+"""The largest full scale of a load cell in the settings: thousands of times what an instrument bears."""
+MOST_POSITION_M = 10.0
+"""Twice the longest guidewire (4.5 m); of a rotation the arc of 1600 turns of an instrument of 2 mm."""
+MOST_VELOCITY_M_S = 1000.0
+"""The largest `limits.max_velocity_m_s`: a hundred times the fastest stage in the settings."""
+MOST_PARAMETER = 1e12
+"""In SI: the widest bound of a parameter of an effect (`stiffening`, N/m^3)."""
+
+Force = Annotated[float, Field(ge=-MOST_FORCE_N, le=MOST_FORCE_N)]
+Position = Annotated[float, Field(ge=-MOST_POSITION_M, le=MOST_POSITION_M)]
+Velocity = Annotated[float, Field(ge=-MOST_VELOCITY_M_S, le=MOST_VELOCITY_M_S)]
+MOST_SECONDS = 1e11
+"""Holds the sum of any three stamps (2^63 ns are 9.2e9 s), and a recording's time since any epoch."""
+Seconds = Annotated[float, Field(ge=-MOST_SECONDS, le=MOST_SECONDS)]
+Microseconds = Annotated[float, Field(ge=-1e16, le=1e16)]
+"""2^63 ns are 9.2e15 us."""
+Energy = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""In J: the largest force at the largest velocity for a day."""
+Parameter = Annotated[float, Field(ge=-MOST_PARAMETER, le=MOST_PARAMETER)]
+Quantity = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""Of whatever unit: the largest velocity, reversed within 2 ns, is an acceleration of 1e12 m/s^2."""
+Native = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""In a device's own unit: 32 bits of counts, and per m of a micrometre's thousandth, are less."""
 ShortText = Annotated[str, Field(max_length=256)]
 DIGEST = r"^[0-9a-f]{64}$"
 """A SHA-256 in hexadecimal digits."""
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+
+
+def within(value: float, most: float) -> float:
+    """The value, or the end of the range +-most that it is beyond."""
+    return max(-most, min(most, value))
 
 
 class Message(BaseModel):
@@ -72,7 +105,8 @@ class Handshake(Message):
     """Opens a session (master) or answers it (slave). Both refuse to arm when protocol or settings differ.
 
     `answers_stamp_ns`: of the handshake that an answer answers. The master measures with it how long the
-    answer took, for it asks several times under one session id.
+    answer took, for it asks several times under one session id. `full_scale_n`: of the slave's load cell; the
+    master takes no force beyond it.
     """
 
     most_bytes: ClassVar[int] = 24 * 1024
@@ -85,29 +119,30 @@ class Handshake(Message):
     accepted: bool = False
     reason: ShortText = ""
     answers_stamp_ns: Stamp | None = None
+    full_scale_n: Annotated[float, Field(ge=0.0, le=MOST_FORCE_N)] = 0.0
 
 
 class MotionCommand(Message):
     """One setpoint of the master: an absolute position (never an increment), 1 kHz."""
 
-    position_m: float
-    velocity_m_s: float
+    position_m: Position
+    velocity_m_s: Velocity
     deadman: bool
     gripper: Gripper = Grip.CLOSED
-    recording_time_s: float | None = None
+    recording_time_s: Seconds | None = None
 
 
 class ForceSample(Message):
     """One load-cell reading with the stage readback of the same instant and the command it answers."""
 
-    position_m: float
-    velocity_m_s: float
-    force_n: float
+    position_m: Position
+    velocity_m_s: Velocity
+    force_n: Force
     raw_counts: Int64
     valid: bool
     answers_sequence: NonNegativeInt | None
     answers_stamp_ns: Stamp | None
-    recording_time_s: float | None = None
+    recording_time_s: Seconds | None = None
     gripper: Gripper = Grip.CLOSED
     clock_offset_ns: Stamp | None = None
     clock_bound_ns: NonNegativeInt | None = None
@@ -123,19 +158,19 @@ class HapticSample(Message):
     rendered force gave it more than it took.
     """
 
-    handle_position_m: float
-    command_position_m: float
-    predicted_n: float | None
-    low_n: float | None = None
-    high_n: float | None = None
+    handle_position_m: Position
+    command_position_m: Position
+    predicted_n: Force | None
+    low_n: Force | None = None
+    high_n: Force | None = None
     leading: ShortText = ""
-    held_n: float | None
-    rendered_n: float
-    force_age_s: float | None
-    delay_s: float | None
+    held_n: Force | None
+    rendered_n: Force
+    force_age_s: Seconds | None
+    delay_s: Seconds | None
     answered_sequence: NonNegativeInt | None
     limited: bool
-    energy_j: float = 0.0
+    energy_j: Energy = 0.0
 
 
 class ModelParameters(Message):
@@ -145,14 +180,14 @@ class ModelParameters(Message):
     most_items: ClassVar[int] = 256
 
     names: tuple[Name, ...]
-    values: tuple[float, ...]
-    standard_deviations: tuple[float, ...]
+    values: tuple[Parameter, ...]
+    standard_deviations: tuple[Parameter, ...]
     identifiable: tuple[ShortText, ...]
     valid: bool
     samples: NonNegativeInt
     updates: NonNegativeInt
     resets: NonNegativeInt
-    innovation_rms_n: float
+    innovation_rms_n: Force
 
 
 class SlaveState(Message):
@@ -168,8 +203,8 @@ class SlaveState(Message):
     state: State
     reason: ShortText
     latch_persisted: bool = True
-    position_m: float
-    velocity_m_s: float
+    position_m: Position
+    velocity_m_s: Velocity
     gripper: Gripper
     stops: NonNegativeInt
     clock_offset_ns: Stamp | None
@@ -191,7 +226,7 @@ class MasterState(Message):
     indication: Name
     reason: ShortText
     deadman: bool
-    clutched_s: float
+    clutched_s: Seconds
     clock_offset_ns: Stamp | None
     clock_bound_ns: NonNegativeInt | None
     counters: dict[Name, NonNegativeInt]
@@ -212,8 +247,8 @@ class LimitEvent(Message):
     """
 
     rule: Name
-    requested: float
-    applied: float
+    requested: Quantity
+    applied: Quantity
     unit: ShortText
     count: NonNegativeInt
 
@@ -233,12 +268,12 @@ class ControlCycle(Message):
     `executed_sequence`: of the command that the setpoint follows.
     """
 
-    setpoint_m: float
-    setpoint_velocity_m_s: float
+    setpoint_m: Position
+    setpoint_velocity_m_s: Velocity
     moving: bool
-    position_m: float
-    velocity_m_s: float
-    force_n: float
+    position_m: Position
+    velocity_m_s: Velocity
+    force_n: Force
     force_valid: bool
     state: State
     gripper: Gripper
@@ -272,12 +307,12 @@ class Calibration(Message):
     driver: ShortText
     serial: ShortText
     date: ShortText
-    zero: float
-    gain_n: float | None = None
-    residual_n: float | None = None
-    hysteresis_n: float | None = None
-    native_per_m: float | None = None
-    repeatability_m: float | None = None
+    zero: Native
+    gain_n: Native | None = None
+    residual_n: Force | None = None
+    hysteresis_n: Force | None = None
+    native_per_m: Native | None = None
+    repeatability_m: Position | None = None
 
 
 class LoopTiming(Message):
@@ -292,10 +327,10 @@ class LoopTiming(Message):
     loop: Name
     ticks: NonNegativeInt
     missed: NonNegativeInt
-    p50_us: float
-    p99_us: float
-    max_us: float
-    edges_us: tuple[float, ...]
+    p50_us: Microseconds
+    p99_us: Microseconds
+    max_us: Microseconds
+    edges_us: tuple[Microseconds, ...]
     counts: tuple[NonNegativeInt, ...]
     scheduling: ShortText
 

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from common.config import Settings, beside_the_file
 from common.errors import ConfigurationError, RecordingError
-from common.messages import PROTOCOL_VERSION
+from common.messages import MOST_FORCE_N, MOST_VELOCITY_M_S, PROTOCOL_VERSION, Position
 from common.recording.units import Mapping
 from common.topics import checked_segment
 from common.transport.settings import ImpairmentSettings, TransportSettings
@@ -71,10 +71,10 @@ class AxisLimits(Settings):
     """
 
     kind: Literal["insertion", "rotation"] = "insertion"
-    workspace_m: tuple[float, float] = (-0.002, 0.12)
-    max_velocity_m_s: Annotated[float, Field(gt=0, le=1000)] = 0.2
+    workspace_m: tuple[Position, Position] = (-0.002, 0.12)
+    max_velocity_m_s: Annotated[float, Field(gt=0, le=MOST_VELOCITY_M_S)] = 0.2
     max_acceleration_m_s2: Annotated[float, Field(gt=0, le=1e7)] = 8.0
-    max_force_n: Annotated[float, Field(gt=0, le=10_000)] = 3.0
+    max_force_n: Annotated[float, Field(gt=0, le=MOST_FORCE_N)] = 3.0
 
     @model_validator(mode="after")
     def _ordered(self) -> "AxisLimits":

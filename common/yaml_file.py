@@ -14,8 +14,21 @@ KINDS = {type(None): "empty", list: "a list", str: "text"}
 """What stands where a mapping was expected, in words."""
 
 
+class _AliasError(yaml.MarkedYAMLError):
+    """An alias where a value should stand."""
+
+
 class _Loader(yaml.SafeLoader):
-    """Safe YAML that also reads 1e-3 as a number (YAML 1.2), as engineers write it."""
+    """Safe YAML that also reads 1e-3 as a number (YAML 1.2), as engineers write it.
+
+    Without aliases: a few lines of them, each of the one before, stand for more than any memory holds.
+    """
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:  # noqa: ANN401
+        if self.check_event(yaml.AliasEvent):
+            event = self.get_event()  # type: ignore[no-untyped-call]
+            raise _AliasError(None, None, f"*{event.anchor} is an alias", event.start_mark)
+        return super().compose_node(parent, index)
 
 
 _Loader.add_implicit_resolver(
@@ -39,13 +52,14 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     try:
         loader = _Loader(text)
         node = loader.get_single_node()
-        lines = dict(_lines(node, (), path, ())) if node else {}
+        lines = dict(_lines(node, (), path)) if node else {}
         data = loader.construct_document(node) if node else None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark else 1
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
-        raise ConfigurationError(f"{path}:{line}: {problem}; expected YAML") from error
+        expected = "the value itself" if isinstance(error, _AliasError) else "YAML"
+        raise ConfigurationError(f"{path}:{line}: {problem}; expected {expected}") from error
     except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
         raise ConfigurationError(f"{path}: {error}; expected YAML") from error
     if not isinstance(data, dict):
@@ -54,17 +68,11 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     return data, lines
 
 
-def _lines(
-    node: yaml.Node, place: Place, path: Path, around: tuple[yaml.Node, ...]
-) -> Iterator[tuple[Place, int]]:
-    line = node.start_mark.line + 1
-    yield place, line
-    if node in around:
-        raise ConfigurationError(f"{path}:{line}: an alias inside of what it stands for; expected a value")
-    around = (*around, node)
+def _lines(node: yaml.Node, place: Place, path: Path) -> Iterator[tuple[Place, int]]:
+    yield place, node.start_mark.line + 1
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
-            yield from _lines(child, (*place, index), path, around)
+            yield from _lines(child, (*place, index), path)
     elif isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
         for key, child in node.value:
@@ -76,7 +84,7 @@ def _lines(
                     f"{path}:{line}: {shown_key(key.value)}: the key stands twice; expected it once"
                 )
             seen.add(key.value)
-            yield from _lines(child, (*place, key.value), path, around)
+            yield from _lines(child, (*place, key.value), path)
             yield (*place, key.value), line
 
 

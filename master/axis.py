@@ -11,6 +11,7 @@ from common.errors import DeviceError
 from common.heartbeats import Heartbeats
 from common.journal import NOTHING_KEPT, Journal
 from common.messages import (
+    MOST_POSITION_M,
     EmergencyStop,
     ForceSample,
     Handshake,
@@ -19,6 +20,7 @@ from common.messages import (
     MotionCommand,
     SafetyState,
     SlaveState,
+    within,
 )
 from common.notices import printable
 from common.settings import differences, settings_hash, shared_text
@@ -64,6 +66,7 @@ class MasterAxis:
         self._heartbeats = Heartbeats(bus.outlet(topics.MASTER_HEARTBEAT))
         self._force: NewestForce | None = None
         self._force_stamp_ns: int | None = None
+        self._full_scale_n = 0.0
         self._stage_position_m: float | None = None
         self._slave_state: SlaveState | None = None
         self._state_heard_ns = 0
@@ -96,6 +99,9 @@ class MasterAxis:
         if sample.session_id != self.session.session_id:
             self.counters["forces_of_another_session"] += sample.session_id != 0
             return
+        if not abs(sample.force_n) <= self._full_scale_n:
+            self.counters["forces_out_of_range"] += 1
+            return
         self.identification.queue.put(sample)
         if self._force_stamp_ns is not None and sample.stamp_ns <= self._force_stamp_ns:
             self.counters["forces_reordered"] += 1
@@ -122,6 +128,7 @@ class MasterAxis:
         if opened:
             self._heartbeats.restart()
             self._force = self._force_stamp_ns = self._slave_state = None
+            self._full_scale_n = handshake.full_scale_n
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
         if heartbeat.session_id == self.session.session_id:
@@ -172,7 +179,7 @@ class MasterAxis:
         self._command.send(
             MotionCommand(
                 **header,
-                position_m=outputs.position_m,
+                position_m=within(outputs.position_m, MOST_POSITION_M),
                 velocity_m_s=outputs.velocity_m_s,
                 deadman=self._deadman,
                 gripper=outputs.gripper,

@@ -1,12 +1,20 @@
 """The messages in which the master says what the hand did and felt, and how it knows the contact."""
 
+from collections.abc import Iterable
 from typing import TypedDict
 
 from common.bus import Header
 from common.clock_offset import OffsetEstimate
 from common.estimation.forecast import Estimate
 from common.estimation.identification import ContactEstimate
-from common.messages import HapticSample, ModelParameters
+from common.messages import (
+    MOST_FORCE_N,
+    MOST_PARAMETER,
+    MOST_POSITION_M,
+    HapticSample,
+    ModelParameters,
+    within,
+)
 from master.haptics import HapticOutputs, NewestForce
 
 
@@ -26,8 +34,8 @@ def forecast_fields(predicted: Estimate | None) -> ForecastFields:
     """Those of an estimate, or of none."""
     if predicted is None:
         return _NOTHING
-    force_n, low_n, high_n, leading = predicted
-    return {"predicted_n": force_n, "low_n": low_n, "high_n": high_n, "leading": leading}
+    force_n, low_n, high_n = (within(value, MOST_FORCE_N) for value in predicted[:3])
+    return {"predicted_n": force_n, "low_n": low_n, "high_n": high_n, "leading": predicted.leading}
 
 
 def ages_s(
@@ -54,7 +62,7 @@ def haptic_sample(
     return HapticSample(
         **header,
         handle_position_m=handle_m,
-        command_position_m=outputs.position_m,
+        command_position_m=within(outputs.position_m, MOST_POSITION_M),
         **forecast_fields(outputs.predicted),
         held_n=outputs.held_n,
         rendered_n=outputs.rendered_n,
@@ -73,12 +81,16 @@ def model_parameters(
     return ModelParameters(
         **header,
         names=estimate.names,
-        values=estimate.values,
-        standard_deviations=estimate.standard_deviations,
+        values=_parameters(estimate.values),
+        standard_deviations=_parameters(estimate.standard_deviations),
         identifiable=identifiable,
         valid=estimate.valid,
         samples=estimate.samples,
         updates=estimate.updates,
         resets=estimate.resets,
-        innovation_rms_n=estimate.innovation_rms_n,
+        innovation_rms_n=within(estimate.innovation_rms_n, MOST_FORCE_N),
     )
+
+
+def _parameters(values: Iterable[float]) -> tuple[float, ...]:
+    return tuple(within(value, MOST_PARAMETER) for value in values)

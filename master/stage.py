@@ -15,15 +15,16 @@ class ExpectedStage:
     """The slave's stage as the master knows it."""
 
     def __init__(self, limits: AxisLimits) -> None:
-        self._lag = StageLag()
+        self._lag, self._workspace_m = StageLag(), limits.workspace_m
         self._limiter = MotionLimiter(limits, limits.max_acceleration_m_s2)
         self._previous_ns: int | None = None
 
     def setpoint_m(self, stamp_ns: int, position_m: float, velocity_m_s: float, deadman: bool) -> float:
         """What the slave's limits will leave of the command of that stamp.
 
-        Without the deadman nothing moves: the command is the stage's own position.
+        Without the deadman nothing moves: the command is the stage's own position, as the network says it.
         """
+        position_m = min(max(position_m, self._workspace_m[0]), self._workspace_m[1])
         previous_ns, self._previous_ns = self._previous_ns, stamp_ns
         if not deadman or previous_ns is None or stamp_ns <= previous_ns:
             self._limiter.place(position_m)

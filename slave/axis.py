@@ -60,7 +60,7 @@ class SlaveAxis:
         self._diary = AxisDiary(journal, cell, settings.name)
         self._watch = DeviceWatch(devices, self._device_failed)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
-        self._link = SlaveLink(cell, settings, bus, instance_id, self._diary)
+        self._link = SlaveLink(cell, settings, devices.load_cell.full_scale_n, bus, instance_id, self._diary)
         self._transitions: BoundedQueue[tuple[int, Transition]] = BoundedQueue(256)
         self._limits = LimitLog()
         self._intake = CommandIntake(settings, self._link, self._limits)

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from math import isfinite
 
 from common.errors import DeviceError
+from common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S
 from slave.grippers.port import Gripper
 from slave.load_cells.port import LoadCell, LoadCellReading
 from slave.stages.port import Stage, StageReading
@@ -72,8 +72,11 @@ class DeviceWatch:
             name = "load_cell"
             readings = cell.read(now_ns, recording_time_s)
             for reading in readings:
-                if not isfinite(reading.force_n):
-                    raise DeviceError(f"load cell = {reading.force_n} N: expected a finite force")
+                if not abs(reading.force_n) <= cell.full_scale_n:
+                    raise DeviceError(
+                        f"load cell = {reading.force_n:g} N: expected at most its full scale, "
+                        f"{cell.full_scale_n:g} N"
+                    )
         except DeviceError as error:
             self._on_fault(name, str(error))
             readings = (_NO_FORCE,)
@@ -85,8 +88,11 @@ class DeviceWatch:
 
     def _read_stage(self, now_ns: int) -> None:
         reading = self._devices.stage.read(now_ns)
-        if not (isfinite(reading.position_m) and isfinite(reading.velocity_m_s)):
+        if not (
+            abs(reading.position_m) <= MOST_POSITION_M and abs(reading.velocity_m_s) <= MOST_VELOCITY_M_S
+        ):
             raise DeviceError(
-                f"stage = ({reading.position_m} m, {reading.velocity_m_s} m/s): expected finite numbers"
+                f"stage = ({reading.position_m} m, {reading.velocity_m_s} m/s): expected at most "
+                f"{MOST_POSITION_M:g} m and {MOST_VELOCITY_M_S:g} m/s"
             )
         self.stage = reading

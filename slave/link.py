@@ -26,13 +26,19 @@ class SlaveLink:
     """
 
     def __init__(
-        self, cell: str, settings: SlaveAxisSettings, bus: Bus, instance_id: int, diary: AxisDiary
+        self,
+        cell: str,
+        settings: SlaveAxisSettings,
+        full_scale_n: float,
+        bus: Bus,
+        instance_id: int,
+        diary: AxisDiary,
     ) -> None:
         self.counters: Counter[str] = Counter()
         self._ended = ""
         self._awaited = False
         self._shared = shared_text(cell, settings.name, settings.limits)
-        self._instance_id = instance_id
+        self._instance_id, self._full_scale_n = instance_id, full_scale_n
         self._diary = diary
         self._lease = Lease(int(settings.gate.lease_s * 1e9), int(LONGEST_ROUND_TRIP_S * 1e9))
         self._handshakes: BoundedQueue[tuple[Handshake, int]] = BoundedQueue(16)
@@ -100,6 +106,7 @@ class SlaveLink:
                     accepted=not reason,
                     reason=reason,
                     answers_stamp_ns=handshake.stamp_ns,
+                    full_scale_n=self._full_scale_n,
                 )
             )
 

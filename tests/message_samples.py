@@ -45,20 +45,33 @@ def _values(kind: Any, rules: tuple[Any, ...]) -> st.SearchStrategy[Any]:  # noq
 def _scalars(kind: type, rules: tuple[Any, ...]) -> st.SearchStrategy[Any]:
     if issubclass(kind, Enum):
         return st.sampled_from(list(kind))
-    simple: dict[type, st.SearchStrategy[Any]] = {
-        NoneType: st.none(),
-        bool: st.booleans(),
-        float: st.floats(allow_nan=False, allow_infinity=False),
-    }
+    simple: dict[type, st.SearchStrategy[Any]] = {NoneType: st.none(), bool: st.booleans()}
     if kind in simple:
         return simple[kind]
-    return _integers(rules) if kind is int else _texts(rules)
+    if kind is float:
+        return st.floats(*bounds(rules))
+    return st.integers(*bounds(rules)) if kind is int else _texts(rules)
 
 
-def _integers(rules: tuple[Any, ...]) -> st.SearchStrategy[int]:
+def bounds(rules: tuple[Any, ...]) -> tuple[Any, Any]:
+    """The range that a number has; every one has one."""
     low: list[Any] = [rule.ge for rule in rules if isinstance(rule, annotated_types.Ge)]
     high: list[Any] = [rule.le for rule in rules if isinstance(rule, annotated_types.Le)]
-    return st.integers(max(low), min(high))
+    return max(low), min(high)
+
+
+def float_ranges(info: FieldInfo) -> list[tuple[float, float]]:
+    """The range of each float that a field may hold."""
+
+    def found(kind: Any, rules: tuple[Any, ...]) -> list[tuple[float, float]]:  # noqa: ANN401 - a type
+        arguments = get_args(kind)
+        if get_origin(kind) is Annotated:
+            return found(arguments[0], (*_flat(arguments[1:]), *rules))
+        if kind is float:
+            return [bounds(rules)]
+        return [each for argument in arguments for each in found(argument, rules)]
+
+    return found(info.annotation, tuple(info.metadata))
 
 
 def _texts(rules: tuple[Any, ...]) -> st.SearchStrategy[str]:

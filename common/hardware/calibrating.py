@@ -66,7 +66,7 @@ def require_steady(
 
     Args:
         level: what was read.
-        newton_per_native: what a native unit is worth, at least roughly; its sign does not matter.
+        newton_per_native: what a native unit is worth, by the data sheet; its sign does not matter.
         range_n: the range of forces that is calibrated.
         what: the load in words, for the text.
         steady_share: of the range, that the readings may drift while they are averaged; noise may be four
@@ -87,22 +87,6 @@ def require_steady(
             f"{what}: the reading moves: drift {level.drift * scale_n:+.3g} N while it was averaged, "
             f"allowed {allowed_n:.3g} N; let the load settle and the cell warm up"
         )
-
-
-def rough_scale(tare: Level, loaded: Step) -> float:
-    """N per native unit by one load, where no data sheet tells.
-
-    Raises:
-        RunError: the noise hides the load.
-    """
-    rise, noise = loaded.level.mean - tare.mean, max(loaded.level.std, tare.std)
-    if not abs(rise) > _SHOWN * noise:
-        raise RunError(
-            f"{loaded.force_n:.4g} N: the reading does not follow the load: {tare.mean:.6g} without, "
-            f"{loaded.level.mean:.6g} with it, noise {noise:.2g}; check that the load acts on the cell and "
-            "that nothing moves it"
-        )
-    return loaded.force_n / rise
 
 
 def forces_of(text: str, newton_per_unit: float, where: str) -> list[float]:

@@ -2,19 +2,27 @@
 
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field, NonNegativeFloat
+from pydantic import Field
 
 from common.config import Settings, load_settings
 from common.errors import ConfigurationError
+from common.messages import MOST_FORCE_N, MOST_POSITION_M, Native
 
-NonZero = Annotated[float, Field(ge=-1e12, le=1e12)]
+SCALE_FACTOR = 2.0
+"""Gain and data sheet agree within it: data sheets are right to some per cent, and a mistaken unit is further
+off (a pound-force is 4.4 N, a kilogram-force 9.8 N)."""
+_STAGE_TOLERANCE = 0.01
+"""Of the settings' scale: the lead of a screw is right to 0.1 % (ISO 3408-3, grade T10)."""
+
+Serial = Annotated[str, Field(min_length=1, max_length=64)]
+"""What a calibration is bound to."""
 
 
 class LoadCellCalibration(Settings):
     """`F = sign gain_n (native - zero)`, native: what the device gives (N, counts, lbf/1000); `sign`: of the
-    settings, not in `gain_n`.
+    settings, for `gain_n` is positive.
 
     `residual_n`, `hysteresis_n`: rms of what the line leaves, largest difference between up and down;
     `range_n`: the forces that were applied; `points`: (native, N) of every step.
@@ -22,13 +30,13 @@ class LoadCellCalibration(Settings):
 
     format: Literal["forefeel.load_cell_calibration/1"]
     driver: str
-    serial: str
+    serial: Serial
     date: date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 365
-    gain_n: NonZero
-    zero: float
-    residual_n: NonNegativeFloat
-    hysteresis_n: NonNegativeFloat
+    gain_n: Annotated[float, Field(gt=0.0, le=1e12)]
+    zero: Native
+    residual_n: Annotated[float, Field(ge=0.0, le=MOST_FORCE_N)]
+    hysteresis_n: Annotated[float, Field(ge=0.0, le=MOST_FORCE_N)]
     range_n: tuple[float, float]
     temperature_c: float | None = None
     points: tuple[tuple[float, float], ...]
@@ -48,32 +56,71 @@ class StageCalibration(Settings):
 
     format: Literal["forefeel.stage_calibration/1"]
     driver: str
-    serial: str
+    serial: Serial
     date: date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 365
-    zero: float
+    zero: Native
     native_per_m: Annotated[float, Field(gt=0, le=1e12)]
     travel_m: tuple[float, float]
-    repeatability_m: NonNegativeFloat | None
+    repeatability_m: Annotated[float, Field(ge=0.0, le=MOST_POSITION_M)] | None
 
 
-def load_cell_calibration(path: Path, driver: str, serial: str, today: date) -> LoadCellCalibration:
-    """The calibration in a file, of the device of that driver with that serial number.
+class CellScale(NamedTuple):
+    """A load cell by its data sheet: what a native unit is worth, > 0, and its full scale."""
+
+    newton_per_native: float
+    full_scale_n: float
+
+    def flaw(self, gain_n: float, zero: float) -> str | None:
+        """Why that gain and zero are not of such a cell, else None."""
+        low_n, high_n = self.newton_per_native / SCALE_FACTOR, self.newton_per_native * SCALE_FACTOR
+        if not low_n <= gain_n <= high_n:
+            return (
+                f"gain_n = {gain_n:.4g}: expected {low_n:.4g} to {high_n:.4g}, within a factor of "
+                f"{SCALE_FACTOR:g} of full scale by data sheet ({self.full_scale_n:g} N at "
+                f"{self.full_scale_n / self.newton_per_native:.6g} native units)"
+            )
+        if abs(zero) * self.newton_per_native > self.full_scale_n:
+            most = self.full_scale_n / self.newton_per_native
+            return f"zero = {zero:.6g}: expected at most {most:.6g} native units, its full scale"
+        return None
+
+
+def load_cell_calibration(
+    path: Path, driver: str, serial: str | None, today: date, scale: CellScale | None
+) -> LoadCellCalibration:
+    """The calibration in a file, of the device of that driver with that serial number and scale; None: not
+    known before the device has answered, and not compared.
 
     Raises:
-        ConfigurationError: unreadable, out of date, or of another device; what to do.
+        ConfigurationError: unreadable, of the future or out of date, of another device, or with a gain or
+            zero that is not of such a cell; what to do.
     """
     found = load_settings(LoadCellCalibration, path)
-    _check(path, found, driver, serial, today, "forefeel calibrate load-cell")
+    _check(path, found, driver, serial, today)
+    if scale is not None and (flaw := scale.flaw(found.gain_n, found.zero)):
+        raise ConfigurationError(f"{path}: {flaw}; correct load_cell, or {_again(found)}")
     return found
 
 
 def stage_calibration(
-    path: Path, driver: str, serial: str, today: date, travel_m: tuple[float, float]
+    path: Path,
+    driver: str,
+    serial: str | None,
+    today: date,
+    travel_m: tuple[float, float],
+    native_per_m: float,
 ) -> StageCalibration:
-    """As `load_cell_calibration`, of a stage; its travel must hold `travel_m`."""
+    """As `load_cell_calibration`, of a stage; its travel must hold `travel_m`, its scale be that of the
+    settings.
+    """
     found = load_settings(StageCalibration, path)
-    _check(path, found, driver, serial, today, "forefeel calibrate stage")
+    _check(path, found, driver, serial, today)
+    if abs(found.native_per_m - native_per_m) > _STAGE_TOLERANCE * native_per_m:
+        raise ConfigurationError(
+            f"{path}: native_per_m = {found.native_per_m:g}: expected {native_per_m:g} within "
+            f"{_STAGE_TOLERANCE:.0%}, the scale in the settings; correct stage, or {_again(found)}"
+        )
     (low, high), (lowest, highest) = travel_m, found.travel_m
     if low < lowest or high > highest:
         raise ConfigurationError(
@@ -84,22 +131,25 @@ def stage_calibration(
 
 
 def _check(
-    path: Path,
-    found: LoadCellCalibration | StageCalibration,
-    driver: str,
-    serial: str,
-    today: date,
-    again: str,
+    path: Path, found: LoadCellCalibration | StageCalibration, driver: str, serial: str | None, today: date
 ) -> None:
-    age_days = (today - found.date).days
     for name, value, expected in (("driver", found.driver, driver), ("serial", found.serial, serial)):
-        if value != expected:
+        if expected not in (None, value):
             raise ConfigurationError(
-                f"{path}: {name} = {value!r}: expected {expected!r}, the device that answers; "
-                f"`{again}` makes a new one"
+                f"{path}: {name} = {value!r}: expected {expected!r}, the device that answers; {_again(found)}"
             )
+    age_days = (today - found.date).days
+    if age_days < 0:
+        raise ConfigurationError(
+            f"{path}: date = {found.date}: expected at most today, {today}; correct this host's clock, or "
+            f"{_again(found)}"
+        )
     if age_days > found.valid_days:
         raise ConfigurationError(
-            f"{path}: date = {found.date}: out of date by {age_days - found.valid_days} days; "
-            f"`{again}` makes a new one"
+            f"{path}: date = {found.date}: out of date by {age_days - found.valid_days} days; {_again(found)}"
         )
+
+
+def _again(found: LoadCellCalibration | StageCalibration) -> str:
+    slot = "stage" if isinstance(found, StageCalibration) else "load-cell"
+    return f"`forefeel calibrate {slot}` makes a new one"

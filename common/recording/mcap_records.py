@@ -12,15 +12,16 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
-from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from common.errors import RecordingError
+from common.recording.recording import room_of
 
 HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -58,6 +59,7 @@ class RecordReader:
         self._file = file
         self._path = path
         self._size = path.stat().st_size
+        self._room = room_of(path)
         self.truncated = True
         """Whether the file ends before its footer; known after the iteration."""
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -70,7 +72,7 @@ class RecordReader:
                 self.truncated = self._file.read() != MCAP0_MAGIC
                 return
             try:
-                yield from _parse(opcode, body)
+                yield from self._parse(opcode, body)
             except DAMAGE as error:
                 reason = str(error) or type(error).__name__
                 raise RecordingError(
@@ -87,23 +89,44 @@ class RecordReader:
             return None
         return opcode, start, self._file.read(length)
 
+    def _parse(self, opcode: int, body: bytes) -> Iterator[Record]:
+        if opcode == Opcode.CHUNK:
+            data = unpacked(body, self._room)
+            self._room -= len(data)
+            yield from records_of_chunk(data)
+        elif opcode == Opcode.MESSAGE:
+            yield _message(body, 0, len(body))
+        elif opcode in _PARSED:
+            yield _PARSED[Opcode(opcode)](ReadDataStream(BytesIO(body)))
 
-def _parse(opcode: int, body: bytes) -> Iterator[Record]:
-    if opcode == Opcode.CHUNK:
-        yield from records_of_chunk(body)
-    elif opcode == Opcode.MESSAGE:
-        yield _message(body, 0, len(body))
-    elif opcode in _PARSED:
-        yield _PARSED[Opcode(opcode)](ReadDataStream(BytesIO(body)))
 
+def unpacked(body: bytes, room: int) -> bytes:
+    """The records in the body of a chunk record.
 
-def records_of_chunk(body: bytes) -> Iterator[MessageRecord | Channel]:
-    """The messages and channels in the body of a chunk record; raises one of `DAMAGE` where it is none."""
+    Raises one of `DAMAGE` where it is none, or unpacks to more than `room` bytes.
+    """
     chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-    stream, size = get_chunk_data_stream(chunk)
-    data = stream.read(size)
+    size = chunk.uncompressed_size
+    if size > room:
+        raise ValueError(f"a chunk of {len(body)} bytes unpacks to {size}, allowed {room}")
+    if chunk.compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
+            data = stream.read(size + 1)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    elif chunk.compression:
+        raise ValueError(f"compression {chunk.compression!r}, expected zstd, lz4 or none")
+    else:
+        data = chunk.data
+    if len(data) != size:
+        raise ValueError(f"a chunk of {size} bytes by its head has {len(data)} or more")
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("checksum of a chunk")
+    return data
+
+
+def records_of_chunk(data: bytes) -> Iterator[MessageRecord | Channel]:
+    """The messages and channels in what `unpacked` gave; raises one of `DAMAGE` where it is none."""
     at = 0
     while at < len(data):
         opcode, length = HEAD.unpack_from(data, at)

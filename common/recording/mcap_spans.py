@@ -16,8 +16,8 @@ from pydantic import ValidationError
 
 from common.errors import RecordingError
 from common.messages import Message
-from common.recording.mcap_records import DAMAGE, HEAD, MessageRecord, records_of_chunk
-from common.recording.recording import opened
+from common.recording.mcap_records import DAMAGE, HEAD, MessageRecord, records_of_chunk, unpacked
+from common.recording.recording import opened, room_of
 from common.topics import Topic, parse_key
 
 _TIMES = struct.Struct("<QQ")
@@ -66,6 +66,7 @@ class RunSpans:
         self._topics: dict[int, tuple[str, Topic[Message]] | None] = {}
         self._cells: set[str] = set()
         with opened(path) as file:
+            self._room = room_of(path)
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                 raise RecordingError(f"{path}: does not start as an MCAP file, expected one")
             self._chunks = self._indexed(file)
@@ -173,7 +174,7 @@ class RunSpans:
     def _cut(self, file: BinaryIO, at: int, size: int) -> list[MessageRecord | Channel]:
         file.seek(at)
         try:
-            return list(records_of_chunk(file.read(size)))
+            return list(records_of_chunk(unpacked(file.read(size), self._room)))
         except DAMAGE as error:
             reason = str(error) or type(error).__name__
             raise RecordingError(f"{self.path}: damaged at byte {at} ({reason}), expected a chunk") from error

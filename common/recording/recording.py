@@ -19,6 +19,19 @@ GAP_S = 0.1
 
 _ROUNDING_S = 1e-6
 
+_LEAST_ROOM = 16 * 2**20
+_MOST_TIMES = 100
+
+
+def room_of(path: Path) -> int:
+    """The bytes that a compressed file may unpack to (of a table: each column): 16 MiB and a hundred times
+    its size.
+
+    16 MiB are half an hour of a column at 1 kHz, whatever it holds. A hundredfold is beyond any measurement:
+    noise is a byte of each eight of a number, and the JSON of a message shrinks some tenfold.
+    """
+    return _LEAST_ROOM + _MOST_TIMES * path.stat().st_size
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:

@@ -9,7 +9,7 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 
 from common.errors import RecordingError
-from common.recording.recording import Array, opened
+from common.recording.recording import Array, opened, room_of
 
 _SHOWN_CHARACTERS = 40
 _LONGEST_HEADER = 65_536
@@ -123,6 +123,7 @@ class ParquetTable:
 
     def _batches(self, file: BinaryIO, name: str) -> Array:
         parquet = self._arrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=_ROWS_AT_ONCE)
+        self._require_room(parquet.metadata, name)
         values, at = np.empty(parquet.metadata.num_rows), 0
         for batch in parquet.iter_batches(_ROWS_AT_ONCE, columns=[name], use_threads=False):
             values[at : at + len(batch)] = batch.column(0).to_numpy(zero_copy_only=False)
@@ -130,11 +131,20 @@ class ParquetTable:
         self._arrow.default_memory_pool().release_unused()
         return values
 
+    def _require_room(self, metadata: Any, name: str) -> None:  # noqa: ANN401 - of pyarrow
+        place, room = self._schema.names.index(name), room_of(self._path)
+        pieces = (metadata.row_group(group).column(place) for group in range(metadata.num_row_groups))
+        size = max(
+            metadata.num_rows * np.dtype(np.float64).itemsize, sum(p.total_uncompressed_size for p in pieces)
+        )
+        if size > room:
+            raise RecordingError(f"{self._path}, column {name!r}: {size} bytes when unpacked, allowed {room}")
+
     def _read(self, read: Callable[[BinaryIO], Any]) -> Any:  # noqa: ANN401 - of pyarrow, which has no types
         with opened(self._path) as file:
             try:
                 return read(file)
-            except (self._arrow.ArrowException, OSError) as error:
+            except (self._arrow.ArrowException, OSError, ValueError) as error:
                 reason = str(error).splitlines()[0]
                 raise RecordingError(f"{self._path}: {reason}, expected a Parquet file") from error
 

@@ -12,8 +12,9 @@ _HEAD = f"""{NOTE}
 # Messages and topics
 
 Every message on the network, from `common/topics.py` and `common/messages.py`; the wire is msgpack. A key
-expression is `forefeel/CELL/AXIS/TOPIC`. Messages are frozen: unknown fields, NaN and infinity are refused. A
-rotation axis uses the tangential equivalents ([decision 0003](../decisions/0003-rotation-as-tangential.md)).
+expression is `forefeel/CELL/AXIS/TOPIC`. Messages are frozen: unknown fields, and numbers out of their range,
+are refused. A rotation axis uses the tangential equivalents
+([decision 0003](../decisions/0003-rotation-as-tangential.md)).
 
 Protocol version {m.PROTOCOL_VERSION}.
 """

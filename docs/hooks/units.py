@@ -31,6 +31,7 @@ _WHOLE = {
     "bits": "bits",
     "gain_n": "N per native unit",
     "zero": "native units",
+    "full_scale_native": "native units",
 }
 
 

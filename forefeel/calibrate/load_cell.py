@@ -19,10 +19,9 @@ from common.hardware.calibrating import (
     range_of,
     require_line,
     require_steady,
-    rough_scale,
     walk_of,
 )
-from common.hardware.calibration import LoadCellCalibration
+from common.hardware.calibration import CellScale, LoadCellCalibration
 from common.hardware.link import Link
 from forefeel.calibrate.person import Person
 from forefeel.calibrate.target import check_target, write_calibration
@@ -83,6 +82,7 @@ def run_load_cell(wish: Wish, clock: SleepingClock | None = None, today: date | 
     low_n, high_n = range_of(forces)
     found = fit(_signed(steps, device.settings.sign))
     require_line(found, high_n - low_n, wish.residual_share)
+    _require_scale(found, cell.scale, device.settings.sign)
     _write(wish, device, serial, found, steps, today or date.today())
 
 
@@ -144,31 +144,34 @@ def _signed(steps: Sequence[Step], sign: int) -> list[Step]:
     return [Step(sign * step.force_n, step.level) for step in steps]
 
 
+def _require_scale(found: Fit, scale: CellScale, sign: int) -> None:
+    """Refuses what would be refused when it is loaded."""
+    if found.gain_n < 0.0:
+        raise RunError(
+            f"the reading goes the wrong way with load_cell.sign = {sign}: expected a gain above 0; write "
+            f"load_cell.sign: {-sign}, or turn the load round; nothing was written"
+        )
+    if flaw := scale.flaw(found.gain_n, found.zero):
+        raise RunError(f"{flaw}; correct load_cell, or the weights; nothing was written")
+
+
 class _Walk:
     """The loads one after the other; each is refused at once when its reading moves."""
 
     def __init__(self, wish: Wish, cell: NativeLoadCell, person: Person, clock: SleepingClock) -> None:
         self._wish, self._cell, self._person, self._clock = wish, cell, person, clock
-        self._scale = cell.newton_per_native
 
     def run(self, forces: Sequence[float]) -> list[Step]:
-        """Every step. A cell without a nominal scale has one from the first load; the tare is judged then."""
+        """Every step."""
         low_n, high_n = range_of(forces)
+        newton_per_native = self._cell.scale.newton_per_native
         steps: list[Step] = []
         for force_n in walk_of(forces):
-            steps.append(Step(force_n, self._level(force_n)))
-            judged = steps[-1:]
-            if self._scale is None and force_n:
-                self._scale, judged = rough_scale(steps[0].level, steps[-1]), steps
-            if self._scale is not None:
-                self._require_steady(judged, self._scale, high_n - low_n)
-            level = steps[-1].level
+            level = self._level(force_n)
+            require_steady(level, newton_per_native, high_n - low_n, _load(force_n), self._wish.steady_share)
+            steps.append(Step(force_n, level))
             say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
         return steps
-
-    def _require_steady(self, steps: Sequence[Step], scale_n: float, span_n: float) -> None:
-        for force_n, level in steps:
-            require_steady(level, scale_n, span_n, _load(force_n), self._wish.steady_share)
 
     def _level(self, force_n: float) -> Level:
         self._person.wait(f"{'Unload the cell' if force_n == 0.0 else f'Apply {_load(force_n)}'}")

@@ -106,13 +106,7 @@ def _moved(stage: Homing, settings: ZaberSettings | Cia402Settings, wish: Wish) 
     ends = stage.travel_ends(wish.velocity_m_s)
     say("homing again")
     again = stage.home()
-    per_m = native_per_m(settings)
-    return again.native, travel_of(again.native, ends, again.shift, per_m, settings.sign)
-
-
-def native_per_m(settings: ZaberSettings | Cia402Settings) -> float:
-    """Microsteps or counts per metre, by the settings."""
-    return 1.0 / settings.microstep_m if isinstance(settings, ZaberSettings) else settings.counts_per_m
+    return again.native, travel_of(again.native, ends, again.shift, settings.native_per_m, settings.sign)
 
 
 def _write(wish: Wish, device: Configured, serial: str, zero: float, travel: Travel, today: date) -> None:
@@ -123,7 +117,7 @@ def _write(wish: Wish, device: Configured, serial: str, zero: float, travel: Tra
         date=today,
         valid_days=wish.valid_days,
         zero=zero,
-        native_per_m=native_per_m(device.settings),
+        native_per_m=device.settings.native_per_m,
         travel_m=travel.ends_m,
         repeatability_m=travel.repeatability_m,
     )

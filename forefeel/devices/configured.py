@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 from common.config import Settings
 from common.errors import ConfigurationError
+from common.hardware.settings import SerialSettings
 from common.settings import DaemonSettings
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.drivers import DRIVERS, Driver, Slot
@@ -39,7 +40,7 @@ class Configured(NamedTuple):
         can = getattr(self.settings, "can", None)
         if can is not None:
             return str(can.channel).partition("@")[0] if can.interface == "slcan" else None
-        return getattr(self.settings, "port", None)
+        return self.settings.port if isinstance(self.settings, SerialSettings) else None
 
 
 def configured(settings: DaemonSettings) -> list[Configured]:

@@ -4,9 +4,13 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from common.config import load_settings
 from common.errors import ConfigurationError
-from common.hardware.calibration import LoadCellCalibration, StageCalibration
+from common.hardware.calibration import (
+    LoadCellCalibration,
+    StageCalibration,
+    load_cell_calibration,
+    stage_calibration,
+)
 from forefeel.devices.configured import Configured
 from forefeel.doctor.findings import Finding
 
@@ -17,7 +21,8 @@ _COMMANDS = {"stage": "forefeel calibrate stage", "load_cell": "forefeel calibra
 
 @dataclass(frozen=True, slots=True)
 class Calibrated:
-    """A device that can be calibrated. `made` None: it is not; `error`: its file is no calibration."""
+    """A device that can be calibrated. `made` None: it is not; `error`: why the daemon
+    refuses its file."""
 
     name: str
     command: str
@@ -26,26 +31,28 @@ class Calibrated:
     error: str = ""
 
 
-def read_calibration(device: Configured) -> Calibrated | None:
-    """The calibration that the settings name; None for what needs none."""
-    command = _COMMANDS.get(device.driver.slot)
+def read_calibration(device: Configured, today: date) -> Calibrated | None:
+    """The calibration that the settings name, as the daemon would take it; None for what needs none."""
+    command, settings = _COMMANDS.get(device.driver.slot), device.settings
     if command is None or device.driver.place is None:
         return None
-    path: Path | None = getattr(device.settings, "calibration", None)
+    path: Path | None = getattr(settings, "calibration", None)
     if path is None:
         return Calibrated(device.name, command)
-    kind: type[StageCalibration | LoadCellCalibration] = (
-        StageCalibration if device.driver.slot == "stage" else LoadCellCalibration
-    )
+    about = path, device.driver.name, getattr(settings, "serial", None), today
+    found: StageCalibration | LoadCellCalibration
     try:
-        found = load_settings(kind, path)
+        if device.driver.slot == "stage":
+            found = stage_calibration(*about, settings.travel_m, settings.native_per_m)
+        else:
+            found = load_cell_calibration(*about, settings.scale)
     except ConfigurationError as error:
         return Calibrated(device.name, command, error=str(error))
     return Calibrated(device.name, command, found.date, found.valid_days)
 
 
 def judge_calibration(found: Calibrated, today: date) -> Finding:
-    """Red: unreadable or out of date, the daemon refuses it; amber: none, or out of date within 30 days."""
+    """Red: the daemon refuses it; amber: none, or out of date within 30 days."""
     if found.error:
         return Finding(GROUP, found.name, "red", found.error, f"{found.command} makes a new one")
     if found.made is None:
@@ -53,9 +60,6 @@ def judge_calibration(found: Calibrated, today: date) -> Finding:
         return Finding(GROUP, found.name, "amber", "never calibrated", advice)
     left_days = found.valid_days - (today - found.made).days
     words = f"calibrated on {found.made}, {left_days} days left"
-    if left_days < 0:
-        words = f"calibrated on {found.made}, out of date by {-left_days} days"
-        return Finding(GROUP, found.name, "red", words, f"{found.command} makes a new one")
     if left_days < _SOON_DAYS:
         return Finding(GROUP, found.name, "amber", words, f"{found.command} soon")
     return Finding(GROUP, found.name, "green", words)

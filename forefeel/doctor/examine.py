@@ -140,16 +140,16 @@ def _realtime(ends: Sequence[End]) -> Iterator[Finding]:
 
 
 def _devices(end: End) -> Iterator[Finding]:
-    found = configured(end.settings)
+    found, today = configured(end.settings), date.today()
     for port in dict.fromkeys(device.serial_port for device in found if device.serial_port):
         yield from devices.judge_port(devices.examine_port(port))
     for bus in devices.can_buses(found):
         yield devices.judge_can(bus)
     yield from _probed(end, found)
     for device in found:
-        calibration = calibrations.read_calibration(device)
+        calibration = calibrations.read_calibration(device, today)
         if calibration is not None:
-            yield calibrations.judge_calibration(calibration, date.today())
+            yield calibrations.judge_calibration(calibration, today)
 
 
 def _probed(end: End, found: Sequence[Configured]) -> Iterator[Finding]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from common.errors import DeviceError
+from common.messages import MOST_POSITION_M, MOST_SECONDS, MOST_VELOCITY_M_S
 from common.notices import Notices
 from master.handles.port import Handle, HandleReading
 
@@ -29,7 +30,7 @@ class HandleWatch:
         try:
             if had_failed and not self._re_arm():
                 return self._reading
-            reading = self._handle.read(now_ns)
+            reading = _checked(self._handle.read(now_ns))
         except DeviceError as error:
             self._fail(error)
             return self._reading
@@ -58,3 +59,15 @@ class HandleWatch:
         if self.fault is None:
             self.fault = str(error)
             self._notices.add(f"{self.fault}; let the deadman go and press it again to go on")
+
+
+def _checked(reading: HandleReading) -> HandleReading:
+    """Refuses, with DeviceError, what no message takes."""
+    for name, value, most in (
+        ("position_m", reading.position_m, MOST_POSITION_M),
+        ("velocity_m_s", reading.velocity_m_s, MOST_VELOCITY_M_S),
+        ("recording_time_s", reading.recording_time_s or 0.0, MOST_SECONDS),
+    ):
+        if not abs(value) <= most:
+            raise DeviceError(f"handle: {name} = {value:g}: expected at most {most:g}")
+    return reading

@@ -25,11 +25,6 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
     is not missed (an answer is: `unanswered`).
     """
 
-    @property
-    def newton_per_native(self) -> float | None:
-        """By the unit; None for counts."""
-        return NEWTON_PER_UNIT.get(self._settings.unit)
-
     def _cell(self) -> Cell:
         return AsciiCell(self._settings, self.link.counters)
 
@@ -41,7 +36,8 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
                 "`forefeel calibrate load-cell`"
             )
         watch = StuckWatch(noisy=False)
-        return Scale(s.full_scale_n, s.sign, self.newton_per_native, calibration, watch, self.link.counters)
+        unit_n = NEWTON_PER_UNIT.get(s.unit)
+        return Scale(s.full_scale_n, s.sign, unit_n, calibration, watch, self.link.counters)
 
 
 class AsciiCell:

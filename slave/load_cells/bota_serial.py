@@ -21,11 +21,6 @@ class BotaSerialLoadCell(SerialLoadCell[BotaSettings]):
     The stamps are those of the cell's frames: the delay of its own filter comes on top.
     """
 
-    @property
-    def newton_per_native(self) -> float:
-        """It gives newtons."""
-        return 1.0
-
     def _cell(self) -> Cell:
         return BotaCell(self._settings, self.link.counters)
 

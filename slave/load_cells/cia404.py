@@ -7,13 +7,14 @@ from math import isfinite
 from common.clock import Clock, MonotonicClock
 from common.errors import DeviceError, DeviceSetupError
 from common.hardware import cia404
-from common.hardware.calibration import LoadCellCalibration, load_cell_calibration
+from common.hardware.calibration import CellScale, LoadCellCalibration, load_cell_calibration
 from common.hardware.can_network import HOST_NODE, SharedNetwork
 from common.hardware.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
 from common.hardware.conversation import Conversation, Timed
 from common.hardware.link import LinkState
 from common.hardware.pacing import Pacer
 from common.hardware.sdo import RemoteDevice, can_link, talking_to
+from common.messages import within
 from common.slots import BoundedQueue
 from slave.load_cells.port import VALID_SHARE, LoadCellReading, NativeReading
 from slave.load_cells.settings import Cia404Settings
@@ -33,7 +34,7 @@ class Cia404LoadCell:
     calibration; without one the unit of the device counts. `raw_counts`: its process value in millionths.
 
     Attributes:
-        newton_per_native: of the device's unit, once it is open; None: it is no unit of force.
+        scale: by the device's unit, else by the settings; None before it is open.
 
     Raises:
         DeviceError: the device is silent, reports an emergency, or the bus is gone.
@@ -44,11 +45,12 @@ class Cia404LoadCell:
         self._clock = clock or MonotonicClock()
         self.link = can_link("load cell", settings.driver, settings.can, settings.node_id)
         self.stale_s = max(0.02, 5.0 / settings.rate_hz)
+        self.full_scale_n = settings.full_scale_n
         self._readings: BoundedQueue[Timed[cia404.Measured]] = BoundedQueue(1024)
         self._pdo = cia404.reading_pdo(settings.node_id)
         self._conversation: Conversation | None = None
         self.calibration: LoadCellCalibration | None = None
-        self.newton_per_native: float | None = None
+        self.scale: CellScale | None = None
         self._native = False
         self._stuck = StuckWatch(noisy=False)
         self._tpdos, self._emergency = 0, 0
@@ -100,10 +102,11 @@ class Cia404LoadCell:
         return self._readings.dropped
 
     def _native_reading(self, timed: Timed[cia404.Measured]) -> NativeReading:
-        native, newton = timed.value.value, self.newton_per_native
+        assert self.scale is not None, "_scale finds it"
+        native = timed.value.value
         if not isfinite(native):
             return NativeReading(0.0, False, timed.host_ns)
-        within = newton is None or abs(native) * newton <= VALID_SHARE * self._settings.full_scale_n
+        within = abs(native) * self.scale.newton_per_native <= VALID_SHARE * self.scale.full_scale_n
         return NativeReading(native, timed.value.valid and within, timed.host_ns)
 
     def _reading(self, timed: Timed[cia404.Measured]) -> LoadCellReading:
@@ -113,15 +116,15 @@ class Cia404LoadCell:
         if self.calibration is not None:
             force_n = self.calibration.force_n(native)
         else:
-            assert self.newton_per_native is not None, "_scale refuses it"
-            force_n = native * self.newton_per_native
+            assert self.scale is not None, "_scale finds it"
+            force_n = native * self.scale.newton_per_native
         force_n *= self._settings.sign
-        raw = round(max(-_MOST_MICRO, min(_MOST_MICRO, native * _MICRO)))
-        if abs(force_n) > VALID_SHARE * self._settings.full_scale_n:
+        raw = round(within(native * _MICRO, _MOST_MICRO))
+        if abs(force_n) > VALID_SHARE * self.full_scale_n:
             flaws = (*flaws, "beyond_full_scale")
         if self._stuck.take(native, timed.host_ns * 1e-9):
             flaws = (*flaws, "stuck")
-        return LoadCellReading(force_n, raw, self._flawless(flaws), timed.host_ns)
+        return LoadCellReading(within(force_n, self.full_scale_n), raw, self._flawless(flaws), timed.host_ns)
 
     def _flawless(self, flaws: Sequence[str]) -> bool:
         """Whether a reading may be believed; each of its flaws is counted."""
@@ -150,16 +153,26 @@ class Cia404LoadCell:
         self.link.advance(LinkState.CONFIGURED)
 
     def _scale(self, device: RemoteDevice, serial: str) -> None:
-        path = self._settings.calibration
-        if path is not None and not self._native:
-            self.calibration = load_cell_calibration(path, self._settings.driver, serial, date.today())
-            return
-        code = int(device.read(cia404.UNIT, 0 if self._native else None))
-        self.newton_per_native = cia404.newton_per_unit(code)
-        if self.newton_per_native is None and not self._native:
+        given, full_scale_n = self._settings.scale, self._settings.full_scale_n
+        code = int(device.read(cia404.UNIT, None if given is None else 0))
+        unit_n = cia404.newton_per_unit(code)
+        if (unit_n is None) is (given is None):
+            native = self._settings.full_scale_native
             raise DeviceSetupError(
-                f"{device.name}: unit {code:08X} (6131); expected newtons ({cia404.NEWTON:08X}), "
-                "or a calibration"
+                f"{device.name}: unit {code:08X} (6131) with full_scale_native = {native}; expected newtons "
+                f"({cia404.NEWTON:08X}) without it, or another unit and its number at full_scale_n"
+            )
+        self.scale = given if unit_n is None else CellScale(unit_n, full_scale_n)
+        path = self._settings.calibration
+        if self._native:
+            return
+        if path is not None:
+            about = self._settings.driver, serial, date.today(), self.scale
+            self.calibration = load_cell_calibration(path, *about)
+        elif unit_n is None:
+            raise DeviceSetupError(
+                f"{device.name}: unit {code:08X} (6131) without calibration; expected a file of "
+                "`forefeel calibrate load-cell`"
             )
 
     def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:

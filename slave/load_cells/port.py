@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+from common.hardware.calibration import CellScale
 from common.hardware.link import Link
 
 VALID_SHARE = 0.95
@@ -27,9 +28,11 @@ class LoadCell(Protocol):
 
     Attributes:
         stale_s: a newest reading that is older than this is not to be believed any longer.
+        full_scale_n: no reading is beyond it, whatever the device says; one that is is a fault.
     """
 
     stale_s: float
+    full_scale_n: float
 
     def open(self) -> None:
         """Connects."""
@@ -66,11 +69,11 @@ class NativeLoadCell(Protocol):
     """A load cell that can be calibrated.
 
     Attributes:
-        newton_per_native: by its data sheet, > 0; None: only a calibration tells.
+        scale: by its data sheet, known once it is open.
         link: its `serial` is what the calibration is bound to.
     """
 
-    newton_per_native: float | None
+    scale: CellScale
     link: Link
 
     def open_native(self) -> None:

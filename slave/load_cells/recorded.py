@@ -6,6 +6,7 @@ from itertools import pairwise
 from math import inf, isfinite
 
 from common.errors import RecordingError
+from common.messages import MOST_FORCE_N
 from slave.load_cells.port import LoadCellReading
 
 _NOTHING = LoadCellReading(0.0, 0, False)
@@ -29,14 +30,18 @@ class RecordedLoadCell:
                 f"{len(time_s)} times, {len(force_n)} forces: expected as many, at least one"
             )
         for i, (t, f) in enumerate(zip(time_s, force_n, strict=True)):
-            if not (isfinite(t) and isfinite(f)):
-                raise RecordingError(f"sample {i}: time_s = {t}, force_n = {f}: expected finite numbers")
+            if not (isfinite(t) and abs(f) <= MOST_FORCE_N):
+                raise RecordingError(
+                    f"sample {i}: time_s = {t}, force_n = {f}: expected finite numbers, at most "
+                    f"{MOST_FORCE_N:g} N"
+                )
         for i, (before, after) in enumerate(pairwise(time_s), start=1):
             if after <= before:
                 raise RecordingError(
                     f"sample {i}: time_s = {after} after {before}: expected increasing times"
                 )
         self._time_s, self._force_n, self._gap_s = list(time_s), list(force_n), gap_s
+        self.full_scale_n = max(map(abs, force_n))
 
     stale_s = inf
 

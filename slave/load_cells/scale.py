@@ -4,6 +4,7 @@ from collections import Counter
 from typing import NamedTuple
 
 from common.hardware.calibration import LoadCellCalibration
+from common.messages import within
 from slave.load_cells.port import VALID_SHARE, LoadCellReading
 from slave.load_cells.stuck import StuckWatch
 
@@ -61,8 +62,8 @@ class Scale:
         force_n, raw_n = self._forces(checked.value)
         counts = checked.value if self._newton_per_native is None else raw_n * _MICRO
         return LoadCellReading(
-            min(max(force_n, -self._full_scale_n), self._full_scale_n),
-            round(min(max(counts, -_MAX_COUNTS), _MAX_COUNTS)),
+            within(force_n, self._full_scale_n),
+            round(within(counts, _MAX_COUNTS)),
             not checked.flaws,
             checked.stamp_ns,
         )

@@ -75,6 +75,7 @@ class SerialLoadCell(Generic[S]):
         stale_s: three periods and 20 ms.
         measured_hz: the rate that the last handshake found.
         calibration: as it was loaded; None: there is none.
+        scale: by the data sheet.
     """
 
     def __init__(
@@ -86,9 +87,11 @@ class SerialLoadCell(Generic[S]):
     ) -> None:
         self.link = Link(f"load cell {settings.driver} on {settings.port}")
         self.stale_s = 3.0 / settings.rate_hz + 0.02
+        self.full_scale_n = settings.full_scale_n
         self.measured_hz: float | None = None
         self.calibration: LoadCellCalibration | None = None
         self._settings: S = settings
+        self.scale = settings.scale
         self._clock = clock or MonotonicClock()
         self._open_stream, self._today = open_stream, today
         self._silence_ns = round(max(5.0 / settings.rate_hz, _LEAST_SILENCE_S) * 1e9)
@@ -98,11 +101,6 @@ class SerialLoadCell(Generic[S]):
         self._conversation: Conversation | None = None
 
     # --- what the subclasses know ---
-
-    @property
-    def newton_per_native(self) -> float | None:
-        """What a native unit is worth; None: only a calibration tells."""
-        raise NotImplementedError
 
     def _cell(self) -> Cell:
         raise NotImplementedError
@@ -191,8 +189,8 @@ class SerialLoadCell(Generic[S]):
                 "expected load_cell.serial, the number on the device's label"
             )
         try:
-            driver = self._settings.driver
-            self.calibration = load_cell_calibration(path, driver, serial, self._today()) if path else None
+            about = self._settings.driver, serial, self._today(), self._settings.scale
+            self.calibration = load_cell_calibration(path, *about) if path else None
         except InputError as error:
             raise DeviceSetupError(str(error)) from error
         return self._scale(self.calibration)

@@ -1,18 +1,19 @@
 """Which driver reads the force, and what it has to know."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from common.config import Settings
+from common.hardware.ascii_line import NEWTON_PER_UNIT, Unit
+from common.hardware.calibration import CellScale, Serial
 from common.hardware.settings import CanSettings, SerialSettings, Sign
+from common.messages import MOST_FORCE_N
 from common.settings import ColumnSettings, ExistingFile
 
-FullScale = Annotated[float, Field(gt=0.0, le=10_000.0)]
-Serial = Annotated[str, Field(min_length=1, max_length=64)]
-"""What a calibration is bound to where the port has no serial number of its own (a UART on the board, an
-adapter without): the number on the label of the device.
-"""
+FullScale = Annotated[float, Field(gt=0.0, le=MOST_FORCE_N)]
+Native = Annotated[float, Field(gt=0.0, le=1e12)]
+"""What the device's number rises by from no load to `full_scale_n`, by its data sheet."""
 
 
 class SimulatedLoadCellDriver(Settings):
@@ -44,35 +45,71 @@ class BotaSettings(SerialSettings):
     serial: Serial | None = None
     calibration: ExistingFile | None = None
 
+    @property
+    def scale(self) -> CellScale:
+        """It gives newtons."""
+        return CellScale(1.0, self.full_scale_n)
+
 
 class AsciiLineSettings(SerialSettings):
     """A load cell that prints one number a line: `newton`, `millipound_force` (Loadstar) or `counts` (HX711).
 
     `request`: what asks for a reading (Loadstar: `O0W1`) or begins a stream of them (`O0W0`), without the
-    carriage return; null when the cell streams by itself. Counts need a calibration.
+    carriage return; null when the cell streams by itself. Counts need a calibration, and
+    `full_scale_native`: by how many the reading rises from no load to `full_scale_n`, by the data sheets.
     """
 
     driver: Literal["ascii_line"]
     baud: Annotated[int, Field(ge=300, le=12_000_000)] = 9600
-    unit: Literal["newton", "millipound_force", "counts"] = "newton"
+    unit: Unit = "newton"
     request: Annotated[str, Field(max_length=32)] | None = None
     sign: Sign = 1
     full_scale_n: FullScale
+    full_scale_native: Native | None = None
     rate_hz: Annotated[float, Field(ge=1, le=2000)] = 80.0
     serial: Serial | None = None
     calibration: ExistingFile | None = None
 
+    @model_validator(mode="after")
+    def _scale_is_known_once(self) -> Self:
+        if (self.unit == "counts") is (self.full_scale_native is None):
+            expected = "the counts at full_scale_n" if self.unit == "counts" else "none, for the unit tells"
+            raise ValueError(
+                f"full_scale_native = {self.full_scale_native} with unit = {self.unit!r}: expected {expected}"
+            )
+        return self
+
+    @property
+    def scale(self) -> CellScale:
+        """By the unit; of counts by `full_scale_native`."""
+        newton_per_native = NEWTON_PER_UNIT.get(self.unit)
+        if newton_per_native is None:
+            assert self.full_scale_native is not None, "_scale_is_known_once refuses it"
+            newton_per_native = self.full_scale_n / self.full_scale_native
+        return CellScale(newton_per_native, self.full_scale_n)
+
 
 class Cia404Settings(Settings):
-    """A CiA 404 force transducer: process value (REAL32, N) and status in one TPDO at every SYNC."""
+    """A CiA 404 force transducer: process value (REAL32, N) and status in one TPDO at every SYNC.
+
+    `full_scale_native`: what the process value rises by from no load to `full_scale_n`, for a device whose
+    unit is none of force; such a one needs a calibration, too.
+    """
 
     driver: Literal["cia404"]
     can: CanSettings
     node_id: Annotated[int, Field(ge=1, le=127)]
     sign: Sign = 1
     full_scale_n: FullScale
+    full_scale_native: Native | None = None
     rate_hz: Annotated[float, Field(ge=1, le=1000)] = 250.0
     calibration: ExistingFile | None = None
+
+    @property
+    def scale(self) -> CellScale | None:
+        """By `full_scale_native`; None: the device tells."""
+        native = self.full_scale_native
+        return None if native is None else CellScale(self.full_scale_n / native, self.full_scale_n)
 
 
 LoadCellDriver = Annotated[

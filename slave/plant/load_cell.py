@@ -28,6 +28,7 @@ class PlantLoadCell:
         self._random = Random(seed)
         self._most_counts = 2 ** (settings.bits - 1) - 1
         self._newton_per_count = settings.full_scale_n / self._most_counts
+        self.full_scale_n: float = self._most_counts * self._newton_per_count
         self.filtered = FirstOrderLag(1.0 / (2.0 * pi * settings.filter_hz))
         self.reading = LoadCellReading(0.0, 0, False)
         """The newest conversion; invalid before the first."""

@@ -55,6 +55,11 @@ class SimulatedWorld:
         """(position_m of the motor's encoder, velocity_m_s) of the last step."""
         return self._stage.readback()
 
+    @property
+    def load_cell_full_scale_n(self) -> float:
+        """Where its readings end."""
+        return self._load_cell.full_scale_n
+
     def load_cell_reading(self) -> LoadCellReading:
         """The newest conversion; invalid before the first ms has passed."""
         return self._load_cell.reading

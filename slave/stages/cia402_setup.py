@@ -46,7 +46,9 @@ def calibration_of(settings: Cia402Settings, serial: str) -> StageCalibration | 
     path = settings.calibration
     if path is None:
         return None
-    return stage_calibration(path, settings.driver, serial, date.today(), settings.travel_m)
+    return stage_calibration(
+        path, settings.driver, serial, date.today(), settings.travel_m, settings.native_per_m
+    )
 
 
 def scale_of(settings: Cia402Settings, calibration: StageCalibration | None) -> Scale:

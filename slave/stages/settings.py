@@ -35,6 +35,11 @@ class ZaberSettings(SerialSettings):
     lead_s: Annotated[float, Field(gt=0, le=0.3)] = 0.060
     calibration: ExistingFile | None = None
 
+    @property
+    def native_per_m(self) -> float:
+        """Microsteps per metre."""
+        return 1.0 / self.microstep_m
+
 
 class HomingSettings(Settings):
     """How a CiA 402 drive finds its reference, for `forefeel calibrate stage` alone.
@@ -69,6 +74,11 @@ class Cia402Settings(Settings):
     heartbeat_s: Annotated[float, Field(ge=0.01, le=1)] = 0.02
     homing: HomingSettings = HomingSettings()
     calibration: ExistingFile | None = None
+
+    @property
+    def native_per_m(self) -> float:
+        """Counts per metre."""
+        return self.counts_per_m
 
 
 StageDriver = Annotated[SimulatedStageDriver | ZaberSettings | Cia402Settings, Field(discriminator="driver")]

@@ -138,7 +138,9 @@ def _calibration(settings: ZaberSettings, serial: str, today: date) -> StageCali
     if settings.calibration is None:
         return None
     try:
-        return stage_calibration(settings.calibration, settings.driver, serial, today, settings.travel_m)
+        return stage_calibration(
+            settings.calibration, settings.driver, serial, today, settings.travel_m, settings.native_per_m
+        )
     except ConfigurationError as error:
         raise DeviceSetupError(str(error)) from error
 

@@ -155,7 +155,7 @@ def test_the_end_and_beyond_it(run_file: Path) -> None:
 def test_a_jump_reads_no_more_than_what_is_shown_before_it(tmp_path: Path) -> None:
     with RunWriter(tmp_path / "long.mcap") as writer:
         for second in range(120):
-            put(writer, other_force(1000 * second))
+            put(writer, other_force(1000 * second, position_m=0.05, force_n=0.1))
             writer.flush()
     spans = RunSpans(tmp_path / "long.mcap")
     replay = Replay(spans)

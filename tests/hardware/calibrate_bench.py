@@ -5,7 +5,8 @@ from pathlib import Path
 SLAVE = """role: slave
 axes:
 - stage: {driver: zaber_ascii, port: /dev/stage, microstep_m: 1e-6, travel_m: [0, 0.09], sign: SIGN}
-  load_cell: {driver: ascii_line, port: /dev/cell, unit: counts, full_scale_n: 10, sign: SIGN}
+  load_cell: {driver: ascii_line, port: /dev/cell, unit: counts, full_scale_n: 10, sign: SIGN,
+    full_scale_native: 500_000}
   limits: {workspace_m: [0, 0.08]}
 """
 CELL = ["calibrate", "load-cell", "--config", "slave.yaml", "--axis", "insertion", "--out", "cell.yaml"]

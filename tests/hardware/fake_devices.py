@@ -7,6 +7,7 @@ from typing import Self
 
 from common.clock import VirtualClock
 from common.errors import DeviceError
+from common.hardware.calibration import CellScale
 from common.hardware.link import Link, LinkState
 from slave.load_cells.port import LoadCellReading, NativeReading
 from slave.stages.port import Home, StageReading
@@ -76,7 +77,7 @@ class FakeCell(Fake):
         force_n: the load now. lag: share of a change of load that stays until the next (hysteresis).
     """
 
-    newton_per_native: float | None = None
+    scale = CellScale(2e-5, 10.0)
     rate_hz, gain_n, zero, noise = 80.0, 2e-5, 8_388.0, 3.0
     drift_per_s = 0.0
     bend = 0.0

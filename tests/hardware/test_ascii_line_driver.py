@@ -21,6 +21,7 @@ from tests.hardware.test_bota_serial import CALIBRATION, Bytes, played, slope, s
 
 NAME = "/dev/serial/by-id/loadstar"
 MILLIPOUND_N = NEWTON_PER_UNIT["millipound_force"]
+COUNTS = {"unit": "counts", "full_scale_native": 2_000_000}
 QUIET = Sensing(150.0, noise_n=0.0, resolution_n=MILLIPOUND_N)
 
 
@@ -110,7 +111,7 @@ def calibration(folder: Path) -> Path:
 def test_counts_of_an_hx711_with_its_calibration(tmp_path: Path, label: str) -> None:
     device = EmulatedHx711(slope, Sensing(80.0, noise_n=0.0), label=label)
     bench = port(device)
-    with opened(bench, settings(unit="counts", calibration=calibration(tmp_path))) as driver:
+    with opened(bench, settings(**COUNTS, calibration=calibration(tmp_path))) as driver:
         driver.read(0, None)
         for reading in played(driver, bench, 1.0):
             assert reading.valid
@@ -124,10 +125,10 @@ def test_counts_of_an_hx711_with_its_calibration(tmp_path: Path, label: str) -> 
 
 def test_counts_without_a_calibration_are_no_force_but_can_be_calibrated() -> None:
     bench = port(EmulatedHx711(slope, Sensing(80.0)))
-    driver = AsciiLineLoadCell(settings(unit="counts"), bench.clock, bench.open)
+    driver = AsciiLineLoadCell(settings(**COUNTS), bench.clock, bench.open)
     with pytest.raises(DeviceSetupError, match="'counts' without calibration"):
         driver.open()
-    driver = AsciiLineLoadCell(settings(unit="counts"), bench.clock, bench.open)
+    driver = AsciiLineLoadCell(settings(**COUNTS), bench.clock, bench.open)
     driver.open_native()
     bench.settle()
     bench.play(0.5)

@@ -61,7 +61,7 @@ def calibration(folder: Path, slot: str, **changes: object) -> str:
         own = {"gain_n": 1.0, "residual_n": 0.0, "hysteresis_n": 0.0, "range_n": [0.0, 1.0]}
         own["points"] = [[0.0, 0.0], [1.0, 1.0]]
     file = folder / "calibration.yaml"
-    file.write_text(yaml.safe_dump({"format": f"forefeel.{slot}_calibration/1", **about, **own}))
+    file.write_text(yaml.safe_dump({"format": f"forefeel.{slot}_calibration/1", **about, **own, **changes}))
     return str(file)
 
 
@@ -109,6 +109,7 @@ def test_a_serial_stage(
             {"serial": "73451", "date": YEARS_AGO},
             "out of date by 435 days; `forefeel calibrate stage` makes a new",
         ),
+        ({"serial": "73451", "native_per_m": 1e8}, "native_per_m = 1e+08: expected 1e+07 within 1%"),
     ],
 )
 def test_the_calibration_of_a_serial_stage(
@@ -167,6 +168,13 @@ def test_a_serial_cell_behind_the_driver_of_a_stage(probe: Probe, tmp_path: Path
             {"serial": "B-7", "date": YEARS_AGO},
             "out of date by 435 days; `forefeel calibrate load-cell` makes",
         ),
+        ({"serial": "B-7", "gain_n": 0.0}, "gain_n = 0.0: input should be greater than 0"),
+        ({"serial": "B-7", "gain_n": -1.0}, "gain_n = -1.0: input should be greater than 0"),
+        ({"serial": "B-7", "gain_n": 1e12}, "gain_n = 1e+12: expected 0.5 to 2, within a factor of 2"),
+        ({"serial": "B-7", "gain_n": 0.49}, "gain_n = 0.49: expected 0.5 to 2, within a factor of 2"),
+        ({"serial": "B-7", "zero": -10.5}, "zero = -10.5: expected at most 10 native units"),
+        ({"serial": "B-7", "date": date(2999, 1, 1)}, "date = 2999-01-01: expected at most today"),
+        ({"serial": ""}, "serial = '': string should have at least 1 character"),
     ],
 )
 def test_the_calibration_of_a_serial_cell(

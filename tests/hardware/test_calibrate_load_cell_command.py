@@ -44,10 +44,11 @@ def test_a_load_cell_is_calibrated_and_the_file_gives_the_loads_back(
     run: Run, cell: FakeCell, capsys: pytest.CaptureFixture[str], sign: int
 ) -> None:
     configure(sign)
+    cell.gain_n *= sign
     assert run([*CELL, *FORCES, "--temperature", "21.5"]) == 0
     said = capsys.readouterr()
-    found = load_cell_calibration(Path("cell.yaml"), "ascii_line", "SN-7", date.today())
-    assert found.gain_n == pytest.approx(sign * cell.gain_n, rel=1e-4)
+    found = load_cell_calibration(Path("cell.yaml"), "ascii_line", "SN-7", date.today(), cell.scale)
+    assert found.gain_n == pytest.approx(2e-5, rel=1e-4)
     assert [sign * found.force_n(native) for native, _ in found.points] == pytest.approx(WALK, abs=1e-3)
     assert [force_n for _, force_n in found.points] == WALK
     assert found.zero == pytest.approx(cell.zero, abs=3.0)
@@ -119,6 +120,18 @@ def dead(cell: FakeCell) -> None:
     cell.gain_n = 1e9
 
 
+def turned(cell: FakeCell) -> None:
+    cell.gain_n = -cell.gain_n
+
+
+def of_another_kind(cell: FakeCell) -> None:
+    cell.gain_n *= 2.1
+
+
+def far_from_zero(cell: FakeCell) -> None:
+    cell.zero = 500_100.0
+
+
 def overrange(cell: FakeCell) -> None:
     cell.valid = False
 
@@ -137,7 +150,10 @@ def unplugged(cell: FakeCell) -> None:
         (drifting, "no load: the reading moves: drift"),
         (noisy, "no load: the reading moves: noise"),
         (bent, "residual "),
-        (dead, "1 N: the reading does not follow the load: "),
+        (dead, "not monotonic: "),
+        (turned, "the reading goes the wrong way with load_cell.sign = 1: expected a gain above 0; write"),
+        (of_another_kind, "gain_n = 4.2e-05: expected 1e-05 to 4e-05, within a factor of 2 of full scale"),
+        (far_from_zero, "zero = 500100: expected at most 500000 native units, its full scale"),
         (overrange, "no load: readings that are not valid"),
         (silent, "3 readings within 30 s: expected at least 10"),
         (unplugged, "a fake: unplugged"),
@@ -158,11 +174,10 @@ def test_what_can_not_be_calibrated_is_refused_in_one_line_and_nothing_is_writte
     assert cell.calls == ["open", "close"]
 
 
-def test_a_tare_that_moves_is_refused_at_once_where_the_scale_is_known(
+def test_a_tare_that_moves_is_refused_at_once(
     run: Run, cell: FakeCell, capsys: pytest.CaptureFixture[str]
 ) -> None:
     drifting(cell)
-    cell.newton_per_native = 2e-5
     assert run([*CELL, *FORCES]) == 1
     assert capsys.readouterr().err.count("press Enter") == 1
 
@@ -254,6 +269,8 @@ def test_an_earlier_file_is_replaced_when_it_may_be(run: Run, cell: FakeCell) ->
         ({"date": "2020-01-01"}, "date = 2020-01-01: out of date by"),
         ({"serial": "SN-8"}, "serial = 'SN-8': expected 'SN-7', the device that answers"),
         ({"gain_n": float("nan")}, "gain_n"),
+        ({"gain_n": 5e-5}, "gain_n = 5e-05: expected 1e-05 to 4e-05"),
+        ({"date": "2999-01-01"}, "date = 2999-01-01: expected at most today"),
         ({"driver": "bota_serial"}, "driver = 'bota_serial': expected 'ascii_line'"),
         ({"format": "forefeel.stage_calibration/1"}, "format = 'forefeel.stage_calibration/1'"),
     ],
@@ -265,7 +282,7 @@ def test_a_calibration_that_does_not_fit_is_one_line_that_says_what_to_do(
     path = Path("cell.yaml")
     path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **change}))
     with pytest.raises(ConfigurationError) as refused:
-        load_cell_calibration(path, "ascii_line", "SN-7", date.today())
+        load_cell_calibration(path, "ascii_line", "SN-7", date.today(), cell.scale)
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
 

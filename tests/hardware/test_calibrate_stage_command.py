@@ -44,7 +44,7 @@ def test_a_stage_is_homed_twice_and_run_from_end_to_end(
             text.replace("[0, 0.09]", "[-0.09, 0]").replace("[0, 0.08]", "[-0.08, 0]")
         )
     assert run([*STAGE, "--velocity", "0.01"]) == 0
-    found = stage_calibration(Path("stage.yaml"), "zaber_ascii", "SN-7", date.today(), ends_m)
+    found = stage_calibration(Path("stage.yaml"), "zaber_ascii", "SN-7", date.today(), ends_m, 1e6)
     assert found.travel_m == pytest.approx(ends_m)
     assert found.native_per_m == pytest.approx(1e6)
     assert found.zero == 0.0

@@ -126,9 +126,22 @@ def test_a_calibration_scales_and_must_be_of_this_cell(tmp_path: Path) -> None:
 def test_a_unit_that_is_no_force() -> None:
     bus = new_channel()
     cell = Transducer404(virtual_bus(bus), 6, lambda _: 0.0, unit=0xFA010100)
-    with running(cell), pytest.raises(DeviceSetupError, match=r"unit FA010100 .*expected newtons"):
-        Cia404LoadCell(cell_settings(bus)).open()
+    with running(cell):
+        for more, match in (
+            ({}, r"unit FA010100 .*expected newtons"),
+            ({"full_scale_native": 2000.0}, "unit FA010100 .*without calibration"),
+        ):
+            with pytest.raises(DeviceSetupError, match=match):
+                Cia404LoadCell(cell_settings(bus, **more)).open()
     cell.close()
+
+
+def test_a_unit_of_force_beside_a_full_scale_of_the_settings() -> None:
+    with (
+        rig(opened=False, full_scale_native=2000.0) as (_, driver),
+        pytest.raises(DeviceSetupError, match=r"full_scale_native = 2000.0; expected newtons"),
+    ):
+        driver.open()
 
 
 def test_stage_and_cell_share_one_network_and_one_sync() -> None:

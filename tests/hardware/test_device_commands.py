@@ -5,15 +5,16 @@ import re
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
+from common.config import Settings
 from common.errors import DeviceError, DeviceSetupError
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.configured import configured
+from forefeel.devices.configured import Configured, configured
 from forefeel.devices.drivers import DRIVERS, Driver, Slot
 from forefeel.devices.ports import can_interfaces, serial_ports
 from forefeel.speaking import warn_of_latency
@@ -58,6 +59,23 @@ def bench(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Bench:
     Path("slave.yaml").write_text(SLAVE)
     Path("master.yaml").write_text(MASTER)
     return bench
+
+
+class NetworkCell(Settings):
+    """A load cell behind a socket: its port is no serial one."""
+
+    driver: Literal["network"] = "network"
+    port: int = 5000
+
+
+def test_a_port_that_is_a_number_is_probed_and_is_no_serial_port(
+    bench: Bench, run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    device = Configured("insertion", NetworkCell(), Driver("load_cell", NetworkCell, "a:b", "a cell"))
+    assert device.serial_port is None
+    monkeypatch.setattr("forefeel.devices.probing.configured", lambda _: [device])
+    assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "0.5"]) == 0
+    assert "insertion load_cell: network on 5000: ready; " in capsys.readouterr().out
 
 
 # --- the registry ---

@@ -13,6 +13,7 @@ import pytest
 from common.errors import DeviceError
 from common.hardware import cia404
 from common.hardware.bota import BAUD
+from common.hardware.calibration import CellScale
 from common.hardware.can_bus import open_bus
 from common.hardware.conversation import Timed
 from common.hardware.link import Link, LinkState
@@ -95,7 +96,7 @@ def test_lines_that_are_dropped_or_damaged_are_counted_by_both_drivers_of_a_bus(
 
 def believed(driver: Cia404LoadCell, values: list[float], statuses: list[int]) -> list[bool]:
     """Readings 4 ms apart in newtons, past the bus."""
-    driver.newton_per_native = 1.0
+    driver.scale = CellScale(1.0, 10.0)
     pairs = zip(values, statuses, strict=True)
     timed = [Timed(n * 4_000_000, None, cia404.Measured(*pair)) for n, pair in enumerate(pairs)]
     return [driver._reading(each).valid for each in timed]

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from common.clock import MonotonicClock
-from common.hardware.calibration import StageCalibration, load_cell_calibration, stage_calibration
+from common.hardware.calibration import CellScale, StageCalibration, load_cell_calibration, stage_calibration
 from common.hardware.cia402 import DriveState
 from common.hardware.settings import CanSettings
 from forefeel.daemon_settings import load_daemon
@@ -63,9 +63,9 @@ def hangs(load: Load, force_n: float) -> Callable[[], None]:
     return lambda: setattr(load, "force_n", force_n)
 
 
-def the_stage(driver: str, serial: str) -> StageCalibration:
+def the_stage(driver: str, serial: str, native_per_m: float) -> StageCalibration:
     """What `forefeel calibrate stage` has left."""
-    return stage_calibration(Path("stage.yaml"), driver, serial, date.today(), (0.0, 0.01))
+    return stage_calibration(Path("stage.yaml"), driver, serial, date.today(), (0.0, 0.01), native_per_m)
 
 
 def write(slot: str, section: dict[str, object]) -> None:
@@ -107,8 +107,8 @@ def hx711(load: Load) -> EmulatedHx711:
 
 
 def counts_of(port: str) -> dict[str, object]:
-    section = {"driver": "ascii_line", "port": port, "baud": 115_200, "unit": "counts", "full_scale_n": 10.0}
-    return {**section, "sign": -1, "serial": "SG-5"}
+    section = {"driver": "ascii_line", "port": port, "baud": 115_200, "unit": "counts"}
+    return {**section, "full_scale_n": 10.0, "full_scale_native": 1_500_000, "sign": -1, "serial": "SG-5"}
 
 
 @pytest.mark.soak
@@ -118,7 +118,9 @@ def test_an_hx711(run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
         write("load_cell", counts_of(port.path))
         monkeypatch.setattr(sys, "stdin", Person(*(hangs(load, force_n) for force_n in WALK)))
         assert run([*CELL, *QUICK]) == 0
-        found = load_cell_calibration(Path("cell.yaml"), "ascii_line", "SG-5", date.today())
+        found = load_cell_calibration(
+            Path("cell.yaml"), "ascii_line", "SG-5", date.today(), CellScale(10 / 1_500_000, 10.0)
+        )
         assert found.gain_n == pytest.approx(1 / 150_000, rel=1e-3)
         assert found.zero == pytest.approx(33_000, abs=300)  # 2 mN
         load.force_n = 2.5
@@ -133,7 +135,8 @@ def test_a_cia404_transducer(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
         write("load_cell", node(bus, "cia404", 6, full_scale_n=10.0, rate_hz=50))
         monkeypatch.setattr(sys, "stdin", Person(*(hangs(load, force_n) for force_n in WALK)))
         assert run([*CELL, *QUICK]) == 0
-        found = load_cell_calibration(Path("cell.yaml"), "cia404", f"{CELL_SERIAL:08X}", date.today())
+        about = "cia404", f"{CELL_SERIAL:08X}", date.today(), CellScale(1.0, 10.0)
+        found = load_cell_calibration(Path("cell.yaml"), *about)
         assert (found.gain_n, found.zero) == pytest.approx((0.8, 0.4), rel=1e-6)
         load.force_n = 2.5
         assert force_of(made("load_cell", calibration="cell.yaml")) == pytest.approx(2.5, abs=1e-6)
@@ -197,7 +200,7 @@ def test_a_cia402_drive(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
     with running(drive):
         write("stage", {**drive_section(bus, method), "sign": sign})
         assert run([*STAGE, "--yes", "--velocity", "0.05"]) == 0
-        found = the_stage("cia402", f"{DRIVE_SERIAL:08X}")
+        found = the_stage("cia402", f"{DRIVE_SERIAL:08X}", COUNTS_PER_M)
         assert found.zero == pytest.approx(12_345 + sign * 1000)
         assert found.native_per_m == COUNTS_PER_M
         assert found.travel_m == pytest.approx((0.0, 0.01), abs=41e-6)
@@ -222,7 +225,7 @@ def test_a_drive_that_is_told_where_it_stands_goes_back_there_before_it_is_told_
     with running(drive):
         write("stage", drive_section(bus, 37, home_m=0.004))
         assert run([*STAGE, "--yes", "--velocity", "0.05"]) == 0
-        found = the_stage("cia402", f"{DRIVE_SERIAL:08X}")
+        found = the_stage("cia402", f"{DRIVE_SERIAL:08X}", COUNTS_PER_M)
         assert found.zero == pytest.approx(12_345 - 4000)
         assert drive.model.position_m == pytest.approx(0.03, abs=41e-6)
     drive.close()
@@ -301,7 +304,7 @@ def test_a_zaber_stage_that_has_forgotten_where_it_is(run: Run, folder: Path) ->
         section = {"driver": "zaber_ascii", "port": port.path, "microstep_m": 1e-7, "travel_m": [0.0, 0.01]}
         write("stage", section)
         assert run([*STAGE, "--yes", "--velocity", "0.05"]) == 0
-        found = the_stage("zaber_ascii", "73451")
+        found = the_stage("zaber_ascii", "73451", 1e7)
         assert (found.zero, found.native_per_m) == pytest.approx((0.0, 1e7))
         assert found.travel_m == pytest.approx((-0.001, 0.011))
         stage = made("stage", calibration="stage.yaml")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from common.hardware.calibration import load_cell_calibration
+from common.hardware.calibration import CellScale, load_cell_calibration
 from slave.load_cells.bota_serial import BotaSerialLoadCell
 from slave.load_cells.settings import BotaSettings
 from tests.hardware.can_rig import wait_until
@@ -61,7 +61,7 @@ def test_a_bota_cell(tmp_path: Path) -> None:
                 say(emulator, f"load {load}")
                 say(calibrating, "")
             assert calibrating.wait(20.0) == 0
-        found = load_cell_calibration(out, "bota_serial", "B-7", date.today())
+        found = load_cell_calibration(out, "bota_serial", "B-7", date.today(), CellScale(1.0, 10.0))
         assert found.gain_n == pytest.approx(1.0, rel=1e-3)
         assert found.zero == pytest.approx(0.0, abs=0.002)
         say(emulator, "load 2.5")

@@ -36,6 +36,7 @@ from master.settings import MasterAxisSettings, RenderingSettings
 
 MS = 1_000_000
 S = SafetyState
+FULL_SCALE_N = 10.0
 SHARED = shared_text("cell", "insertion", AxisLimits())
 MODEL = ContactModel.from_mapping(
     {
@@ -158,6 +159,7 @@ class Rig:
             "settings": shared,
             "accepted": accepted,
             "answers_stamp_ns": self.asked[-1].stamp_ns if self.asked else None,
+            "full_scale_n": FULL_SCALE_N,
             **changes,
         }
         self.shake.send(Handshake(**fields))

@@ -104,6 +104,7 @@ class FakeLoadCell:
     """
 
     stale_s = 0.02
+    full_scale_n = 5.0
 
     def __init__(self) -> None:
         self.reading = LoadCellReading(0.1, 100, True)

@@ -1,4 +1,5 @@
 import json
+import tracemalloc
 from copy import deepcopy
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -137,9 +138,9 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
         ("name: a\n{b: 1}: 1\n", "machine.yaml:2: a mapping as key; expected the name of a setting"),
         (
             "name: a\nparts: &all [*all]\n",
-            "machine.yaml:2: an alias inside of what it stands for; expected a value",
+            "machine.yaml:2: *all is an alias; expected the value itself",
         ),
-        ("name: a\nparts: *none\n", "machine.yaml:2: found undefined alias 'none'; expected YAML"),
+        ("name: a\nparts: *none\n", "machine.yaml:2: *none is an alias; expected the value itself"),
         (
             "name: a\ncount: [1\n",
             "machine.yaml:3: expected ',' or ']', but got '<stream end>'; expected YAML",
@@ -191,6 +192,16 @@ def test_a_truth_value_is_read_where_one_belongs(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["name: 2020-13-45\n", "count: 0x_\n", "a: " + "[" * 1100, "? " * 1100])
 def test_what_even_the_yaml_parser_does_not_expect_is_one_line(tmp_path: Path, text: str) -> None:
     assert mistake(tmp_path, text).startswith("machine.yaml: ")
+
+
+def test_aliases_that_stand_for_gigabytes_are_refused_before_any_is_written_out(tmp_path: Path) -> None:
+    levels = [f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]\n" for i in range(1, 10)]
+    tracemalloc.start()
+    said = mistake(tmp_path, "".join(["l0: &l0 [x, x, x, x, x, x, x, x, x]\n", *levels]))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert said == "machine.yaml:2: *l0 is an alias; expected the value itself"
+    assert most < 2**20
 
 
 def test_unreadable_files_are_one_line(tmp_path: Path) -> None:

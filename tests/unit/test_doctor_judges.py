@@ -169,7 +169,6 @@ TABLE: list[tuple[str, Level, Judged]] = [
     ("calibrated", "green", lambda: [judge_calibration(Calibrated("x", "c", date(2026, 6, 1), 365), TODAY)]),
     ("calibrated for long", "amber", lambda: [judge_calibration(Calibrated("x", "c", TODAY, 29), TODAY)]),
     ("last day", "amber", lambda: [judge_calibration(Calibrated("x", "c", date(2026, 6, 1), 30), TODAY)]),
-    ("too long ago", "red", lambda: [judge_calibration(Calibrated("x", "c", date(2026, 5, 31), 30), TODAY)]),
     ("never calibrated", "amber", lambda: [judge_calibration(Calibrated("x", "c"), TODAY)]),
     ("no calibration", "red", lambda: [judge_calibration(Calibrated("x", "c", error="bad"), TODAY)]),
 ]  # fmt: skip

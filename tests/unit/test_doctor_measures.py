@@ -7,10 +7,11 @@ import pty
 import socket
 from contextlib import closing
 from dataclasses import replace
-from datetime import timedelta
+from datetime import date, timedelta
 from pathlib import Path
 
 import pytest
+import yaml
 
 from common.clock import now_utc
 from common.settings import DaemonSettings
@@ -18,7 +19,7 @@ from common.transport.pki import read_identity
 from common.transport.security import Party, secured
 from forefeel.devices.configured import configured
 from forefeel.doctor.access import Tried, try_access
-from forefeel.doctor.calibrations import read_calibration
+from forefeel.doctor.calibrations import judge_calibration, read_calibration
 from forefeel.doctor.certificates import find_identity, read_folder
 from forefeel.doctor.devices import can_buses, examine_port, judge_probed, probe_devices
 from forefeel.doctor.network import try_listen
@@ -29,6 +30,7 @@ from forefeel.pki.folder import make_folder
 from slave.settings import SlaveSettings
 
 CELL = "cathlab"
+TODAY = date(2026, 7, 1)
 
 
 @pytest.fixture(scope="module")
@@ -166,24 +168,62 @@ serial: "123"
 date: 2026-05-01
 zero: 0.0
 native_per_m: 1.0e+7
-travel_m: [0.0, 0.1]
+travel_m: [-0.01, 0.13]
 repeatability_m: 1.0e-6
 """
     path = tmp_path / "stage.yaml"
     path.write_text(text)
     named = {**ZABER, "port": "/dev/x", "calibration": str(path)}
     stage, _, cell = configured(slave(stage=named))
-    found = read_calibration(stage)
+    found = read_calibration(stage, TODAY)
     assert found is not None
     assert (str(found.made), found.valid_days, found.error) == ("2026-05-01", 365, "")
-    assert read_calibration(cell) is None  # simulated
+    assert read_calibration(cell, TODAY) is None  # simulated
+    found = read_calibration(stage, date(2027, 5, 31))
+    assert found is not None
+    assert "out of date by 30 days" in found.error
+    path.write_text(text.replace("1.0e+7", "1.0e+6"))
+    found = read_calibration(stage, TODAY)
+    assert found is not None
+    assert "native_per_m = 1e+06: expected 1e+07 within 1%" in found.error
     path.write_text("date: never\n")
-    found = read_calibration(stage)
+    found = read_calibration(stage, TODAY)
     assert found is not None
     assert str(path) in found.error
-    bare = read_calibration(configured(slave(stage={**ZABER, "port": "/dev/x"}))[0])
+    bare = read_calibration(configured(slave(stage={**ZABER, "port": "/dev/x"}))[0], TODAY)
     assert bare is not None
     assert bare.made is None
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"gain_n": 0.0}, "gain_n = 0.0"),
+        ({"gain_n": -1.0}, "gain_n = -1.0"),
+        ({"gain_n": 1e12}, "gain_n = 1e+12: expected 0.5 to 2"),
+        ({"zero": 11.0}, "zero = 11: expected at most 10 native units"),
+        ({"date": "2999-01-01"}, "date = 2999-01-01: expected at most today, 2026-07-01"),
+        ({"serial": "C-2"}, "serial = 'C-2': expected 'C-1'"),
+    ],
+)
+def test_a_calibration_that_is_none_of_the_cell_is_red(
+    tmp_path: Path, change: dict[str, object], expected: str
+) -> None:
+    path = tmp_path / "cell.yaml"
+    values = {
+        "format": "forefeel.load_cell_calibration/1", "driver": "bota_serial", "serial": "C-1",
+        "date": "2026-06-01", "gain_n": 1.0, "zero": 0.5, "residual_n": 0.0, "hysteresis_n": 0.0,
+        "range_n": [0.0, 1.0], "points": [],
+    }  # fmt: skip
+    named = {"driver": "bota_serial", "port": "/dev/x", "full_scale_n": 10.0, "serial": "C-1"}
+    for fits, changes in ((True, {}), (False, change)):
+        path.write_text(yaml.safe_dump({**values, **changes}))
+        _, _, cell = configured(slave(load_cell={**named, "calibration": str(path)}))
+        found = read_calibration(cell, TODAY)
+        assert found is not None
+        judged = judge_calibration(found, TODAY)
+        assert judged.level == ("green" if fits else "red")
+        assert fits or expected in judged.found
 
 
 # --- storage, software ---

@@ -1,14 +1,17 @@
 """Sessions of a master axis, and what it makes of forces and states that arrive."""
 
+import msgpack
 import pytest
 
 from common.messages import (
+    MOST_FORCE_N,
+    ForceSample,
     Heartbeat,
     SlaveState,
 )
 from common.settings import AxisLimits, settings_hash, shared_text
 from master.session import Link
-from tests.unit.master_rig import MS, SHARED, Rig, S, linked, shown
+from tests.unit.master_rig import FULL_SCALE_N, MS, SHARED, Rig, S, linked, shown
 
 rig = pytest.fixture(linked, name="rig")
 
@@ -103,6 +106,29 @@ def test_forces_of_another_session_are_counted_and_not_used(rig: Rig) -> None:
     assert rig.haptics[-1].held_n is None
     assert rig.handle.shown.stage_position_m is None
     assert rig.counters()["forces_of_another_session"] == 2
+
+
+def test_a_force_beyond_the_load_cell_is_counted_and_reaches_neither_hand_nor_predictor(rig: Rig) -> None:
+    rig.step(1)
+    for force_n in (FULL_SCALE_N, 1.001 * FULL_SCALE_N, -MOST_FORCE_N):
+        rig.clock.set_ns(rig.now_ns + MS)
+        rig.say_force(force_n=force_n)
+    rig.step(1, force=False)
+    assert rig.haptics[-1].held_n == FULL_SCALE_N
+    assert rig.counters()["forces_out_of_range"] == 2
+    assert [sample.force_n for sample in rig.axis.identification.queue.drain()] == [0.3, FULL_SCALE_N]
+
+
+def test_a_force_beyond_the_range_of_its_message_is_malformed(rig: Rig) -> None:
+    rig.step(1)
+    force = ForceSample(
+        **rig.header(rig.force), position_m=0.05, velocity_m_s=0.0, force_n=1.0, raw_counts=0, valid=True,
+        answers_sequence=None, answers_stamp_ns=None,
+    )  # fmt: skip
+    rig.put_raw(msgpack.packb({**dict(force), "gripper": "closed", "force_n": 1e300}))
+    rig.step(1, force=False)
+    assert rig.haptics[-1].held_n == 0.3
+    assert rig.counters()["malformed_slave_force"] == 1
 
 
 def test_a_force_that_was_overtaken_is_learned_from_but_not_shown(rig: Rig) -> None:

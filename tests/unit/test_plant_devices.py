@@ -112,7 +112,11 @@ def test_the_length_of_a_gap_is_a_choice() -> None:
         ([], [], "0 times, 0 forces: expected as many, at least one"),
         ([0.0, 1.0], [0.0], "2 times, 1 forces: expected as many, at least one"),
         ([0.0, 1.0, 1.0], [0.0] * 3, "sample 2: time_s = 1.0 after 1.0: expected increasing times"),
-        ([0.0, 1.0], [0.0, nan], "sample 1: time_s = 1.0, force_n = nan: expected finite numbers"),
+        (
+            [0.0, 1.0],
+            [0.0, nan],
+            "sample 1: time_s = 1.0, force_n = nan: expected finite numbers, at most 10000 N",
+        ),
     ],
 )
 def test_a_wrong_recording_is_refused_in_one_line(

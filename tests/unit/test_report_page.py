@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from common.errors import RecordingError, RunError
+from common.messages import MOST_FORCE_N
 from common.recording.mcap_writer import RunWriter
 from forefeel.report.page import write_report
 from forefeel.report.svg import BINS, new_figure, thin, to_svg
@@ -91,13 +92,13 @@ def test_an_empty_run_has_a_page(tmp_path: Path) -> None:
 
 def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(tmp_path: Path) -> None:
     with recorded(tmp_path / "run.mcap") as run:
-        run.haptics(0, 1, predicted_n=1e300, held_n=0.0, answered=1, delay_s=0.0)
+        run.haptics(0, 1, predicted_n=MOST_FORCE_N, held_n=0.0, answered=1, delay_s=0.0)
         run.force(0, 1.0, answers=1)
         run.slave_state(0, S.ARMED)
         run.parameters(0, 1.0)
         run.timing(0, "master")
     report = write_report(tmp_path / "run.mcap", tmp_path)
-    assert report.prediction.rms_n == pytest.approx(1e300)
+    assert report.prediction.rms_n == pytest.approx(MOST_FORCE_N, rel=1e-3)
     assert "worse than holding" in (tmp_path / "report.html").read_text()
 
 

@@ -54,33 +54,34 @@ def test_a_gripper_or_load_cell_that_fails_is_a_fault() -> None:
     assert (rig.forces[-1].valid, rig.forces[-1].force_n) == (False, 0.0)
 
 
-@pytest.mark.parametrize("force_n", [nan, inf, -inf])
-def test_a_force_that_is_not_finite_is_a_fault_and_never_published(force_n: float) -> None:
+@pytest.mark.parametrize("force_n", [nan, inf, -inf, 5.01, -1e300])
+def test_a_force_beyond_the_full_scale_is_a_fault_and_never_published(force_n: float) -> None:
     rig = SlaveRig().armed()
     rig.load_cell.reading = LoadCellReading(force_n, 0, True)
     rig.step()
     assert rig.state() is S.FAULT
-    assert rig.states[-1].reason == f"load cell = {force_n} N: expected a finite force"
+    assert rig.states[-1].reason == f"load cell = {force_n:g} N: expected at most its full scale, 5 N"
     assert (rig.forces[-1].valid, rig.forces[-1].force_n) == (False, 0.0)
     assert rig.stage.holds[-1] == rig.now_ns
 
 
+@pytest.mark.parametrize("value", [nan, 1001.0])
 @pytest.mark.parametrize("field", ["position_m", "velocity_m_s"])
-def test_a_readback_that_is_not_finite_is_a_fault_and_the_last_one_stays(field: str) -> None:
+def test_a_readback_that_is_none_is_a_fault_and_the_last_one_stays(field: str, value: float) -> None:
     rig = SlaveRig().armed()
     rig.deadman = False
     rig.step(5)
-    setattr(rig.stage, field, nan)
+    setattr(rig.stage, field, value)
     rig.step()
     assert rig.state() is S.FAULT
-    assert "expected finite numbers" in rig.states[-1].reason
+    assert "expected at most 10 m and 1000 m/s" in rig.states[-1].reason
     assert rig.forces[-1].position_m == pytest.approx(START_M)
 
 
 def test_an_axis_does_not_open_on_a_stage_that_does_not_say_where_it_is() -> None:
     rig = SlaveRig()
     rig.stage.position_m = nan
-    with pytest.raises(DeviceError, match="expected finite numbers"):
+    with pytest.raises(DeviceError, match="expected at most 10 m and 1000 m/s"):
         rig.axis.open(rig.now_ns)
     rig.stage.position_m, rig.stage.broken = START_M, {"open"}
     with pytest.raises(DeviceError, match="open refused"):

@@ -19,7 +19,7 @@ from hypothesis.stateful import (
 )
 
 from common.codec import encode
-from common.messages import FOLLOWING, EmergencyStop, MotionCommand, SafetyState
+from common.messages import FOLLOWING, MOST_POSITION_M, EmergencyStop, MotionCommand, SafetyState
 from common.settings import AxisLimits
 from common.topics import COMMAND, EMERGENCY_STOP
 from slave.load_cells.port import LoadCellReading
@@ -94,7 +94,7 @@ class SlaveModel(RuleBasedStateMachine):
             self.rig.position_m = min(max(self.rig.position_m + by_m, -0.04), 0.15)
             self._tick(send=True)
 
-    @rule(position_m=st.floats(-0.05, 0.17) | st.floats(-1e9, 1e9))
+    @rule(position_m=st.floats(-0.05, 0.17) | st.floats(-MOST_POSITION_M, MOST_POSITION_M))
     def jump(self, position_m: float) -> None:
         self.rig.position_m = position_m
         self._tick(send=True)

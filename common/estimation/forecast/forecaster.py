@@ -33,13 +33,18 @@ class Forecaster:
     Args:
         outside: how many models from outside take part, whose forces are given to `move`: one that is
             identified, and one as it was loaded, which is trusted until its errors say otherwise.
+
+    Attributes:
+        renewals: how often it began anew, for what it had learned was worse than nothing, see `trial`.
     """
 
     def __init__(self, outside: int = 0) -> None:
+        self._outside = outside
         self._state = new_state(outside)
         self._out = np.zeros(3)
         self._early: list[tuple[float, float]] = []
         self._moved_s = -np.inf
+        self.renewals = 0
 
     def move(self, t_s: float, position_m: float, identified_n: float = nan, loaded_n: float = nan) -> None:
         """The own motion at stamp `t_s`. What is not finite, or no later than the last, is left out.
@@ -50,7 +55,7 @@ class Forecaster:
         if steps.move(self._state, t_s, position_m, identified_n, loaded_n):
             self._moved_s = t_s
             while self._early and self._early[0][0] <= t_s:
-                steps.observe(self._state, *heappop(self._early))
+                self._observe(*heappop(self._early))
 
     def observe(self, stamp_s: float, force_n: float) -> None:
         """A force that was measured at `stamp_s`, the stamp of a `move`; in any order, each at most once.
@@ -59,9 +64,18 @@ class Forecaster:
         before, is left out, the latter until the next one confirms it.
         """
         if stamp_s <= self._moved_s:
-            steps.observe(self._state, stamp_s, force_n)
+            self._observe(stamp_s, force_n)
         elif isfinite(stamp_s) and isfinite(force_n) and len(self._early) < RING:
             heappush(self._early, (stamp_s, force_n))
+
+    def _observe(self, stamp_s: float, force_n: float) -> None:
+        if not steps.observe(self._state, stamp_s, force_n):
+            self._begin_anew()
+            steps.observe(self._state, stamp_s, force_n)
+
+    def _begin_anew(self) -> None:
+        self._state = new_state(self._outside)
+        self.renewals += 1
 
     def predict(self) -> Estimate | None:
         """The force at the newest `move`; None before any force or any motion."""
@@ -69,6 +83,9 @@ class Forecaster:
         if not steps.predict(self._state, out):
             return None
         force_n, half_n, leading = out.tolist()
+        if not isfinite(abs(force_n) + half_n):
+            self._begin_anew()
+            return None
         name = HOLD if leading < 0 else NAMES[int(leading)]
         return Estimate(force_n, force_n - half_n, force_n + half_n, name)
 

@@ -95,10 +95,16 @@ def begin(regression: NDArray[np.void]) -> None:
 
 
 @kernel
+def at_rest(bank: Bank, n: int) -> bool:
+    """Whether the motion has stood still up to sample n for so long that it teaches nothing any more."""
+    return bank.t_s[n % RING] - bank.moved_s > _REST_S and bank.octave != NO_OCTAVE
+
+
+@kernel
 def learn(regression: Regression, bank: Bank, n: int, force_n: float) -> None:
     """Adds the force of sample n; solves anew when that was last done more than 4 ms of stamps ago."""
     t = bank.t_s[n % RING]
-    if t - bank.moved_s > _REST_S and bank.octave != NO_OCTAVE:
+    if at_rest(bank, n):
         return
     w = min(max(bank.period_s, 1e-4), 0.05)
     phi, y = bank.phi[n % RING], force_n - regression.force0_n

@@ -11,6 +11,7 @@ from common.estimation.forecast import change as changes
 from common.estimation.forecast import experts as crowd
 from common.estimation.forecast import hold as holds
 from common.estimation.forecast import regression as fits
+from common.estimation.forecast import trial as trials
 from common.estimation.forecast.bank import RING, Array
 from common.estimation.record import floats, record, zeros
 
@@ -27,6 +28,7 @@ DTYPE = np.dtype(
         ("gain", holds.DTYPE),
         ("band", bands.DTYPE),
         ("change", changes.DTYPE),
+        ("trial", trials.DTYPE),
         ("memory", _MEMORY),
     ],
     align=True,
@@ -72,6 +74,7 @@ class State(Protocol):
     gain: holds.Gain
     band: bands.Band
     change: changes.Change
+    trial: trials.Trial
     memory: Memory
 
 
@@ -82,6 +85,7 @@ def new_state(outside: int) -> NDArray[np.void]:
     fits.begin(state["regression"])
     crowd.begin(state["experts"], outside)
     bands.begin(state["band"])
+    trials.begin(state["trial"])
     memory = state["memory"]
     memory["suspect_n"] = np.nan
     memory["newest"], memory["newest_s"], memory["said_s"] = -1.0, -np.inf, -np.inf

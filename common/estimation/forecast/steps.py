@@ -11,6 +11,7 @@ from common.estimation.forecast import change as changes
 from common.estimation.forecast import experts as crowd
 from common.estimation.forecast import hold as holds
 from common.estimation.forecast import regression as fits
+from common.estimation.forecast import trial as trials
 from common.estimation.forecast.bank import RING, Array
 from common.estimation.forecast.regressors import fill
 from common.estimation.forecast.state import Memory, State
@@ -39,8 +40,10 @@ def move(states: States, t: float, x: float, identified_n: float, loaded_n: floa
 
 @kernel
 def observe(states: States, stamp: float, force_n: float) -> bool:
-    """A force that has arrived; False when it is not finite, or was known."""
-    return _observe(states[0], stamp, force_n)
+    """A force that has arrived; False when the predictor is to begin anew, see `trial`."""
+    _observe(states[0], stamp, force_n)
+    good: bool = states[0].trial.failed == 0.0
+    return good
 
 
 @kernel
@@ -75,13 +78,13 @@ def _move(state: State, t: float, x: float, identified_n: float, loaded_n: float
 
 
 @kernel
-def _observe(state: State, stamp: float, force_n: float) -> bool:
+def _observe(state: State, stamp: float, force_n: float) -> None:
     memory = state.memory
     if not (math.isfinite(force_n) and math.isfinite(stamp)):
-        return False
+        return
     n = banks.find(state.bank, stamp)
     if n >= 0 and not math.isnan(memory.forces_n[n % RING]):
-        return False
+        return
     if n >= 0:
         memory.forces_n[n % RING] = force_n
     _see(memory, force_n)
@@ -95,7 +98,6 @@ def _observe(state: State, stamp: float, force_n: float) -> bool:
         _take_in(state, stamp, force_n)
     else:
         memory.suspect_s, memory.suspect_n = stamp, force_n
-    return True
 
 
 @kernel
@@ -165,6 +167,8 @@ def _judge(state: State, n: int, force_n: float) -> None:
     crowd.judge(state.experts, n, force_n, needed_n, range_n, w)
     kick = changes.noticed(state.change, misfit_n, range_n, w)
     holds.learn(state.gain, memory.blends_n[i] - memory.holds_n[i], needed_n, w)
+    if not fits.at_rest(state.bank, n):
+        trials.judge(state.trial, force_n, memory.sayings_n[i], memory.holds_n[i], w)
     bands.learn(state.band, force_n - memory.sayings_n[i], memory.halves_n[i], memory.scales_n[i], w)
     if kick:
         fits.discount(state.regression)

@@ -35,6 +35,7 @@ class IioLoadCell:
     """Load-cell port. A thread of its own waits for the conversions, so that the control loop never does."""
 
     def __init__(self, settings: IioSettings, clock: Clock | None = None) -> None:
+        self.full_scale_n = settings.full_scale_n
         self.link, self.stale_s = Link(f"load cell iio at {settings.file}"), 3.0 / settings.rate_hz + 0.02
         self._settings, self._clock = settings, clock or MonotonicClock()
         self._queue, self._watch = BoundedQueue[LoadCellReading](1024), StuckWatch(noisy=True)

@@ -1,0 +1,87 @@
+"""Files that unpack to far more than they hold are refused in one line, before the memory is taken."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk
+from mcap.writer import MCAP0_MAGIC
+
+ROOT = Path(__file__).parents[2]
+_UNPACKED = 256 * 2**20
+_MOST_USED = 128 * 2**20
+"""What reading the files may take: their 1 MiB, 16 MiB and a hundredfold of it at most, and the libraries."""
+_READ = """
+import resource, sys
+from pathlib import Path
+import numpy, pyarrow.parquet, lz4.frame
+from common.recording.mcap_reader import read_run
+from common.recording.mcap_spans import RunSpans
+from common.recording.tabular import load_recording
+from common.errors import InputError
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+for kind, path in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
+    try:
+        {"run": read_run, "spans": RunSpans, "table": load_recording}[kind](Path(path))
+    except InputError as error:
+        print(error)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def mcap(path: Path, compression: str, packed: bytes, claimed: int) -> Path:
+    builder = RecordBuilder()
+    Chunk(
+        compression=compression, data=packed, message_start_time=0, message_end_time=1,
+        uncompressed_crc=0, uncompressed_size=claimed,
+    ).write(builder)  # fmt: skip
+    path.write_bytes(MCAP0_MAGIC + builder.end())  # type: ignore[no-untyped-call]
+    return path
+
+
+def bombs(folder: Path) -> list[tuple[str, Path]]:
+    """Each unpacks to 256 MiB; a lying one claims to be small."""
+    zeros, found = bytes(_UNPACKED), []
+    for compression, packed in (("zstd", zstandard.compress(zeros)), ("lz4", lz4.frame.compress(zeros))):
+        for kind, claimed in (("honest", _UNPACKED), ("lying", 1000)):
+            path = mcap(folder / f"{kind}-{compression}.mcap", compression, packed, claimed)
+            found += [("run", path), ("spans", path)]
+    return found
+
+
+def table(path: Path, rows: int) -> Path:
+    zero = pa.DictionaryArray.from_arrays(pa.array(np.zeros(2**20, np.int32)), pa.array([0.0]))
+    batch = pa.table({name: zero.cast(pa.float64()) for name in ("time_s", "position_m")})
+    with pq.ParquetWriter(path, batch.schema, compression="zstd") as writer:
+        for _ in range(rows // 2**20):
+            writer.write_table(batch)
+    return path
+
+
+def refused(files: list[tuple[str, Path]]) -> list[str]:
+    """The line that is said of each, in a process of its own that must not take much memory for it."""
+    words = [sys.executable, "-c", _READ, *(str(word) for each in files for word in each)]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=True)
+    *said, kib = done.stdout.splitlines()
+    assert int(kib) * 1024 < _MOST_USED
+    return said
+
+
+def test_a_run_of_chunks_that_unpack_to_more_than_they_may(tmp_path: Path) -> None:
+    files = bombs(tmp_path)
+    for (_, path), said in zip(files, refused(files), strict=True):
+        assert path.stat().st_size < 2 * 2**20
+        assert said.startswith(f"{path}: damaged at byte "), said
+        assert ("allowed" if "honest" in path.name else "by its head") in said
+
+
+def test_a_table_that_unpacks_to_more_than_it_may(tmp_path: Path) -> None:
+    path = table(tmp_path / "zeros.parquet", 2**26)
+    (said,) = refused([("table", path)])
+    assert said.startswith(f"{path}, column 'time_s': {2**29} bytes when unpacked, allowed ")
