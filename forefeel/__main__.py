@@ -1,5 +1,10 @@
 """Entry point: exit 0 done, 1 the run failed, 2 the input was wrong; every failure is one line."""
 
+# ruff: noqa: E402 - first of all a signal ends the process without a word of Python's
+import signal
+
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import os
 import sys
 from contextlib import suppress

@@ -9,7 +9,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 
 from common.errors import ConfigurationError
 from forefeel.files import fresh_folder
-from forefeel.interrupt import ends_in_order, postponed
+from forefeel.interrupt import ends_in_order, heeded
 from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
 from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import STATE, Plan, Wish, make_plan
@@ -102,11 +102,16 @@ def _run(
         written.append(_RECORDING)
     else:
         loop = VirtualLoopback(plan, wish.seed)
-        try:
-            loop.run(lambda done_s: show(done_s, "virtual time"))
-        finally:
-            if loop.payloads:
-                with postponed():
+        with heeded() as stop:
+
+            def look(done_s: float) -> None:
+                show(done_s, "virtual time")
+                stop.check()
+
+            try:
+                loop.run(look)
+            finally:
+                if loop.payloads:
                     loop.write(folder / _RECORDING)
                     written.append(_RECORDING)
     show(plan.expected_s, "done")
