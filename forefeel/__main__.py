@@ -12,12 +12,21 @@ from contextlib import suppress
 import typer
 
 from common.errors import ForefeelError, InputError
+from forefeel.interrupt import leave
 from forefeel.terminal import complain
 
 _STOP_PRIORITY = 25
 """Of SCHED_FIFO: below the threads of the daemons that receive commands, at 30. Above them, the imports of
 `forefeel estop` on the slave's host kept commands from the watchdog for more than 60 ms.
 """
+
+
+def run() -> None:
+    """The process."""
+    try:
+        main()
+    except SystemExit as ended:
+        leave(ended.code if isinstance(ended.code, int) else 0)
 
 
 def main() -> None:
@@ -54,4 +63,4 @@ def _complain(text: str, code: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run()

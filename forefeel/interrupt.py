@@ -5,13 +5,16 @@ Where nothing has to be closed it ends the process in place (`ends_in_order`); i
 whether a signal came. Before and after both the system ends the process.
 """
 
+import atexit
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn
 
 from common.errors import RunError
 from forefeel.terminal import last_word
@@ -99,6 +102,17 @@ def heeded(tell: Callable[[], object] | None = None) -> Iterator[Stop]:
             _stop._heeded.pop()
         if _stop._first_s is not None and not _stop._seen and not _stop._heeded:
             _stop._end()
+
+
+def leave(code: int) -> NoReturn:
+    """Ends the process; once a signal came without taking Python apart, a second's work on a busy machine."""
+    if _stop._first_s is not None:
+        atexit._run_exitfuncs()
+        for stream in sys.stdout, sys.stderr:
+            with suppress(OSError):
+                stream.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 @contextmanager

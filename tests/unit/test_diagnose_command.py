@@ -147,7 +147,8 @@ def test_a_diagnosis_that_breaks_is_said_and_the_others_go_on(
         return found
 
     monkeypatch.setattr("forefeel.diagnose.examine._examined", lambda task, tell: breaks_on_a(task))
-    monkeypatch.setattr("forefeel.diagnose.folder.outcomes", lambda tasks, *_: (attempt(each) for each in tasks))
+    here = "forefeel.diagnose.folder.outcomes"  # not in other processes, which know nothing of the patch
+    monkeypatch.setattr(here, lambda tasks, *_: (attempt(each) for each in tasks))
     assert run([str(folder), "--out", str(out)]) == 1
     shown = capsys.readouterr().err
     assert "a.csv: the diagnosis failed, LinAlgError: Singular matrix" in shown
