@@ -4,6 +4,7 @@ Prints a line for each that is not as it should be, and a table. Exit 1 when the
 """
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1, help="of commands, signals and times")
     parser.add_argument("--only", default="", help="only commands whose name contains this")
     options = parser.parse_args(arguments)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # in order: the slave and the devices go, too
     found: list[tuple[Trial, Ended]] = []
     with TemporaryDirectory(prefix="forefeel-") as name:
         ready = Path(name) / "ready"

@@ -35,7 +35,7 @@ class Case:
 
     `line` and `files`: HERE is the folder of the run, READY that of what was made before, CELL the port of a
     slave that runs all the time, PORT a free one. `ends`: the code of a command that was told to end when it
-    was at work. `within_s`: the signal comes by then.
+    was at work. `within_s`: the signal comes by then, from when it is at work (`LOOKS`: from its start).
     """
 
     name: str
@@ -52,36 +52,36 @@ ends well; what looks around or acts at once may find something wrong, and say s
 AT_SLAVE = "--cell cell --connect tcp/127.0.0.1:CELL"
 ON_BENCH = "--config READY/bench.yaml --axis insertion --yes"
 CASES = (
-    Case("slave", "slave --config HERE/slave.yaml", SERVES, 8.0, (("slave.yaml", SLAVE),)),
-    Case("master", "master --config HERE/master.yaml", (0, 1, 2), 9.0, (("master.yaml", MASTER),)),
-    Case("router", "router --config HERE/router.yaml --insecure", SERVES, 5.0, (("router.yaml", ROUTER),)),
-    Case("loopback", "loopback --duration 60 --out HERE/out", RESULTS, 12.0),
+    Case("slave", "slave --config HERE/slave.yaml", SERVES, 3.0, (("slave.yaml", SLAVE),)),
+    Case("master", "master --config HERE/master.yaml", (0, 1, 2), 4.0, (("master.yaml", MASTER),)),
+    Case("router", "router --config HERE/router.yaml --insecure", SERVES, 2.0, (("router.yaml", ROUTER),)),
+    Case("loopback", "loopback --duration 60 --out HERE/out", RESULTS, 8.0),
     Case(
         "loopback with devices",
         "loopback --duration 60 --hardware emulated-serial --out HERE/out",
         RESULTS,
-        12.0,
+        10.0,
     ),
-    Case("loopback in virtual time", "loopback --virtual-time --duration 300 --out HERE/out", RESULTS, 12.0),
-    Case("record", f"record {AT_SLAVE} --out HERE/run.mcap", (0, 1), 5.0),
-    Case("metrics", f"metrics {AT_SLAVE} --port PORT", SERVES, 6.0),
-    Case("dashboard", f"dashboard {AT_SLAVE} --port PORT", SERVES, 10.0),
-    Case("view", "view READY/run/recording.mcap --port PORT", SERVES, 10.0),
-    Case("simulate", "simulate --model READY/m.yaml --duration 600 --out HERE/s.csv", RESULTS, 8.0),
-    Case("diagnose a file", "diagnose READY/long/a.csv --out HERE/out", RESULTS, 20.0),
-    Case("diagnose a folder", "diagnose READY/long --jobs 2 --out HERE/out", RESULTS, 25.0),
-    Case("evaluate", "evaluate READY/long/a.csv READY/long/b.csv --out HERE/out", RESULTS, 12.0),
-    Case("report", "report READY/run/recording.mcap --out HERE/out", RESULTS, 10.0),
-    Case("reproduce", "reproduce --duration 8 --out HERE/out", RESULTS, 25.0),
-    Case("pki init", "pki init HERE/pki --cell one --cell two --cell three", RESULTS, 2.5),
-    Case("pki renew", "pki renew READY/pki", RESULTS, 2.5),
+    Case("loopback in virtual time", "loopback --virtual-time --duration 300 --out HERE/out", RESULTS, 6.0),
+    Case("record", f"record {AT_SLAVE} --out HERE/run.mcap", (0, 1), 3.0),
+    Case("metrics", f"metrics {AT_SLAVE} --port PORT", SERVES, 2.0),
+    Case("dashboard", f"dashboard {AT_SLAVE} --port PORT", SERVES, 4.0),
+    Case("view", "view READY/run/recording.mcap --port PORT", SERVES, 4.0),
+    Case("simulate", "simulate --model READY/m.yaml --duration 600 --out HERE/s.csv", RESULTS, 6.0),
+    Case("diagnose a file", "diagnose READY/long/a.csv --out HERE/out", RESULTS, 10.0),
+    Case("diagnose a folder", "diagnose READY/long --jobs 2 --out HERE/out", RESULTS, 12.0),
+    Case("evaluate", "evaluate READY/long/a.csv READY/long/b.csv --out HERE/out", RESULTS, 5.0),
+    Case("report", "report READY/run/recording.mcap --out HERE/out", RESULTS, 5.0),
+    Case("reproduce", "reproduce --duration 8 --out HERE/out", RESULTS, 10.0),
+    Case("pki init", "pki init HERE/pki --cell one --cell two --cell three", RESULTS, 0.5),
+    Case("pki renew", "pki renew READY/pki", RESULTS, 0.3),
     Case("doctor", "doctor", LOOKS, 6.0),
     Case("devices", "devices", LOOKS, 2.5),
-    Case("device probe", "device probe --config READY/bench.yaml --seconds 30", RESULTS, 6.0),
-    Case("calibrate load-cell", f"calibrate load-cell {ON_BENCH} --forces 1,2 --out HERE/c.yaml", RESULTS, 8.0),
-    Case("calibrate stage", f"calibrate stage {ON_BENCH} --velocity 0.01 --out HERE/c.yaml", RESULTS, 8.0),
-    Case("emulate zaber_ascii", "emulate zaber_ascii --port HERE/port", SERVES, 5.0),
-    Case("emulate can_hub", "emulate can_hub --port HERE/a,HERE/b", SERVES, 5.0),
+    Case("device probe", "device probe --config READY/bench.yaml --seconds 30", RESULTS, 3.0),
+    Case("calibrate load-cell", f"calibrate load-cell {ON_BENCH} --forces 1 --out HERE/c.yaml", RESULTS, 4.0),
+    Case("calibrate stage", f"calibrate stage {ON_BENCH} --velocity 0.01 --out HERE/c.yaml", RESULTS, 5.0),
+    Case("emulate zaber_ascii", "emulate zaber_ascii --port HERE/port", SERVES, 2.0),
+    Case("emulate can_hub", "emulate can_hub --port HERE/a,HERE/b", SERVES, 2.0),
     Case("estop", f"estop {AT_SLAVE}", LOOKS, 3.0),
     Case("clear", "clear --config READY/slave.yaml", LOOKS, 2.5),
     Case("audit", "audit verify READY/state/audit.jsonl", LOOKS, 2.5),

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
@@ -24,19 +24,23 @@ SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 BOUND_S = 3.0
 _MARK = "FOREFEEL_SIGNALS_TRIAL"
 _PATIENCE_S = 60.0
+_AT_WORK = 0.75
+"""Share of the signals that find what is more than looked around at work; the others come while it starts."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """`delay_s` counts from when Python has begun with the command."""
+    """`delay_s` counts from when Python has begun with the command, or from when it is at work."""
 
     number: int
     case: Case
     signal: signal.Signals
+    at_work: bool
     delay_s: float
 
     def __str__(self) -> str:
-        return f"{self.number}: {self.case.name}, {self.signal.name} after {self.delay_s:.2f} s"
+        since = "at work for" if self.at_work else "started for"
+        return f"{self.number}: {self.case.name}, {self.signal.name}, {since} {self.delay_s:.2f} s"
 
 
 @dataclass(frozen=True)
@@ -55,8 +59,9 @@ def trials(count: int, seed: int) -> list[Trial]:
     found: list[Trial] = []
     while len(found) < count:
         for case in draw.sample(CASES, len(CASES)):
+            at_work = case.ends != LOOKS and draw.random() < _AT_WORK
             delay_s = draw.uniform(0.0, case.within_s)
-            found.append(Trial(len(found), case, draw.choice(SIGNALS), delay_s))
+            found.append(Trial(len(found), case, draw.choice(SIGNALS), at_work, delay_s))
     return found[:count]
 
 
@@ -68,13 +73,14 @@ def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
         (here / name).write_text(_placed(text, places))
     mark = uuid4().hex
     with (here / "stderr").open("wb") as said, (here / "stdout").open("wb") as out:
-        process = subprocess.Popen(
-            [*COMMAND, *_placed(trial.case.line, places).split()],
-            env={**environment(here), _MARK: mark},
-            stdin=subprocess.DEVNULL, stdout=out, stderr=said, start_new_session=True,
-        )  # fmt: skip
+        with unignored():
+            process = subprocess.Popen(
+                [*COMMAND, *_placed(trial.case.line, places).split()],
+                env={**environment(here), _MARK: mark},
+                stdin=subprocess.DEVNULL, stdout=out, stderr=said, start_new_session=True,
+            )  # fmt: skip
         try:
-            _begun(process)
+            _begun(process, trial.at_work)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(trial.delay_s)
             finished = process.poll() is not None
@@ -92,23 +98,39 @@ def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
     return Ended(seconds, code, (words.strip().splitlines() or [""])[-1], tuple(wrong))
 
 
+@contextmanager
+def unignored() -> Iterator[None]:
+    """What runs under nohup, or behind a script's &, ignores signals, and so would what it starts."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def _placed(text: str, places: dict[str, str]) -> str:
     for name, place in places.items():
         text = text.replace(name, place)
     return text
 
 
-def _begun(process: "subprocess.Popen[bytes]") -> None:
-    """Until the command has taken SIGINT from Python, which would show a traceback while it starts."""
-    taken = False
-    while process.poll() is None:
-        with suppress(OSError):
-            status = Path(f"/proc/{process.pid}/status").read_text()
-            caught = int(status.partition("SigCgt:")[2].split()[0], 16) & 1 << signal.SIGINT - 1
-            if taken and not caught:
-                return
-            taken = taken or bool(caught)
-        time.sleep(0.001)
+def _begun(process: "subprocess.Popen[bytes]", at_work: bool) -> None:
+    """Until the command has taken SIGINT from Python, which would show a traceback while it starts; and until
+    it catches it by itself, as it does at work.
+    """
+    for caught in (True, False, True) if at_work else (True, False):
+        while process.poll() is None and _catches_sigint(process.pid) != caught:
+            time.sleep(0.001)
+
+
+def _catches_sigint(pid: int) -> bool:
+    with suppress(OSError):
+        status = Path(f"/proc/{pid}/status").read_text()
+        return bool(int(status.partition("SigCgt:")[2].split()[0], 16) & 1 << signal.SIGINT - 1)
+    return False
 
 
 def _send(pid: int, number: signal.Signals) -> None:
