@@ -84,8 +84,10 @@ def attempt(task: Task) -> Outcome:
 @contextmanager
 def _processes(count: int) -> Iterator[tuple[Executor, int]]:
     """Processes that are spawned: a fork of a process with threads may hang. The body's end kills them."""
-    context = get_context("spawn")
-    with ProcessPoolExecutor(count, context, die_with, (os.getpid(), signal.SIGKILL)) as executor:
+    with _deaf_workers():  # with it begins the process that tracks its semaphores
+        context, parent = get_context("spawn"), (os.getpid(), signal.SIGKILL)
+        processes = ProcessPoolExecutor(count, context, die_with, parent)
+    with processes as executor:
         try:
             yield executor, count
         finally:

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -82,7 +82,8 @@ def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
         orders = OrdersFromStdin(Orders(running.living.faults, running.living.provoke, running.load))
         prepare_process()  # nor for its own collector of garbage
         _run(running.living, orders, duration_s, stop)
-        print(json.dumps({"device": wish.device, **running.counts()}))
+        with suppress(OSError):  # of a terminal that is gone
+            print(json.dumps({"device": wish.device, **running.counts()}), flush=True)
 
 
 def _run(living: "Living", orders: OrdersFromStdin, duration_s: float | None, stop: Stop) -> None:

@@ -101,20 +101,26 @@ def _run(
         run_real(plan, folder, show, watched=watched)
         written.append(_RECORDING)
     else:
-        loop = VirtualLoopback(plan, wish.seed)
-        with heeded() as stop:
-
-            def look(done_s: float) -> None:
-                show(done_s, "virtual time")
-                stop.check()
-
-            try:
-                loop.run(look)
-            finally:
-                if loop.payloads:
-                    loop.write(folder / _RECORDING)
-                    written.append(_RECORDING)
+        _run_virtual(VirtualLoopback(plan, wish.seed), folder / _RECORDING, written, show)
     show(plan.expected_s, "done")
+
+
+def _run_virtual(loop: VirtualLoopback, path: Path, written: list[str], show: Show) -> None:
+    with heeded() as stop:
+        try:
+            with loop.recording(path) as write_on:
+
+                def look(done_s: float) -> None:
+                    show(done_s, "virtual time")
+                    write_on()
+                    stop.check()
+
+                loop.run(look)
+        finally:
+            if loop.payloads:
+                written.append(path.name)
+            else:
+                path.unlink(missing_ok=True)
 
 
 def _progress() -> Progress:
