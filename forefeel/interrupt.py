@@ -17,7 +17,7 @@ from types import FrameType
 from typing import NoReturn
 
 from common.errors import RunError
-from forefeel.terminal import last_word
+from forefeel.terminal import flush, last_word
 
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 _ONE_S = 0.5
@@ -108,9 +108,7 @@ def leave(code: int) -> NoReturn:
     """Ends the process; once a signal came without taking Python apart, a second's work on a busy machine."""
     if _stop._first_s is not None:
         atexit._run_exitfuncs()
-        for stream in sys.stdout, sys.stderr:
-            with suppress(OSError):
-                stream.flush()
+        flush()
         os._exit(code)
     sys.exit(code)
 

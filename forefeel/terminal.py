@@ -68,6 +68,13 @@ def complain(text: str) -> None:
     _headed("forefeel:", SHADES["red"], text)
 
 
+def flush() -> None:
+    """What was said goes out, as far as somebody hears it."""
+    for stream in sys.stdout, sys.stderr:
+        with suppress(OSError):
+            stream.flush()
+
+
 def last_word(text: str) -> None:
     """An error of a process that ends here and now, wherever it is: nothing of Python's streams is used."""
     terminal = os.isatty(2)
