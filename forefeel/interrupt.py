@@ -155,8 +155,9 @@ def ends_in_order(what: str, folder: Path | None = None) -> Iterator[list[str]]:
     made = [] if folder is None else [path for path in (folder, *folder.parents) if not path.exists()]
 
     def left() -> str:
+        where = f" in {folder}" if folder is not None else ""
         return f"{what} interrupted; " + (
-            f"{', '.join(written)} in {folder}" if written else "nothing was written"
+            f"{', '.join(written)}{where}" if written else "nothing was written"
         )
 
     with _handled(), at_last(lambda: _remove_empty(made)):

@@ -77,7 +77,7 @@ def test_a_body_that_did_not_look_is_done_first() -> None:
                 written.append("both files")
             print("went on")
     """
-    assert ended(script) == (1, "", "forefeel: work interrupted; both files in None\n")
+    assert ended(script) == (1, "", "forefeel: work interrupted; both files\n")
 
 
 @pytest.mark.parametrize(
