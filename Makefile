@@ -5,10 +5,10 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 # one thread for linear algebra in each of two test processes; bytecode is kept, or each start compiles anew
-test soak faults: export OPENBLAS_NUM_THREADS := 1
-test soak faults: export PYTHONDONTWRITEBYTECODE :=
+test soak faults signals: export OPENBLAS_NUM_THREADS := 1
+test soak faults signals: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test check docs bench hidden-effects faults soak fuzz format clean
+.PHONY: help demo test check docs bench hidden-effects faults soak signals fuzz format clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -60,6 +60,9 @@ soak: $(READY) ## the long forms of tests, then the service for an hour among ra
 
 faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (30 minutes)
 	$(BIN)/python -m tests.faults --out docs/explanation/faults.md
+
+signals: $(READY) ## 300 signals at random times over every command on a busy machine (25 minutes)
+	$(BIN)/python -m tests.signals
 
 fuzz: $(READY) ## 100,000 byte strings for every parser
 	$(BIN)/python -m pytest -m fuzz -s --timeout 900

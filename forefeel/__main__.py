@@ -1,17 +1,31 @@
 """Entry point: exit 0 done, 1 the run failed, 2 the input was wrong; every failure is one line."""
 
+# ruff: noqa: E402 - first of all a signal ends the process without a word of Python's
+import signal
+
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import os
 import sys
 from contextlib import suppress
 from typing import NoReturn
 
 from common.errors import ForefeelError, InputError
+from forefeel.interrupt import leave
 from forefeel.terminal import complain
 
 _STOP_PRIORITY = 25
 """Of SCHED_FIFO: below the threads of the daemons that receive commands, at 30. Above them, the imports of
 `forefeel estop` on the slave's host kept commands from the watchdog for more than 60 ms.
 """
+
+
+def run() -> None:
+    """The process."""
+    try:
+        main()
+    except SystemExit as ended:
+        leave(ended.code if isinstance(ended.code, int) else 0)
 
 
 def main() -> None:
@@ -64,4 +78,4 @@ def _complain(text: str, code: int) -> NoReturn:
 
 
 if __name__ == "__main__":
-    main()
+    run()

@@ -4,7 +4,6 @@ closed.
 
 import asyncio
 import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from secrets import randbits
@@ -14,6 +13,7 @@ from common.runtime.real import RealRuntime
 from common.runtime.realtime import prepare_process, prepare_thread
 from common.runtime.service_manager import Attendance, ServiceManager
 from common.settings import DaemonSettings
+from forefeel.interrupt import Stop, heeded
 from forefeel.linking import (
     POLL_S,
     MasterLink,
@@ -45,7 +45,8 @@ _FAREWELL_S = 0.3  # the master says "deadman released" for this long, and the f
 
 
 def run_slave(settings: SlaveSettings, duration_s: float | None = None, insecure: bool = False) -> None:
-    """Runs the slave until SIGINT, SIGTERM, the duration or a fault. `insecure`: see `check_exposure`.
+    """Runs the slave until a signal (SIGINT, SIGTERM, SIGHUP), the duration or a fault. `insecure`: see
+    `check_exposure`.
 
     Raises:
         InputError: an endpoint or a file can not be used. RunError: a fault ended it.
@@ -55,8 +56,8 @@ def run_slave(settings: SlaveSettings, duration_s: float | None = None, insecure
 
 
 def run_master(settings: MasterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
-    """Runs the master until SIGINT, SIGTERM, the duration (from the opened session), the end of a played
-    motion, or a fault. `insecure`: see `check_exposure`.
+    """Runs the master until a signal (SIGINT, SIGTERM, SIGHUP), the duration (from the opened session), the
+    end of a played motion, or a fault. `insecure`: see `check_exposure`.
 
     Raises:
         InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
@@ -68,8 +69,7 @@ def run_master(settings: MasterSettings, duration_s: float | None = None, insecu
 async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bool) -> None:
     from slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
-    runtime = _runtime(settings)
-    with daemon_state(settings, "slave", runtime.clock) as state:
+    with _runtime(settings) as (runtime, stop), daemon_state(settings, "slave", runtime.clock) as state:
         found = obstacles(settings, "slave")
         transport = await opened(settings, "slave", runtime, insecure, duration_s, found)
         if transport is None:
@@ -87,7 +87,7 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
                 await _until(runtime, duration_s, connecting(settings, transport, found))
                 attendance.stopping(_why(runtime))
                 daemon.shut_down()
-                await _rest(daemon)
+                await _rest(daemon, stop)
         speaker.speak(runtime.clock.now_ns())
         end = "stage at rest" if daemon.at_rest else "stage told to hold"
         say(f"slave: {state.close(_ended(runtime, end))}")
@@ -100,8 +100,7 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
     from master.daemon import MasterDaemon  # noqa: PLC0415
 
     compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
-    runtime = _runtime(settings)
-    with daemon_state(settings, "master", runtime.clock) as state:
+    with _runtime(settings) as (runtime, _), daemon_state(settings, "master", runtime.clock) as state:
         found = obstacles(settings, "master")
         transport = await opened(settings, "master", runtime, insecure, settings.peer_timeout_s, found)
         if transport is None:
@@ -138,8 +137,10 @@ def _closing(daemon: "SlaveDaemon | MasterDaemon", runtime: RealRuntime) -> Iter
         daemon.close(runtime.clock.now_ns())
 
 
-def _runtime(settings: DaemonSettings) -> RealRuntime:
-    """A runtime in a process whose every thread is ahead of the machine's other work, below the loop.
+@contextmanager
+def _runtime(settings: DaemonSettings) -> Iterator[tuple[RealRuntime, Stop]]:
+    """A runtime that a signal stops, in a process whose every thread is ahead of the machine's other work,
+    below the loop.
 
     Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008). The process is
     settled before a device is opened: it would hear nothing of us meanwhile.
@@ -149,9 +150,8 @@ def _runtime(settings: DaemonSettings) -> RealRuntime:
     prepare_thread(priority - _BELOW_THE_LOOP if priority else 0)
     runtime = RealRuntime(priority)
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, runtime.stop)
-    return runtime
+    with heeded(lambda: loop.call_soon_threadsafe(runtime.stop)) as stop:
+        yield runtime, stop
 
 
 def _attendance(runtime: RealRuntime, axes: "Sequence[SlaveAxis | MasterAxis]") -> Attendance:
@@ -194,9 +194,10 @@ def _ended(runtime: RealRuntime, how: str) -> str:
     return how if error is None else f"{how}; by a fault: {type(error).__name__}: {error}"[:500]
 
 
-async def _rest(daemon: "SlaveDaemon") -> None:
+async def _rest(daemon: "SlaveDaemon", stop: Stop) -> None:
+    """Until the stage is at rest; a second signal does not wait for it, the stage is told to hold by then."""
     for _ in range(int(_REST_S / POLL_S)):
-        if daemon.at_rest:
+        if daemon.at_rest or stop.again():
             break
         await asyncio.sleep(POLL_S)
     await asyncio.sleep(POLL_S)  # the last events go out

@@ -4,10 +4,11 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from common.errors import ConfigurationError, RunError
-from forefeel.interrupt import postponed
+from forefeel.interrupt import at_last, heeded
 
 
 def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> Path:
@@ -77,7 +78,7 @@ def write_all(folder: Path, texts: Mapping[str, str], written: list[str]) -> Non
     Raises:
         RunError: one can not be written.
     """
-    with postponed():
+    with heeded():
         for name, text in texts.items():
             write_whole(folder / name, text)
             written.append(name)
@@ -86,8 +87,8 @@ def write_all(folder: Path, texts: Mapping[str, str], written: list[str]) -> Non
 def _prove_writable(folder: Path) -> None:
     """Raises OSError where no file can be made, before anything runs for it."""
     probe = folder / f".{os.getpid()}.part"
-    probe.touch(exist_ok=False)
-    probe.unlink()
+    with at_last(partial(probe.unlink, missing_ok=True)):
+        probe.touch(exist_ok=False)
 
 
 def write_whole(path: Path, text: str, what: str = "the report") -> None:
@@ -105,10 +106,9 @@ def whole(path: Path, what: str) -> Iterator[Path]:
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield part
-        part.replace(path)
+        with at_last(partial(part.unlink, missing_ok=True)):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield part
+            part.replace(path)
     except OSError as error:
         raise RunError(f"{path}: {error.strerror or error}, {what} is not written") from error
-    finally:
-        part.unlink(missing_ok=True)

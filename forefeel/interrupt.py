@@ -1,78 +1,192 @@
-"""SIGINT and SIGTERM alike end a run, and neither disturbs its orderly end."""
+"""SIGINT, SIGTERM and SIGHUP alike end a command in order.
 
+Their handler raises nothing, for it may run inside a callback of a library that swallows what is raised.
+Where nothing has to be closed it ends the process in place (`ends_in_order`); in `heeded` the body looks
+whether a signal came. Before and after both the system ends the process.
+"""
+
+import atexit
+import os
 import signal
-from collections.abc import Callable, Iterator
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn
 
 from common.errors import RunError
+from forefeel.terminal import flush, last_word
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_Handler = Callable[[int, FrameType | None], None]
+SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+_ONE_S = 0.5
+"""Signals within it are one: a terminal that closes sends SIGHUP twice, and so do impatient fingers."""
+
+
+class Stop:
+    """Whether the command is to end; `heeded` gives it."""
+
+    def __init__(self) -> None:
+        self._heeded: list[Callable[[], object] | None] = []
+        self._last: list[Callable[[], object]] = []
+        self._words: list[Callable[[], str]] = []
+        self._begin()
+
+    def _begin(self) -> None:
+        self._first_s: float | None = None
+        self._again = self._seen = self._breaks = False
+
+    def wanted(self) -> bool:
+        """Whether a signal came; whoever asks ends in order."""
+        self._seen = self._first_s is not None
+        return self._seen
+
+    def again(self) -> bool:
+        """Whether another one came later: what is waited for is waited for no longer."""
+        return self._again
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt when a signal came: in a loop of ours, where that is safe."""
+        if self.wanted():
+            raise KeyboardInterrupt
+
+    def _hear(self, _number: int, _frame: FrameType | None) -> None:
+        now_s = time.monotonic()
+        if self._first_s is None:
+            self._first_s = now_s
+        elif now_s - self._first_s < _ONE_S:
+            return
+        else:
+            self._again = True
+        tell = self._heeded[-1] if self._heeded else None
+        self._seen = self._breaks or tell is not None
+        if self._breaks:
+            self._breaks = False
+            raise KeyboardInterrupt
+        if tell is not None:
+            tell()
+        elif self._again or not self._heeded:
+            self._end()
+
+    def _end(self) -> None:
+        """Takes away what is half made, says so and leaves; the rest of the main thread does not happen."""
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
+        text = self._words[-1]() if self._words else "interrupted"
+        for act in reversed(self._last):
+            with suppress(Exception):
+                act()
+        last_word(text)
+        os._exit(1)
+
+
+_stop = Stop()
 
 
 @contextmanager
-def interruptible() -> Iterator[Callable[[], None]]:
-    """The first signal raises KeyboardInterrupt in the body, later ones do nothing.
+def heeded(tell: Callable[[], object] | None = None) -> Iterator[Stop]:
+    """The body looks whether a signal came; a later one ends it at once.
 
-    Gives a function after which none does anything: call it where the orderly end begins.
+    When it did not look, or writes what is to be there whole, the signal waits for the end of the body.
+
+    Args:
+        tell: called at each signal instead; no signal cuts such a body short. It is called wherever the main
+            thread is, so it must not wait for anything.
     """
+    with _handled():
+        _stop._heeded.append(tell)
+        try:
+            yield _stop
+        finally:
+            _stop._heeded.pop()
+        if _stop._first_s is not None and not _stop._seen and not _stop._heeded:
+            _stop._end()
 
-    def ignore() -> None:
-        for number in _SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        ignore()
-        raise KeyboardInterrupt
-
-    with _handled(interrupt):
-        yield ignore
+def leave(code: int) -> NoReturn:
+    """Ends the process; once a signal came without taking Python apart, a second's work on a busy machine."""
+    if _stop._first_s is not None:
+        atexit._run_exitfuncs()
+        flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 @contextmanager
-def postponed() -> Iterator[None]:
-    """A signal in the body waits for its end: what is written there is written whole."""
-    came: list[int] = []
-    with _handled(lambda number, _frame: came.append(number)):
+def breakable() -> Iterator[None]:
+    """The first signal raises KeyboardInterrupt in the body, inside of `heeded`: for devices and persons that
+    are waited for in plain Python, where nothing swallows it.
+    """
+    _stop._breaks = True
+    try:
+        if _stop._first_s is not None:
+            raise KeyboardInterrupt
         yield
-    if came:
-        signal.raise_signal(came[0])
+    finally:
+        _stop._breaks = False
 
 
 @contextmanager
-def ends_in_order(what: str, folder: Path) -> Iterator[list[str]]:
+def at_last(act: Callable[[], object]) -> Iterator[None]:
+    """Does `act` at the end of the body, whatever ends it; a signal in between does it twice."""
+    _stop._last.append(act)
+    try:
+        yield
+    finally:
+        act()
+        _stop._last.pop()
+
+
+@contextmanager
+def ends_in_order(what: str, folder: Path | None = None) -> Iterator[list[str]]:
     """A signal in the body ends it as a run that failed, in one line that says what is left.
 
     Args:
         what: what is interrupted, in words.
-        folder: where the body writes. When the body made it and left nothing in it, it goes, too.
+        folder: where the body writes. What it made of the path and left empty goes, however it ends.
 
     Gives a list for the names of the files that are there and whole.
 
     Raises:
-        RunError: a signal came.
+        RunError: a signal came, and the body looked (`Stop.check`).
     """
     written: list[str] = []
-    was_there = folder.exists()
-    with interruptible():
+    made = [] if folder is None else [path for path in (folder, *folder.parents) if not path.exists()]
+
+    def left() -> str:
+        where = f" in {folder}" if folder is not None else ""
+        return f"{what} interrupted; " + (
+            f"{', '.join(written)}{where}" if written else "nothing was written"
+        )
+
+    with _handled(), at_last(lambda: _remove_empty(made)):
+        _stop._words.append(left)
         try:
             yield written
         except KeyboardInterrupt:
-            if not was_there:
-                with suppress(OSError):  # not empty, or not made yet
-                    folder.rmdir()
-            left = f"{', '.join(written)} in {folder}" if written else "nothing was written"
-            raise RunError(f"{what} interrupted; {left}") from None
+            raise RunError(left()) from None
+        finally:
+            _stop._words.pop()
 
 
 @contextmanager
-def _handled(handler: _Handler) -> Iterator[None]:
-    before = {number: signal.signal(number, handler) for number in _SIGNALS}
+def _handled() -> Iterator[None]:
+    """Installs the handler; the outermost body begins without a signal. `nohup` is respected."""
+    if signal.getsignal(signal.SIGINT) == _stop._hear:
+        yield
+        return
+    _stop._begin()
+    heard = [each for each in SIGNALS if each != signal.SIGHUP or signal.getsignal(each) != signal.SIG_IGN]
+    before = {number: signal.signal(number, _stop._hear) for number in heard}
     try:
         yield
     finally:
         for number, previous in before.items():
             signal.signal(number, previous)
+
+
+def _remove_empty(folders: Sequence[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):  # not empty, or not made yet
+            folder.rmdir()

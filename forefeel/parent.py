@@ -16,10 +16,23 @@ def child_environment() -> dict[str, str]:
 
 
 def die_with_parent() -> None:
-    """A daemon that a loopback started does not outlive it, however that ends."""
+    """A process that another of ours started with `child_environment` does not outlive it, however it ends.
+
+    Raises:
+        RunError: it has ended.
+    """
     parent = os.environ.get(_PARENT)
     if parent is None:
         return
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if os.getppid() != int(parent):  # it ended before we asked for the signal
-        raise RunError("the loopback that started this daemon has ended")
+    die_with(int(parent), signal.SIGTERM)
+
+
+def die_with(parent: int, number: signal.Signals) -> None:
+    """This process gets that signal when its parent, which has that id, ends.
+
+    Raises:
+        RunError: it has ended.
+    """
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
+    if os.getppid() != parent:  # it ended before we asked for the signal
+        raise RunError("the process that started this one has ended")

@@ -1,6 +1,7 @@
 """`forefeel record`: a cell to a file until Ctrl-C."""
 
 import time
+from contextlib import closing
 from pathlib import Path
 
 from common.clock import MonotonicClock
@@ -8,7 +9,7 @@ from common.errors import RunError
 from common.runtime.service_manager import attended
 from common.transport.endpoints import address
 from common.transport.security import Party
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import Stop, at_last, ends_in_order, heeded
 from forefeel.network_settings import ObserverSettings
 from forefeel.recorder import Recorder
 from forefeel.terminal import say
@@ -20,7 +21,7 @@ _POLL_S = 0.1
 def run_record(
     out: Path, settings: ObserverSettings, duration_s: float | None, insecure: bool = False
 ) -> None:
-    """Records until SIGINT, SIGTERM or the duration; says while nobody is heard, and what was missed.
+    """Records until SIGINT, SIGTERM, SIGHUP or the duration; says while nobody is heard, and what was missed.
 
     Raises:
         InputError: the file, an endpoint or a certificate can not be used; nothing was written.
@@ -28,26 +29,27 @@ def run_record(
     """
     cell = settings.cell
     party = Party(settings.role, (cell,))
-    recorder = Recorder(out, cell, settings.transport, {"run": {"cell": cell}}, party, insecure)
     where = ", ".join(map(address, settings.transport.connect + settings.transport.listen))
-    if recorder.notice:
-        say(recorder.notice)
-    say(f"recording cell {cell} to {out}; Ctrl-C ends")
-    with interruptible() as ignore_signals:
-        try:
-            _wait(recorder, settings, duration_s)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            ignore_signals()
-            recorder.close()
+    recorder: Recorder | None = None
+    there = out.exists()
+
+    def drop_empty() -> None:
+        if not there and not (recorder and recorder.written):
+            out.unlink(missing_ok=True)
+
+    with ends_in_order("recording"), at_last(drop_empty):
+        recorder = Recorder(out, cell, settings.transport, {"run": {"cell": cell}}, party, insecure)
+        with heeded() as stop, closing(recorder):
+            if recorder.notice:
+                say(recorder.notice)
+            say(f"recording cell {cell} to {out}; Ctrl-C ends")
+            _wait(recorder, settings, duration_s, stop)
     if not recorder.written:
-        out.unlink()
         raise RunError(f"{out}: nothing was recorded, nobody of cell {cell} was heard at {where}")
     say(f"{out}: closed, {recorder.summary}")
 
 
-def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | None) -> None:
+def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | None, stop: Stop) -> None:
     transport, cell = settings.transport, settings.cell
 
     def nobody() -> str:
@@ -61,7 +63,7 @@ def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | No
         lambda: "recording" if recorder.newest else f"nobody heard yet: {waiting.found}",
         lambda: recorder.rounds,
     )
-    while duration_s is None or time.monotonic() - start_s < duration_s:
+    while not stop.wanted() and (duration_s is None or time.monotonic() - start_s < duration_s):
         recorder.check()
         attend()
         if recorder.newest:

@@ -4,11 +4,13 @@ down.
 
 import threading
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 from common.clock import MonotonicClock
 from common.errors import RunError
 from common.recording.mcap_writer import RunWriter
+from common.runtime.threads import in_thread
 from common.slots import BoundedQueue
 from common.topics import parse_key
 from common.transport.security import Party
@@ -47,9 +49,10 @@ class Recorder:
         self._error: BaseException | None = None
         self._queue: BoundedQueue[tuple[str, bytes, int]] = BoundedQueue(_QUEUE)
         self._closing = threading.Event()
-        self._transport = ZenohTransport.open(
-            transport, MonotonicClock(), self._fail, party, insecure=insecure
+        opening = partial(
+            ZenohTransport.open, transport, MonotonicClock(), self._fail, party, insecure=insecure
         )
+        self._transport = in_thread(opening, "zenoh open").result()  # which a signal need not wait for
         self.notice = self._transport.notice
         try:
             self._writer = RunWriter(path)

@@ -10,7 +10,7 @@ from common.runtime.realtime import prepare_thread
 from common.runtime.service_manager import attended
 from common.transport.security import Party
 from common.transport.zenoh_bus import open_session, pending_connections
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import Stop, heeded
 from forefeel.network_settings import RouterSettings
 from forefeel.parent import die_with_parent
 from forefeel.terminal import say
@@ -22,7 +22,7 @@ _EVENTS = 1024
 
 
 def run_router(settings: RouterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
-    """Routes until SIGINT, SIGTERM or the duration; says who comes and goes.
+    """Routes until SIGINT, SIGTERM, SIGHUP or the duration; says who comes and goes.
 
     Raises:
         InputError: an endpoint or a certificate can not be used.
@@ -30,20 +30,13 @@ def run_router(settings: RouterSettings, duration_s: float | None = None, insecu
     die_with_parent()
     prepare_thread(_PRIORITY)  # Zenoh's threads inherit it
     party = Party("router", settings.cells)
-    with interruptible() as ignore_signals:
-        session, notice = open_session(
-            settings.transport, "router", party, insecure=insecure, real_stage=False
-        )
+    session, notice = open_session(settings.transport, "router", party, insecure=insecure, real_stage=False)
+    with heeded() as stop:
         faults: list[Exception] = []
         with session, pending_connections(session, settings.transport, MonotonicClock(), faults.append):
-            try:
-                _greet(settings, notice)
-                _watch(session, duration_s, faults)
-            except KeyboardInterrupt:
-                pass
-            finally:
-                ignore_signals()
-    say("router: closed")
+            _greet(settings, notice)
+            _watch(session, duration_s, stop, faults)
+        say("router: closed")
 
 
 def _greet(settings: RouterSettings, notice: str) -> None:
@@ -54,7 +47,7 @@ def _greet(settings: RouterSettings, notice: str) -> None:
     say(f"router: listening on {', '.join(transport.listen)} {how}; cells {', '.join(settings.cells)}")
 
 
-def _watch(session: zenoh.Session, duration_s: float | None, faults: list[Exception]) -> None:
+def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop, faults: list[Exception]) -> None:
     """Says each link that is added or removed.
 
     Raises:
@@ -65,7 +58,7 @@ def _watch(session: zenoh.Session, duration_s: float | None, faults: list[Except
     looks = count(1)
     attend = attended(lambda: "routing", lambda: next(looks))
     with session.info.declare_link_events_listener(channel, history=True) as links:
-        while duration_s is None or time.monotonic() - start_s < duration_s:
+        while not stop.wanted() and (duration_s is None or time.monotonic() - start_s < duration_s):
             while (event := links.handler.try_recv()) is not None:
                 came = event.kind == zenoh.SampleKind.PUT
                 who = event.link.auth_identifier or "someone without certificate"

@@ -5,9 +5,10 @@ elsewhere stderr gets plain lines. `--json` and `--quiet` are set with `output`,
 """
 
 import json
+import os
 import sys
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import IO, TYPE_CHECKING
 
 from common.notices import printable
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 Tell = Callable[[str], None]
+_CLEAR = b"\r\x1b[2K\x1b[?25h"
+"""Takes a bar from a terminal and gives the cursor back."""
 PLAIN_WIDTH = 160
 """Columns of a table where there is no terminal."""
 SHADES = {"green": "green", "amber": "yellow", "red": "bold red"}
@@ -50,13 +53,31 @@ def say(text: str) -> None:
 
 
 def ask(text: str) -> None:
-    """A line on stderr that stands even with `--quiet`, for somebody has to act on it."""
-    print(printable(text), file=sys.stderr, flush=True)
+    """A line on stderr that stands even with `--quiet`, for somebody has to act on it.
+
+    Nobody hears it where the terminal has gone; whoever speaks does what has to be done all the same.
+    """
+    with suppress(OSError):
+        print(printable(text), file=sys.stderr, flush=True)
 
 
 def complain(text: str) -> None:
     """An error in one line, whatever `text` is broken into."""
     _headed("forefeel:", SHADES["red"], text)
+
+
+def flush() -> None:
+    """What was said goes out, as far as somebody hears it."""
+    for stream in sys.stdout, sys.stderr:
+        with suppress(OSError):
+            stream.flush()
+
+
+def last_word(text: str) -> None:
+    """An error of a process that ends here and now, wherever it is: nothing of Python's streams is used."""
+    terminal = os.isatty(2)
+    with suppress(OSError):
+        os.write(2, (_CLEAR if terminal else b"") + f"forefeel: {printable(text)}\n".encode())
 
 
 def warn(text: str) -> None:
@@ -68,11 +89,12 @@ def warn(text: str) -> None:
 def _headed(head: str, style: str, text: str) -> None:
     line = f" {printable(' '.join(text.splitlines()))}"
     if not sys.stderr.isatty():
-        print(f"{head}{line}", file=sys.stderr, flush=True)
+        ask(f"{head}{line}")
         return
     from rich.text import Text  # noqa: PLC0415 - as in `console`
 
-    console(sys.stderr).print(Text.assemble((head, style), line), soft_wrap=True)
+    with suppress(OSError):
+        console(sys.stderr).print(Text.assemble((head, style), line), soft_wrap=True)
 
 
 def answer(*parts: "RenderableType", document: Callable[[], object]) -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import signal
 import sys
 import threading
 import time
@@ -13,6 +14,8 @@ import pytest
 from hypothesis import settings
 
 from forefeel.__main__ import main
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # of which that import has made the system's
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("repeatable")

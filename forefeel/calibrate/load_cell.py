@@ -27,7 +27,7 @@ from forefeel.calibrate.person import Person
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.devices.configured import Configured, device_of
 from forefeel.devices.probe import SleepingClock
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import breakable, heeded
 from forefeel.terminal import answer, say
 from slave.load_cells.port import NativeLoadCell, NativeReading
 
@@ -69,7 +69,7 @@ def run_load_cell(wish: Wish, clock: SleepingClock | None = None, today: date | 
     _require_range(forces, device)
     cell: NativeLoadCell = device.driver.make(device.settings, clock or MonotonicClock())
     person = Person(wish.yes)
-    with interruptible():
+    with heeded(), breakable():
         try:
             cell.open_native()
             serial = require_serial(cell.link.serial, device)

@@ -14,7 +14,7 @@ from forefeel.calibrate.load_cell import introduced, require_serial
 from forefeel.calibrate.person import Person
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.devices.configured import Configured, device_of
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import breakable, heeded
 from forefeel.local.exclusive import no_slave_beside
 from forefeel.terminal import answer, say
 from slave.stages.port import Homing
@@ -55,7 +55,7 @@ def run_stage(wish: Wish, clock: Clock | None = None, today: date | None = None)
             f"{settings.max_velocity_m_s:g}"
         )
     person = Person(wish.yes)
-    with interruptible(), no_slave_beside(wish.config):
+    with heeded(lambda: None), breakable(), no_slave_beside(wish.config):
         try:
             with device.driver.make_homing(settings, clock or MonotonicClock()) as stage:
                 serial = require_serial(stage.link.serial, device)

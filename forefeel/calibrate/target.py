@@ -8,7 +8,6 @@ from pydantic import BaseModel
 from common.config import dump_yaml
 from common.errors import ConfigurationError
 from forefeel.files import check_new_file, write_whole
-from forefeel.interrupt import postponed
 
 _SUFFIXES = (".yaml", ".yml")
 
@@ -22,5 +21,4 @@ def check_target(out: Path, overwrite: bool) -> None:
 
 def write_calibration(out: Path, calibration: BaseModel) -> None:
     """Raises RunError: it can not be written."""
-    with postponed():
-        write_whole(out, dump_yaml(calibration), "the calibration")
+    write_whole(out, dump_yaml(calibration), "the calibration")

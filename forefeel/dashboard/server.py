@@ -7,7 +7,7 @@ import socket
 import time
 import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager, closing, nullcontext, suppress
 from pathlib import Path
 
 import uvicorn
@@ -22,7 +22,7 @@ from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.page import build, serve_files
 from forefeel.dashboard.sources import LiveCell, Recorded, Source
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import Stop, heeded
 from forefeel.listening import listening_at
 from forefeel.network_settings import ObserverSettings
 from forefeel.parent import die_with_parent
@@ -43,7 +43,7 @@ Background = Callable[[], Awaitable[None]]
 def run_dashboard(
     settings: ObserverSettings, address: str, port: int, duration_s: float | None, insecure: bool, opens: bool
 ) -> None:
-    """Shows a live cell until SIGINT, SIGTERM or the duration.
+    """Shows a live cell until SIGINT, SIGTERM, SIGHUP or the duration.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
@@ -57,7 +57,7 @@ def run_dashboard(
         live = LiveCell(settings.cell, where, clock)
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
-        try:
+        with heeded() as stop, closing(transport):
             _step_back()
             transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)
             if transport.notice:
@@ -65,13 +65,11 @@ def run_dashboard(
             diagnosing = Diagnosing(live.look)
             live.findings = diagnosing.findings
             page = Page(listening, live, f"cell {settings.cell}", failed)
-            page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed)])
-        finally:
-            transport.close()
+            page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed, stop)])
 
 
 def run_view(file: Path, address: str, port: int, duration_s: float | None, opens: bool) -> None:
-    """Shows a recording until SIGINT, SIGTERM or the duration.
+    """Shows a recording until SIGINT, SIGTERM, SIGHUP or the duration.
 
     Raises:
         InputError: the file or the port can not be used.
@@ -79,14 +77,20 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
     """
     recorded = Recorded(file)
     _step_back()
-    with listening_at(address, port) as listening:
-        Page(listening, recorded, str(file), []).serve(opens, [lambda: _until(duration_s, [])])
+    with heeded() as stop, listening_at(address, port) as listening:
+        Page(listening, recorded, str(file), []).serve(opens, [lambda: _until(duration_s, [], stop)])
 
 
 def _step_back() -> None:
     """Whoever looks stands behind those who move something."""
     with suppress(OSError):
         os.nice(_NICE)
+
+
+class _Server(uvicorn.Server):
+    """Leaves signals to us."""
+
+    capture_signals = nullcontext  # type: ignore[assignment]
 
 
 class Page:
@@ -105,11 +109,11 @@ class Page:
         config = uvicorn.Config(
             self._app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1
         )
-        self._server = uvicorn.Server(config)
+        self._server = _Server(config)
         _dress(self._app)
 
     def serve(self, opens: bool, background: list[Background]) -> None:
-        """Until a signal comes or any of `background` ends.
+        """Until any of `background` ends.
 
         Raises:
             RunError: one of them failed.
@@ -120,8 +124,7 @@ class Page:
         say(f"dashboard of {self._what} at {url}; Ctrl-C ends")
         if opens:
             webbrowser.open(url)
-        with interruptible(), suppress(KeyboardInterrupt):
-            self._server.run(sockets=[self._listening])
+        self._server.run(sockets=[self._listening])
         if self._failed:
             error = self._failed[0]
             raise RunError(f"dashboard of {self._what}: {type(error).__name__}: {error}") from error
@@ -160,8 +163,10 @@ def _dress(app: FastAPI) -> None:
     )
 
 
-async def _until(duration_s: float | None, failed: list[Exception]) -> None:
-    """Until the duration is over, or the network failed."""
+async def _until(duration_s: float | None, failed: list[Exception], stop: Stop) -> None:
+    """Until a signal came, the duration is over, or the network failed."""
     start_s = time.monotonic()
-    while not failed and (duration_s is None or time.monotonic() - start_s < duration_s):  # noqa: ASYNC110 - a list
+    while not (failed or stop.wanted()) and (  # noqa: ASYNC110 - a list
+        duration_s is None or time.monotonic() - start_s < duration_s
+    ):
         await asyncio.sleep(_POLL_S)

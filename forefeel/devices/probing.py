@@ -12,7 +12,7 @@ from common.hardware.streams import latency_warning
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.configured import configured
 from forefeel.devices.probe import Probed, Quantiles, SleepingClock, probe
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import breakable, heeded
 from forefeel.terminal import answer, show
 
 _STYLES = {"ready": "green", "simulated": "dim", "refused": "red", "failed": "red"}
@@ -29,7 +29,7 @@ def run_probe(config: Path, seconds: float, clock: SleepingClock | None = None) 
         raise ConfigurationError(f"--seconds {seconds:g}: expected 0.05 to 3600 s")
     devices = configured(load_daemon(config))
     found: list[Probed] = []
-    with interruptible():
+    with heeded(), breakable():
         try:
             for device in devices:
                 found.append(probe(device, seconds, clock or MonotonicClock()))

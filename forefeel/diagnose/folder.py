@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator
+from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from forefeel.diagnose.examine import FILES, JSON, Task
 from forefeel.diagnose.parallel import Outcome, outcomes
 from forefeel.diagnose.words import named
 from forefeel.files import results_folder, write_all
-from forefeel.interrupt import ends_in_order
+from forefeel.interrupt import ends_in_order, heeded
 from forefeel.report.text import DISCLAIMER
 from forefeel.report.wording import quantity
 from forefeel.terminal import answer, progress, say, table
@@ -60,7 +61,7 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
         results_folder(out, (SUMMARY,), EARLIER, overwrite),
     ):
         tasks = [replace(task, file=file) for file in _free(files, out, overwrite, summary)]
-        with outcomes(tasks, jobs, scheduler) as found:
+        with heeded() as stop, closing(outcomes(tasks, jobs, scheduler, stop.check)) as found:
             for outcome in _shown(found, len(tasks), task.file.name):
                 _take(outcome, out, overwrite, summary, written)
         if not summary.diagnosed and not summary.failed:

@@ -1,22 +1,26 @@
 """Several diagnoses at a time: processes of this machine, or the workers of a dask cluster."""
 
+import os
 import re
 import signal
 import socket
-import warnings
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
-from multiprocessing import resource_tracker
-
-import joblib
-from joblib.externals.loky import get_reusable_executor
+from itertools import islice
+from multiprocessing import active_children, get_context, resource_tracker
 
 from common.errors import ConfigurationError, EndpointError, InputError, RunError
 from forefeel.diagnose.examine import Result, Task, examine
+from forefeel.interrupt import SIGNALS
+from forefeel.parent import die_with
 
 _PATIENCE_S = 10
+_LOOK_S = 0.1
+_AHEAD = 2
+"""Tasks for each worker that are handed out; more would only fill the memory with results."""
 _ADDRESS = re.compile(r"(?:(?:tcp|tls)://)?(?P<host>[^/]+):(?P<port>\d+)")
 _EXPECTED = "expected the address of a dask scheduler, such as tcp://10.0.0.2:8786"
 
@@ -32,17 +36,39 @@ class Outcome:
 
 
 def outcomes(
-    tasks: Sequence[Task], jobs: int, scheduler: str | None
-) -> AbstractContextManager[Iterator[Outcome]]:
-    """Each outcome as soon as it is there, in any order; what still runs ends with the context.
+    tasks: Sequence[Task], jobs: int, scheduler: str | None, check: Callable[[], None]
+) -> Generator[Outcome, None, None]:
+    """Each outcome as soon as it is there, in any order; what still runs ends with the iterator.
 
-    Workers read the recordings and hand the texts back: only this process writes.
+    Workers read the recordings and hand the texts back: only this process writes. `check` is called many
+    times a second, and what it raises ends all.
 
     Raises:
         ConfigurationError: a scheduler without the extra `forefeel[cluster]`.
         EndpointError: no dask scheduler at that address, or one without workers.
+        RunError: a worker has died.
     """
-    return _local(tasks, jobs) if scheduler is None else _on_cluster(tasks, scheduler)
+    if scheduler is None:
+        workers = _processes(max(1, min(jobs, len(tasks))))
+    else:
+        workers, tasks = _cluster(scheduler), [replace(task, file=task.file.resolve()) for task in tasks]
+    with workers as (executor, count):
+        waiting, running = iter(tasks), set[Future[Outcome]]()
+        try:
+            while True:
+                with _deaf_workers():
+                    wanted = islice(waiting, _AHEAD * count - len(running))
+                    running |= {executor.submit(attempt, task) for task in wanted}
+                if not running:
+                    return
+                done, running = wait(running, _LOOK_S, FIRST_COMPLETED)
+                check()
+                for future in done:
+                    yield future.result()
+        except BrokenExecutor as error:
+            raise RunError(
+                "a process of the diagnosis was killed; expected memory for each of --jobs"
+            ) from error
 
 
 def attempt(task: Task) -> Outcome:
@@ -56,56 +82,34 @@ def attempt(task: Task) -> Outcome:
 
 
 @contextmanager
-def _local(tasks: Sequence[Task], jobs: int) -> Iterator[Iterator[Outcome]]:
-    try:
-        with closing(_started(tasks, jobs)) as found:
-            yield found
-    except RuntimeError as error:
-        if _of_an_interrupt(error):
-            raise KeyboardInterrupt from error
-        raise
-    finally:
-        with suppress(RuntimeError):  # of an executor that was interrupted while it started
-            get_reusable_executor().shutdown()  # joblib would keep its workers for another five minutes
-
-
-def _of_an_interrupt(error: BaseException | None) -> bool:
-    """Whether an error came while an interrupt was on its way: joblib stumbles when it is starting."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__context__
-    return error is not None
-
-
-def _started(tasks: Sequence[Task], jobs: int) -> Generator[Outcome, None, None]:
-    parallel = joblib.Parallel(
-        n_jobs=max(1, min(jobs, len(tasks))), return_as="generator_unordered", batch_size=1
-    )
-    found: Generator[Outcome, None, None] | None = None
-    try:
-        with _interrupts_later():
-            found = parallel(joblib.delayed(attempt)(task) for task in tasks)
-        yield from found
-    finally:
-        if found is not None:  # closed here and now: left to itself it warns after the last word
-            with warnings.catch_warnings(action="ignore", category=UserWarning):
-                found.close()
+def _processes(count: int) -> Iterator[tuple[Executor, int]]:
+    """Processes that are spawned: a fork of a process with threads may hang. The body's end kills them."""
+    with _deaf_workers():  # with it begins the process that tracks its semaphores
+        context, parent = get_context("spawn"), (os.getpid(), signal.SIGKILL)
+        processes = ProcessPoolExecutor(count, context, die_with, parent)
+    with processes as executor:
+        try:
+            yield executor, count
+        finally:
+            executor.shutdown(wait=False, cancel_futures=True)
+            for child in active_children():
+                child.kill()
 
 
 @contextmanager
-def _interrupts_later() -> Iterator[None]:
-    """Workers that are started here inherit it and are ended by us alone: where a terminal interrupts them,
-    too, they say so, and the pool stumbles over what they say.
-    """
-    resource_tracker.ensure_running()  # before Python 3.13 its start unblocks SIGINT, whatever was before
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def _deaf_workers() -> Iterator[None]:
+    """What is started in the body inherits blocked signals: a terminal sends them to all, and we decide."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
+        resource_tracker.ensure_running()  # before Python 3.13 its start unblocks two of them
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
-def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[Iterator[Outcome]]:
+def _cluster(scheduler: str) -> Iterator[tuple[Executor, int]]:
     try:
         distributed = import_module("distributed")
     except ImportError as error:
@@ -116,11 +120,14 @@ def _on_cluster(tasks: Sequence[Task], scheduler: str) -> Iterator[Iterator[Outc
     except (OSError, ValueError) as error:
         raise EndpointError(f"--scheduler {scheduler}: what answers is no dask scheduler") from error
     with client:
-        if not client.ncores():
+        cores = sum(client.ncores().values())
+        if not cores:
             raise EndpointError(f"--scheduler {scheduler}: it has no workers; expected at least one")
-        absolute = [replace(task, file=task.file.resolve()) for task in tasks]
-        with joblib.parallel_config(backend="dask", client=client), _local(absolute, len(tasks)) as found:
-            yield found
+        executor = client.get_executor(pure=False)
+        try:
+            yield executor, cores
+        finally:
+            executor.shutdown(wait=False)
 
 
 def _prove_listening(scheduler: str) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forefeel.doctor.findings import Finding, Level
+from forefeel.parent import child_environment
 
 GROUP = "real time"
 SECONDS = 2.0
@@ -53,7 +54,15 @@ def measure_loop(priority: int, seconds: float) -> Loop:
         RuntimeError: the process failed.
     """
     command = [sys.executable, "-m", "forefeel.doctor.realtime_child", str(priority), str(seconds)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=seconds + 30, check=False)
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=seconds + 30,
+        check=False,
+        start_new_session=True,  # a terminal's Ctrl-C ends us, and so the child
+        env=child_environment(),
+    )
     if done.returncode != 0:
         raise RuntimeError(" ".join(done.stderr.split())[-200:] or f"exit code {done.returncode}")
     return Loop(**json.loads(done.stdout))

@@ -7,10 +7,12 @@ import time
 from common.clock import MonotonicClock
 from common.runtime.realtime import RealtimeThread, prepare_process
 from common.settings import TICK_NS
+from forefeel.parent import die_with_parent
 
 
 def main(priority: int, seconds: float) -> dict[str, object]:
     """Runs it."""
+    die_with_parent()
     memory = prepare_process()
     failures: list[BaseException] = []
     thread = RealtimeThread("doctor", TICK_NS, lambda _now_ns: None, MonotonicClock(), failures.append)

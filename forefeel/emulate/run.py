@@ -23,7 +23,7 @@ from forefeel.emulate.canopen_device import CanopenDevice
 from forefeel.emulate.orders import Load, Orders, OrdersFromStdin
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults, Timetable
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import Stop, heeded
 from forefeel.parent import die_with_parent
 from master.settings import CoilSettings, MasterSettings
 from slave.load_cells.settings import AsciiLineSettings, BotaSettings, Cia404Settings
@@ -66,7 +66,7 @@ class Wish:
 
 
 def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
-    """Runs until Ctrl-C, SIGTERM or the end of the duration; then says what befell the bytes.
+    """Runs until SIGINT, SIGTERM, SIGHUP or the end of the duration; then says what befell the bytes.
 
     Raises:
         InputError: an unknown device or fault, a file or a place for the port that can not be used.
@@ -76,19 +76,19 @@ def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
     die_with_parent()
     prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
     faults = Faults.parse(wish.faults)
-    with ExitStack() as leave:
+    with heeded() as stop, ExitStack() as leave:
         make = _serial if wish.device in _SERIAL else _hub if wish.device == "can_hub" else _node
         running = make(wish, faults, leave)
         orders = OrdersFromStdin(Orders(running.living.faults, running.living.provoke, running.load))
         prepare_process()  # nor for its own collector of garbage
-        with interruptible(), suppress(KeyboardInterrupt):
-            _run(running.living, orders, duration_s)
-        print(json.dumps({"device": wish.device, **running.counts()}))
+        _run(running.living, orders, duration_s, stop)
+        with suppress(OSError):  # of a terminal that is gone
+            print(json.dumps({"device": wish.device, **running.counts()}), flush=True)
 
 
-def _run(living: "Living", orders: OrdersFromStdin, duration_s: float | None) -> None:
+def _run(living: "Living", orders: OrdersFromStdin, duration_s: float | None, stop: Stop) -> None:
     end_s = None if duration_s is None else time.monotonic() + duration_s
-    while end_s is None or time.monotonic() < end_s:
+    while not stop.wanted() and (end_s is None or time.monotonic() < end_s):
         orders.step()
         living.step()
 

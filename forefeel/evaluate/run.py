@@ -17,8 +17,8 @@ from diagnosis.evaluation.results import to_json
 from forefeel.columns import Columns, mapping_of
 from forefeel.evaluate.page import render_page
 from forefeel.evaluate.table import in_words
-from forefeel.files import fresh_folder, write_whole
-from forefeel.interrupt import ends_in_order, postponed
+from forefeel.files import fresh_folder, write_all
+from forefeel.interrupt import ends_in_order
 from forefeel.terminal import answer, complain, progress, say
 
 _JSON, _PAGE = "evaluation.json", "evaluation.html"
@@ -57,12 +57,10 @@ def _run(wish: Wish, out: Path, overwrite: bool, written: list[str]) -> dict[str
         say(f"skipped: {reason}")
     evaluated = _evaluate(prepared, model)
     said = rules(link, model)
-    texts = to_json(link, said, evaluated, skipped), render_page(link, said, evaluated, skipped)
-    with postponed():
-        for name, text in zip((_JSON, _PAGE), texts, strict=True):
-            write_whole(folder / name, text)
-            written.append(name)
-    answer(*in_words(link, said, evaluated), f"{_PAGE}, {_JSON} in {folder}", document=lambda: texts[0])
+    document = to_json(link, said, evaluated, skipped)
+    page = render_page(link, said, evaluated, skipped)
+    write_all(folder, {_JSON: document, _PAGE: page}, written)
+    answer(*in_words(link, said, evaluated), f"{_PAGE}, {_JSON} in {folder}", document=lambda: document)
     return evaluated
 
 

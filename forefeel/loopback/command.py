@@ -9,7 +9,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 
 from common.errors import ConfigurationError
 from forefeel.files import fresh_folder
-from forefeel.interrupt import ends_in_order, postponed
+from forefeel.interrupt import ends_in_order, heeded
 from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
 from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import STATE, Plan, Wish, make_plan
@@ -101,15 +101,26 @@ def _run(
         run_real(plan, folder, show, watched=watched)
         written.append(_RECORDING)
     else:
-        loop = VirtualLoopback(plan, wish.seed)
+        _run_virtual(VirtualLoopback(plan, wish.seed), folder / _RECORDING, written, show)
+    show(plan.expected_s, "done")
+
+
+def _run_virtual(loop: VirtualLoopback, path: Path, written: list[str], show: Show) -> None:
+    with heeded() as stop:
         try:
-            loop.run(lambda done_s: show(done_s, "virtual time"))
+            with loop.recording(path) as write_on:
+
+                def look(done_s: float) -> None:
+                    show(done_s, "virtual time")
+                    write_on()
+                    stop.check()
+
+                loop.run(look)
         finally:
             if loop.payloads:
-                with postponed():
-                    loop.write(folder / _RECORDING)
-                    written.append(_RECORDING)
-    show(plan.expected_s, "done")
+                written.append(path.name)
+            else:
+                path.unlink(missing_ok=True)
 
 
 def _progress() -> Progress:

@@ -17,7 +17,7 @@ from common.errors import CodecError, InputError, RunError
 from common.messages import FOLLOWING
 from common.topics import COMMAND, SLAVE_STATE
 from common.transport.settings import TransportSettings
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import Stop, heeded
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
 from forefeel.loopback.watched import Watched
@@ -53,7 +53,7 @@ def run_real(
     """
     endpoints = [f"tcp/127.0.0.1:{port}" for port in _free_ports(2 if watched is None else 3)]
     plan = with_state(_with_endpoints(plan, *endpoints), out)
-    with interruptible() as ignore_signals:
+    with heeded() as stop:
         paths = plan.write(out)
         children = [
             _Child("slave", _daemon("slave", paths[0], None), out),
@@ -65,23 +65,22 @@ def run_real(
         try:
             for device in devices:
                 device.start()
-                device.await_word()
+                device.await_word(stop)
             for child in children:
                 child.start()
             if watched is not None:
                 watched.start(plan.slave["cell"], (endpoints[0], endpoints[2]), out)
-            _watch(children, recorder, plan, progress)
-        except KeyboardInterrupt:
-            raise InterruptedRunError(
-                "interrupted; both ends stopped in order and the recording is closed"
-            ) from None
+            _watch(children, recorder, plan, progress, stop)
         finally:
-            ignore_signals()
             if watched is not None:
-                watched.end()
+                watched.ask_to_end()
             for child in reversed([*devices, *children]):
                 child.end()
             recorder.close()
+            if watched is not None:
+                watched.end()
+        if stop.wanted():
+            raise InterruptedRunError("interrupted; both ends stopped in order and the recording is closed")
     for child in [*children, *devices]:
         child.check()
 
@@ -117,10 +116,12 @@ class _Child:
         """Whether the process lives."""
         return self._process is not None and self._process.poll() is None
 
-    def await_word(self) -> None:
-        """Until it has said a line: an emulated device can be opened then, and a start disturbs nobody."""
+    def await_word(self, stop: Stop) -> None:
+        """Until it has said a line: an emulated device can be opened then, and a start disturbs nobody. Or
+        until a signal came.
+        """
         end_s = time.monotonic() + _START_S
-        while not self._log.stat().st_size:
+        while not (self._log.stat().st_size or stop.wanted()):
             if not self.running or time.monotonic() > end_s:
                 self.end()
                 self.check()
@@ -151,12 +152,14 @@ class _Child:
         raise RunError(f"the {self.role} ended with code {code}: {last} (see {self._log})")
 
 
-def _watch(children: list[_Child], recorder: Recorder, plan: Plan, progress: Progress) -> None:
-    """Until the master ends by itself or anything fails."""
+def _watch(children: list[_Child], recorder: Recorder, plan: Plan, progress: Progress, stop: Stop) -> None:
+    """Until the master ends by itself, a signal came or anything fails."""
     slave, master = children
     start_s, ready_s = time.monotonic(), None
     key = f"forefeel/{plan.slave['cell']}/{AXIS}"
     while master.running and slave.running:
+        if stop.wanted():
+            return
         recorder.check()
         now_s = time.monotonic()
         state = _newest(recorder, f"{key}/{SLAVE_STATE.name}", SLAVE_STATE.message)

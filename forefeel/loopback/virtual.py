@@ -3,7 +3,8 @@ bit for bit repeatable.
 """
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 
@@ -70,11 +71,24 @@ class VirtualLoopback:
 
     def write(self, path: Path) -> None:
         """Writes the recording."""
+        with self.recording(path):
+            pass
+
+    @contextmanager
+    def recording(self, path: Path) -> Iterator[Callable[[], None]]:
+        """Gives what writes on, so that little is left for the end, for which an interrupted run waits."""
         with RunWriter(path) as writer:
             for name, table in self._plan.tables().items():
                 writer.add_metadata(name, table)
-            for key, payload, stamp_ns in self.payloads:
-                writer.write(key, payload, stamp_ns)
+
+            def write_on() -> None:
+                for key, payload, stamp_ns in self.payloads[writer.written + writer.malformed :]:
+                    writer.write(key, payload, stamp_ns)
+
+            try:
+                yield write_on
+            finally:
+                write_on()
 
     def _record(self, key: str, payload: bytes, receive_ns: int) -> None:
         parsed = parse_key(key)

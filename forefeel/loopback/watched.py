@@ -15,7 +15,7 @@ from forefeel.parent import child_environment
 
 PORT = 8600
 LOG = "dashboard.log"
-_END_S = 3.0
+_END_S = 0.5
 _BEHIND = ["nice", "-n", "19"]
 
 
@@ -58,12 +58,15 @@ class Watched:
         words = ["-m", "forefeel", "dashboard", "--cell", cell, "--port", str(port), *connect]
         return [*words, "--open"] if self._opens else words
 
+    def ask_to_end(self) -> None:
+        """It has until `end`."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+
     def end(self) -> None:
         """However it is; a dashboard that failed has said so in its log."""
         if self._process is None:
             return
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGTERM)
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
         if self._process.poll() is None:

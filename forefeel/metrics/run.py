@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from wsgiref.simple_server import WSGIServer
 
 from prometheus_client import CollectorRegistry, start_http_server
@@ -13,7 +14,7 @@ from common.clock import MonotonicClock
 from common.errors import EndpointError, RunError
 from common.transport.security import Party
 from common.transport.zenoh_bus import ZenohTransport
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import Stop, heeded
 from forefeel.metrics.cell import CellMetrics
 from forefeel.network_settings import ObserverSettings
 from forefeel.terminal import say
@@ -56,7 +57,7 @@ def serve(collector: Collector, address: str, port: int) -> tuple[WSGIServer, th
 def run_metrics(
     settings: ObserverSettings, address: str, port: int, duration_s: float | None, insecure: bool = False
 ) -> None:
-    """Serves until SIGINT, SIGTERM or the duration.
+    """Serves until SIGINT, SIGTERM, SIGHUP or the duration.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
@@ -68,27 +69,21 @@ def run_metrics(
     try:
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
-        try:
+        with heeded() as stop, closing(transport):
             transport.subscribe_all(f"forefeel/{settings.cell}", collector.hear)
             if transport.notice:
                 say(transport.notice)
             say(f"metrics of cell {settings.cell} at http://{address}:{port}/metrics; Ctrl-C ends")
-            _wait(failed, duration_s)
-        finally:
-            transport.close()
+            _wait(failed, duration_s, stop)
     finally:
         server.shutdown()
         thread.join()
         server.server_close()
 
 
-def _wait(failed: list[Exception], duration_s: float | None) -> None:
+def _wait(failed: list[Exception], duration_s: float | None, stop: Stop) -> None:
     start_s = time.monotonic()
-    with interruptible():
-        try:
-            while not failed and (duration_s is None or time.monotonic() - start_s < duration_s):
-                time.sleep(_POLL_S)
-        except KeyboardInterrupt:
-            return
+    while not (failed or stop.wanted()) and (duration_s is None or time.monotonic() - start_s < duration_s):
+        time.sleep(_POLL_S)
     if failed:
         raise RunError(f"metrics: the network failed: {type(failed[0]).__name__}: {failed[0]}") from failed[0]

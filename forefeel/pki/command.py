@@ -12,6 +12,7 @@ from rich.text import Text
 from common.clock import now_utc
 from common.errors import ConfigurationError
 from forefeel.files import results_folder, write_all
+from forefeel.interrupt import ends_in_order, heeded
 from forefeel.pki import folder as store
 from forefeel.pki.layout import (
     AUTHORITY_KEY,
@@ -34,7 +35,8 @@ def run_init(folder: Path, cells: Sequence[str], hosts: Sequence[str], days: int
     """
     names = checked_cells(cells)
     by_word = parse_hosts(hosts, members_of(names, apart=len(names) > 1))
-    members = store.make_folder(folder, names, by_word, days, now_utc())
+    with ends_in_order("pki init", folder):
+        members = store.make_folder(folder, names, by_word, days, now_utc())
     show(f"{folder}: an authority and {len(members)} certificates, valid for {days} days")
     _say_where(folder, members)
     show(f"keep {folder / AUTHORITY_KEY} off the hosts: it signs; forefeel pki renew and add need it")
@@ -48,7 +50,8 @@ def run_add(folder: Path, cell: str, hosts: Sequence[str], days: int) -> None:
     """
     (name,) = checked_cells([cell])
     by_word = parse_hosts(hosts, [each for each in members_of([name], apart=True) if each.part])
-    members = store.add_cell(folder, name, by_word, days, now_utc())
+    with ends_in_order("pki add", folder):
+        members = store.add_cell(folder, name, by_word, days, now_utc())
     show(
         f"{folder / name}: {len(members)} certificates, valid for {days} days; tell the router of cell {name}"
     )
@@ -75,7 +78,9 @@ def run_renew(folder: Path, who: Sequence[str], hosts: Sequence[str], days: int)
     """
     known = store.find_members(folder)
     members = chosen_members(who, known, "renew")
-    store.renew(folder, members, parse_hosts(hosts, members), days, now_utc())
+    with ends_in_order("pki renew", folder) as written, heeded():
+        store.renew(folder, members, parse_hosts(hosts, members), days, now_utc())
+        written.extend(str(each.certificate(folder).relative_to(folder)) for each in members)
     for member in members:
         show(f"{member.certificate(folder)}: renewed for {days} days; copy it to its host, the key stays")
     show("a daemon takes a new certificate at its next start")
@@ -91,7 +96,8 @@ def run_bundle(folder: Path, who: str, out: Path) -> None:
     if len(members) > 1:
         known = ", ".join(member.word for member in members)
         raise ConfigurationError(f"bundle: {who!r}: expected one of {known}")
-    files = store.bundle(folder, members[0], out)
+    with ends_in_order("pki bundle", out):
+        files = store.bundle(folder, members[0], out)
     show(f"{out}: {', '.join(files)}; copy the folder to the host and name it in transport.pki")
 
 
@@ -102,8 +108,11 @@ def run_rules(cells: Sequence[str], folder: Path, out: Path, overwrite: bool) ->
         ConfigurationError: a name can not be used, or there are such files. RunError: see `write_all`.
     """
     texts = zenoh_files(checked_cells(cells), folder)
-    with results_folder(out, tuple(texts), "earlier files", overwrite):
-        write_all(out, texts, [])
+    with (
+        ends_in_order("pki rules", out) as written,
+        results_folder(out, tuple(texts), "earlier files", overwrite),
+    ):
+        write_all(out, texts, written)
     show(f"{out}: {', '.join(texts)}")
 
 

@@ -2,10 +2,10 @@
 
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from cryptography import x509
@@ -15,6 +15,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from common.errors import ConfigurationError, RunError
 from common.transport.pki import AUTHORITY
 from common.transport.security import Party
+from forefeel.interrupt import at_last
 from forefeel.pki.authority import Authority, certificate_pem, hosts_of, key_pem, new_key
 from forefeel.pki.layout import AUTHORITY_KEY, Member, members_of, party_named
 
@@ -192,17 +193,15 @@ def _new_folder(folder: Path) -> Iterator[Path]:
     """
     if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
         raise ConfigurationError(f"{folder}: is there already; expected a new folder, nothing is overwritten")
-    part: Path | None = None
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
-        yield part  # mkdtemp makes it 0700
-        part.replace(folder)  # onto an empty folder, too
+        with at_last(partial(shutil.rmtree, part, ignore_errors=True)):
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            part.mkdir(mode=_FOLDER)
+            yield part
+            part.replace(folder)  # onto an empty folder, too
     except OSError as error:
         raise RunError(f"{folder}: {error.strerror or error}, nothing is written") from error
-    finally:
-        if part is not None:
-            shutil.rmtree(part, ignore_errors=True)
 
 
 def _write(path: Path, content: bytes, mode: int) -> None:
@@ -216,12 +215,11 @@ def _write(path: Path, content: bytes, mode: int) -> None:
 def _replace(path: Path, content: bytes) -> None:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        _write(part, content, _PUBLIC)
-        part.replace(path)
+        with at_last(partial(part.unlink, missing_ok=True)):
+            _write(part, content, _PUBLIC)
+            part.replace(path)
     except OSError as error:
         raise RunError(f"{path}: {error.strerror or error}, not renewed") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _read(path: Path) -> bytes:

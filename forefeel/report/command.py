@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from common.recording.mcap_reader import read_run
-from forefeel.files import fresh_folder
+from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.model import RunReport
-from forefeel.report.page import FILES, make_pages, write_pages
+from forefeel.report.page import FILES, make_pages
 from forefeel.report.text import ten_lines
 from forefeel.terminal import answer, stages
 
@@ -23,7 +23,6 @@ def run_report(recording: Path, out: Path, overwrite: bool) -> RunReport:
             tell("reading the recording")
             report, pages = make_pages(read_run(recording))
         folder = fresh_folder(out, FILES, "an earlier report", overwrite)
-        write_pages(pages, folder)
-        written.extend(FILES)
+        write_all(folder, pages, written)
     answer(*ten_lines(report, folder), document=report.to_json)
     return report

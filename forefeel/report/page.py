@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from common.recording.mcap_reader import Run, read_run
-from forefeel.files import write_whole
-from forefeel.interrupt import postponed
+from forefeel.files import write_all
 from forefeel.report.figures import axis_drawings, loop_drawings
 from forefeel.report.model import RunReport
 from forefeel.report.summary import last_timing, summarise
@@ -25,7 +24,7 @@ def write_report(run_path: Path, out_dir: Path) -> RunReport:
         RunError: the files can not be written.
     """
     report, pages = make_pages(read_run(run_path))
-    write_pages(pages, out_dir)
+    write_all(out_dir, pages, [])
     return report
 
 
@@ -38,13 +37,6 @@ def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:
     report = summarise(run)
     texts = report.to_json(), render_page(report, run)
     return report, dict(zip(FILES, texts, strict=True))
-
-
-def write_pages(pages: Mapping[str, str], out_dir: Path) -> None:
-    """Writes every text to its file. Raises RunError when one can not be written."""
-    with postponed():
-        for name, text in pages.items():
-            write_whole(out_dir / name, text)
 
 
 def render_page(report: RunReport, run: Run) -> str:

@@ -3,12 +3,15 @@
 import os
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
-from common.errors import ConfigurationError, RunError
+from common.errors import ConfigurationError
 from diagnosis.reproduction.assemble import assemble
 from diagnosis.reproduction.replay import Run
 from diagnosis.reproduction.results import Reproduction
+from forefeel.files import whole
+from forefeel.interrupt import ends_in_order, heeded
 from forefeel.reproduction.bench import INSTRUMENTS, STYLES, bench_run
 from forefeel.reproduction.draw import draw_all
 from forefeel.reproduction.page import render_page
@@ -36,10 +39,12 @@ def run_reproduction(
         RunError: the bench failed, or the files can not be written.
     """
     folders = folders_to_read(recordings)
-    _prepare(out, overwrite)
-    with stages("reproduce") as tell:
-        numbers, files = _worked_out(folders, seed, duration_s, tell)
-    _write(out, files)
+    with ends_in_order("reproduction", out) as written:
+        _prepare(out, overwrite)
+        with stages("reproduce") as tell:
+            numbers, files = _worked_out(folders, seed, duration_s, tell)
+        _write(out, files)
+        written.extend(files)
     answer(*short_table(numbers, out), document=numbers.to_json)
     return numbers
 
@@ -93,13 +98,6 @@ def _prepare(folder: Path, overwrite: bool) -> None:
 
 def _write(folder: Path, files: Mapping[str, bytes]) -> None:
     """All beside their places first, then into them: a reader sees the old file or the new one, whole."""
-    parts = {name: folder / f".{name}.{os.getpid()}.part" for name in files}
-    try:
-        for name, part in parts.items():
-            part.write_bytes(files[name])
-        for name, part in parts.items():
-            part.replace(folder / name)
-    except OSError as error:
-        for part in parts.values():
-            part.unlink(missing_ok=True)
-        raise RunError(f"{folder}: {error.strerror or error}, the result is not written") from error
+    with heeded(), ExitStack() as parts:
+        for name, content in files.items():
+            parts.enter_context(whole(folder / name, "the result")).write_bytes(content)

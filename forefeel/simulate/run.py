@@ -14,6 +14,7 @@ from common.model_file import load_model
 from common.recording.recording import Array
 from common.recording.tabular import load_recording
 from common.recording.units import Mapping
+from forefeel.interrupt import ends_in_order
 from forefeel.simulate.motion import Hand, Piece, Recorded, multisine, sine
 from forefeel.simulate.sensor import SensorWish, counted, encoded, noise
 from forefeel.simulate.world import integrate
@@ -51,7 +52,7 @@ def run_simulation(wish: Wish, out: Path, overwrite: bool) -> None:
 
     Raises:
         InputError: the wish can not be fulfilled; nothing was written.
-        RunError: the file can not be written.
+        RunError: interrupted, or the file can not be written.
     """
     _check(wish)
     check_target(out, overwrite)
@@ -62,9 +63,11 @@ def run_simulation(wish: Wish, out: Path, overwrite: bool) -> None:
         TextColumn("{task.completed:5.0f} / {task.total:.0f} s"),
         TimeRemainingColumn(),
     )
-    with bar:
-        columns = _simulated(model, wish, bar)
-    write_table(out, columns)
+    with ends_in_order("simulation", out.parent) as written:
+        with bar:
+            columns = _simulated(model, wish, bar)
+        write_table(out, columns)
+        written.append(out.name)
     force_n = columns["force_n"]
     show(
         f"{out}: {len(force_n)} samples over {np.ptp(columns['time_s']):g} s of {model.name!r}, "

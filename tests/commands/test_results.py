@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from common.errors import ConfigurationError
 from common.recording.mcap_reader import read_run
 from common.recording.mcap_writer import RunWriter
 from common.topics import FORCE
-from forefeel.files import fresh_folder, write_whole
+from forefeel.files import fresh_folder
 from tests.commands.command_line import contents
 from tests.simulation.pair import write_csv
 from tests.unit.recording_samples import force, put
@@ -61,54 +63,70 @@ def test_an_interrupted_run_in_virtual_time_leaves_what_was_recorded(
     assert recorded.count("insertion", FORCE) > 900
 
 
+CHILD = """
+import os, signal, sys
+from importlib import import_module
+from forefeel.__main__ import main
+where, number, *words = sys.argv[1:]
+module, _, name = where.rpartition(".")
+real = getattr(import_module(module), name)
+signal.signal(int(number), signal.SIG_DFL)
+def interrupted(*given):
+    os.kill(os.getpid(), int(number))
+    return real(*given)
+setattr(import_module(module), name, interrupted)
+sys.argv = ["forefeel", *words]
+main()
+"""
+
+
+def interrupted(where: str, number: signal.Signals, line: str) -> tuple[int, str]:
+    """Exit code and last line of a command of its own process, in which `where` is called after a signal."""
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, where, str(int(number)), *line.split()],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    return done.returncode, done.stderr.splitlines()[-1]
+
+
+def put_recordings(folder: Path) -> None:
+    time_s = np.arange(0, 10, 0.01)
+    write_csv(folder / "run.csv", "time_s,position_m,force_n", [time_s, np.sin(time_s), np.cos(time_s)])
+    with RunWriter(folder / "run.mcap") as writer:
+        put(writer, force(1))
+
+
 @pytest.mark.parametrize("made_before", [False, True])
 @pytest.mark.parametrize(
-    "interrupted",
+    ("line", "where", "what"),
     [
         ("loopback --virtual-time", "forefeel.loopback.command.VirtualLoopback", "loopback"),
         ("evaluate @/run.csv", "forefeel.evaluate.run._evaluate", "evaluation"),
-        ("report @/run.mcap", "forefeel.report.command.write_pages", "report"),
+        ("report @/run.mcap", "forefeel.report.command.write_all", "report"),
     ],
 )
 def test_what_is_interrupted_before_it_wrote_leaves_nothing_that_was_not_there(
-    run: Callable[[Sequence[str]], int],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    interrupted: tuple[str, str, str],
-    made_before: bool,
+    tmp_path: Path, line: str, where: str, what: str, made_before: bool
 ) -> None:
-    line, where, what = interrupted
-    monkeypatch.setattr(where, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
-    time_s = np.arange(0, 10, 0.01)
-    write_csv(tmp_path / "run.csv", "time_s,position_m,force_n", [time_s, np.sin(time_s), np.cos(time_s)])
-    with RunWriter(tmp_path / "run.mcap") as writer:
-        put(writer, force(1))
+    put_recordings(tmp_path)
     if made_before:
         (tmp_path / "out").mkdir()
     before = contents(tmp_path)
-    assert run(f"{line} --out @/out".replace("@", str(tmp_path)).split()) == 1
-    said = capsys.readouterr().err.splitlines()
-    assert said[-1] == f"forefeel: {what} interrupted; nothing was written"
+    words = f"{line} --out @/out".replace("@", str(tmp_path))
+    said = f"forefeel: {what} interrupted; nothing was written"
+    assert interrupted(where, signal.SIGTERM, words) == (1, said)
     assert contents(tmp_path) == before
 
 
-def test_a_signal_while_results_are_written_waits_until_they_are_whole(
-    run: Callable[[Sequence[str]], int],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
-    def write(path: Path, text: str) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
-        write_whole(path, text)
-
-    monkeypatch.setattr("forefeel.evaluate.run.write_whole", write)
-    time_s = np.arange(0, 10, 0.01)
-    write_csv(tmp_path / "run.csv", "time_s,position_m,force_n", [time_s, np.sin(time_s), np.cos(time_s)])
-    assert run(f"evaluate {tmp_path}/run.csv --out {tmp_path}/out".split()) == 1
-    assert capsys.readouterr().err.splitlines()[-1] == (
-        f"forefeel: evaluation interrupted; evaluation.json, evaluation.html in {tmp_path}/out"
+def test_a_signal_while_results_are_written_waits_until_they_are_whole(tmp_path: Path) -> None:
+    put_recordings(tmp_path)
+    words = f"evaluate {tmp_path}/run.csv --out {tmp_path}/out"
+    assert interrupted("forefeel.files.write_whole", signal.SIGHUP, words) == (
+        1,
+        f"forefeel: evaluation interrupted; evaluation.json, evaluation.html in {tmp_path}/out",
     )
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"evaluation.json", "evaluation.html"}
 

@@ -7,8 +7,9 @@ when the diagnosis misses a rate that is demanded.
 import argparse
 import sys
 from collections.abc import Sequence
-
-from joblib import Parallel, delayed
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
 
 from tests.hidden_effects.cases import Case, full, quick
 from tests.hidden_effects.columns import KNOWN
@@ -43,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(cases: Sequence[Case], method: Method, jobs: int) -> list[Outcome]:
-    return list(Parallel(n_jobs=jobs, verbose=0)(delayed(scored)(case, method) for case in cases))
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as workers:
+        return list(workers.map(partial(scored, method=method), cases))
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -10,12 +10,12 @@ of a session.
 import os
 import sys
 import time
-from contextlib import suppress
+from contextlib import closing
 from pathlib import Path
 
 from common.transport.security import Party
 from common.transport.settings import TransportSettings
-from forefeel.interrupt import interruptible
+from forefeel.interrupt import heeded
 from forefeel.recorder import Recorder
 
 _POLL_S = 0.1
@@ -43,15 +43,10 @@ def main() -> None:
     tables = {"run": {"cell": cell}}
     recorder = Recorder(Path(out), cell, onlooker(*way), tables, Party("recorder", (cell,)))
     print("recording", flush=True)
-    with interruptible() as ignore_signals:
-        try:
-            with suppress(KeyboardInterrupt):
-                while True:
-                    recorder.check()
-                    time.sleep(_POLL_S)
-        finally:
-            ignore_signals()
-            recorder.close()
+    with heeded() as stop, closing(recorder):
+        while not stop.wanted():
+            recorder.check()
+            time.sleep(_POLL_S)
 
 
 if __name__ == "__main__":
