@@ -20,7 +20,8 @@ from common.topics import BY_NAME, Topic
 from common.transport.settings import TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
 from tests.dashboard.said import CELL, MS, Spoken, talk
-from tests.live_cell import Process, free_port, wait_until
+from tests.live_cell import Process, free_port
+from tests.waiting import wait_until
 
 CHROMIUM = Path("/usr/bin/chromium")
 LINK = re.compile(r" at (http://\S+); Ctrl-C")

@@ -12,7 +12,8 @@ import pytest
 pytest.importorskip("nicegui")
 
 from tests.dashboard.test_replay import write
-from tests.live_cell import Process, free_port, wait_until
+from tests.live_cell import Process, free_port
+from tests.waiting import wait_until
 
 LIVE, SOCKET_IO = "/conversation", "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 HANDSHAKE = {

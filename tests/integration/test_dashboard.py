@@ -21,7 +21,8 @@ from forefeel.loopback.watched import Watched
 from tests.dashboard.browser import Served, Shown, Speaker, browser
 from tests.dashboard.said import CELL, HOSTILE, safety
 from tests.dashboard.test_replay import write
-from tests.live_cell import Process, free_port, wait_until
+from tests.live_cell import Process, free_port
+from tests.waiting import wait_until
 
 HOSTILE_AXIS = "<i>axis"
 LEAST_HZ = 15.0

@@ -17,8 +17,8 @@ from common.transport.parallel import ParallelTransport
 from common.transport.port import Put
 from common.transport.security import Party, PartyRole
 from common.transport.settings import TransportSettings
-from tests.integration.test_zenoh_bus import wait_until
 from tests.secured import CELL, Secured, free_endpoint, make_pki, sessions
+from tests.waiting import PATIENCE_S, wait_until
 
 CONNECTIONS = 3
 COMMANDED, FORCED, STOPPED, SAFETY = (
@@ -71,7 +71,7 @@ def heard_by(subscribe: Callable[[str, Callable[[bytes, int], None]], None], key
 
 def arrive_once(put: Put, *heard: list[bytes], count: int = 60) -> None:
     """Sends that many until all of them arrive, once each: streams may drop, and routes take a moment."""
-    deadline_s = time.monotonic() + 10.0
+    deadline_s = time.monotonic() + PATIENCE_S
     while True:
         for each in heard:
             each.clear()
