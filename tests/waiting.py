@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 """Bounds a hang, and says nothing of how fast anything has to be."""
 
 

@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -35,6 +35,7 @@ from tests.witness import Witness
 HEARTBEAT_S = 0.05  # of the host, as it is set there
 MAX_VELOCITY_M_S, QUICK_STOP_M_S2 = 0.2, 20.0
 STALL_S = 0.05  # of a busy machine
+CALM_S = 1.0  # a silence that it does not reach
 
 
 class Seen(NamedTuple):
@@ -144,15 +145,23 @@ def test_bad_lines_are_counted_and_the_others_arrive(tmp_path: Path, faults: str
     assert lost >= counts["to_host_dropped"]
 
 
-def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path) -> None:
+def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # a busy machine is silent for longer than a drive may be
+    monkeypatch.setattr("slave.stages.drive_cycle.SILENT_S", CALM_S)
+    monkeypatch.setattr("slave.load_cells.cia404._SILENT_S", CALM_S)
     links = [tmp_path / name for name in ("host", "drive", "cell")]
     buses = [CanSettings(interface="slcan", channel=str(link)) for link in links]
     hub = CanHub(links)
     with running(hub):
         drive, transducer = drive_on(open_bus(buses[1])), cell_on(open_bus(buses[2]))
-        stage, cell = Cia402Stage(stage_settings(buses[0])), Cia404LoadCell(cell_settings(buses[0]))
+        stage, cell = (
+            Cia402Stage(stage_settings(buses[0], heartbeat_s=CALM_S / 3)),
+            Cia404LoadCell(cell_settings(buses[0])),
+        )
         links_of = (stage.link, cell.link)
-        with running(drive, transducer):
+        with running(drive, transducer), ExitStack() as left:  # no thread of theirs meets the next test
+            left.callback(cell.close)
+            left.callback(stage.close)
             stage.open()
             cell.open()
             hub.provoke("unplug")
@@ -168,8 +177,6 @@ def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path) -> None:
             wait_until(lambda: drive.model.state is DriveState.ENABLED)
             wait_until(lambda: len(cell.read(time.monotonic_ns(), None)) > 0)
             assert drive.model.position_m == pytest.approx(START_M, abs=1e-5)
-            stage.close()
-            cell.close()
         drive.close()
         transducer.close()
     hub.close()

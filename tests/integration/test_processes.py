@@ -171,16 +171,17 @@ class Cell:
 
 @pytest.fixture
 def cell(tmp_path: Path) -> Iterator[Cell]:
-    cell = Cell(tmp_path)
+    before, cell = children(os.getpid()), Cell(tmp_path)
     yield cell
     cell.close()
     assert cell.faults == []
-    assert children(os.getpid()) == []
+    assert set(children(os.getpid())) <= set(before)
 
 
 def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(
     tmp_path: Path, witness_of_daemons: Witness
 ) -> None:
+    before = children(os.getpid())
     shown: list[tuple[float, str]] = []
     run_real(
         make_plan(Wish(seed=1, impairment="paper", duration_s=4.0)),
@@ -192,11 +193,11 @@ def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(
     assert run.metadata["run"]["impairment"] == "paper"
     rare = {"any/estop", "slave/limit", "slave/calibration"}
     counts = {topic.name: run.count("insertion", topic) for topic in RECORDED}
-    assert [name for name, count in counts.items() if not count and name not in rare] == []
     events = list(run.messages("insertion", SAFETY_EVENT))
     check_stops(events)
     with witness_of_daemons.timely(WATCHDOG_S):
         check_pace(run)
+        assert [name for name, count in counts.items() if not count and name not in rare] == []
         names = [event.event for event in events]
         assert names == ["session_opened", "engage", "engaged", "release", "at_rest"]
     for trace in (MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT):
@@ -206,7 +207,7 @@ def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(
         assert sum(not delays_ns for delays_ns in planned) / len(planned) == pytest.approx(0.01, abs=0.01)
     assert {"starting", "armed"} <= {what for _, what in shown}
     assert max(done_s for done_s, _ in shown) == pytest.approx(4.0, abs=1.0)
-    assert children(os.getpid()) == []
+    assert set(children(os.getpid())) <= set(before)
 
 
 def check_pace(run: Run) -> None:
@@ -241,11 +242,11 @@ def test_the_slave_stops_when_the_master_is_killed_and_a_new_one_takes_over(
     cell.heard.clear()
     master.send(signal.SIGKILL)
     killed_ns = time.monotonic_ns()
-    wait_until(lambda: "session_lost" in cell.events())
-    events = cell.messages(SAFETY_EVENT)
-    check_stops(events)
-    assert (events[-1].event, events[-1].after) == ("session_lost", "idle")
+    wait_until(lambda: {m.state for m in cell.messages(SLAVE_STATE)[-1:]} == {"idle"})
+    check_stops(cell.messages(SAFETY_EVENT))
     with witness_of_daemons.timely(WATCHDOG_S):
+        wait_until(lambda: "session_lost" in cell.events(), 5.0)
+        events = cell.messages(SAFETY_EVENT)
         assert [event.event for event in events] == ["watchdog", "at_rest", "session_lost"]
         stopped, rested, _ = events
         assert stopped.before == "armed"
@@ -298,7 +299,7 @@ def test_a_slave_that_ends_while_armed_comes_to_rest_first(cell: Cell, witness_o
     cell.heard.clear()
     assert slave.end(signal.SIGTERM) == (0, "slave: stage at rest, closed")
     with witness_of_daemons.timely(WATCHDOG_S):
-        wait_until(lambda: "at_rest" in cell.events())
+        wait_until(lambda: "at_rest" in cell.events(), 5.0)
         assert cell.events()[:2] == ["shutdown", "at_rest"]
     check_stops(cell.messages(SAFETY_EVENT))
     assert master.process.poll() is None

@@ -104,17 +104,20 @@ def test_the_run_says_what_was_not_judged_and_fails_when_it_is_much(
     )
 
 
-def event(before: str, name: str, after: str, reason: str = "why") -> SafetyEvent:
+def event(before: str, name: str, after: str, reason: str = "why", sequence: int = 2) -> SafetyEvent:
     return SafetyEvent.model_validate(
-        {**header(1), "before": before, "event": name, "after": after, "reason": reason}
+        {**header(sequence), "before": before, "event": name, "after": after, "reason": reason}
     )
 
 
-STOP = event("armed", "watchdog", "stopping")
+STOP = event("armed", "watchdog", "stopping", sequence=1)
 REST = event("stopping", "at_rest", "ready")
+AGAIN = event("engaging", "engaged", "armed", sequence=4)
 
 
-@pytest.mark.parametrize("events", [[], [STOP], [STOP, REST], [STOP, event("stopping", "estop", "estopped")]])
+@pytest.mark.parametrize(
+    "events", [[], [STOP], [STOP, REST], [STOP, event("stopping", "estop", "estopped")], [STOP, AGAIN]]
+)
 def test_an_orderly_stop_says_why_and_ends_at_rest(events: list[SafetyEvent]) -> None:
     check_stops(events)
 
