@@ -22,6 +22,7 @@ from common.transport.security import Party
 from common.transport.settings import TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
+from tests.waiting import wait_until
 
 ROOT = Path(__file__).parents[1]
 CELL, AXIS = "cell", "insertion"
@@ -33,15 +34,6 @@ def free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port: int = probe.getsockname()[1]
         return port
-
-
-def wait_until(condition: Callable[[], object], timeout_s: float, what: str) -> float:
-    """How long it took, in s; AssertionError when it does not come."""
-    start_s = time.monotonic()
-    while not condition():
-        assert time.monotonic() - start_s < timeout_s, f"not within {timeout_s:g} s: {what}"
-        time.sleep(0.01)
-    return time.monotonic() - start_s
 
 
 class Process:

@@ -24,8 +24,9 @@ EPILOG = (
 )
 VIEW_EPILOG = "Example: forefeel view out/demo/recording.mcap --open"
 _PACKAGES = ("nicegui", "fastapi", "uvicorn")
+_ADDRESS = "Where the page is served; beyond this host it asks for the token of the link that is shown."
 
-Address = Annotated[str, typer.Option("--address", help="Where the page is served.")]
+Address = Annotated[str, typer.Option("--address", help=_ADDRESS)]
 Port = Annotated[int, typer.Option("--port", min=0, max=65535, help="Where the page is served; 0: any.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 

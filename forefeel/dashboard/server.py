@@ -18,6 +18,7 @@ from common.clock import MonotonicClock
 from common.errors import RunError
 from common.transport.security import Party
 from common.transport.zenoh_bus import ZenohTransport
+from forefeel.dashboard.admission import guard
 from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.page import build, serve_files
@@ -26,7 +27,7 @@ from forefeel.interrupt import Stop, heeded
 from forefeel.listening import listening_at
 from forefeel.network_settings import ObserverSettings
 from forefeel.parent import die_with_parent
-from forefeel.terminal import say
+from forefeel.terminal import ask, say
 
 _POLL_S = 0.2
 _NICE = 10
@@ -64,7 +65,7 @@ def run_dashboard(
                 say(transport.notice)
             diagnosing = Diagnosing(live.look)
             live.findings = diagnosing.findings
-            page = Page(listening, live, f"cell {settings.cell}", failed)
+            page = Page(listening, live, f"cell {settings.cell}", failed, address)
             page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed, stop)])
 
 
@@ -78,7 +79,8 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
     recorded = Recorded(file)
     _step_back()
     with heeded() as stop, listening_at(address, port) as listening:
-        Page(listening, recorded, str(file), []).serve(opens, [lambda: _until(duration_s, [], stop)])
+        page = Page(listening, recorded, str(file), [], address)
+        page.serve(opens, [lambda: _until(duration_s, [], stop)])
 
 
 def _step_back() -> None:
@@ -99,9 +101,17 @@ class Page:
     Args:
         what: it shows, in words.
         failed: what has failed; the page does not go on without it.
+        address: where it was asked to listen, maybe a name.
     """
 
-    def __init__(self, listening: socket.socket, source: Source, what: str, failed: list[Exception]) -> None:
+    def __init__(
+        self,
+        listening: socket.socket,
+        source: Source,
+        what: str,
+        failed: list[Exception],
+        address: str = "127.0.0.1",
+    ) -> None:
         self._listening, self._what, self._failed = listening, what, failed
         self._app = FastAPI(lifespan=self._lifespan, docs_url=None, redoc_url=None, openapi_url=None)
         self._app.add_api_websocket_route(PATH, Conversations(source).serve)
@@ -111,6 +121,7 @@ class Page:
         )
         self._server = _Server(config)
         _dress(self._app)
+        self._link = guard(self._app, listening, address)
 
     def serve(self, opens: bool, background: list[Background]) -> None:
         """Until any of `background` ends.
@@ -119,11 +130,10 @@ class Page:
             RunError: one of them failed.
         """
         self._background = background
-        address, port = self._listening.getsockname()[:2]
-        url = f"http://{f'[{address}]' if ':' in address else address}:{port}/"
-        say(f"dashboard of {self._what} at {url}; Ctrl-C ends")
+        tell = ask if self._link.secret else say  # without the link nobody could see the page
+        tell(f"dashboard of {self._what} at {self._link.url}; Ctrl-C ends")
         if opens:
-            webbrowser.open(url)
+            webbrowser.open(self._link.url)
         self._server.run(sockets=[self._listening])
         if self._failed:
             error = self._failed[0]

@@ -12,7 +12,8 @@ from typing import Any
 import zenoh
 
 from tests.attacks.stranger import stranger
-from tests.live_cell import ROOT, wait_until
+from tests.live_cell import ROOT
+from tests.waiting import wait_until
 
 _BATCH_S = 0.001
 

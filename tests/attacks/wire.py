@@ -31,7 +31,8 @@ from tests.attacks.flood import flood
 from tests.attacks.outcome import Expected, Outcome
 from tests.attacks.stranger import CONNECTED, HEARING, PAPERS, Stranger, identity, stranger
 from tests.attacks.virtual import garbage
-from tests.live_cell import AXIS, CELL, LiveCell, Process, wait_until
+from tests.live_cell import AXIS, CELL, LiveCell, Process
+from tests.waiting import wait_until
 
 _OURS = ("refused_", "malformed_", "handshakes_", "heartbeats_", "sessions_")
 _SETTLE_S = 0.3

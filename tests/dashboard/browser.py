@@ -1,6 +1,7 @@
 """A browser, a process that serves the page, and a cell that speaks over real Zenoh."""
 
 import os
+import re
 import signal
 import threading
 import time
@@ -19,9 +20,11 @@ from common.topics import BY_NAME, Topic
 from common.transport.settings import TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
 from tests.dashboard.said import CELL, MS, Spoken, talk
-from tests.live_cell import Process, free_port, wait_until
+from tests.live_cell import Process, free_port
+from tests.waiting import wait_until
 
 CHROMIUM = Path("/usr/bin/chromium")
+LINK = re.compile(r" at (http://\S+); Ctrl-C")
 _TICKS_AT_ONCE = 5
 _FEW_FRAMES_MS = 200
 
@@ -97,9 +100,9 @@ class Served:
 
     def __init__(self, folder: Path, *words: str, port: int | None = None) -> None:
         self.port = port or free_port()
-        self.url = f"http://127.0.0.1:{self.port}/"
         self.process = Process(f"served-{self.port}", folder, *words, "--port", str(self.port))
-        wait_until(lambda: self.url in self.process.log.read_text(), 30.0, self.process.log.read_text())
+        wait_until(lambda: LINK.search(self.process.log.read_text()), 30.0, "the link of the page")
+        self.url = LINK.findall(self.process.log.read_text())[0]
 
     def __enter__(self) -> "Served":
         return self

@@ -1,7 +1,6 @@
 """Emulated CAN devices in threads of this process, and settings of drivers that reach them."""
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -117,13 +116,3 @@ def running(*living: Steps) -> Iterator[None]:
             thread.join(5.0)
     if broken:
         raise broken[0]
-
-
-def wait_until(so: Callable[[], bool], timeout_s: float = 5.0) -> bool:
-    """Whether it came to be so in time."""
-    end_s = time.monotonic() + timeout_s
-    while not so():
-        if time.monotonic() > end_s:
-            return False
-        time.sleep(0.002)
-    return True

@@ -9,6 +9,7 @@ from types import TracebackType
 from forefeel.emulate.device import EmulatedDevice
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults
+from tests.waiting import PATIENCE_S
 
 
 class PtyThread:
@@ -29,7 +30,7 @@ class PtyThread:
         """Between two rounds of the device."""
         done = threading.Event()
         self._actions.put((action, done))
-        assert done.wait(5.0)
+        assert done.wait(PATIENCE_S)
 
     def __enter__(self) -> "PtyThread":
         self._thread.start()

@@ -21,6 +21,7 @@ from slave.load_cells.ascii_line import AsciiLineLoadCell
 from slave.load_cells.bota_serial import BotaSerialLoadCell
 from slave.load_cells.port import LoadCell, LoadCellReading
 from slave.load_cells.settings import AsciiLineSettings, BotaSettings
+from tests.waiting import wait_until
 
 RATE_HZ = 40.0  # slow enough for a busy machine: silence begins after 125 ms
 
@@ -41,18 +42,11 @@ def served(device: EmulatedDevice, port: Path, baud: int) -> Iterator[Callable[[
     thread = threading.Thread(target=live)
     thread.start()
     try:
-        until(port.exists)
+        wait_until(port.exists)
         yield lambda plugged: wanted.set() if plugged else wanted.clear()
     finally:
         ended.set()
         thread.join()
-
-
-def until(true: Callable[[], object]) -> None:
-    end_s = time.monotonic() + 20.0
-    while not true():
-        assert time.monotonic() < end_s
-        time.sleep(0.005)
 
 
 def readings(driver: LoadCell, count: int) -> list[LoadCellReading]:
@@ -62,7 +56,7 @@ def readings(driver: LoadCell, count: int) -> list[LoadCellReading]:
         got.extend(driver.read(0, None))
         return len(got) >= count
 
-    until(enough)
+    wait_until(enough)
     return got
 
 
@@ -82,11 +76,11 @@ def test_a_bota_cell_is_pulled_out_and_put_back(tmp_path: Path) -> None:
                 assert reading.stamp_ns is not None
                 assert reading.stamp_ns <= time.monotonic_ns()
             plug(False)
-            until(lambda: driver.link.inhibited)
+            wait_until(lambda: driver.link.inhibited)
             with pytest.raises(DeviceError):
                 driver.read(0, None)
             plug(True)
-            until(lambda: driver.link.state is LinkState.CONFIGURED)
+            wait_until(lambda: driver.link.state is LinkState.CONFIGURED)
             with pytest.raises(DeviceError):
                 driver.read(0, None)
             driver.rearm()

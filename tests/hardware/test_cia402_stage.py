@@ -25,8 +25,8 @@ from tests.hardware.can_rig import (
     running,
     stage_settings,
     virtual_bus,
-    wait_until,
 )
+from tests.waiting import wait_until
 
 
 class Rig:
@@ -55,7 +55,7 @@ class Rig:
 
     def faulted(self, by: str) -> str:
         self.drive.provoke(by)
-        assert wait_until(lambda: self.stage.link.inhibited is not None)
+        wait_until(lambda: self.stage.link.inhibited is not None)
         return str(self.stage.link.inhibited)
 
 
@@ -102,9 +102,9 @@ def test_it_follows_within_travel_and_velocity_and_stops_at_the_end() -> None:
         reading = r.stage.read(now_ns)
         assert reading.position_m == pytest.approx(r.position_m, abs=0.004)
         r.stage.hold(now_ns)
-        assert wait_until(lambda: abs(r.drive.model.velocity_m_s) < 1e-5)
+        wait_until(lambda: abs(r.drive.model.velocity_m_s) < 1e-5)
         r.stage.close()
-        assert wait_until(lambda: r.drive.model.state is DriveState.QUICK_STOP)
+        wait_until(lambda: r.drive.model.state is DriveState.QUICK_STOP)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_no_motion_after_a_fault_until_rearmed(fault: str, says: str) -> None:
         r.drive.provoke(fault)
         with pytest.raises(DeviceError, match=says):
             r.go(0.12, 2.0)
-        assert wait_until(lambda: r.stage.link.state is LinkState.CONFIGURED)
+        wait_until(lambda: r.stage.link.state is LinkState.CONFIGURED)
         r.drive.provoke("free")
         assert r.stage.link.counters["faults"] >= 1
         assert fault != "drive_fault" or r.stage.link.counters["emergencies"] >= 1
@@ -133,7 +133,7 @@ def test_no_motion_after_a_fault_until_rearmed(fault: str, says: str) -> None:
         assert set(r.words[words:]) == {cia402.QUICK_STOP}
         assert r.position_m == there_m
         r.stage.rearm()
-        assert wait_until(lambda: r.drive.model.state is DriveState.ENABLED)
+        wait_until(lambda: r.drive.model.state is DriveState.ENABLED)
         time.sleep(0.1)
         assert r.position_m == pytest.approx(there_m, abs=1e-5)
         r.go(there_m + 0.002, 0.3)
@@ -146,22 +146,22 @@ def test_a_cut_bus_stops_the_drive_by_itself_and_the_host_notices() -> None:
         assert "no TPDO" in r.faulted("unplug")
         with pytest.raises(DeviceError, match=r"link is closed|no TPDO"):
             r.stage.rearm()
-        assert wait_until(lambda: r.drive.model.state is DriveState.QUICK_STOP)
-        assert wait_until(lambda: r.drive.model.velocity_m_s == 0.0)
+        wait_until(lambda: r.drive.model.state is DriveState.QUICK_STOP)
+        wait_until(lambda: r.drive.model.velocity_m_s == 0.0)
         r.drive.provoke("plug")
-        assert wait_until(lambda: r.stage.link.state is LinkState.CONFIGURED)
+        wait_until(lambda: r.stage.link.state is LinkState.CONFIGURED)
         r.stage.rearm()
-        assert wait_until(lambda: r.drive.model.state is DriveState.ENABLED)
+        wait_until(lambda: r.drive.model.state is DriveState.ENABLED)
         assert cia402.FAULT_RESET not in r.words
 
 
 def test_a_drive_that_stays_faulty_is_a_new_fault() -> None:
     with rig() as r:
         r.faulted("drive_fault")
-        assert wait_until(lambda: r.stage.link.state is LinkState.CONFIGURED)
+        wait_until(lambda: r.stage.link.state is LinkState.CONFIGURED)
         r.drive.model.fail(0x5400, broken=True)
         r.stage.rearm()
-        assert wait_until(lambda: r.stage.link.inhibited is not None)
+        wait_until(lambda: r.stage.link.inhibited is not None)
         assert "stays in 'fault'" in str(r.stage.link.inhibited)
 
 

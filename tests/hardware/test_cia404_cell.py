@@ -23,8 +23,8 @@ from tests.hardware.can_rig import (
     running,
     stage_settings,
     virtual_bus,
-    wait_until,
 )
+from tests.waiting import wait_until
 
 
 @contextmanager
@@ -49,7 +49,7 @@ def some(driver: Cia404LoadCell, count: int = 5) -> list[LoadCellReading]:
         found.extend(driver.read(time.monotonic_ns(), None))
         return len(found) >= count
 
-    assert wait_until(enough)
+    wait_until(enough)
     return found
 
 
@@ -68,11 +68,11 @@ def test_every_reading_once_with_its_stamp() -> None:
 def test_overrange_is_not_believed_but_says_how_much() -> None:
     with rig() as (cell, driver):
         cell.provoke("overrange")
-        assert wait_until(lambda: any(not r.valid and r.force_n == 10.0 for r in driver.read(0, None)))
+        wait_until(lambda: any(not r.valid and r.force_n == 10.0 for r in driver.read(0, None)))
         counters = driver.link.counters
         assert counters["not_valid"] == counters["overrange"] == counters["beyond_full_scale"] > 0
         cell.provoke("free")
-        assert wait_until(lambda: any(r.valid for r in driver.read(0, None)))
+        wait_until(lambda: any(r.valid for r in driver.read(0, None)))
         assert driver.link.inhibited is None
 
 
@@ -85,12 +85,12 @@ def test_silence_is_a_fault_until_rearmed() -> None:
     with rig() as (cell, driver):
         some(driver, 2)
         cell.provoke("unplug")
-        assert wait_until(lambda: driver.link.inhibited is not None)
+        wait_until(lambda: driver.link.inhibited is not None)
         with pytest.raises(DeviceError, match="no TPDO"):
             driver.read(0, None)
         assert driver.link.counters["faults"] >= 1 and driver.link.counters["silent_periods"] >= 10
         cell.provoke("plug")
-        assert wait_until(lambda: driver.link.state is LinkState.CONFIGURED)
+        wait_until(lambda: driver.link.state is LinkState.CONFIGURED)
         with pytest.raises(DeviceError, match="no TPDO"):
             driver.read(0, None)
         driver.rearm()
@@ -159,10 +159,10 @@ def test_stage_and_cell_share_one_network_and_one_sync() -> None:
         rate_hz = (drive._syncs - syncs) / (time.monotonic() - start_s)
         assert rate_hz < 75  # one producer of 50 Hz, not two
         drive.provoke("drive_fault")
-        assert wait_until(lambda: stage.link.inhibited is not None)
+        wait_until(lambda: stage.link.inhibited is not None)
         some(driver, 20)  # the cell goes on without the stage's SYNC
         assert driver.link.inhibited is None
-        assert wait_until(lambda: stage.link.state is LinkState.CONFIGURED)
+        wait_until(lambda: stage.link.state is LinkState.CONFIGURED)
         stage.rearm()
         some(driver, 20)
         assert stage.link.state is LinkState.READY

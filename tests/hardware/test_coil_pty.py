@@ -17,10 +17,10 @@ from forefeel.emulate.wire import Faults
 from master.daemon import make_handle
 from master.handles.coil_serial import CoilHandle
 from tests.hardware.coil_rig import Hand, coil_settings
+from tests.waiting import wait_until
 
-_PATIENCE_S = 5.0
-CALM = 0.1
-"""A watchdog in s that a machine in use for other things does not trip by itself."""
+CALM_S = 2.0
+"""A watchdog that a busy machine does not trip by itself: longer than settings and a real device allow."""
 
 
 class Emulated:
@@ -57,19 +57,13 @@ def served(link: Path, hardware: CoilHardware | None = None) -> Iterator[Emulate
 
 @contextmanager
 def opened(link: Path) -> Iterator[CoilHandle]:
-    handle = CoilHandle(coil_settings(port=str(link), watchdog_s=CALM))
+    calm = coil_settings(port=str(link)).model_copy(update={"watchdog_s": CALM_S})
+    handle = CoilHandle(calm)
     handle.open()
     try:
         yield handle
     finally:
         handle.close()
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + _PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.002)
 
 
 def tick(handle: CoilHandle, force_n: float) -> bool:
@@ -82,31 +76,31 @@ def tick(handle: CoilHandle, force_n: float) -> bool:
     return True
 
 
-@pytest.mark.flaky(reruns=2)  # a machine that stands still for longer than the watchdog's time is a fault
 def test_it_opens_reads_and_renders_and_after_unplugging_waits_for_the_deadman(tmp_path: Path) -> None:
-    with served(tmp_path / "handle") as emulated, opened(tmp_path / "handle") as handle:
+    calm = CoilHardware(longest_watchdog_ms=round(1e3 * CALM_S))
+    with served(tmp_path / "handle", calm) as emulated, opened(tmp_path / "handle") as handle:
         assert handle.link.identity == "forefeel-coil emulated, firmware 1.0"
         emulated.hand.position_m, emulated.hand.pressed = 0.012, True
-        until(lambda: handle.read(time.monotonic_ns()).deadman)
+        wait_until(lambda: handle.read(time.monotonic_ns()).deadman)
         assert handle.read(time.monotonic_ns()).position_m == pytest.approx(0.012, abs=2e-6)
-        until(lambda: tick(handle, 3.0) and emulated.device.current_a == 1.5)
+        wait_until(lambda: tick(handle, 3.0) and emulated.device.current_a == 1.5)
         emulated.todo = emulated.pty.unplug
-        until(lambda: not tick(handle, 3.0))
-        until(lambda: emulated.device.current_a == 0.0)
+        wait_until(lambda: not tick(handle, 3.0))
+        wait_until(lambda: emulated.device.current_a == 0.0)
         emulated.todo = emulated.pty.plug
-        until(lambda: handle.link.state is LinkState.CONFIGURED)
+        wait_until(lambda: handle.link.state is LinkState.CONFIGURED)
         assert not tick(handle, 3.0)
         emulated.hand.pressed = False
         time.sleep(0.02)
         assert not handle.pressed_anew
         emulated.hand.pressed = True
-        until(lambda: handle.pressed_anew)
+        wait_until(lambda: handle.pressed_anew)
         assert emulated.device.current_a == 0.0
         handle.rearm()
-        until(lambda: tick(handle, 3.0) and emulated.device.current_a == 1.5)
+        wait_until(lambda: tick(handle, 3.0) and emulated.device.current_a == 1.5)
         handle.close()
         handle.close()
-        until(lambda: emulated.device.current_a == 0.0)
+        wait_until(lambda: emulated.device.current_a == 0.0)
         assert handle.link.state is LinkState.CLOSED
 
 

@@ -19,8 +19,8 @@ from tests.hardware.can_rig import (
     new_channel,
     running,
     virtual_bus,
-    wait_until,
 )
+from tests.waiting import wait_until
 
 SYNC_S = 0.02
 
@@ -78,8 +78,8 @@ def test_it_enables_and_moves_the_drive(pair: tuple[Drive402, BaseNode402]) -> N
         node.rpdo[1][0x607A].raw = round((START_M + 0.0005 * i) * COUNTS_PER_M)
         node.rpdo[1].transmit()
         time.sleep(SYNC_S)
-    assert wait_until(lambda: abs(drive.model.position_m - 0.015) < 1e-5)
-    assert wait_until(lambda: abs(node.tpdo_values[0x6064] - 15_000) <= 10)
+    wait_until(lambda: abs(drive.model.position_m - 0.015) < 1e-5)
+    wait_until(lambda: abs(node.tpdo_values[0x6064] - 15_000) <= 10)
 
 
 def test_quick_stop_and_back(pair: tuple[Drive402, BaseNode402]) -> None:
@@ -96,7 +96,7 @@ def test_a_fault_is_shown_told_and_reset(pair: tuple[Drive402, BaseNode402]) -> 
     drive, node = pair
     enable(node)
     drive.provoke("drive_fault")
-    assert wait_until(lambda: node.state == "FAULT")
+    wait_until(lambda: node.state == "FAULT")
     assert [error.code for error in node.emcy.log] == [0x2310]
     assert node.sdo[0x603F].raw == 0x2310
     node.reset_from_fault()  # which enables by itself: why it is no part of the product
@@ -119,7 +119,7 @@ def test_it_homes_the_drive(pair: tuple[Drive402, BaseNode402], method: int, edg
     node.sdo[0x6098].raw = method
     node.sdo[0x6099][1].raw, node.sdo[0x6099][2].raw, node.sdo[0x609A].raw = 100_000, 2_000, 20_000_000
     assert node.homing(timeout=10)
-    assert wait_until(lambda: drive.model.homing.phase is HomingPhase.ATTAINED)  # at rest, too
+    wait_until(lambda: drive.model.homing.phase is HomingPhase.ATTAINED)  # at rest, too
     found = node.sdo[0x6064].raw
     assert drive.model.position_m - edge_m == pytest.approx(
         (found - 777) / COUNTS_PER_M, abs=3.1e-6

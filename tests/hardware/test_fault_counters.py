@@ -33,9 +33,9 @@ from tests.hardware.can_rig import (
     new_channel,
     running,
     stage_settings,
-    wait_until,
 )
 from tests.hardware.cell_bench import Port
+from tests.waiting import wait_until
 
 # --- CAN, through a serial adapter ---
 
@@ -77,15 +77,15 @@ def grown(links: list[Link], before: list[Counter[str]], name: str) -> bool:
 def test_lines_that_are_dropped_or_damaged_are_counted_by_both_drivers_of_a_bus(tmp_path: Path) -> None:
     with on_adapter(tmp_path) as (hub, links):
         befall(hub, Faults(split=0.5))
-        assert wait_until(lambda: hub._ports[0].to_host.counts["split"] > 20)
+        wait_until(lambda: hub._ports[0].to_host.counts["split"] > 20)
         assert not any(link.counters["bus_damaged"] for link in links), "lines in parts are whole"
         assert all(link.state is LinkState.READY for link in links)
         before = [link.counters.copy() for link in links]
         befall(hub, Faults(drop=0.15))
-        assert wait_until(lambda: hub._ports[0].to_host.counts["dropped"] > 5)
-        assert wait_until(lambda: grown(links, before, "silent_periods"), 20.0)
+        wait_until(lambda: hub._ports[0].to_host.counts["dropped"] > 5)
+        wait_until(lambda: grown(links, before, "silent_periods"), 20.0)
         befall(hub, Faults(corrupt=0.15))
-        assert wait_until(lambda: grown(links, before, "bus_damaged"), 20.0)  # a handshake may be under way
+        wait_until(lambda: grown(links, before, "bus_damaged"), 20.0)  # a handshake may be under way
         befall(hub, Faults())
         for link in links:  # a digit that is another may be a fault: then it is said, and it waits
             assert link.state is LinkState.READY or (link.inhibited and link.counters["faults"])

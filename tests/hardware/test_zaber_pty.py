@@ -1,7 +1,6 @@
 """The Zaber driver as it ships, in its own thread, on a pseudo terminal; homing for the calibration."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,13 +13,7 @@ from slave.stages.zaber_ascii import ZaberStage
 from slave.stages.zaber_homing import ZaberHoming
 from tests.hardware.pty_thread import PtyThread
 from tests.hardware.zaber_rig import MODEL, Rig, settings
-
-
-def until(condition: Callable[[], object], timeout_s: float = 10.0) -> None:
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s, "not reached in time"
-        time.sleep(0.002)
+from tests.waiting import wait_until
 
 
 def test_it_moves_holds_and_closes_at_rest(tmp_path: Path) -> None:
@@ -31,11 +24,11 @@ def test_it_moves_holds_and_closes_at_rest(tmp_path: Path) -> None:
         try:
             assert stage.read(time.monotonic_ns()).position_m == pytest.approx(0.01)
             assert stage.command(0.012, 0.0, time.monotonic_ns()) == 0.012
-            until(lambda: stage.read(time.monotonic_ns()).position_m == pytest.approx(0.012, abs=1e-6))
+            wait_until(lambda: stage.read(time.monotonic_ns()).position_m == pytest.approx(0.012, abs=1e-6))
             stage.command(0.09, 0.0, time.monotonic_ns())
-            until(lambda: stage.read(time.monotonic_ns()).velocity_m_s > 0.02)
+            wait_until(lambda: stage.read(time.monotonic_ns()).velocity_m_s > 0.02)
             stage.hold(0)
-            until(lambda: stage.read(time.monotonic_ns()).velocity_m_s == 0.0)
+            wait_until(lambda: stage.read(time.monotonic_ns()).velocity_m_s == 0.0)
             assert device.motion()[1] == 0.0
         finally:
             stage.close()
@@ -51,23 +44,23 @@ def test_unplugged_and_plugged_it_waits_to_be_re_armed(tmp_path: Path) -> None:
         stage.open()
         try:
             stage.command(0.05, 0.0, time.monotonic_ns())
-            until(lambda: device.motion()[1] > 0.02)
+            wait_until(lambda: device.motion()[1] > 0.02)
             port.do(port.pty.unplug)
-            until(lambda: stage.link.state is not LinkState.READY)
+            wait_until(lambda: stage.link.state is not LinkState.READY)
             with pytest.raises(DeviceError, match=r"gone while|no such port"):
                 stage.read(time.monotonic_ns())
             port.do(port.pty.plug)
-            until(lambda: stage.link.state is LinkState.CONFIGURED)
+            wait_until(lambda: stage.link.state is LinkState.CONFIGURED)
             rests_m = device.motion()[0]
             assert device.motion()[1] == 0.0 and rests_m < 0.04
             moves = device.counts["moves"]
             with pytest.raises(DeviceError):
                 stage.command(0.05, 0.0, time.monotonic_ns())
             stage.rearm()
-            until(lambda: stage.read(time.monotonic_ns()).position_m == pytest.approx(rests_m, abs=1e-6))
+            wait_until(lambda: stage.read(time.monotonic_ns()).position_m == pytest.approx(rests_m, abs=1e-6))
             assert device.counts["moves"] == moves
             stage.command(rests_m + 0.001, 0.0, time.monotonic_ns())
-            until(lambda: device.motion()[0] == pytest.approx(rests_m + 0.001, abs=1e-6))
+            wait_until(lambda: device.motion()[0] == pytest.approx(rests_m + 0.001, abs=1e-6))
         finally:
             stage.close()
 

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.witness import Witness
+
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 30.0
 
@@ -67,11 +69,15 @@ def slave(tmp_path: Path) -> Iterator[Systemd]:
     found.close()
 
 
-def test_a_slave_says_that_it_is_ready_how_it_does_and_that_it_ends(slave: Systemd) -> None:
+def test_a_slave_says_that_it_is_ready_how_it_does_and_that_it_ends(
+    slave: Systemd, witness_of_daemons: Witness
+) -> None:
     slave.wait_for("WATCHDOG=1")
     assert slave.heard.count("READY=1") == 1
     assert "STATUS=axis insertion: idle (started)" in slave.heard
-    assert slave.listen(1.0).count("WATCHDOG=1") >= 4
+    said = slave.listen(1.0)
+    with witness_of_daemons.timely(0.2):
+        assert said.count("WATCHDOG=1") >= 4
     slave.process.send_signal(signal.SIGTERM)
     slave.wait_for("STOPPING=1\nSTATUS=stopping")
     assert slave.process.wait(PATIENCE_S) == 0

@@ -33,9 +33,9 @@ from tests.hardware.can_rig import (
     new_channel,
     running,
     virtual_bus,
-    wait_until,
 )
 from tests.hardware.pty_thread import PtyThread
+from tests.waiting import wait_until
 
 Run = Callable[[Sequence[str]], int]
 QUICK = ["--forces", "4", "--settle", "0.1"]
@@ -92,7 +92,7 @@ def force_of(cell: LoadCell) -> float:
 
     cell.open()
     try:
-        assert wait_until(enough)
+        wait_until(enough)
     finally:
         cell.close()
     assert all(reading.valid for reading in found)
@@ -258,7 +258,7 @@ def test_a_drive_that_fails_while_it_is_homed_is_stopped(
         write("stage", drive_section(bus))
         assert run([*STAGE, "--yes"]) == 1
         assert met
-        assert wait_until(lambda: drive.model.velocity_m_s == 0.0)
+        wait_until(lambda: drive.model.velocity_m_s == 0.0)
         assert drive.model.state is not DriveState.ENABLED
         at_m = drive.model.position_m
         time.sleep(0.1)

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import date
@@ -12,8 +11,9 @@ import pytest
 
 from common.hardware.calibration import CellScale, load_cell_calibration
 from slave.load_cells.bota_serial import BotaSerialLoadCell
+from slave.load_cells.port import LoadCellReading
 from slave.load_cells.settings import BotaSettings
-from tests.hardware.can_rig import wait_until
+from tests.waiting import PATIENCE_S, wait_until
 
 SLAVE = """role: slave
 axes:
@@ -60,7 +60,7 @@ def test_a_bota_cell(tmp_path: Path) -> None:
                     assert calibrating.poll() is None
                 say(emulator, f"load {load}")
                 say(calibrating, "")
-            assert calibrating.wait(20.0) == 0
+            assert calibrating.wait(PATIENCE_S) == 0
         found = load_cell_calibration(out, "bota_serial", "B-7", date.today(), CellScale(1.0, 10.0))
         assert found.gain_n == pytest.approx(1.0, rel=1e-3)
         assert found.zero == pytest.approx(0.0, abs=0.002)
@@ -77,11 +77,16 @@ def test_a_bota_cell(tmp_path: Path) -> None:
             )
         )
         cell.open()
+        readings: list[LoadCellReading] = []
+
+        def heard() -> bool:
+            readings.extend(cell.read(0, None))
+            return len(readings) > 2
+
         try:
-            time.sleep(0.05)
-            forces = [reading.force_n for reading in cell.read(0, None)]
+            wait_until(heard)
         finally:
             cell.close()
-        assert forces and forces[-1] == pytest.approx(2.5, abs=0.02)
+        assert readings[-1].force_n == pytest.approx(2.5, abs=0.02)
         say(emulator, "unplug")
-        assert wait_until(lambda: not port.is_symlink())
+        wait_until(lambda: not port.is_symlink())

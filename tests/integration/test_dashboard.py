@@ -21,7 +21,8 @@ from forefeel.loopback.watched import Watched
 from tests.dashboard.browser import Served, Shown, Speaker, browser
 from tests.dashboard.said import CELL, HOSTILE, safety
 from tests.dashboard.test_replay import write
-from tests.live_cell import Process, free_port, wait_until
+from tests.live_cell import Process, free_port
+from tests.waiting import wait_until
 
 HOSTILE_AXIS = "<i>axis"
 LEAST_HZ = 15.0
@@ -67,6 +68,27 @@ def test_what_the_page_shows_is_what_was_said(chromium: Browser, speaker: Speake
         shown.picture(tmp_path / "dashboard-1280.png")
         assert shown.errors == []
     print(f"screenshot {tmp_path / 'dashboard-1280.png'}")
+
+
+def test_beyond_loopback_the_link_opens_the_page_and_its_token_leaves_the_address(
+    chromium: Browser, speaker: Speaker, tmp_path: Path
+) -> None:
+    words = ("--cell", CELL, "--connect", speaker.endpoint, "--address", "0.0.0.0")
+    with Served(tmp_path, "dashboard", *words) as served:
+        page = f"http://127.0.0.1:{served.port}/"
+        with Shown(chromium, page) as stranger:
+            assert "Not allowed without the token" in stranger.page.locator("body").inner_text()
+        with Shown(chromium, f"{page}?{urlsplit(served.url).query}") as shown:
+            shown.drawing()
+            assert shown.page.url == page
+            (cookie,) = shown.context.cookies()
+            assert (cookie["httpOnly"], cookie["sameSite"]) == (True, "Strict")
+            assert shown.ask("document.cookie") == ""
+            shown.page.reload()
+            shown.drawing()
+            shown.picture(tmp_path / "dashboard-token.png")
+            assert shown.errors == []
+    print(f"screenshot {tmp_path / 'dashboard-token.png'}")
 
 
 @pytest.mark.soak

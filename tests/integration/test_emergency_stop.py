@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from common.audit import verify
-from common.messages import SafetyState
 from common.recording.mcap_reader import read_run
 from common.state.folder import AUDIT
 from common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS, SAFETY_EVENT
@@ -16,7 +15,9 @@ from forefeel.local.audit_text import heads_noted_in, missing_heads, read_entrie
 from forefeel.local.client import ask
 from forefeel.local.protocol import Request
 from forefeel.report.page import make_pages
-from tests.integration.test_processes import Cell, Daemon, wait_until
+from tests.integration.test_processes import Cell, Daemon
+from tests.waiting import PATIENCE_S, wait_until
+from tests.witness import WATCHDOG_S, Witness, check_stops
 
 S = 1_000_000_000
 
@@ -33,7 +34,7 @@ def cell(tmp_path: Path) -> Iterator[Cell]:
 
 
 def ended(daemon: Daemon) -> tuple[int, str]:
-    return daemon.process.wait(20), daemon.log.read_text()
+    return daemon.process.wait(PATIENCE_S), daemon.log.read_text()
 
 
 def flights(cell: Cell, role: str) -> list[Path]:
@@ -44,13 +45,17 @@ def events(path: Path) -> list[str]:
     return [entry.noted.event for entry in read_entries(path)[0]]
 
 
-def test_anyone_stops_only_the_slave_s_host_clears_and_all_of_it_is_written_down(cell: Cell) -> None:
+def test_anyone_stops_only_the_slave_s_host_clears_and_all_of_it_is_written_down(
+    cell: Cell, witness_of_daemons: Witness
+) -> None:
     slave, master = cell.pair()
-    time.sleep(0.5)
+    time.sleep(2.0)  # as much as a flight record keeps of what was before
     words = ["--cell", "cell", "--connect", cell.slave_endpoint, "--reason", "third"]
     code, text = ended(cell.run("estop", *words))
-    assert code == 0 and "axis insertion: estopped" in text
-    wait_until(lambda: cell.messages(SAFETY_EVENT)[-1].after is SafetyState.ESTOPPED)
+    assert code == 0, text
+    assert "axis insertion: estopped" in text
+    check_stops(cell.messages(SAFETY_EVENT))
+    cell.wait_for("estopped")
     wait_until(lambda: flights(cell, "slave") and flights(cell, "master"))
     # the master's log holds the end of the slave's, with the stop in it
     log = cell.folder / "slave-state" / AUDIT
@@ -62,9 +67,11 @@ def test_anyone_stops_only_the_slave_s_host_clears_and_all_of_it_is_written_down
     slave.send(signal.SIGKILL)
     slave.process.wait()
     again = cell.slave()
+    wait_until(lambda: again.says("slave: axes"))  # what the killed one has said may still arrive until then
     cell.wait_for("estopped")
     code, text = ended(cell.run("clear", "--config", "slave.yaml"))
-    assert code == 0 and "cleared estopped: latched before the slave was started: " in text
+    assert code == 0, text
+    assert "cleared estopped: latched before the slave was started: " in text
     cell.wait_for("armed")
     # from the other side, through the master's own socket
     answer = ask(cell.folder / "master-state", Request(do="estop", reason="operator"))
@@ -72,6 +79,8 @@ def test_anyone_stops_only_the_slave_s_host_clears_and_all_of_it_is_written_down
     assert master.end(signal.SIGTERM)[0] == 0
     assert again.end(signal.SIGTERM)[0] == 0
     check_what_is_left(cell)
+    with witness_of_daemons.timely(WATCHDOG_S):
+        check_record(cell)
 
 
 def check_what_is_left(cell: Cell) -> None:
@@ -84,13 +93,19 @@ def check_what_is_left(cell: Cell) -> None:
     assert {"slave_safety", "emergency_stop", "session_lost"} <= set(
         events(cell.folder / "master-state" / "audit.jsonl")
     )
+    report, _ = make_pages(read_run(flights(cell, "master")[0]))
+    assert report.stops is not None
+
+
+def check_record(cell: Cell) -> None:
+    """Of 1 kHz for 2.5 s about the stop; a busy host may skip some. Stops that a late machine causes take its
+    place: there is one record a second, and the newest are kept.
+    """
     run = read_run(flights(cell, "slave")[0])
     assert run.metadata["flight"]["event"] == "estop"
     stamps = run.column("insertion", CONTROL_CYCLE, "stamp_ns")
     stop_ns = int(run.metadata["flight"]["stamp_ns"])
     assert stamps[0] < stop_ns - 1.9 * S and stamps[-1] > stop_ns + 0.45 * S
-    assert len(stamps) > 2000  # a busy host may skip some
+    assert run.count("insertion", CONTROL_CYCLE) > 2000
     assert run.count("insertion", COMMAND) > 1500 and run.count("insertion", FORCE) > 1500
     assert read_run(flights(cell, "master")[0]).count("insertion", HAPTICS) > 1500
-    report, _ = make_pages(read_run(flights(cell, "master")[0]))
-    assert report.stops is not None

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +20,7 @@ import zenoh
 from common.clock import MonotonicClock
 from common.codec import decode
 from common.messages import Message
-from common.recording.mcap_reader import read_run
+from common.recording.mcap_reader import Run, read_run
 from common.topics import (
     BY_NAME,
     COMMAND,
@@ -38,6 +38,8 @@ from common.transport.settings import PRESETS, TransportSettings
 from common.transport.zenoh_bus import ZenohTransport
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.real import run_real
+from tests.waiting import PATIENCE_S, wait_until
+from tests.witness import WATCHDOG_S, Witness, check_stops
 
 ROOT = Path(__file__).parents[2]
 CELL = "forefeel/cell/insertion"
@@ -48,15 +50,6 @@ S = 1_000_000_000
 def free_endpoint() -> str:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def wait_until(condition: Callable[[], object], timeout_s: float = 15.0) -> float:
-    """How long it took, in s."""
-    start_s = time.monotonic()
-    while not condition():
-        assert time.monotonic() - start_s < timeout_s, "not reached in time"
-        time.sleep(0.02)
-    return time.monotonic() - start_s
 
 
 def alive(pid: int) -> bool:
@@ -99,7 +92,7 @@ class Daemon:
     def end(self, number: signal.Signals) -> tuple[int, str]:
         """Exit code after that signal, and the last line."""
         self.process.send_signal(number)
-        return self.process.wait(15), self.log.read_text().splitlines()[-1]
+        return self.process.wait(PATIENCE_S), self.log.read_text().splitlines()[-1]
 
     def resident_mb(self) -> float:
         status = Path(f"/proc/{self.process.pid}/status").read_text()
@@ -145,7 +138,7 @@ class Cell:
         self.wait_for("armed")
         return ends
 
-    def wait_for(self, state: str, timeout_s: float = 20.0) -> float:
+    def wait_for(self, state: str) -> float:
         """Until the slave says that it is in that state, from now on."""
         self.heard.clear()
 
@@ -153,7 +146,7 @@ class Cell:
             return state in {m.state for m in self.messages(SLAVE_STATE)}
 
         try:
-            return wait_until(reached, timeout_s)
+            return wait_until(reached)
         except AssertionError as error:
             raise AssertionError(f"not {state}: {[d.log.read_text() for d in self.started]}") from error
 
@@ -162,6 +155,11 @@ class Cell:
 
     def events(self) -> list[str]:
         return [message.event for message in self.messages(SAFETY_EVENT)]
+
+    def wait_for_rest(self) -> None:
+        """Until the slave follows nobody; that each stop on the way was orderly is checked."""
+        wait_until(lambda: {m.state for m in self.messages(SLAVE_STATE)[-1:]} & {"ready", "idle"})
+        check_stops(self.messages(SAFETY_EVENT))
 
     def close(self) -> None:
         for daemon in self.started:
@@ -173,14 +171,17 @@ class Cell:
 
 @pytest.fixture
 def cell(tmp_path: Path) -> Iterator[Cell]:
-    cell = Cell(tmp_path)
+    before, cell = children(os.getpid()), Cell(tmp_path)
     yield cell
     cell.close()
     assert cell.faults == []
-    assert children(os.getpid()) == []
+    assert set(children(os.getpid())) <= set(before)
 
 
-def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(tmp_path: Path) -> None:
+def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(
+    tmp_path: Path, witness_of_daemons: Witness
+) -> None:
+    before = children(os.getpid())
     shown: list[tuple[float, str]] = []
     run_real(
         make_plan(Wish(seed=1, impairment="paper", duration_s=4.0)),
@@ -192,58 +193,79 @@ def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(tmp_path:
     assert run.metadata["run"]["impairment"] == "paper"
     rare = {"any/estop", "slave/limit", "slave/calibration"}
     counts = {topic.name: run.count("insertion", topic) for topic in RECORDED}
-    assert [name for name, count in counts.items() if not count and name not in rare] == []
+    events = list(run.messages("insertion", SAFETY_EVENT))
+    check_stops(events)
+    with witness_of_daemons.timely(WATCHDOG_S):
+        check_pace(run)
+        assert [name for name, count in counts.items() if not count and name not in rare] == []
+        names = [event.event for event in events]
+        assert names == ["session_opened", "engage", "engaged", "release", "at_rest"]
+    for trace in (MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT):
+        chunks = list(run.messages("insertion", trace))
+        assert chunks[0].first_index == 0
+        planned = [delays_ns for chunk in chunks for delays_ns in chunk.delays_ns]
+        assert sum(not delays_ns for delays_ns in planned) / len(planned) == pytest.approx(0.01, abs=0.01)
+    assert {"starting", "armed"} <= {what for _, what in shown}
+    assert max(done_s for done_s, _ in shown) == pytest.approx(4.0, abs=1.0)
+    assert set(children(os.getpid())) <= set(before)
+
+
+def check_pace(run: Run) -> None:
+    """1 kHz from the first message on, and the delay that was asked for."""
     sequences = run.column("insertion", COMMAND, "sequence")
     assert sequences[-1] > 3000
     assert len(sequences) > 0.97 * sequences[-1]  # a busy host may drop some
     for stream in ("master/command", "master/haptics", "slave/force"):
         assert run.column("insertion", BY_NAME[stream], "sequence")[0] < 50
-    events = [event.event for event in run.messages("insertion", SAFETY_EVENT)]
-    assert events[:3] == ["session_opened", "engage", "engaged"]
-    assert events[-2:] == ["release", "at_rest"]
     delay_s = np.nanmedian(run.column("insertion", HAPTICS, "delay_s"))
     assert delay_s == pytest.approx(2 * PRESETS["paper"].delay_s, abs=0.025)
     for trace in (MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT):
-        chunks = list(run.messages("insertion", trace))
-        assert chunks[0].first_index == 0
-        planned = [delays_ns for chunk in chunks for delays_ns in chunk.delays_ns]
-        assert len(planned) > 3000
-        assert sum(not delays_ns for delays_ns in planned) / len(planned) == pytest.approx(0.01, abs=0.01)
-    assert {"starting", "armed"} <= {what for _, what in shown}
-    assert max(done_s for done_s, _ in shown) == pytest.approx(4.0, abs=1.0)
-    assert children(os.getpid()) == []
+        assert sum(len(chunk.delays_ns) for chunk in run.messages("insertion", trace)) > 3000
 
 
 @pytest.mark.soak
-def test_both_ends_start_quickly_and_stay_small(cell: Cell) -> None:
+def test_both_ends_start_quickly_and_stay_small(cell: Cell, witness: Witness) -> None:
     slave = cell.slave()
-    assert wait_until(lambda: slave.says("waiting for a master")) < 10
+    took_s = wait_until(lambda: slave.says("waiting for a master"))
+    with witness.timely(5.0):
+        assert took_s < 10
     master = cell.master()
     cell.wait_for("armed")
     assert slave.resident_mb() < 150
     assert master.resident_mb() < 250  # it carries the compiled predictor
 
 
-def test_the_slave_stops_when_the_master_is_killed_and_a_new_one_takes_over(cell: Cell) -> None:
+def test_the_slave_stops_when_the_master_is_killed_and_a_new_one_takes_over(
+    cell: Cell, witness_of_daemons: Witness
+) -> None:
     _, master = cell.pair()
     cell.heard.clear()
-    killed_ns = time.monotonic_ns()
     master.send(signal.SIGKILL)
-    wait_until(lambda: "session_lost" in cell.events())
-    stopped, rested = cell.messages(SAFETY_EVENT)[:2]
-    assert (stopped.before, stopped.event, rested.event) == ("armed", "watchdog", "at_rest")
-    assert (stopped.stamp_ns - killed_ns) / S < 0.060 + 0.1
-    assert (rested.stamp_ns - stopped.stamp_ns) / S < 0.2 / 4.0 + 0.1
+    killed_ns = time.monotonic_ns()
+    wait_until(lambda: {m.state for m in cell.messages(SLAVE_STATE)[-1:]} == {"idle"})
+    check_stops(cell.messages(SAFETY_EVENT))
+    with witness_of_daemons.timely(WATCHDOG_S):
+        wait_until(lambda: "session_lost" in cell.events(), 5.0)
+        events = cell.messages(SAFETY_EVENT)
+        assert [event.event for event in events] == ["watchdog", "at_rest", "session_lost"]
+        stopped, rested, _ = events
+        assert stopped.before == "armed"
+        assert (stopped.stamp_ns - killed_ns) / S < 0.060 + 0.1
+        assert (rested.stamp_ns - stopped.stamp_ns) / S < 0.2 / 4.0 + 0.1
     cell.master()
     cell.wait_for("armed")
     assert cell.messages(SLAVE_STATE)[-1].stops >= 1
 
 
-def test_the_master_waits_visibly_when_the_slave_is_killed_and_works_with_a_new_one(cell: Cell) -> None:
+def test_the_master_waits_visibly_when_the_slave_is_killed_and_works_with_a_new_one(
+    cell: Cell, witness_of_daemons: Witness
+) -> None:
     slave, master = cell.pair()
     slave.send(signal.SIGKILL)
-    lost = re.compile(r"no state from the slave for 1\.\d s; waiting for the slave")
+    lost = re.compile(r"no state from the slave for (\d+\.\d) s; waiting for the slave")
     wait_until(lambda: lost.search(master.log.read_text()))
+    with witness_of_daemons.timely(0.9):
+        assert 1.0 <= float(lost.findall(master.log.read_text())[0]) < 2.0
     cell.heard.clear()
     wait_until(lambda: cell.messages(MASTER_STATE))
     state = cell.messages(MASTER_STATE)[-1]
@@ -256,31 +278,36 @@ def test_the_master_waits_visibly_when_the_slave_is_killed_and_works_with_a_new_
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.soak)])
-def test_each_end_ends_in_order_the_master_first(cell: Cell, number: signal.Signals) -> None:
+def test_each_end_ends_in_order_the_master_first(
+    cell: Cell, number: signal.Signals, witness_of_daemons: Witness
+) -> None:
     slave, master = cell.pair()
     for end, who in ((slave, "slave: axis insertion: "), (master, "master: axis insertion: slave ")):
         wait_until(lambda end=end, who=who: end.says(f"{who}engaging -> armed, engaged: ramp done"))  # type: ignore[misc]
     assert slave.says("slave: axis insertion: session open")
     cell.heard.clear()
     assert master.end(number) == (0, "master: handle released, closed")
-    wait_until(lambda: "at_rest" in cell.events())
-    assert cell.events()[:2] == ["release", "at_rest"]
+    cell.wait_for_rest()
+    with witness_of_daemons.timely(WATCHDOG_S):
+        assert cell.events()[:2] == ["release", "at_rest"]
+        assert slave.says("armed -> stopping, release: deadman released")
     assert slave.end(number) == (0, "slave: stage at rest, closed")
-    assert slave.says("armed -> stopping, release: deadman released")
 
 
-def test_a_slave_that_ends_while_armed_comes_to_rest_first(cell: Cell) -> None:
+def test_a_slave_that_ends_while_armed_comes_to_rest_first(cell: Cell, witness_of_daemons: Witness) -> None:
     slave, master = cell.pair()
     cell.heard.clear()
     assert slave.end(signal.SIGTERM) == (0, "slave: stage at rest, closed")
-    wait_until(lambda: "at_rest" in cell.events())
-    assert cell.events()[:2] == ["shutdown", "at_rest"]
+    with witness_of_daemons.timely(WATCHDOG_S):
+        wait_until(lambda: "at_rest" in cell.events(), 5.0)
+        assert cell.events()[:2] == ["shutdown", "at_rest"]
+    check_stops(cell.messages(SAFETY_EVENT))
     assert master.process.poll() is None
     assert master.end(signal.SIGINT) == (0, "master: handle released, closed")
 
 
 @pytest.mark.soak
-def test_a_viewer_that_sleeps_disturbs_nobody(cell: Cell) -> None:
+def test_a_viewer_that_sleeps_disturbs_nobody(cell: Cell, witness_of_daemons: Witness) -> None:
     cell.pair()
     viewed: list[None] = []
     awake = threading.Event()
@@ -302,13 +329,16 @@ def test_a_viewer_that_sleeps_disturbs_nobody(cell: Cell) -> None:
         assert len(viewed) < 30
         awake.set()
         subscriber.undeclare()  # type: ignore[no-untyped-call]
-    for sequences in ([m.sequence for m in forces], [m.sequence for m in commands]):
-        assert len(sequences) > 900
-        assert len(sequences) >= 0.9 * (sequences[-1] - sequences[0] + 1)  # stalled: nearly none
+    with witness_of_daemons.timely(WATCHDOG_S):
+        for sequences in ([m.sequence for m in forces], [m.sequence for m in commands]):
+            assert len(sequences) > 900
+            assert len(sequences) >= 0.9 * (sequences[-1] - sequences[0] + 1)  # stalled: nearly none
     ages_s = [(m.stamp_ns - m.answers_stamp_ns) / S for m in forces if m.answers_stamp_ns is not None]
-    assert len(ages_s) == len(forces)
-    assert np.median(ages_s) < 0.005
-    assert state.state == "armed"
+    with witness_of_daemons.timely(WATCHDOG_S):
+        assert len(ages_s) == len(forces)
+        assert state.state == "armed"
+    with witness_of_daemons.timely(0.005):
+        assert np.median(ages_s) < 0.005
 
 
 @pytest.fixture
@@ -343,7 +373,7 @@ def test_an_interrupted_loopback_ends_both_and_leaves_its_recording(
     loopback.send(number)
     time.sleep(0.05)
     loopback.send(number)  # of an impatient person
-    code, last = loopback.process.wait(15), loopback.log.read_text().splitlines()[-1]
+    code, last = loopback.process.wait(PATIENCE_S), loopback.log.read_text().splitlines()[-1]
     assert code == 1
     assert last == "forefeel: interrupted; both ends stopped in order and the recording is closed"
     assert "Traceback" not in loopback.log.read_text()
@@ -363,7 +393,7 @@ def test_a_loopback_that_is_killed_leaves_no_orphan(loopback: Daemon, tmp_path: 
     ends = children(loopback.process.pid)
     assert len(ends) == 2
     loopback.send(signal.SIGKILL)
-    wait_until(lambda: not any(map(alive, ends)), 10)
+    wait_until(lambda: not any(map(alive, ends)))
     if when == "while it runs":
         run = read_run(tmp_path / "out" / "recording.mcap")
         assert run.truncated

@@ -18,8 +18,9 @@ from common.topics import COMMAND, EMERGENCY_STOP, FORCE, SAFETY_EVENT, Qos
 from common.transport.security import PartyRole
 from common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import find_members, renew
-from tests.integration.test_zenoh_bus import put_until, wait_until
+from tests.integration.test_zenoh_bus import put_until
 from tests.secured import CELL, Secured, expired_pki, free_endpoint, make_pki, sessions
+from tests.waiting import wait_until
 
 COMMANDED = COMMAND.key(CELL, "insertion")
 FORCED = FORCE.key(CELL, "insertion")
@@ -273,7 +274,7 @@ def test_the_router_says_who_comes_and_goes(
 
     visitor = threading.Thread(target=visit)
     visitor.start()
-    line = f"router --listen {endpoint} --pki {pki} --cell {CELL} --duration 1.5"
+    line = f"router --listen {endpoint} --pki {pki} --cell {CELL} --duration 4"
     assert run(line.split()) == 0
     visitor.join()
     first, came, left, last = capsys.readouterr().err.splitlines()

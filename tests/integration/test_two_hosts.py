@@ -11,6 +11,7 @@ from common.recording.mcap_reader import Run, read_run
 from common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from tests.net.hosts import joined_by_veth, needs_root
 from tests.net.service import MASTER_AT, PKI, SLAVE_AT, configure
+from tests.witness import Witness, check_stops
 
 S = 1_000_000_000
 WATCHDOG_S = 0.060
@@ -27,7 +28,9 @@ def states(path: Path) -> list[str]:
     return [state for state, _ in groupby(found)]
 
 
-def test_a_cut_cable_stops_the_slave_and_a_mended_one_brings_everything_back(tmp_path: Path) -> None:
+def test_a_cut_cable_stops_the_slave_and_a_mended_one_brings_everything_back(
+    tmp_path: Path, witness_of_daemons: Witness
+) -> None:
     with joined_by_veth(tmp_path) as (hosts, cable):
         configure(hosts.folder)
         recording = hosts.folder / "run.mcap"
@@ -49,7 +52,19 @@ def test_a_cut_cable_stops_the_slave_and_a_mended_one_brings_everything_back(tmp
         assert hosts.says("master.log", "session open again")
     run = read_run(recording)
     assert not run.truncated
-    check_outage(run, cut_s, mended_s)
+    check_stops(list(run.messages("insertion", SAFETY_EVENT)))
+    check_rest(run, mended_s)
+    with witness_of_daemons.timely(WATCHDOG_S):
+        check_outage(run, cut_s, mended_s)
+
+
+def check_rest(run: Run, mended_s: float) -> None:
+    """Without a session the stage does not move."""
+    events = [(m.stamp_ns / S, m.event) for m in run.messages("insertion", SAFETY_EVENT)]
+    lost_s = max(time_s for time_s, event in events if event == "session_lost" and time_s < mended_s)
+    stamps_s = run.column("insertion", FORCE, "stamp_ns") / S
+    position_m = run.column("insertion", FORCE, "position_m")[(stamps_s > lost_s) & (stamps_s < mended_s)]
+    assert np.ptp(position_m) <= 2e-6
 
 
 def check_outage(run: Run, cut_s: float, mended_s: float) -> None:

@@ -20,7 +20,7 @@ from forefeel.reaching import reach
 from master.daemon import MasterDaemon
 from master.session import Session
 from master.settings import MasterSettings
-from tests.integration.test_zenoh_bus import put_until, wait_until
+from tests.integration.test_zenoh_bus import put_until
 from tests.secured import (
     CELL,
     Secured,
@@ -31,6 +31,7 @@ from tests.secured import (
     make_pki,
     sessions,
 )
+from tests.waiting import wait_until
 
 Ago = Callable[[timedelta], None]
 

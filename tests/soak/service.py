@@ -14,9 +14,10 @@ from pathlib import Path
 from random import Random
 
 from common.topics import LIMIT_EVENT, MASTER_STATE, SAFETY_EVENT, SLAVE_HANDSHAKE, SLAVE_STATE
-from tests.live_cell import CELL, ROOT, LiveCell, Process, wait_until
+from tests.live_cell import CELL, ROOT, LiveCell, Process
 from tests.soak.monitor import FORCE_KEY, TIMING_KEYS, Life, Loops, Motion
 from tests.soak.schedule import OFTEN, Fault
+from tests.waiting import wait_until
 
 BACK_S = 20.0
 """From the end of any fault on, ARMED again: a new process, a session, the clocks, the operator's hand."""

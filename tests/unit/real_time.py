@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from common.runtime import real
-
-PATIENCE_S = 5.0
+from tests.waiting import PATIENCE_S
 
 
 def as_it_is(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:

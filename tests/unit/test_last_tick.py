@@ -15,8 +15,9 @@ from common.transport.memory import MemoryBus
 from slave.daemon import SlaveDaemon
 from slave.settings import SlaveAxisSettings, SlaveSettings
 from tests.unit.failing import refusing
-from tests.unit.real_time import PATIENCE_S, as_it_is, until
+from tests.unit.real_time import as_it_is, until
 from tests.unit.slave_cell import Book, Cell
+from tests.waiting import PATIENCE_S
 
 FAULT, STOPPED = SafetyState.FAULT, SafetyState.ESTOPPED
 

@@ -8,7 +8,7 @@ import pytest
 
 from common.state.folder import LATCHED
 from common.state.latch import Latch, latched
-from tests.live_cell import wait_until
+from tests.waiting import wait_until
 
 STOPPED = {"before": "armed", "after": "estopped", "reason": "pressed"}
 CLEARED = {"before": "estopped", "after": "idle", "reason": "cleared"}
@@ -39,7 +39,7 @@ def test_its_room_is_allocated_from_the_start_and_a_stop_is_written_into_it(latc
     before = taken()
     assert before[1] == 16 * 1024 <= 512 * before[2]
     latch.transition("a", STOPPED)
-    wait_until(lambda: latch.kept("a"), 10.0, "kept")
+    wait_until(lambda: latch.kept("a"))
     assert latched(path) == {"a": "pressed"}
     assert taken() == before
 
@@ -55,9 +55,9 @@ def test_kept_means_on_the_disk(latch: Latch, path: Path, monkeypatch: pytest.Mo
 
     monkeypatch.setattr("common.state.latch.os.fsync", fsync)
     latch.transition("a", STOPPED)
-    wait_until(lambda: latch.kept("a"), 10.0, "kept")
+    wait_until(lambda: latch.kept("a"))
     latch.transition("a", CLEARED)
-    wait_until(lambda: latch.kept("a"), 10.0, "kept")
+    wait_until(lambda: latch.kept("a"))
     assert synced == [{"a": "pressed"}, {}]
 
 
@@ -65,7 +65,7 @@ def test_each_axis_has_its_own_and_the_newest_counts(latch: Latch, path: Path) -
     latch.transition("a", STOPPED)
     latch.transition("b", {**STOPPED, "reason": "follows"})
     latch.transition("a", CLEARED)
-    wait_until(lambda: latch.kept("a") and latch.kept("b"), 10.0, "kept")
+    wait_until(lambda: latch.kept("a") and latch.kept("b"))
     assert latched(path) == {"b": "follows"}
 
 

@@ -20,15 +20,9 @@ from common.state.audit_file import AuditFile
 from common.state.folder import AUDIT, LATCHED, StateFolder, holder, state_path
 from common.state.journal import StateJournal
 from common.state.latch import latched
+from tests.waiting import wait_until
 
 CLOCK = MonotonicClock()
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline_s = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.002)
 
 
 def verified(path: Path) -> Verdict:

@@ -15,7 +15,5 @@ def test_an_unjustified_skip_fails_the_run(pytester: pytest.Pytester, allowed: s
     file.write_text(f"# why\n{allowed}\n")
     pytester.makeini("[pytest]\nasyncio_default_fixture_loop_scope = function\n")
     pytester.makepyfile(test_it="import pytest\n\ndef test_skipped():\n    pytest.skip('no device')\n")
-    result = pytester.inline_run(
-        "-p", "no:cacheprovider", "-p", "no:rerunfailures", plugins=[StrictSkips(file)]
-    )
+    result = pytester.inline_run("-p", "no:cacheprovider", plugins=[StrictSkips(file)])
     assert result.ret == code

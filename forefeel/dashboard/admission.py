@@ -1,0 +1,95 @@
+"""Who may see the page: what is checked of every request and every WebSocket handshake."""
+
+import secrets
+import socket
+from ipaddress import ip_address
+from typing import NamedTuple
+
+import ifaddr
+from fastapi import FastAPI
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+_TOKEN_BYTES = 32
+_OF_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
+_FOREIGN = "Refused: a page of another site asked (Origin).\n"
+_NO_TOKEN = "Not allowed without the token: open the link that the dashboard's terminal shows.\n"
+
+
+class Admission:
+    """ASGI middleware: refuses what a page of another site asks, and whoever does not have the token.
+
+    A browser lets the pages of any site ask here, and lets them read the answers of a WebSocket.
+
+    Args:
+        token: comes with the query of the first visit, then with the cookie; None: nobody needs it.
+        cookie: the cookie's name.
+    """
+
+    def __init__(self, app: ASGIApp, token: str | None, cookie: str) -> None:
+        self._app, self._token, self._cookie = app, token, cookie
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """As ASGI has it."""
+        answer = self._app if scope["type"] == "lifespan" else self._answer(HTTPConnection(scope))
+        await answer(scope, receive, send)
+
+    def _answer(self, asked: HTTPConnection) -> ASGIApp:
+        origin = asked.headers.get("origin")
+        if origin is not None and origin.partition("://")[2] != asked.headers["host"]:
+            return PlainTextResponse(_FOREIGN, 403)
+        if self._token is None:
+            return self._app
+        if _same(asked.query_params.get("token"), self._token):
+            return self._admitted(self._token)
+        known = _same(asked.cookies.get(self._cookie), self._token)
+        return self._app if known else PlainTextResponse(_NO_TOKEN, 401)
+
+    def _admitted(self, token: str) -> RedirectResponse:
+        """Takes the token out of the address, where others could read it."""
+        answer = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
+        answer.set_cookie(self._cookie, token, httponly=True, samesite="strict")
+        return answer
+
+
+class Link(NamedTuple):
+    """Where the page is. `secret`: it holds the token."""
+
+    url: str
+    secret: bool
+
+
+def guard(app: FastAPI, listening: socket.socket, address: str) -> Link:
+    """Puts the checks before the application; beyond loopback with a new token.
+
+    Args:
+        address: as it was asked for, maybe a name; the page is also reached by it.
+    """
+    bound, port = listening.getsockname()[:2]
+    own = ip_address(bound)
+    token = None if own.is_loopback else secrets.token_urlsafe(_TOKEN_BYTES)
+    # cookies are shared by all ports of a host: two dashboards do not take each other's
+    app.add_middleware(Admission, token=token, cookie=f"forefeel-{port}")
+    hosts = [*_OF_LOOPBACK, _in_url(bound), _in_url(address), *([] if token is None else _names())]
+    # added last, it is asked first: a name that somebody else has pointed at this host (DNS rebinding)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)
+    url = f"http://{socket.gethostname() if own.is_unspecified else _in_url(bound)}:{port}/"
+    return Link(url if token is None else f"{url}?token={token}", token is not None)
+
+
+def _same(given: str | None, token: str) -> bool:
+    """In a time that tells nothing of the token."""
+    return secrets.compare_digest((given or "").encode(), token.encode())
+
+
+def _in_url(address: str) -> str:
+    return f"[{address}]" if ":" in address else address
+
+
+def _names() -> list[str]:
+    """What this host is called, and its addresses."""
+    addresses = (each.ip for adapter in ifaddr.get_adapters() for each in adapter.ips)
+    numbers = [_in_url(each if isinstance(each, str) else each[0]) for each in addresses]
+    return [socket.gethostname(), socket.getfqdn(), *numbers]
