@@ -15,6 +15,7 @@ import pytest
 
 from tests.net.cable import MEASURING, ROOT, Cable, TunCable, VethCable
 from tests.net.namespaces import ip, remove
+from tests.waiting import PATIENCE_S
 
 Process = subprocess.Popen[bytes]
 _NUMBERS = count()
@@ -69,7 +70,9 @@ class Hosts:
         self._processes.append(process)
         return process
 
-    def wait_until(self, condition: Callable[[], object], timeout_s: float = 15.0, what: str = "") -> None:
+    def wait_until(
+        self, condition: Callable[[], object], timeout_s: float = PATIENCE_S, what: str = ""
+    ) -> None:
         """Polls.
 
         Raises:
