@@ -7,7 +7,7 @@ from random import Random
 import msgpack
 
 from common.codec import encode
-from common.messages import EmergencyStop
+from common.messages import PROTOCOL_VERSION, EmergencyStop
 from common.topics import (
     COMMAND,
     EMERGENCY_STOP,
@@ -217,7 +217,8 @@ def garbage(whole: bytes) -> Iterator[bytes]:
     for field, value in (
         ("position_m", float("nan")), ("velocity_m_s", float("inf")), ("position_m", "0.1"), ("deadman", 1),
         ("sequence", 1.5), ("sequence", -1), ("sequence", 2**64 - 1), ("stamp_ns", None), ("gripper", "ajar"),
-        ("unknown", 1), ("recording_time_s", float("-inf")), ("protocol", 2), ("deadman", b"\xff\xfe"),
+        ("unknown", 1), ("recording_time_s", float("-inf")), ("protocol", PROTOCOL_VERSION + 1),
+        ("deadman", b"\xff\xfe"), ("position_m", 1e300),
     ):  # fmt: skip
         yield msgpack.packb({**good, field: value})
     yield whole.replace(b"position_m", b"positi\xff\xfem")

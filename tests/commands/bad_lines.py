@@ -266,7 +266,8 @@ BAD = {
     "recording with time twice": recording("time_s,position_m\n0,0\n0.01,0\n0.01,0\n", "line 4"),
     "recording of one sample": recording("time_s,position_m\n0,0\n", "1 sample"),
     "recording in single samples": recording("time_s,position_m\n0,0\n1,0\n2,0\n", "no two samples"),
-    "recording in kilometres": recording("time_s,position_m\n0,0\n0.05,4000\n", "max_velocity_m_s"),
+    "recording in kilometres": recording("time_s,position_m\n0,0\n0.05,4000\n", "workspace_m"),
+    "recording of a shot": recording("time_s,position_m\n0,0\n0.001,4\n", "max_velocity_m_s"),
     "recording column of no unit": recording(RECORDING, "time = 'time_s'", arguments="--time time_s"),
     "recording column of a wrong unit": recording(
         RECORDING, "position = 'N:position_m'", "'N'", arguments="--position N:position_m"

@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.clock_offset import OffsetEstimate
-from common.messages import MotionCommand
+from common.messages import MOST_POSITION_M, MotionCommand
 from slave.gate import CommandGate, GateLimits
 from tests.clocks import compared
 
@@ -15,7 +15,7 @@ ANY = st.builds(
     session_id=st.integers(1, 2),
     sequence=st.integers(0, 60) | st.integers(0, 2**63 - 1),
     stamp_ns=st.integers(0, 3 * S) | st.integers(-(2**63), 2**63 - 1),
-    position_m=st.floats(-1, 1) | st.floats(allow_nan=False, allow_infinity=False),
+    position_m=st.floats(-1, 1) | st.floats(-MOST_POSITION_M, MOST_POSITION_M),
     velocity_m_s=st.floats(-3, 3),
     deadman=st.booleans(),
 )

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from common.clock_offset import ClockOffset
-from common.messages import MotionCommand
+from common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S, MotionCommand
 from slave.gate import CommandGate, GateLimits, Refusal
 from tests.clocks import compared
 
@@ -222,9 +222,9 @@ def test_before_the_clocks_are_compared_the_age_is_not_judged() -> None:
         (0.2, 2.0, None),
         (-0.05, -2.0, None),
         (0.2000001, 0.0, Refusal("range", 0.2000001, 0.2, "m")),
-        (-1e300, 0.0, Refusal("range", -1e300, -0.05, "m")),
+        (-MOST_POSITION_M, 0.0, Refusal("range", -MOST_POSITION_M, -0.05, "m")),
         (0.0, 2.0000001, Refusal("range", 2.0000001, 2.0, "m/s")),
-        (0.0, -1e308, Refusal("range", -1e308, 2.0, "m/s")),
+        (0.0, -MOST_VELOCITY_M_S, Refusal("range", -MOST_VELOCITY_M_S, 2.0, "m/s")),
     ],
 )
 def test_what_is_beyond_all_reason_is_refused_and_moves_nothing(
