@@ -74,8 +74,8 @@ CALIBRATION = Topic("slave/calibration", m.Calibration, "slave", None, Qos.EVENT
 EMERGENCY_STOP = Topic("any/estop", m.EmergencyStop, "any", None, Qos.EVENT)
 MASTER_TIMING = Topic("master/timing", m.LoopTiming, "master", 1, Qos.STATE, crosses=False)
 SLAVE_TIMING = Topic("slave/timing", m.LoopTiming, "slave", 1, Qos.STATE, crosses=False)
-MASTER_AUDIT = Topic("master/audit", m.AuditHead, "master", 1, Qos.STATE, ordered=True)
-SLAVE_AUDIT = Topic("slave/audit", m.AuditHead, "slave", 1, Qos.STATE, ordered=True)
+MASTER_AUDIT = Topic("master/audit", m.AuditHead, "master", 1, Qos.STATE)
+SLAVE_AUDIT = Topic("slave/audit", m.AuditHead, "slave", 1, Qos.STATE)
 MASTER_IMPAIRMENT = Topic("master/impairment", m.ImpairmentTrace, "master", 10, Qos.STATE, crosses=False)
 SLAVE_IMPAIRMENT = Topic("slave/impairment", m.ImpairmentTrace, "slave", 10, Qos.STATE, crosses=False)
 CONTROL_CYCLE = Topic(

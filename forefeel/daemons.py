@@ -69,7 +69,11 @@ def run_master(settings: MasterSettings, duration_s: float | None = None, insecu
 async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bool) -> None:
     from slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
-    with _runtime(settings) as (runtime, stop), daemon_state(settings, "slave", runtime.clock) as state:
+    with (
+        _runtime(settings) as (runtime, stop),
+        daemon_state(settings, "slave", runtime.clock) as state,
+        LocalServer(state.path, "slave") as local,  # before the network, which may take all descriptors
+    ):
         found = obstacles(settings, "slave")
         transport = await opened(settings, "slave", runtime, insecure, duration_s, found)
         if transport is None:
@@ -82,7 +86,7 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
             warn_of_latency("slave", settings)
             attendance = _attendance(runtime, daemon.axes)
             acts = SlaveActs(daemon, state.journal, runtime.clock)
-            async with runtime, LocalServer(state.path, "slave", acts):
+            async with runtime, local.serving(acts):
                 say(f"slave: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for a master")
                 await _until(runtime, duration_s, connecting(settings, transport, found))
                 attendance.stopping(_why(runtime))
@@ -100,7 +104,11 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
     from master.daemon import MasterDaemon  # noqa: PLC0415
 
     compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
-    with _runtime(settings) as (runtime, _), daemon_state(settings, "master", runtime.clock) as state:
+    with (
+        _runtime(settings) as (runtime, _),
+        daemon_state(settings, "master", runtime.clock) as state,
+        LocalServer(state.path, "master") as local,
+    ):
         found = obstacles(settings, "master")
         transport = await opened(settings, "master", runtime, insecure, settings.peer_timeout_s, found)
         if transport is None:
@@ -113,7 +121,7 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
             warn_of_latency("master", settings)
             attendance = _attendance(runtime, daemon.axes)
             say(f"master: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for the slave")
-            async with runtime, LocalServer(state.path, "master", MasterActs(daemon, runtime.clock)):
+            async with runtime, local.serving(MasterActs(daemon, runtime.clock)):
                 link = MasterLink(daemon, settings, transport, found)
                 await open_session(link, runtime, settings.peer_timeout_s)
                 if not runtime.stopping.is_set():

@@ -7,8 +7,8 @@ import asyncio
 import json
 import os
 import socket
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Self
 
@@ -25,29 +25,39 @@ Act = Callable[[Request, str], Awaitable[Answer]]
 
 
 class LocalServer:
-    """Serves `act` while it is entered.
+    """The socket is there while this is entered; what comes before `serving` waits for it.
+
+    So a stop that is asked for while a daemon starts is the first that it heeds.
 
     Raises:
         ConfigurationError: the socket can not be made.
     """
 
-    def __init__(self, folder: Path, role: str, act: Act) -> None:
-        self._folder, self._role, self._act = folder, role, act
+    def __init__(self, folder: Path, role: str) -> None:
+        self._folder, self._role = folder, role
         self._talks: set[asyncio.Task[None]] = set()
-
-    async def __aenter__(self) -> Self:
         self._socket = self._bound()
-        asyncio.get_running_loop().add_reader(self._socket, self._receive)
+
+    def __enter__(self) -> Self:
         return self
 
-    async def __aexit__(self, *_: object) -> None:
-        asyncio.get_running_loop().remove_reader(self._socket)
-        for talk in list(self._talks):
-            talk.cancel()
-        await asyncio.gather(*self._talks, return_exceptions=True)
+    def __exit__(self, *_: object) -> None:
         self._socket.close()
         with suppress(OSError):
             (self._folder / SOCKET).unlink()
+
+    @asynccontextmanager
+    async def serving(self, act: Act) -> AsyncIterator[None]:
+        """Answers with `act` meanwhile."""
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._socket, self._receive, act)
+        try:
+            yield
+        finally:
+            loop.remove_reader(self._socket)
+            for talk in list(self._talks):
+                talk.cancel()
+            await asyncio.gather(*self._talks, return_exceptions=True)
 
     def _bound(self) -> socket.socket:
         bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -69,21 +79,21 @@ class LocalServer:
             ) from error
         return bound
 
-    def _receive(self) -> None:
+    def _receive(self, act: Act) -> None:
         try:
             data, uid, asker = received(self._socket)
         except BlockingIOError:
             return
-        talk = asyncio.create_task(self._talk(data, uid, asker), name="local request")
+        talk = asyncio.create_task(self._talk(act, data, uid, asker), name="local request")
         self._talks.add(talk)
         talk.add_done_callback(self._talks.discard)
 
-    async def _talk(self, data: bytes, uid: int, asker: str | bytes) -> None:
-        answer = await self._answer(data, uid)
+    async def _talk(self, act: Act, data: bytes, uid: int, asker: str | bytes) -> None:
+        answer = await self._answer(act, data, uid)
         with suppress(OSError):  # gone, or it does not read: its own loss
             self._socket.sendto(json.dumps(answer._asdict()).encode(), asker)
 
-    async def _answer(self, data: bytes, uid: int) -> Answer:
+    async def _answer(self, act: Act, data: bytes, uid: int) -> Answer:
         if uid not in (0, os.geteuid()):
             return self._refused(f"user {uid} may not: only root and the daemon's own user")
         if len(self._talks) > _AT_ONCE:
@@ -94,7 +104,7 @@ class LocalServer:
             request = _REQUEST.validate_json(data)
         except ValidationError as error:
             return self._refused(f"not understood: {error.errors(include_url=False)[0]['msg']}")
-        return await self._act(request, f"uid {uid}")
+        return await act(request, f"uid {uid}")
 
     def _refused(self, why: str) -> Answer:
         return Answer(done=False, text=(why,), role=self._role)

@@ -54,8 +54,9 @@ def beside_a_daemon(folder: Path, act: Callable[[], Done], done: bool = True) ->
         return Answer(done, ("axis insertion: estopped, pressed",), "slave")
 
     async def main() -> Done:
-        async with LocalServer(folder / "st", "slave", answer):
-            return await asyncio.to_thread(act)
+        with LocalServer(folder / "st", "slave") as local:
+            async with local.serving(answer):
+                return await asyncio.to_thread(act)
 
     return asyncio.run(main()), asked
 

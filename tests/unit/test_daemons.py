@@ -1,6 +1,7 @@
 """Running a daemon: whatever keeps it from its work, devices and transport are closed behind it."""
 
 import asyncio
+from contextlib import nullcontext
 
 import pytest
 
@@ -32,11 +33,11 @@ def with_session(monkeypatch: pytest.MonkeyPatch) -> MemoryTransport:
         return session
 
     monkeypatch.setattr(daemons, "opened", opened)
-    monkeypatch.setattr(daemons, "_runtime", lambda _: RealRuntime())
+    monkeypatch.setattr(daemons, "_runtime", lambda _: nullcontext((RealRuntime(), None)))
     return session
 
 
-FAILURES: list[tuple[object, str]] = [(LocalServer, "_bound"), (daemons, "warn_of_latency")]
+FAILURES: list[tuple[object, str]] = [(LocalServer, "serving"), (daemons, "warn_of_latency")]
 """What fails while the loop runs, and before it does."""
 
 

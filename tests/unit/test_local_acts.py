@@ -31,8 +31,9 @@ async def act(request: Request, by: str) -> Answer:
 
 def serving(folder: Path, talk: Callable[[], Awaitable[None]]) -> None:
     async def main() -> None:
-        async with LocalServer(folder, "slave", act):
-            await talk()
+        with LocalServer(folder, "slave") as local:
+            async with local.serving(act):
+                await talk()
 
     asyncio.run(main())
 
@@ -110,6 +111,18 @@ def test_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     serving(tmp_path, talk)
 
 
+def test_what_is_asked_before_the_daemon_serves_is_heeded_when_it_does(tmp_path: Path) -> None:
+    async def main() -> Answer:
+        with LocalServer(tmp_path, "slave") as local:
+            asked = asyncio.ensure_future(asyncio.to_thread(ask, tmp_path, Request("estop")))
+            await asyncio.sleep(0.05)
+            assert not asked.done()
+            async with local.serving(act):
+                return await asked
+
+    assert asyncio.run(main()).text[0].startswith("estop by uid ")
+
+
 def test_who_does_not_listen_to_the_answer_holds_nobody_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -139,9 +152,10 @@ def test_more_than_a_few_at_a_time_are_refused(tmp_path: Path) -> None:
         return await act(request, by)
 
     async def main() -> list[Answer]:
-        async with LocalServer(tmp_path, "slave", slow):
+        with LocalServer(tmp_path, "slave") as local:
             asked = [asyncio.to_thread(ask, tmp_path, Request(do="state")) for _ in range(12)]
-            return await asyncio.gather(*asked)
+            async with local.serving(slow):
+                return await asyncio.gather(*asked)
 
     answers = asyncio.run(main())
     assert {answer.text[0] for answer in answers if not answer.done} <= {"8 others are speaking"}
