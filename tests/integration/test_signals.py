@@ -4,7 +4,6 @@ import os
 import pty
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ from forefeel.local.audit_text import read_entries, read_verdict
 from tests.live_cell import free_port
 from tests.signals.cases import SLAVE
 from tests.signals.scene import environment, scene
-from tests.signals.trial import Trial, run, trials, unignored
+from tests.signals.trial import run_all, trials, unignored
 
 IN_A_TERMINAL = """
 import fcntl, os, sys, termios
@@ -22,21 +21,14 @@ os.execv(sys.executable, [sys.executable, "-m", "forefeel", *sys.argv[1:]])
 """
 
 
-@pytest.fixture(scope="module")
-def busy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, int]]:
-    """What was made before, and the port of a slave; meanwhile both cores compute."""
-    folder = tmp_path_factory.mktemp("ready")
-    with scene(folder) as port:
-        yield folder, port
-
-
-@pytest.mark.timeout(120)
-@pytest.mark.parametrize("trial", trials(30, seed=1), ids=str)
-def test_a_signal_ends_a_command_in_time_and_order(
-    trial: Trial, busy: tuple[Path, int], tmp_path: Path
-) -> None:
-    ended = run(trial, *busy, tmp_path / "here")
-    assert ended.wrong == ()
+@pytest.mark.timeout(400)
+def test_thirty_signals_end_commands_in_time_and_order(tmp_path: Path) -> None:
+    ready = tmp_path / "ready"
+    ready.mkdir()
+    with scene(ready) as port:
+        found = run_all(trials(30, seed=1), ready, port, tmp_path, lambda *_: None)
+    assert len(found) == 30
+    assert [f"{trial}: {ended.wrong}" for trial, ended in found if ended.wrong] == []
 
 
 def test_a_slave_whose_terminal_goes_ends_in_order_and_says_so_in_its_audit_log(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from tests.signals.cases import CASES
 from tests.signals.scene import scene
-from tests.signals.trial import BOUND_S, Ended, Trial, run, trials
+from tests.signals.trial import BOUND_S, Ended, Trial, run_all, trials
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,15 +23,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", help="only commands whose name contains this")
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # in order: the slave and the devices go, too
-    found: list[tuple[Trial, Ended]] = []
     with TemporaryDirectory(prefix="forefeel-") as name:
         ready = Path(name) / "ready"
         ready.mkdir()
         with scene(ready) as port:
-            for trial in trials(options.count, options.seed):
-                if options.only in trial.case.name:
-                    found.append((trial, run(trial, ready, port, Path(name) / str(trial.number))))
-                    _print(*found[-1])
+            wanted = [t for t in trials(options.count, options.seed) if options.only in t.case.name]
+            found = run_all(wanted, ready, port, Path(name), _print)
     print(table(found))
     return int(any(ended.wrong for _, ended in found))
 

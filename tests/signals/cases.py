@@ -44,6 +44,11 @@ class Case:
     within_s: float = 6.0
     files: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def shares(self) -> bool:
+        """Whether it takes devices or writes files that others use, too: one at a time."""
+        return "READY/bench" in self.line or "READY/pki" in self.line
+
 
 RESULTS, SERVES, LOOKS = (0, 1), (0,), (1, 0)
 """Codes: what makes results may be done before the signal, else it was interrupted, in one line; what serves

@@ -6,10 +6,12 @@ import random
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from uuid import uuid4
 
 import yaml
@@ -24,6 +26,8 @@ SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 BOUND_S = 3.0
 _MARK = "FOREFEEL_SIGNALS_TRIAL"
 _PATIENCE_S = 60.0
+_AT_ONCE = 4
+"""Commands that run at the same time: with the two processes that compute, thrice what two cores can do."""
 _AT_WORK = 0.75
 """Share of the signals that find what is more than looked around at work; the others come while it starts."""
 
@@ -65,6 +69,22 @@ def trials(count: int, seed: int) -> list[Trial]:
     return found[:count]
 
 
+def run_all(
+    wanted: Sequence[Trial], ready: Path, port: int, folder: Path, tell: Callable[[Trial, Ended], None]
+) -> list[tuple[Trial, Ended]]:
+    """All of them, some at the same time; `tell` is called with each that has ended."""
+    shared = Lock()
+
+    def one(trial: Trial) -> tuple[Trial, Ended]:
+        with shared if trial.case.shares else nullcontext():
+            ended = run(trial, ready, port, folder / str(trial.number))
+        tell(trial, ended)
+        return trial, ended
+
+    with unignored(), ThreadPoolExecutor(_AT_ONCE) as pool:
+        return list(pool.map(one, wanted))
+
+
 def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
     """Starts the command, sends the signal as a terminal or a service manager does, looks at what is left."""
     here.mkdir()
@@ -73,12 +93,11 @@ def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
         (here / name).write_text(_placed(text, places))
     mark = uuid4().hex
     with (here / "stderr").open("wb") as said, (here / "stdout").open("wb") as out:
-        with unignored():
-            process = subprocess.Popen(
-                [*COMMAND, *_placed(trial.case.line, places).split()],
-                env={**environment(here), _MARK: mark},
-                stdin=subprocess.DEVNULL, stdout=out, stderr=said, start_new_session=True,
-            )  # fmt: skip
+        process = subprocess.Popen(
+            [*COMMAND, *_placed(trial.case.line, places).split()],
+            env={**environment(here), _MARK: mark},
+            stdin=subprocess.DEVNULL, stdout=out, stderr=said, start_new_session=True,
+        )  # fmt: skip
         try:
             _begun(process, trial.at_work)
             with suppress(subprocess.TimeoutExpired):
