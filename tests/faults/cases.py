@@ -1,10 +1,12 @@
 """The faults."""
 
+import resource
 import signal
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from tests.faults import required as r
@@ -13,7 +15,7 @@ from tests.faults.required import Route
 from tests.faults.scene import SECOND, Fault, Incident, Scene
 from tests.net.evidence import Evidence
 from tests.net.namespaces import ip
-from tests.net.service import RIVAL
+from tests.net.service import RIVAL, SLAVE_AT
 from tests.net.steered import Steering
 
 _FAULT_S = 2.0
@@ -277,6 +279,91 @@ def _state_disk_full(scene: Scene) -> Incident:
     return Incident(at_s, over_s, speed_m_s)
 
 
+def _stopped_on_a_full_disk(scene: Scene) -> Incident:
+    """The stop is acknowledged while the disk is full, and the slave is killed. A new start finds it."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = time.monotonic()
+    scene.disk.fill()
+    assert scene.service.stop() == 0, scene.hosts.last_words()
+    time.sleep(0.5)
+    scene.strike("slave", signal.SIGKILL)
+    time.sleep(0.5)
+    scene.disk.free()
+    return _found_latched(scene, at_s, speed_m_s)
+
+
+def _faulty_then_killed(scene: Scene) -> Incident:
+    """The cell is gone while the stage moves; the slave is killed, the cell repaired, the slave started."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = scene.strike("cell", signal.SIGUSR1)
+    scene.hosts.wait_until(lambda: scene.service.state() == "fault", 5.0, "a fault")
+    time.sleep(0.2)
+    scene.strike("slave", signal.SIGKILL)
+    scene.strike("cell", signal.SIGUSR1)
+    time.sleep(0.5)
+    return _found_latched(scene, at_s, speed_m_s)
+
+
+def _found_latched(scene: Scene, at_s: float, speed_m_s: float) -> Incident:
+    """Starts the slave, which must not arm before it is cleared."""
+    _start("slave", scene)
+    scene.hosts.wait_until(lambda: scene.service.state() == "estopped", 20.0, "a latched stop")
+    time.sleep(2.0)
+    assert scene.service.state() == "estopped", scene.service.seen()
+    over_s = scene.cleared()
+    scene.rearmed()
+    return Incident(at_s, over_s, speed_m_s)
+
+
+def _read_only(scene: Scene) -> Incident:
+    """A slave whose state folder can not be written to does not start, and says so."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = time.monotonic()
+    assert scene.hosts.end(scene.service.processes["slave"]) == 0, scene.hosts.last_words()
+    scene.disk.allow_writing(False)
+    words = ("forefeel", "slave", "--config", "slave.yaml")
+    refused = scene.hosts.run(0, "slave.log", *words, within=scene.disk.within)
+    scene.hosts.expected_ends.add(refused.pid)
+    assert refused.wait(20) == 2, scene.hosts.last_words()
+    assert scene.said("slave", "Read-only file system; expected one that can be written") == 1
+    scene.disk.allow_writing(True)
+    over_s = time.monotonic()
+    _start("slave", scene)
+    scene.rearmed()
+    return Incident(at_s, over_s, speed_m_s)
+
+
+def _terminal_dropped(scene: Scene) -> Incident:
+    """SIGHUP, as a terminal that goes sends it."""
+    speed_m_s = scene.service.wait_moving()
+    at_s = time.monotonic()
+    assert scene.hosts.end(scene.service.processes["slave"], signal.SIGHUP) == 0, scene.hosts.last_words()
+    over_s = time.monotonic()
+    _start("slave", scene)
+    scene.rearmed()
+    return Incident(at_s, over_s, speed_m_s)
+
+
+def _silent_connections(count: int, limit: int, scene: Scene) -> Incident:
+    """Somebody without a certificate holds connections that say nothing; the slave has few descriptors."""
+    slave = scene.service.processes["slave"]
+    resource.prlimit(slave.pid, resource.RLIMIT_NOFILE, (limit, limit))
+    speed_m_s = scene.service.wait_moving()
+    at_s = time.monotonic()
+    words = ("tests.attacks.silent", *SLAVE_AT.partition("/")[2].split(":"), str(count))
+    strangers = scene.hosts.run(1, "silent.log", *words)
+    scene.hosts.wait_until(
+        lambda: scene.hosts.says("silent.log", f"{count} connections"), 20.0, "connections"
+    )
+    time.sleep(3.0)
+    used = len(list(Path(f"/proc/{slave.pid}/fd").iterdir()))
+    assert used < limit // 2, f"{used} descriptors"
+    scene.hosts.expected_ends.add(strangers.pid)
+    strangers.kill()
+    scene.rearmed()
+    return Incident(at_s, time.monotonic(), speed_m_s)
+
+
 def _device(name: str, wait_s: float, lasts: bool, scene: Scene) -> Incident:
     """A device fails and is repaired; the fault is latched until it is cleared. `lasts`: it can not be
     cleared before.
@@ -308,6 +395,8 @@ def _clock_bound(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
 
 _SESSION_LOST = says("slave", "session_lost"), says("master", "session_lost")
 _KILLED = {role: says(role, "previous_not_closed") for role in ("slave", "master")}
+_CLEARED = stopped("clear", "cleared at the slave"), says("slave", "clear", cleared="True")
+_FOUND_LATCHED = _KILLED["slave"], stopped("estop", "latched before .*"), *_CLEARED
 _WATCHDOG = stopped("watchdog", "no valid command .*")
 _STOOD_STILL = stopped("watchdog", "the control loop stood still .*")
 _LATE = says("slave", "refused", name="late")
@@ -318,8 +407,7 @@ _BOTH = "slave", "master"
 def _failed(reason: str, device: str = "") -> tuple[Expected, ...]:
     """A device's fault, latched and cleared."""
     named = (says("slave", "device_fault", name=device, reason=reason),) if device else ()
-    cleared = stopped("clear", "cleared at the slave"), says("slave", "clear", cleared="True")
-    return *named, stopped("fault", reason), heard("fault"), *cleared
+    return *named, stopped("fault", reason), heard("fault"), *_CLEARED
 
 
 def _emulated(
@@ -445,6 +533,23 @@ def _of_slave() -> Iterable[Fault]:
         rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
         audit=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
     )  # fmt: skip
+    yield Fault(
+        "slave's terminal dropped", _terminal_dropped, "started again",
+        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
+        audit=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
+    )  # fmt: skip
+    yield Fault(
+        "load cell unplugged, slave SIGKILL", _faulty_then_killed, "repaired, started again, forefeel clear",
+        rest_s=r.BY_DEVICE_S, faded_s=r.BY_DEVICE_S + r.NEAR.faded_s,
+        service={"emulated": {"cell": "unplug,plug"}},
+        audit=_FOUND_LATCHED,
+        flights=("master",),
+    )  # fmt: skip
+    for count, limit in ((1_100, 1_024), (10_000, 20_000)):
+        yield Fault(
+            f"{count} silent connections, {limit} descriptors", partial(_silent_connections, count, limit),
+            "nothing to recover",
+        )  # fmt: skip
 
 
 def _of_recorder_and_disk() -> Iterable[Fault]:
@@ -463,6 +568,20 @@ def _of_recorder_and_disk() -> Iterable[Fault]:
             says("slave", "log_written_again"),
         ),
         flights=("master",),
+    )  # fmt: skip
+    on_disk: dict[str, Any] = {**EMULATED, "extra": {"slave": {"state": {"directory": "disk/state"}}}}
+    yield Fault(
+        "state folder full, stopped, slave SIGKILL", _stopped_on_a_full_disk,
+        "room made, started again, forefeel clear",
+        rest_s=r.NOTICED_S + r.BY_FAULT_S, faded_s=r.NOTICED_S + r.NEAR.faded_s, noticed="(estop|fault)",
+        on_disk=True, service=on_disk,
+        audit=_FOUND_LATCHED,
+        flights=("master",),
+    )  # fmt: skip
+    yield Fault(
+        "state folder read-only, slave restarted", _read_only, "made writable: started again",
+        rest_s=r.BY_FAULT_S, faded_s=r.NEAR.faded_s, on_disk=True, service=on_disk,
+        audit=(stopped("shutdown"), says("slave", "stop")),
     )  # fmt: skip
 
 

@@ -47,6 +47,11 @@ class SmallDisk:
         """What `fill` put there goes."""
         (self.seen / "ballast").unlink()
 
+    def allow_writing(self, allowed: bool) -> None:
+        """Whether it can be written to; it can not be taken away while a file is open for it."""
+        how = "rw" if allowed else "ro"
+        subprocess.run([*self.within, "mount", "-o", f"remount,{how}", str(self.folder)], check=True)
+
     def free_bytes(self) -> int:
         """What is left."""
         return shutil.disk_usage(self.seen).free

@@ -2,6 +2,7 @@
 CLOCK_MONOTONIC.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,9 +128,10 @@ class Evidence:
         return Motion(times[order], self.slave.column(AXIS, FORCE, "position_m")[order], False)
 
     def next_event_s(self, name: str, after_s: float) -> float | None:
-        """When the slave's safety machine next reported that event."""
+        """When the slave's safety machine next reported that event; `name`: a regular expression."""
         return next(
-            (time_s for time_s, event in self.events if event.event == name and time_s > after_s), None
+            (time_s for time_s, event in self.events if re.fullmatch(name, event.event) and time_s > after_s),
+            None,
         )
 
     def following(self, at_s: float) -> bool:

@@ -198,12 +198,19 @@ class Service:
 
     def clear(self) -> int:
         """`forefeel clear` on the slave's host; its exit code."""
-        words = ("forefeel", "clear", "--config", "slave.yaml")
-        process = self.hosts.run(0, "clear.log", *words, within=self.within.get("slave", ()))
+        return self._beside_the_slave("clear")
+
+    def stop(self) -> int:
+        """`forefeel estop` on the slave's host; its exit code."""
+        return self._beside_the_slave("estop")
+
+    def _beside_the_slave(self, command: str) -> int:
+        words = ("forefeel", command, "--config", "slave.yaml")
+        process = self.hosts.run(0, f"{command}.log", *words, within=self.within.get("slave", ()))
         self.hosts.expected_ends.add(process.pid)
         with suppress(subprocess.TimeoutExpired):
             return process.wait(20)
-        raise AssertionError("forefeel clear did not come back in 20 s")
+        raise AssertionError(f"forefeel {command} did not come back in 20 s")
 
     def _daemon(self, host: int, role: str) -> Process:
         steering = self._steered.get(role)
