@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.attacks.outcome import HEAD, Outcome
+from tests.attacks.silence import silent
 from tests.attacks.virtual import VIRTUAL
 from tests.attacks.wire import plain, secured
 
@@ -17,7 +18,7 @@ def main() -> int:
     """Runs those whose name contains the argument, all without one."""
     wanted = sys.argv[1] if len(sys.argv) > 1 else ""
     start_s, outcomes = time.monotonic(), list[Outcome]()
-    for outcome in chain(_virtual(wanted), plain(wanted), secured(wanted)):
+    for outcome in chain(_virtual(wanted), plain(wanted), secured(wanted), silent(wanted)):
         outcomes.append(outcome)
         verdict = "NOT REFUSED" if outcome.wrong else "refused"
         print(

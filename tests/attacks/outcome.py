@@ -1,7 +1,9 @@
 """What came of an attack, as one row of the table."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+
+from tests.witness import PRIORITY, WATCHDOG_S, Witness
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,17 @@ class Outcome:
         note = self.note.strip(" ;,")
         seen = (text or "-" for text in (counted, told, audited))
         return self.attack, self.where, *seen, f"{self.armed:.1%}", self.ends, note, verdict
+
+
+def witnessed(attack: Callable[[], Outcome]) -> Outcome:
+    """The armed time is judged only while a witness was on time, see `tests.witness`."""
+    with Witness(PRIORITY) as witness:
+        outcome = attack()
+    short = [each for each in outcome.wrong if each.startswith("armed")]
+    if short and witness.late_s >= WATCHDOG_S / 2:
+        outcome.wrong = [each for each in outcome.wrong if each not in short]
+        outcome.note += f", {short[0]} NOT JUDGED: the machine was late by {1e3 * witness.late_s:.0f} ms"
+    return outcome
 
 
 HEAD = ("attack", "where", "counted", "told", "audited", "armed", "ends", "note", "verdict")

@@ -28,7 +28,7 @@ from common.topics import (
     Topic,
 )
 from tests.attacks.flood import flood
-from tests.attacks.outcome import Expected, Outcome
+from tests.attacks.outcome import Expected, Outcome, witnessed
 from tests.attacks.stranger import CONNECTED, HEARING, PAPERS, Stranger, identity, stranger
 from tests.attacks.virtual import garbage
 from tests.live_cell import AXIS, CELL, LiveCell, Process
@@ -280,15 +280,6 @@ def with_papers(scene: Scene, papers: str) -> Outcome:
     return outcome
 
 
-def _twice(attack: Callable[[], Outcome]) -> Outcome:
-    """Once more where only the armed time was too short: a hole stays, a stolen second does not."""
-    outcome = attack()
-    if outcome.wrong and all(each.startswith("armed") for each in outcome.wrong):
-        outcome = attack()
-        outcome.note += ", at the second try"
-    return outcome
-
-
 def plain(wanted: str) -> Iterator[Outcome]:
     """Each attack of `PLAIN` that is wanted, on one pair of processes."""
     chosen = {name: attack for name, attack in PLAIN.items() if wanted in name}
@@ -300,7 +291,7 @@ def plain(wanted: str) -> Iterator[Outcome]:
             with stranger(cell.endpoint) as attacker:
                 wait_until(lambda attacker=attacker: attacker.connected, 5.0, "connected")  # type: ignore[misc]
                 time.sleep(_SETTLE_S)
-                yield _twice(lambda: attack(Scene(name, "Zenoh tcp", cell, attacker)))  # noqa: B023
+                yield witnessed(lambda: attack(Scene(name, "Zenoh tcp", cell, attacker)))  # noqa: B023
 
 
 def secured(wanted: str) -> Iterator[Outcome]:
@@ -315,4 +306,4 @@ def secured(wanted: str) -> Iterator[Outcome]:
             files = identity(papers, cell.pki, Path(folder))
             with stranger(cell.endpoint, files) as attacker:
                 name = f"commands of {papers}"
-                yield _twice(lambda: with_papers(Scene(name, "Zenoh mTLS", cell, attacker), papers))  # noqa: B023
+                yield witnessed(lambda: with_papers(Scene(name, "Zenoh mTLS", cell, attacker), papers))  # noqa: B023
