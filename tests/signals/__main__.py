@@ -4,6 +4,7 @@ Prints a line for each that is not as it should be, and a table. Exit 1 when the
 """
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with TemporaryDirectory(prefix="forefeel-") as name:
         ready = Path(name) / "ready"
         ready.mkdir()
-        with scene(ready) as port:
+        with scene(ready, computing=os.cpu_count() or 1) as port:
             wanted = [t for t in trials(options.count, options.seed) if options.only in t.case.name]
             found = run_all(wanted, ready, port, Path(name), _print)
     print(table(found))

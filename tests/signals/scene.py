@@ -29,8 +29,13 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 @contextmanager
-def scene(folder: Path) -> Iterator[int]:
-    """Makes the recordings, runs a slave and two devices, keeps both cores busy; the port of the slave."""
+def scene(folder: Path, computing: int = 0) -> Iterator[int]:
+    """Makes the recordings, runs a slave and two devices; the port of the slave.
+
+    Args:
+        folder: for all of it.
+        computing: processes that do nothing but compute meanwhile.
+    """
     port = free_port()
     (folder / "long").mkdir()
     for name in "ab":
@@ -48,7 +53,7 @@ def scene(folder: Path) -> Iterator[int]:
         running.enter_context(_process(folder, "slave", "--config", f"{folder}/slave.yaml"))
         running.enter_context(_process(folder, *f"emulate bota_serial {bench}".split()))
         running.enter_context(_process(folder, *f"emulate zaber_ascii {bench}".split()))
-        for _ in range(os.cpu_count() or 1):
+        for _ in range(computing):
             running.enter_context(_ended(subprocess.Popen([sys.executable, "-c", "while True: pass"])))
         yield port
 

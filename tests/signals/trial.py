@@ -8,10 +8,9 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 from uuid import uuid4
 
 import yaml
@@ -26,8 +25,8 @@ SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 BOUND_S = 3.0
 _MARK = "FOREFEEL_SIGNALS_TRIAL"
 _PATIENCE_S = 60.0
-_AT_ONCE = 4
-"""Commands that run at the same time: with the two processes that compute, thrice what two cores can do."""
+_AT_ONCE = 6
+"""Commands that run at the same time, so that two cores have always too much to do."""
 _AT_WORK = 0.75
 """Share of the signals that find what is more than looked around at work; the others come while it starts."""
 
@@ -73,16 +72,15 @@ def run_all(
     wanted: Sequence[Trial], ready: Path, port: int, folder: Path, tell: Callable[[Trial, Ended], None]
 ) -> list[tuple[Trial, Ended]]:
     """All of them, some at the same time; `tell` is called with each that has ended."""
-    shared = Lock()
 
     def one(trial: Trial) -> tuple[Trial, Ended]:
-        with shared if trial.case.shares else nullcontext():
-            ended = run(trial, ready, port, folder / str(trial.number))
+        ended = run(trial, ready, port, folder / str(trial.number))
         tell(trial, ended)
         return trial, ended
 
-    with unignored(), ThreadPoolExecutor(_AT_ONCE) as pool:
-        return list(pool.map(one, wanted))
+    with unignored(), ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as row:
+        ends = [(row if trial.case.shares else pool).submit(one, trial) for trial in wanted]
+        return [each.result() for each in ends]
 
 
 def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
