@@ -175,19 +175,20 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def renewed(page: str, rows: Sequence[Row], command: str) -> str:
-    """A page with these rows in place of those of the same names, and how they were measured.
-
-    Raises:
-        ValueError: it has no such row.
+    """A page with these rows in place of those of the same names, or behind the last, and how they were
+    measured.
     """
     lines = page.splitlines()
     at = {text.split(" | ")[0].removeprefix("| "): number for number, text in enumerate(lines)}
-    for row in rows:
-        if row.name not in at:
-            raise ValueError(f"no row {row.name!r}: write the whole page first")
-        lines[at[row.name]] = f"| {' | '.join(line(row))} |"
     last = max(number for number, text in enumerate(lines) if text.startswith("| "))
-    note = f"Measured anew since, by `{command}`: {'; '.join(row.name for row in rows)}."
+    for row in rows:
+        text = f"| {' | '.join(line(row))} |"
+        if row.name in at:
+            lines[at[row.name]] = text
+        else:
+            last += 1
+            lines.insert(last, text)
+    note = f"Measured since, by `{command}`: {'; '.join(row.name for row in rows)}."
     return "\n".join([*lines[: last + 1], "", note, *lines[last + 1 :]]) + "\n"
 
 
