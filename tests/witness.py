@@ -22,7 +22,7 @@ PRIORITY = 30
 WATCHDOG_S = 0.060
 """Of the slave. What needs a session without a stop has this slack: a machine that stands still ends it."""
 MOST_NOT_JUDGED = 0.05
-"""Of the tests that assert timeliness."""
+"""Of the tests of real time."""
 _STEP_S = 0.005
 _KEY = "timely"
 
@@ -106,9 +106,13 @@ class _Account:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """The report of the end of a test has what its fixtures left."""
-        for name, said in report.user_properties if report.when == "teardown" else ():
+        if report.when != "teardown":
+            return
+        if "realtime" in report.keywords:
+            self._found.setdefault(report.nodeid, [])
+        for name, said in report.user_properties:
             if name == _KEY and isinstance(said, list):
-                self._found[report.nodeid] = said
+                self._found[report.nodeid] = [*self._found.get(report.nodeid, []), *said]
 
     @property
     def _late(self) -> dict[str, list[str]]:
