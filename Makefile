@@ -52,7 +52,8 @@ hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis, P
 MINUTES ?= 60
 # of those on the wall clock the three-minute form runs the attacks and the live view in a browser
 SHORT = tests/attacks tests/integration/test_dashboard.py tests/integration/test_emulated_loopback.py --deselect \
-	tests/integration/test_dashboard.py::test_ten_minutes_without_growth
+	tests/integration/test_dashboard.py::test_ten_minutes_without_growth --deselect \
+	'tests/attacks/test_attacks.py::test_every_attack_is_refused_and_counted[20000 silent]'
 soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' -rP
 	$(BIN)/python -m pytest -m 'soak and realtime' -s $(if $(filter 3,$(MINUTES)),$(SHORT))

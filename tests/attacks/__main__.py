@@ -1,5 +1,6 @@
 """`python -m tests.attacks [PART OF A NAME]`: every attack, one row each; exit 1 if one is not refused."""
 
+import argparse
 import sys
 import time
 from collections.abc import Iterator
@@ -16,9 +17,13 @@ from tests.attacks.wire import plain, secured
 
 def main() -> int:
     """Runs those whose name contains the argument, all without one."""
-    wanted = sys.argv[1] if len(sys.argv) > 1 else ""
+    parser = argparse.ArgumentParser(prog="python -m tests.attacks", description=__doc__)
+    parser.add_argument("wanted", nargs="?", default="", help="part of a name")
+    parser.add_argument("--most", type=int, default=20_000, help="silent connections; half a minute for all")
+    options = parser.parse_args()
+    wanted = options.wanted
     start_s, outcomes = time.monotonic(), list[Outcome]()
-    for outcome in chain(_virtual(wanted), plain(wanted), secured(wanted), silent(wanted)):
+    for outcome in chain(_virtual(wanted), plain(wanted), secured(wanted), silent(wanted, options.most)):
         outcomes.append(outcome)
         verdict = "NOT REFUSED" if outcome.wrong else "refused"
         print(

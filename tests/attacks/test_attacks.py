@@ -28,9 +28,10 @@ def test_an_attack_is_refused_and_counted(name: str) -> None:
 @pytest.mark.soak
 @pytest.mark.realtime
 @pytest.mark.timeout(900)
-def test_every_attack_is_refused_and_counted() -> None:
+@pytest.mark.parametrize("words", [["--most", "2000"], ["20000 connections"]], ids=["all", "20000 silent"])
+def test_every_attack_is_refused_and_counted(words: list[str]) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "tests.attacks"],
+        [sys.executable, "-m", "tests.attacks", *words],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
