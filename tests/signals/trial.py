@@ -25,6 +25,8 @@ SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 BOUND_S = 3.0
 _MARK = "FOREFEEL_SIGNALS_TRIAL"
 _PATIENCE_S = 60.0
+_BEGINS_S = 15.0
+"""More than any command needs to be at work on a busy machine."""
 _AT_ONCE = 6
 """Commands that run at the same time, so that two cores have always too much to do."""
 _AT_WORK = 0.75
@@ -136,10 +138,13 @@ def _placed(text: str, places: dict[str, str]) -> str:
 
 def _begun(process: "subprocess.Popen[bytes]", at_work: bool) -> None:
     """Until the command has taken SIGINT from Python, which would show a traceback while it starts; and until
-    it catches it by itself, as it does at work.
+    it catches it by itself, as it does at work. A change that was too short to be seen is not waited for.
     """
+    end_s = time.monotonic() + _BEGINS_S
     for caught in (True, False, True) if at_work else (True, False):
         while process.poll() is None and _catches_sigint(process.pid) != caught:
+            if time.monotonic() > end_s:
+                return
             time.sleep(0.001)
 
 
