@@ -120,9 +120,9 @@ class AuditHeads:
     """Tells the other end once a second where our audit log ends, and notes in ours where its log does."""
 
     def __init__(
-        self, bus: Bus, role: Role, session: Callable[[], int], journal: Journal, runtime: Runtime
+        self, bus: Bus, role: Role, session: Callable[[int], int], journal: Journal, runtime: Runtime
     ) -> None:
-        """`session`: the id of the session that is open, or 0."""
+        """`session`: the id of the one that is open at a time in ns, or 0."""
         own, other = (MASTER_AUDIT, SLAVE_AUDIT) if role == "master" else (SLAVE_AUDIT, MASTER_AUDIT)
         self._journal, self._session = journal, session
         self._outlet = bus.outlet(own)
@@ -132,7 +132,7 @@ class AuditHeads:
         runtime.task(f"{role} audit heads", SECOND_NS, self._exchange)
 
     def _exchange(self, now_ns: int) -> None:
-        session, heard = self._session(), self._heard.take()
+        session, heard = self._session(now_ns), self._heard.take()
         if session and (head := self._journal.head()) is not None:
             number, digest = head
             self._outlet.send(AuditHead(**self._outlet.header(session, now_ns), number=number, hash=digest))

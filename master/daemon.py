@@ -98,7 +98,7 @@ class MasterDaemon:
         runtime.task("state", SECOND_NS // 10, self._report)
         self._reports = Reports(bus, "master", lateness, self.transport, runtime)
         session = self.axes[0].session
-        AuditHeads(bus, "master", lambda: session.open_id, self._journal, runtime)
+        AuditHeads(bus, "master", lambda _: session.open_id, self._journal, runtime)
 
     @property
     def finished(self) -> bool:

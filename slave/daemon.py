@@ -88,8 +88,7 @@ class SlaveDaemon:
         runtime.task("state", SECOND_NS // 50, self._report)
         runtime.task("calibration", _ANNOUNCE_NS, self._announce)
         self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
-        first = self.axes[0]
-        AuditHeads(bus, "slave", lambda: first.session(self._now_ns()), self._journal, runtime)
+        AuditHeads(bus, "slave", self.axes[0].session, self._journal, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""

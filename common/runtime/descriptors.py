@@ -4,7 +4,7 @@ import fcntl
 import os
 import resource
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import count, islice
 
@@ -23,8 +23,13 @@ class Descriptors:
         self._reserved: list[int] = []
 
     def used(self) -> set[int]:
-        """Those that are open; this opens none itself."""
-        return set(filter(_is_open, range(resource.getrlimit(_NOFILE)[0] + _RESERVED)))
+        """Those that are open. Where no further one can be opened to list them, each number is tried."""
+        numbers: Iterable[int]
+        try:
+            numbers = [int(name) for name in os.listdir("/proc/self/fd")]  # noqa: PTH208 - numbers, not paths
+        except OSError:
+            numbers = range(resource.getrlimit(_NOFILE)[0] + _RESERVED)
+        return set(filter(_is_open, numbers))  # without that of the listing, which is closed
 
     def allow(self, more: int, used: Collection[int]) -> None:
         """Lets the process open at most that many beside those in use, and at least one of them, as far as

@@ -38,11 +38,11 @@ def _killed(role: str, scene: Scene) -> Incident:
     return Incident(at_s, over_s, speed_m_s, gone=role == "master")
 
 
-def _restarted(role: str, scene: Scene) -> Incident:
-    """SIGTERM, as a service manager does; a new process, a new session."""
+def _restarted(role: str, scene: Scene, number: signal.Signals = signal.SIGTERM) -> Incident:
+    """SIGTERM, as a service manager does, or SIGHUP, as a terminal that goes; a new process and session."""
     speed_m_s = scene.service.wait_moving()
     at_s = time.monotonic()
-    assert scene.hosts.end(scene.service.processes[role]) == 0, scene.hosts.last_words()
+    assert scene.hosts.end(scene.service.processes[role], number) == 0, scene.hosts.last_words()
     over_s = time.monotonic()
     _start(role, scene)
     scene.rearmed()
@@ -333,17 +333,6 @@ def _read_only(scene: Scene) -> Incident:
     return Incident(at_s, over_s, speed_m_s)
 
 
-def _terminal_dropped(scene: Scene) -> Incident:
-    """SIGHUP, as a terminal that goes sends it."""
-    speed_m_s = scene.service.wait_moving()
-    at_s = time.monotonic()
-    assert scene.hosts.end(scene.service.processes["slave"], signal.SIGHUP) == 0, scene.hosts.last_words()
-    over_s = time.monotonic()
-    _start("slave", scene)
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
-
-
 def _silent_connections(count: int, limit: int, scene: Scene) -> Incident:
     """Somebody without a certificate holds connections that say nothing; the slave has few descriptors."""
     slave = scene.service.processes["slave"]
@@ -534,7 +523,7 @@ def _of_slave() -> Iterable[Fault]:
         audit=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
     )  # fmt: skip
     yield Fault(
-        "slave's terminal dropped", _terminal_dropped, "started again",
+        "slave's terminal dropped", partial(_restarted, "slave", number=signal.SIGHUP), "started again",
         rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
         audit=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
     )  # fmt: skip
