@@ -18,7 +18,6 @@ class Descriptors:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._given: int | None = None
         self._soft = 0
         self._reserved: list[int] = []
 
@@ -37,16 +36,16 @@ class Descriptors:
         """
         free = (number for number in count() if number not in used)
         with self._lock:
-            self._soft = min(next(islice(free, more, None)), self._first())
+            self._soft = min(next(islice(free, more, None)), _most())
             self._apply()
-            while more and self._soft < self._first() and not _can_open():
+            while more and self._soft < _most() and not _can_open():
                 self._soft += 1
                 self._apply()
 
     def allow_all(self) -> None:
-        """As many as before the first `allow`, less the reserve."""
+        """As many as the hard limit gives, less the reserve."""
         with self._lock:
-            self._soft = self._first()
+            self._soft = _most()
             self._apply()
 
     @contextmanager
@@ -56,7 +55,7 @@ class Descriptors:
         Any thread may enter it. The others may open as many meanwhile, so the body is short.
         """
         with self._lock:
-            self._soft = self._soft or self._first()
+            self._soft = self._soft or _most()
             self._reserved.append(more)
             self._apply()
         try:
@@ -71,12 +70,12 @@ class Descriptors:
             _NOFILE, (self._soft + max(self._reserved, default=0), resource.getrlimit(_NOFILE)[1])
         )
 
-    def _first(self) -> int:
-        """The soft limit that the process was given, or one that leaves the reserve."""
-        soft, hard = resource.getrlimit(_NOFILE)
-        if self._given is None:
-            self._given = soft if hard == resource.RLIM_INFINITY else min(soft, hard - _RESERVED)
-        return self._given
+
+def _most() -> int:
+    """What leaves the reserve. The soft limit of the start says nothing: it may be that of a parent which
+    bounds strangers, too.
+    """
+    return resource.getrlimit(_NOFILE)[1] - _RESERVED
 
 
 def _can_open() -> bool:

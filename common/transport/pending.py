@@ -55,6 +55,11 @@ class Accepted(NamedTuple):
     silent: bool
 
 
+def before_listening() -> None:
+    """Bounds what comes between the opening of a port and the first look."""
+    DESCRIPTORS.allow(MOST_SILENT + _OWN, DESCRIPTORS.used())
+
+
 class PendingConnections:
     """Looks at the process's own sockets, in a thread of its own while it is entered.
 

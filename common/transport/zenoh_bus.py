@@ -1,10 +1,13 @@
 """The transport over Zenoh."""
 
 import os
+import tempfile
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from functools import cache
 from pathlib import Path
 from typing import Self, cast
 
@@ -16,7 +19,7 @@ from common.errors import EndpointError, NoRouterError, RunError
 from common.topics import Qos
 from common.transport.endpoints import check_endpoint, explain
 from common.transport.exposure import check_exposure
-from common.transport.pending import PendingConnections
+from common.transport.pending import PendingConnections, before_listening
 from common.transport.pki import read_identity
 from common.transport.port import Handler, KeyedHandler, OnFault, Put
 from common.transport.security import Party, secured
@@ -25,6 +28,8 @@ from common.transport.zenoh_config import Mode, configuration, secured_by_file
 
 _Receive = Callable[[zenoh.Sample], None]
 
+_STARTED_S = 1.0
+"""Bounds the wait for the connection of the process to itself, which takes 5 ms."""
 _WORKERS = 2 * MOST_CONNECTIONS
 """Threads of each of Zenoh's runtimes. Closing a link of TCP or TLS blocks one until the other end has
 acknowledged all, or for 10 s; with Zenoh's one or two nobody receives meanwhile (docs/decisions/0021).
@@ -234,11 +239,32 @@ def open_session(
     )
     runtimes = ", ".join(f"{name}: (worker_threads: {_WORKERS})" for name in ("rx", "tx", "net"))
     os.environ.setdefault("ZENOH_RUNTIME", f"({runtimes})")  # read once, by the first session of a process
+    if settings.listen:
+        _start_runtimes()
+        before_listening()
     try:
         return zenoh.open(configuration(settings, mode, added)), notice
     except zenoh.ZError as error:
         kind = NoRouterError if "Unable to connect" in str(error) else EndpointError
         raise kind(explain(str(error), settings.listen, settings.connect)) from error
+
+
+@cache
+def _start_runtimes() -> None:
+    """Starts all of Zenoh's runtimes by a connection of the process to itself.
+
+    Zenoh starts the last two with the first connection, and what connects fails for good when strangers hold
+    the descriptors that this takes. Without a folder for the socket it stays so.
+    """
+    with suppress(OSError), tempfile.TemporaryDirectory() as folder, ExitStack() as opened:
+        endpoint = f"unixsock-stream/{folder}/socket"
+        sessions = [
+            opened.enter_context(zenoh.open(configuration(settings, "peer", {})))
+            for settings in (TransportSettings(listen=(endpoint,)), TransportSettings(connect=(endpoint,)))
+        ]
+        end_s = time.monotonic() + _STARTED_S
+        while time.monotonic() < end_s and not sessions[1].info.transports():
+            time.sleep(0.001)
 
 
 def pending_connections(

@@ -27,7 +27,7 @@ class Outcome:
     """What was seen.
 
     `audited`: entries of the audit log by name, None where there is no log. `wrong`: all that is not as it
-    must be; empty: the attack was refused.
+    must be; empty: the attack was refused. `late`: what was not in time.
     """
 
     attack: str
@@ -39,6 +39,7 @@ class Outcome:
     told: Mapping[str, int] = field(default_factory=dict)
     audited: Mapping[str, int] | None = None
     wrong: list[str] = field(default_factory=list)
+    late: list[str] = field(default_factory=list)
     note: str = ""
 
     def judge(self, expected: Expected) -> "Outcome":
@@ -51,7 +52,7 @@ class Outcome:
             self.require(expected.told in self.told, f"no event {expected.told}")
             if self.audited is not None:
                 self.require(expected.told in self.audited, f"no {expected.told} in the audit log")
-        self.require(self.armed >= expected.armed, f"armed {self.armed:.0%}")
+        self.require_in_time(self.armed >= expected.armed, f"armed {self.armed:.0%}")
         self.require(self.ends == expected.ends, f"ends {self.ends}, not {expected.ends}")
         return self
 
@@ -59,6 +60,11 @@ class Outcome:
         """Notes what is wrong."""
         if not condition:
             self.wrong.append(otherwise)
+
+    def require_in_time(self, condition: bool, otherwise: str) -> None:
+        """Notes what is late, which only counts where the machine was not."""
+        if not condition:
+            self.late.append(otherwise)
 
     def row(self) -> tuple[str, ...]:
         """The cells of the table."""
@@ -72,13 +78,14 @@ class Outcome:
 
 
 def witnessed(attack: Callable[[], Outcome]) -> Outcome:
-    """The armed time is judged only while a witness was on time, see `tests.witness`."""
+    """Timeliness is judged only while a witness was on time, see `tests.witness`."""
     with Witness(PRIORITY) as witness:
         outcome = attack()
-    short = [each for each in outcome.wrong if each.startswith("armed")]
-    if short and witness.late_s >= WATCHDOG_S / 2:
-        outcome.wrong = [each for each in outcome.wrong if each not in short]
-        outcome.note += f", {short[0]} NOT JUDGED: the machine was late by {1e3 * witness.late_s:.0f} ms"
+    if outcome.late and witness.late_s >= WATCHDOG_S / 2:
+        said = "; ".join(outcome.late)
+        outcome.note += f", {said} NOT JUDGED: the machine was late by {1e3 * witness.late_s:.0f} ms"
+    else:
+        outcome.wrong += outcome.late
     return outcome
 
 

@@ -19,6 +19,9 @@ def connected(host: str, port: int, count: int) -> list[socket.socket]:
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
     found: list[socket.socket] = []
+    while not found:  # from the first moment of who is not up yet
+        with suppress(ConnectionRefusedError):
+            found.append(socket.create_connection((host, port)))
     with suppress(OSError):  # no descriptor or port is left
         while len(found) < count:
             found.append(socket.socket())

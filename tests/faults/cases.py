@@ -1,6 +1,5 @@
 """The faults."""
 
-import resource
 import signal
 import time
 from collections.abc import Callable, Iterable
@@ -13,6 +12,7 @@ from tests.faults import required as r
 from tests.faults.audit import Expected, heard, says, stopped
 from tests.faults.required import Route
 from tests.faults.scene import SECOND, Fault, Incident, Scene
+from tests.live_cell import limit_descriptors
 from tests.net.evidence import Evidence
 from tests.net.namespaces import ip
 from tests.net.service import RIVAL, SLAVE_AT
@@ -336,7 +336,7 @@ def _read_only(scene: Scene) -> Incident:
 def _silent_connections(count: int, limit: int, scene: Scene) -> Incident:
     """Somebody without a certificate holds connections that say nothing; the slave has few descriptors."""
     slave = scene.service.processes["slave"]
-    resource.prlimit(slave.pid, resource.RLIMIT_NOFILE, (limit, limit))
+    limit_descriptors(slave.pid, limit)
     speed_m_s = scene.service.wait_moving()
     at_s = time.monotonic()
     words = ("tests.attacks.silent", *SLAVE_AT.partition("/")[2].split(":"), str(count))
