@@ -1,5 +1,6 @@
 """Emulated CAN devices in threads of this process, and settings of drivers that reach them."""
 
+import queue
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -92,27 +93,43 @@ def cell_on(bus: can.BusABC, feel: Callable[[float], float] = lambda _: 1.25) ->
     return Transducer404(bus, CELL, feel)
 
 
-@contextmanager
-def running(*living: Steps) -> Iterator[None]:
-    """Steps each in a thread of its own."""
-    stopping = threading.Event()
-    broken: list[BaseException] = []
+class _Life:
+    """Steps one in a thread; what it raises is kept, and ends it."""
 
-    def live(one: Steps) -> None:
+    def __init__(self, one: Steps) -> None:
+        self.broken: BaseException | None = None
+        self._one, self._stopping = one, threading.Event()
+        self._actions: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
+        self.thread = threading.Thread(target=self._run, name=type(one).__name__)
+
+    def do(self, action: Callable[[], object]) -> None:
+        """Between two steps, for what the stepping thread must not meet half done."""
+        self._actions.put(action)
+
+    def end(self) -> None:
+        self._stopping.set()
+        self.thread.join()
+
+    def _run(self) -> None:
         try:
-            while not stopping.is_set():
-                one.step()
+            while not self._stopping.is_set():
+                self._one.step()
+                while not self._actions.empty():
+                    self._actions.get()()
         except BaseException as error:  # noqa: BLE001 - shown by the test
-            broken.append(error)
+            self.broken = error
 
-    threads = [threading.Thread(target=live, args=(one,), daemon=True) for one in living]
-    for thread in threads:
-        thread.start()
+
+@contextmanager
+def running(*living: Steps) -> Iterator[Callable[[Callable[[], object]], None]]:
+    """Steps each in a thread of its own; yields what does something between two steps of the first."""
+    lives = [_Life(one) for one in living]
+    for life in lives:
+        life.thread.start()
     try:
-        yield
+        yield lives[0].do
     finally:
-        stopping.set()
-        for thread in threads:
-            thread.join(5.0)
-    if broken:
-        raise broken[0]
+        for life in lives:
+            life.end()
+        for broken in filter(None, (life.broken for life in lives)):
+            raise broken

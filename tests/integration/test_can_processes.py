@@ -152,7 +152,7 @@ def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path, monkeypatch: p
     links = [tmp_path / name for name in ("host", "drive", "cell")]
     buses = [CanSettings(interface="slcan", channel=str(link)) for link in links]
     hub = CanHub(links)
-    with running(hub):
+    with running(hub) as between_steps:
         drive, transducer = drive_on(open_bus(buses[1])), cell_on(open_bus(buses[2]))
         stage, cell = (
             Cia402Stage(stage_settings(buses[0], heartbeat_s=CALM_S / 3)),
@@ -164,11 +164,11 @@ def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path, monkeypatch: p
             left.callback(stage.close)
             stage.open()
             cell.open()
-            hub.provoke("unplug")
+            between_steps(lambda: hub.provoke("unplug"))
             wait_until(lambda: all(link.inhibited for link in links_of))
             assert "gone" in str(stage.link.inhibited)
             wait_until(lambda: drive.model.state is DriveState.QUICK_STOP)
-            hub.provoke("plug")
+            between_steps(lambda: hub.provoke("plug"))
             wait_until(lambda: all(link.state is LinkState.CONFIGURED for link in links_of))
             with pytest.raises(DeviceError, match="gone"):
                 stage.command(0.02, 0.0, time.monotonic_ns())

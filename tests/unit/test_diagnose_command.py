@@ -87,7 +87,7 @@ def test_columns_are_named_with_their_units(run: Run, tmp_path: Path) -> None:
     assert document["baseline"]["parameters"]["stiffness_n_m"] == pytest.approx(40.0, rel=0.02)
 
 
-def test_a_folder_is_done_past_bad_recordings(
+def test_a_folder_is_done_past_bad_recordings_and_an_earlier_diagnosis_is_kept(
     run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     folder, out = tmp_path / "in", tmp_path / "out"
@@ -98,13 +98,17 @@ def test_a_folder_is_done_past_bad_recordings(
     (folder / "rubs.parquet").write_bytes(b"another export of the same")
     (folder / "notes.txt").write_text("no recording")
     (folder / ".hidden.csv").write_text("")
+    put(folder / "done.csv", made(5.0))
+    (out / "done").mkdir(parents=True)
+    (out / "done" / "diagnosis.json").write_text("{}")
     assert run([str(folder), "--jobs", "2", "--out", str(out)]) == 0
     shown = capsys.readouterr()
-    assert names(out) == {"quiet", "rubs", "summary.json"}
+    assert (out / "done" / "diagnosis.json").read_text() == "{}"
+    assert names(out) == {"done", "quiet", "rubs", "summary.json"}
     assert names(out / "rubs") == names(out / "quiet") == FILES
     assert [line.split(":")[0] for line in shown.err.splitlines() if "short" in line] == ["skipped"]
     assert "rubs.csv has the same stem" in shown.err
-    assert "2 of 4 diagnosed, 2 skipped, 0 failed" in shown.out
+    assert "2 of 5 diagnosed, 3 skipped, 0 failed" in shown.out
     rows = {line.split("|")[1].strip(): line for line in shown.out.splitlines() if line.startswith("| ")}
     assert "cause_found: coulomb_friction" in rows["rubs"]
     assert "nothing_missing" in rows["quiet"]
@@ -114,22 +118,7 @@ def test_a_folder_is_done_past_bad_recordings(
         "quiet": [],
         "rubs": ["coulomb_friction"],
     }
-    assert set(summary["skipped"]) == {"short.csv", "rubs.parquet"}
-
-
-def test_an_earlier_diagnosis_in_a_folder_is_kept_and_said(
-    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    folder, out = tmp_path / "in", tmp_path / "out"
-    folder.mkdir()
-    put(folder / "a.csv", made(5.0))
-    put(folder / "b.csv", made(5.0, bias_n=0.1))
-    (out / "a").mkdir(parents=True)
-    (out / "a" / "diagnosis.json").write_text("{}")
-    assert run([str(folder), "--out", str(out)]) == 0
-    assert "skipped" in capsys.readouterr().err
-    assert (out / "a" / "diagnosis.json").read_text() == "{}"
-    assert names(out) == {"a", "b", "summary.json"}
+    assert set(summary["skipped"]) == {"short.csv", "rubs.parquet", "done.csv"}
 
 
 def test_a_diagnosis_that_breaks_is_said_and_the_others_go_on(
