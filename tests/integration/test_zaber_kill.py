@@ -40,18 +40,18 @@ def test_a_killed_host_leaves_the_stage_at_rest_within_the_lead_and_it_stays(
         host = subprocess.Popen([sys.executable, "-c", _HOST, wanted], cwd=Path(__file__).parents[2])
         try:
             wait_until(
-                lambda: (path and path[-1][1] > 0.02) or host.poll() is not None, what="the stage's way"
+                lambda: (path and path[-1][1] > 0.02 and path[-1][2] > 0.01) or host.poll() is not None,
+                what="the stage's way",
             )
             assert host.poll() is None
         finally:
+            killed = len(path) - 1
             host.send_signal(signal.SIGKILL)
             host.wait()
-        killed = len(path) - 1
         wait_until(lambda: path[-1][0] - path[killed][0] > 2.0)
     after = path[killed:]
     assert {v for t, _, v, _ in after if t - after[0][0] > 1.5} == {0.0}
     with witness.timely(0.03):
-        assert abs(path[killed][2]) > 0.01, "it moved when the host was killed"
         _at_rest_in_time(after)
 
 

@@ -31,8 +31,8 @@ from tests.witness import Witness
 KEY = "forefeel/cell/insertion/master/command"
 OTHER = "forefeel/cell/insertion/slave/force"
 CLOCK = MonotonicClock()
-DROPS_S = 0.02
-"""A sender waits for nobody: a process that stands still for longer loses what fits no queue."""
+AT_ONCE = 8
+"""Messages on the way. A sender waits for nobody: what fits no queue while a thread stands still is lost."""
 
 
 class Net:
@@ -88,7 +88,15 @@ def put_until(put: Callable[[bytes], None], condition: Callable[[], object]) -> 
     wait_until(attempt)
 
 
-def test_delivers_in_order_to_others_and_never_to_itself(net: Net, witness: Witness) -> None:
+def put_each(put: Callable[[int], None], count: int, arrived: Callable[[], int], at_once: int) -> None:
+    """All numbers below `count`, and waits until they have come."""
+    for number in range(count):
+        wait_until(lambda: arrived() > number - at_once)  # noqa: B023 - called at once
+        put(number)
+    wait_until(lambda: arrived() >= count)
+
+
+def test_delivers_in_order_to_others_and_never_to_itself(net: Net) -> None:
     first, second = net.listener(), net.connector()
     got: list[tuple[bytes, int]] = []
     own: list[bytes] = []
@@ -96,16 +104,14 @@ def test_delivers_in_order_to_others_and_never_to_itself(net: Net, witness: Witn
     second.subscribe(KEY, lambda payload, _: own.append(payload))
     put = second.publisher(KEY, Qos.EVENT)
     put_until(put, lambda: got)
-    got.clear()
     before = CLOCK.now_ns()
-    for number in range(200):
-        put(b"%d" % number)
-        time.sleep(0.0002)
-    wait_until(lambda: put(b"200") is None and got and got[-1][0] == b"200")
-    numbers = [int(payload) for payload, _ in list(got) if payload != b"probe"]
-    assert numbers == sorted(numbers)
-    with witness.timely(DROPS_S):
-        assert set(numbers) >= set(range(200)) and numbers.count(200) == len(numbers) - 200
+
+    def numbers() -> list[int]:
+        return [int(payload) for payload, _ in list(got) if payload != b"probe"]
+
+    put_each(lambda number: put(b"%d" % number), 200, lambda: len(numbers()), AT_ONCE)
+    assert numbers() == list(range(200))
+    del got[: next(i for i, (payload, _) in enumerate(got) if payload == b"0")]
     assert all(before <= a <= b <= CLOCK.now_ns() for (_, a), (_, b) in pairwise(got))
     assert own == []
     assert (first.peers(), second.peers()) == (1, 1)
@@ -162,14 +168,14 @@ def test_a_slow_handler_does_not_hold_up_the_commands(net: Net, witness: Witness
     )
     put_force, put_command = master.publisher(OTHER, Qos.STREAM), master.publisher(KEY, Qos.STREAM)
     put_until(put_force, lambda: forces)
-    for _ in range(1000):
+
+    def put(_: int) -> None:
         put_force(b"x")
         put_command(b"%d" % CLOCK.now_ns())
-        time.sleep(0.001)
-    with witness.timely(0.1):  # a stream drops what waits for a thread that stands still
-        wait_until(lambda: len(commands) > 900, 1)
+
+    put_each(put, 300, lambda: len(commands), 1)
     with witness.timely(0.005):
-        assert sorted(commands)[450] < 5_000_000
+        assert sorted(commands)[150] < 5_000_000
     assert len(forces) < 100
 
 
@@ -329,16 +335,15 @@ def test_an_impaired_transport_delays_and_loses_as_it_was_asked(net: Net, witnes
     receiver.subscribe(KEY, lambda payload, stamp: delays_ns.append(stamp - int(payload)))
     put = sender.publisher(KEY, Qos.STREAM)
     put_until(lambda _: put(b"%d" % CLOCK.now_ns()), lambda: delays_ns)
-    for _ in range(1000):
-        put(b"%d" % CLOCK.now_ns())
-        time.sleep(0.001)
     trace: list[Sequence[int]] = []
 
-    def all_came() -> bool:
+    def met() -> int:
         trace.extend(plan for chunk in receiver.drain_trace() for plan in chunk.delays_ns)
-        return len(trace) >= 1000 and len(delays_ns) == sum(map(bool, trace))
+        return len(trace)
 
-    wait_until(all_came)
+    probes = met()
+    put_each(lambda _: put(b"%d" % CLOCK.now_ns()), 200, lambda: met() - probes, 1)
+    wait_until(lambda: met() and len(delays_ns) == sum(map(bool, trace)))
     receiver.close()
     timers.close()
     planned_ns = [plan[0] for plan in trace if plan]
