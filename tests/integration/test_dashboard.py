@@ -127,6 +127,7 @@ def observed(
     return rate_hz, *grown
 
 
+@pytest.mark.soak
 def test_thirty_updates_a_second(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
     """In the first minute page and server fill up with what they keep of it; then they stay as they are."""
     rate_hz, script_mb, server_mb = observed(chromium, tmp_path, speaker, 8.0, 10.0)

@@ -205,8 +205,8 @@ def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(
         assert chunks[0].first_index == 0
         planned = [delays_ns for chunk in chunks for delays_ns in chunk.delays_ns]
         assert sum(not delays_ns for delays_ns in planned) / len(planned) == pytest.approx(0.01, abs=0.01)
-    assert {"starting", "armed"} <= {what for _, what in shown}
     with witness.timely(1.0):  # this process has no priority, and daemons of other tests may take both cores
+        assert {"starting", "armed"} <= {what for _, what in shown}
         assert max(done_s for done_s, _ in shown) == pytest.approx(4.0, abs=1.0)
     assert set(children(os.getpid())) <= set(before)
 
