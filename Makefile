@@ -24,7 +24,7 @@ demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out
 	$(BIN)/forefeel loopback --dashboard --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
 test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not realtime and not soak and not fuzz'
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not soak and not fuzz'
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'realtime and not soak and not fuzz' tests/integration
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
