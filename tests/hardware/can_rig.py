@@ -16,6 +16,7 @@ from slave.load_cells.settings import Cia404Settings
 from slave.plant.presets import PRESETS
 from slave.plant.settings import StageSettings
 from slave.stages.settings import Cia402Settings
+from tests.waiting import PATIENCE_S
 
 COUNTS_PER_M = 1e6
 DRIVE, CELL = 5, 6
@@ -99,12 +100,14 @@ class _Life:
     def __init__(self, one: Steps) -> None:
         self.broken: BaseException | None = None
         self._one, self._stopping = one, threading.Event()
-        self._actions: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
+        self._actions: queue.SimpleQueue[tuple[Callable[[], object], threading.Event]] = queue.SimpleQueue()
         self.thread = threading.Thread(target=self._run, name=type(one).__name__)
 
     def do(self, action: Callable[[], object]) -> None:
-        """Between two steps, for what the stepping thread must not meet half done."""
-        self._actions.put(action)
+        """Between two steps, for what the stepping thread must not meet half done; waits for it."""
+        done = threading.Event()
+        self._actions.put((action, done))
+        assert done.wait(PATIENCE_S)
 
     def end(self) -> None:
         self._stopping.set()
@@ -115,7 +118,9 @@ class _Life:
             while not self._stopping.is_set():
                 self._one.step()
                 while not self._actions.empty():
-                    self._actions.get()()
+                    action, done = self._actions.get()
+                    action()
+                    done.set()
         except BaseException as error:  # noqa: BLE001 - shown by the test
             self.broken = error
 

@@ -1,15 +1,14 @@
 """An emulated device on a pseudo terminal, served by a thread of the test."""
 
-import queue
-import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
 from forefeel.emulate.device import EmulatedDevice
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults
-from tests.waiting import PATIENCE_S
+from tests.hardware.can_rig import running
 
 
 class PtyThread:
@@ -18,9 +17,7 @@ class PtyThread:
     def __init__(self, device: EmulatedDevice, folder: Path, baud: int = 115_200, faults: str = "") -> None:
         self.pty = Pty(folder / "port")
         self._server = PtyServer(device, self.pty, baud, Faults.parse(faults))
-        self._actions: queue.SimpleQueue[tuple[Callable[[], object], threading.Event]] = queue.SimpleQueue()
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="emulated device")
+        self._left = ExitStack()
 
     @property
     def path(self) -> str:
@@ -28,25 +25,14 @@ class PtyThread:
 
     def do(self, action: Callable[[], object]) -> None:
         """Between two rounds of the device."""
-        done = threading.Event()
-        self._actions.put((action, done))
-        assert done.wait(PATIENCE_S)
+        self._between_steps(action)
 
     def __enter__(self) -> "PtyThread":
-        self._thread.start()
+        self._left.callback(self.pty.unplug)
+        self._between_steps = self._left.enter_context(running(self._server))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stopping.set()
-        self._thread.join()
-        self.pty.unplug()
-
-    def _run(self) -> None:
-        while not self._stopping.is_set():
-            self._server.step()
-            while not self._actions.empty():
-                action, done = self._actions.get()
-                action()
-                done.set()
+        self._left.close()

@@ -52,6 +52,7 @@ def test_a_killed_host_leaves_the_stage_at_rest_within_the_lead_and_it_stays(
     after = path[killed:]
     assert {v for t, _, v, _ in after if t - after[0][0] > 1.5} == {0.0}
     with witness.timely(0.03):
+        assert abs(path[killed][2]) > 0.01, "it moved when the host was killed"
         _at_rest_in_time(after)
 
 
