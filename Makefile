@@ -57,7 +57,7 @@ SHORT = tests/attacks tests/integration/test_dashboard.py tests/integration/test
 soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' -rP
 	$(BIN)/python -m pytest -m 'soak and realtime' -s $(if $(filter 3,$(MINUTES)),$(SHORT))
-	$(BIN)/python -m tests.soak --minutes $(MINUTES)$(if $(filter 3,$(MINUTES)), --tries 2)
+	$(BIN)/python -m tests.soak --minutes $(MINUTES)
 
 faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (30 minutes)
 	$(BIN)/python -m tests.faults --out docs/explanation/faults.md

@@ -2,25 +2,31 @@
 
 A slave with a simulated stage and certificates runs beside it, cleared before each stop. The ways take turns
 with an interpreter that only prints a line, below which no command of ours can come; ratios are of one round.
+As root the same commands are also given on another host, a network namespace whose packets take 10 ms each
+way below TCP.
 """
 
 import os
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from common.clock import now_utc
 from common.state.folder import SOCKET
 from forefeel.pki.folder import make_folder
+from tests.net.cable import ADDRESSES
+from tests.net.hosts import joined_by_tun
 
 _ROUNDS = 21
+_ONE_WAY_S = 0.010
+_PORT = 7447
 _START_S = 20.0
 _SETTLE_S = 3.0
 """A slave serves its socket before its devices are calm."""
@@ -37,20 +43,51 @@ class Took(NamedTuple):
 
 def main() -> None:
     """Prints one line a way."""
-    with tempfile.TemporaryDirectory() as folder, _slave(Path(folder)) as endpoint:
+    with TemporaryDirectory() as folder:
+        _table(_rounds(Path(folder), f"127.0.0.1:{_free_port()}", beside=()))
+    if os.geteuid() != 0:
+        print("from another host: not measured, for making network namespaces needs root")
+        return
+    with TemporaryDirectory() as folder, joined_by_tun(Path(folder)) as (hosts, cable):
+        for way in ("ab", "ba"):
+            cable.shape(way, delay_s=_ONE_WAY_S)
+        slave, other = (("ip", "netns", "exec", name) for name in hosts.names)
+        print(f"\nfrom another host, {2e3 * _ONE_WAY_S:g} ms round trip")
+        _table(_rounds(Path(folder), f"{ADDRESSES[0]}:{_PORT}", within=slave, beside=other))
+
+
+def _rounds(
+    folder: Path, address: str, *, within: Sequence[str] = (), beside: Sequence[str]
+) -> list[dict[str, Took]]:
+    """What each way took in each round.
+
+    Args:
+        address: where the slave listens.
+        within: what starts a process on the slave's host.
+        beside: what starts the command on its host.
+    """
+    elsewhere = bool(beside)
+    with _slave(folder, address, within) as endpoint:
         ways = {
             "an interpreter alone": [sys.executable, "-c", "print()"],
-            "estop --help": [*_FOREFEEL, "estop", "--help"],
-            "estop on the slave's host": [*_FOREFEEL, "estop", "--config", "slave.yaml"],
             "estop as a viewer, mTLS": [
                 *_FOREFEEL, "estop", "--cell", "cell", "--connect", endpoint, "--pki", "pki",
             ],
             "estop as a master, mTLS": [*_FOREFEEL, "estop", "--config", "master.yaml"],
         }  # fmt: skip
-        rounds = []
-        for _ in range(_ROUNDS):
-            rounds.append({way: _once(command, Path(folder)) for way, command in ways.items()})
-    _table(rounds)
+        if not elsewhere:
+            ways |= {
+                "estop --help": [*_FOREFEEL, "estop", "--help"],
+                "estop on the slave's host": [*_FOREFEEL, "estop", "--config", "slave.yaml"],
+            }
+        return [
+            {way: _once([*beside, *command], folder) for way, command in ways.items()} for _ in range(_ROUNDS)
+        ]
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return int(probe.getsockname()[1])
 
 
 def _table(rounds: Sequence[dict[str, Took]]) -> None:
@@ -88,17 +125,16 @@ def _once(command: Sequence[str], folder: Path) -> Took:
 
 
 @contextmanager
-def _slave(folder: Path) -> Iterator[str]:
+def _slave(folder: Path, address: str, within: Sequence[str]) -> Iterator[str]:
     """A slave that is ready; its endpoint."""
-    make_folder(folder / "pki", ["cell"], {}, 2, now_utc())
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tls/127.0.0.1:{probe.getsockname()[1]}"
+    make_folder(folder / "pki", ["cell"], {"slave": [address.partition(":")[0]]}, 2, now_utc())
+    endpoint = f"tls/{address}"
     settings = {"slave": "listen", "master": "connect"}
     for role, side in settings.items():
         (folder / f"{role}.yaml").write_text(
             f"role: {role}\nstate: {{directory: {role}}}\ntransport: {{{side}: ['{endpoint}'], pki: pki}}\n"
         )
-    command = [*_FOREFEEL, "slave", "--config", "slave.yaml"]
+    command = [*within, *_FOREFEEL, "slave", "--config", "slave.yaml"]
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL) as process:
         try:
             deadline_s = time.monotonic() + _START_S

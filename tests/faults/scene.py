@@ -159,7 +159,7 @@ class Row:
     armed_s: float | None = None
     recording: str = ""
     audit: str = ""
-    tries: int = 1
+    late_s: float = 0.0
     failures: list[str] = field(default_factory=list)
 
 

@@ -7,11 +7,10 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from uuid import uuid4
 
 import yaml
 
@@ -82,7 +81,19 @@ def run_all(
 
     with unignored(), ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as row:
         ends = [(row if trial.case.shares else pool).submit(one, trial) for trial in wanted]
-        return [each.result() for each in ends]
+        try:
+            return [each.result() for each in ends]
+        finally:
+            _end(ends)
+
+
+def _end(ends: Sequence[Future[tuple[Trial, Ended]]]) -> None:
+    """Whoever ends us waits for no command, neither for one to come nor for one that hangs."""
+    for each in ends:
+        each.cancel()
+    while not all(each.done() for each in ends):
+        _kill(f"{os.getpid()}.")
+        time.sleep(0.05)
 
 
 def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
@@ -91,7 +102,7 @@ def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
     places = {"HERE": str(here), "READY": str(ready), "CELL": str(port), "PORT": str(free_port())}
     for name, text in trial.case.files:
         (here / name).write_text(_placed(text, places))
-    mark = uuid4().hex
+    mark = f"{os.getpid()}.{here}."
     with (here / "stderr").open("wb") as said, (here / "stdout").open("wb") as out:
         process = subprocess.Popen(
             [*COMMAND, *_placed(trial.case.line, places).split()],
@@ -162,12 +173,14 @@ def _send(pid: int, number: signal.Signals) -> None:
 
 
 def _marked(mark: str) -> Iterator[int]:
-    """Living processes that descend from the command."""
+    """Living processes that descend from a command whose mark begins so."""
     sought = f"{_MARK}={mark}".encode()
     for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             zombie = (path / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
-            if not zombie and sought in (path / "environ").read_bytes().split(b"\0"):
+            if not zombie and any(
+                each.startswith(sought) for each in (path / "environ").read_bytes().split(b"\0")
+            ):
                 yield int(path.name)
 
 
