@@ -16,8 +16,8 @@ help: ## what there is
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	$(BIN)/python -c 'from common.estimation.forecast import compile_kernels; compile_kernels()'
-	$(BIN)/python -c 'from common.effects.registry import compile_kernels; compile_kernels()'
+	$(BIN)/python -c 'from forefeel.common.estimation.forecast import compile_kernels; compile_kernels()'
+	$(BIN)/python -c 'from forefeel.common.effects.registry import compile_kernels; compile_kernels()'
 	@touch $@
 
 demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out/demo; live at 127.0.0.1:8600
@@ -25,7 +25,7 @@ demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out
 
 test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not soak and not fuzz'
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m 'realtime and not soak and not fuzz' tests/integration
+	$(BIN)/python -m pytest -n 2 --dist loadscope -m 'realtime and not soak and not fuzz' tests/integration
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/ruff check .

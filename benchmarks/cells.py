@@ -21,14 +21,14 @@ from pathlib import Path
 
 import yaml
 
-from common.bus import Bus
-from common.clock import MonotonicClock, now_utc
-from common.lateness import quantile_us
-from common.messages import LoopTiming, SafetyState, SlaveState
-from common.topics import COMMAND, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING, Role
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.bus import Bus
+from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.lateness import quantile_us
+from forefeel.common.messages import LoopTiming, SafetyState, SlaveState
+from forefeel.common.topics import COMMAND, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING, Role
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
 
 _AXIS = "insertion"

@@ -20,9 +20,9 @@ from pyarrow import parquet
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from common.recording.tabular import load_recording
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.tabular import load_recording
 
 RATE_HZ = 1000.0
 LENGTHS_S = 10.0, 30.0, 120.0, 600.0, 3600.0
@@ -55,7 +55,7 @@ def _walk(rng: np.random.Generator, duration_s: float) -> Floats:
 
 def measure(path: Path) -> None:
     """One file, in this process; prints JSON."""
-    from diagnosis.diagnose import diagnose  # noqa: PLC0415 - not in the process that only prints
+    from forefeel.diagnosis.diagnose import diagnose  # noqa: PLC0415 - not in the process that only prints
 
     made = load_recording(path)
     assert made.force_n is not None

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.forecast import Forecaster
-from common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.forecast import Forecaster
+from forefeel.common.estimation.rls import RecursiveLeastSquares
 
 Array = NDArray[np.float64]
 Update = Callable[[Array, Array], None]

@@ -4,10 +4,10 @@ import threading
 import time
 from collections.abc import Callable
 
-from common.codec import decode, encode
-from common.messages import MotionCommand
-from common.transport.port import Put
-from slave.gate import CommandGate, GateLimits
+from forefeel.common.codec import decode, encode
+from forefeel.common.messages import MotionCommand
+from forefeel.common.transport.port import Put
+from forefeel.slave.gate import CommandGate, GateLimits
 
 _SESSION = 7
 _LIMITS = GateLimits(max_age_ns=1_000_000_000, position_m=(-0.1, 0.2), velocity_m_s=2.0)

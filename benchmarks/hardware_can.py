@@ -14,26 +14,26 @@ from random import Random
 
 import can
 
-from common.clock import MonotonicClock
-from common.errors import DeviceError
-from common.hardware import cia402
-from common.hardware.can_bus import open_bus
-from common.hardware.can_network import HOST_NODE, SharedNetwork, acquire, release
-from common.hardware.cia301 import HEARTBEAT, NMT, OPERATIONAL, START, SYNC
-from common.hardware.pacing import Pacer
-from common.hardware.settings import CanSettings
-from common.hardware.slcan import Frame, SlcanParser, encoded
-from common.runtime.realtime import prepare_process, prepare_thread
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.can_bus import open_bus
+from forefeel.common.hardware.can_network import HOST_NODE, SharedNetwork, acquire, release
+from forefeel.common.hardware.cia301 import HEARTBEAT, NMT, OPERATIONAL, START, SYNC
+from forefeel.common.hardware.pacing import Pacer
+from forefeel.common.hardware.settings import CanSettings
+from forefeel.common.hardware.slcan import Frame, SlcanParser, encoded
+from forefeel.common.runtime.realtime import prepare_process, prepare_thread
 from forefeel.emulate.can_hub import CanHub
 from forefeel.emulate.drive402 import Drive402
 from forefeel.emulate.transducer404 import Transducer404
 from forefeel.emulate.wire import Faults, Wire
-from slave.load_cells.cia404 import Cia404LoadCell
-from slave.load_cells.settings import Cia404Settings
-from slave.plant.settings import preset
-from slave.stages.cia402 import Cia402Stage
-from slave.stages.cia402_setup import command_pdo, state_pdo
-from slave.stages.settings import Cia402Settings
+from forefeel.slave.load_cells.cia404 import Cia404LoadCell
+from forefeel.slave.load_cells.settings import Cia404Settings
+from forefeel.slave.plant.settings import preset
+from forefeel.slave.stages.cia402 import Cia402Stage
+from forefeel.slave.stages.cia402_setup import command_pdo, state_pdo
+from forefeel.slave.stages.settings import Cia402Settings
 
 _RATES_HZ = 250, 500
 _LASTS_S, _PRIORITY = 10.0, 50

@@ -19,15 +19,15 @@ from math import sin
 from pathlib import Path
 from typing import NamedTuple
 
-from common.errors import ForefeelError
-from common.hardware.bota import FRAME_BYTES
-from common.hardware.streams import SerialStream
+from forefeel.common.errors import ForefeelError
+from forefeel.common.hardware.bota import FRAME_BYTES
+from forefeel.common.hardware.streams import SerialStream
 from forefeel.emulate.bota import EmulatedBota
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.sensing import Sensing
 from forefeel.emulate.wire import Faults, Wire
-from slave.load_cells.bota_serial import BotaCell, BotaSerialLoadCell
-from slave.load_cells.settings import BotaSettings
+from forefeel.slave.load_cells.bota_serial import BotaCell, BotaSerialLoadCell
+from forefeel.slave.load_cells.settings import BotaSettings
 
 _SECONDS = 10.0
 _FRAMES, _DAMAGED = 100_000, 0.01

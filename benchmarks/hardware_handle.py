@@ -12,15 +12,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 
-from common.clock import MonotonicClock
-from common.hardware.coil import PROTOCOL, CoilCommand, Identify, encode
-from common.hardware.link import Link, LinkState
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.hardware.coil import PROTOCOL, CoilCommand, Identify, encode
+from forefeel.common.hardware.link import Link, LinkState
 from forefeel.emulate.coil import CoilDevice
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults, Wire
-from master.handles.coil_serial import CoilHandle
-from master.handles.coil_talk import CoilTalk
-from master.settings import CoilSettings
+from forefeel.master.handles.coil_serial import CoilHandle
+from forefeel.master.handles.coil_talk import CoilTalk
+from forefeel.master.settings import CoilSettings
 
 _TRIALS = 1000
 _CPU_S = 10.0

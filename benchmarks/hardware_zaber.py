@@ -14,16 +14,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from common.hardware.settings import SerialSettings
-from common.hardware.streams import SerialStream
-from common.hardware.zaber import Message, Parser, lrc
+from forefeel.common.hardware.settings import SerialSettings
+from forefeel.common.hardware.streams import SerialStream
+from forefeel.common.hardware.zaber import Message, Parser, lrc
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults
 from forefeel.emulate.zaber import ZaberDevice
 from forefeel.emulate.zaber_settings import ZaberModel
-from slave.stages.settings import ZaberSettings
-from slave.stages.zaber_ascii import ZaberStage
-from slave.stages.zaber_exchange import ZaberExchange
+from forefeel.slave.stages.settings import ZaberSettings
+from forefeel.slave.stages.zaber_ascii import ZaberStage
+from forefeel.slave.stages.zaber_exchange import ZaberExchange
 
 _SECONDS = 10.0
 _FRAMES = 100_000

@@ -15,10 +15,10 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.links import command, listed, milliseconds, percent, ratio
 from benchmarks.markdown import Table
-from common.config import checked
-from common.errors import RunError
-from common.recording.mcap_reader import read_run
-from common.transport.settings import ImpairmentSettings
+from forefeel.common.config import checked
+from forefeel.common.errors import RunError
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.transport.settings import ImpairmentSettings
 from forefeel.loopback.plan import DEFAULT_DURATION_S, Wish, make_plan
 from forefeel.loopback.real import run_real
 from forefeel.report.score import Comparison

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import yaml
 
-from common.effects.model import SCHEMA
-from common.recording.mcap_reader import Run, read_run
-from common.yaml_file import dump_mapping
-from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.extended import extended_model
+from forefeel.common.effects.model import SCHEMA
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.yaml_file import dump_mapping
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.extended import extended_model
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise

@@ -19,9 +19,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from common.lateness import quantile_us
-from common.recording.mcap_reader import read_run
-from common.topics import MASTER_TIMING, SLAVE_TIMING
+from forefeel.common.lateness import quantile_us
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.topics import MASTER_TIMING, SLAVE_TIMING
 
 _ROUNDS, _SECONDS = 5, 60.0
 _QUANTILES = 0.50, 0.99, 0.999

@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 
 from mcap.reader import make_reader
 
-from common.recording.mcap_reader import read_run
-from common.topics import FORCE, HAPTICS
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.topics import FORCE, HAPTICS
 
 _COLUMNS = (FORCE, "force_n"), (HAPTICS, "rendered_n")
 

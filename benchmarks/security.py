@@ -21,13 +21,13 @@ from typing import Any
 import zenoh
 
 from benchmarks.gated import command, gated
-from common.clock import MonotonicClock, now_utc
-from common.runtime.realtime import prepare_process
-from common.topics import COMMAND, FORCE, Qos
-from common.transport.port import Put
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.runtime.realtime import prepare_process
+from forefeel.common.topics import COMMAND, FORCE, Qos
+from forefeel.common.transport.port import Put
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
 
 _CELL = "cell"

@@ -18,8 +18,8 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from common.clock import now_utc
-from common.state.folder import SOCKET
+from forefeel.common.clock import now_utc
+from forefeel.common.state.folder import SOCKET
 from forefeel.pki.folder import make_folder
 from tests.net.cable import ADDRESSES
 from tests.net.hosts import joined_by_tun

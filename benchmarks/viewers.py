@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.cells import Heard, Laboratory
-from common.clock import MonotonicClock
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 
 _CELL, _SETTLE_S, _START_S = "cell1", 3.0, 30.0
 

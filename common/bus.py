@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from itertools import count as numbers
 from typing import TypedDict, TypeVar
 
-from common.clock import Clock
-from common.codec import decode, encode
-from common.errors import CodecError
-from common.messages import Message
-from common.topics import Topic
-from common.transport.port import Transport
+from forefeel.common.clock import Clock
+from forefeel.common.codec import decode, encode
+from forefeel.common.errors import CodecError
+from forefeel.common.messages import Message
+from forefeel.common.topics import Topic
+from forefeel.common.transport.port import Transport
 
 M = TypeVar("M", bound=Message)
 

@@ -5,8 +5,8 @@ from typing import TypeVar
 import msgpack
 from pydantic import ValidationError
 
-from common.errors import CodecError
-from common.messages import PROTOCOL_VERSION, Handshake, Message
+from forefeel.common.errors import CodecError
+from forefeel.common.messages import PROTOCOL_VERSION, Handshake, Message
 
 MAX_MESSAGE_BYTES = 64 * 1024
 _MAX_ITEMS = 1024

@@ -7,9 +7,9 @@ from typing import Any, ClassVar, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
 from pydantic_core import ErrorDetails
 
-from common.config_keys import expected_keys, leaves
-from common.errors import ConfigurationError
-from common.yaml_file import KINDS, Place, dump_mapping, load_yaml, shown_key
+from forefeel.common.config_keys import expected_keys, leaves
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.yaml_file import KINDS, Place, dump_mapping, load_yaml, shown_key
 
 
 class Settings(BaseModel):

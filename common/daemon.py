@@ -4,22 +4,22 @@ of the audit logs.
 
 from collections.abc import Callable
 
-from common.audit import PEER_LOG, Link
-from common.bus import Bus
-from common.errors import RecordingError
-from common.journal import Journal
-from common.lateness import EDGES_US, Lateness
-from common.messages import AuditHead, ImpairmentTrace, LoopTiming
-from common.recording.mcap_reader import Run, read_run
-from common.runtime.port import Runtime
-from common.settings import LinkImpairment
-from common.slots import LatestValue
-from common.topics import BY_NAME, MASTER_AUDIT, SLAVE_AUDIT, Role
-from common.transport.impaired import ImpairedTransport
-from common.transport.impairment import Impairment, ReplayedImpairment
-from common.transport.impairment import Link as ImpairedLink
-from common.transport.port import Transport
-from common.transport.settings import ImpairmentSettings
+from forefeel.common.audit import PEER_LOG, Link
+from forefeel.common.bus import Bus
+from forefeel.common.errors import RecordingError
+from forefeel.common.journal import Journal
+from forefeel.common.lateness import EDGES_US, Lateness
+from forefeel.common.messages import AuditHead, ImpairmentTrace, LoopTiming
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.runtime.port import Runtime
+from forefeel.common.settings import LinkImpairment
+from forefeel.common.slots import LatestValue
+from forefeel.common.topics import BY_NAME, MASTER_AUDIT, SLAVE_AUDIT, Role
+from forefeel.common.transport.impaired import ImpairedTransport
+from forefeel.common.transport.impairment import Impairment, ReplayedImpairment
+from forefeel.common.transport.impairment import Link as ImpairedLink
+from forefeel.common.transport.port import Transport
+from forefeel.common.transport.settings import ImpairmentSettings
 
 SECOND_NS = 1_000_000_000
 _KNOWN_NS = SECOND_NS

@@ -8,9 +8,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from common.messages import ControlCycle, Grip, Message, SafetyState
-from common.topics import Qos, Topic, parse_key
-from common.transport.port import Handler, KeyedHandler, Put, Transport
+from forefeel.common.messages import ControlCycle, Grip, Message, SafetyState
+from forefeel.common.topics import Qos, Topic, parse_key
+from forefeel.common.transport.port import Handler, KeyedHandler, Put, Transport
 
 BEFORE_NS = 2_000_000_000
 AFTER_NS = 500_000_000

@@ -1,8 +1,8 @@
 """Heartbeats of one session: each keeps the lease and carries the four stamps that compare the clocks."""
 
-from common.bus import Outlet
-from common.clock_offset import ClockOffset, OffsetEstimate
-from common.messages import Heartbeat
+from forefeel.common.bus import Outlet
+from forefeel.common.clock_offset import ClockOffset, OffsetEstimate
+from forefeel.common.messages import Heartbeat
 
 _REMEMBERED = 256  # beats: 13 s of them, more than any round trip that a session outlives
 

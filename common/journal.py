@@ -1,11 +1,14 @@
-"""What a daemon leaves behind of itself: a port, and the one that keeps nothing. `common.state` keeps it."""
+"""What a daemon leaves behind of itself: a port, and the one that keeps nothing.
+
+`forefeel.common.state` keeps it.
+"""
 
 from collections.abc import Mapping
 from threading import Lock
 
-from common.audit import Detail, Link
-from common.flight import Rings
-from common.messages import FOLLOWING, Handshake, SafetyState
+from forefeel.common.audit import Detail, Link
+from forefeel.common.flight import Rings
+from forefeel.common.messages import FOLLOWING, Handshake, SafetyState
 
 _SECOND_NS = 1_000_000_000
 

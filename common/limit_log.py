@@ -4,7 +4,7 @@ none uncounted.
 
 from threading import Lock
 
-from common.limiter import LimitHit
+from forefeel.common.limiter import LimitHit
 
 _INTERVAL_NS = 100_000_000
 

@@ -5,7 +5,7 @@ returned.
 from math import copysign, sqrt
 from typing import NamedTuple
 
-from common.settings import AxisLimits
+from forefeel.common.settings import AxisLimits
 
 _EXACT = 1e-9  # a change below a nanometre or nm/s is rounding, no intervention
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError
-from common.yaml_file import load_yaml
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.yaml_file import load_yaml
 
 
 def load_model(path: Path) -> ContactModel:

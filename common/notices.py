@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from common.slots import BoundedQueue
+from forefeel.common.slots import BoundedQueue
 
 if TYPE_CHECKING:  # a stop speaks before pydantic is imported
-    from common.messages import SafetyEvent
+    from forefeel.common.messages import SafetyEvent
 
 _NANOSECONDS = 1_000_000_000
 _REPEAT_NS = 5_000_000_000

@@ -9,12 +9,12 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
-from common.config import Settings, beside_the_file
-from common.errors import ConfigurationError, RecordingError
-from common.messages import MOST_FORCE_N, MOST_VELOCITY_M_S, PROTOCOL_VERSION, Position
-from common.recording.units import Mapping
-from common.topics import checked_segment
-from common.transport.settings import ImpairmentSettings, TransportSettings
+from forefeel.common.config import Settings, beside_the_file
+from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.messages import MOST_FORCE_N, MOST_VELOCITY_M_S, PROTOCOL_VERSION, Position
+from forefeel.common.recording.units import Mapping
+from forefeel.common.topics import checked_segment
+from forefeel.common.transport.settings import ImpairmentSettings, TransportSettings
 
 
 def _segment(text: str) -> str:

@@ -10,8 +10,8 @@ from enum import Enum
 from functools import lru_cache
 from typing import Generic, Literal, TypeVar
 
-from common import messages as m
-from common.errors import ConfigurationError
+from forefeel.common import messages as m
+from forefeel.common.errors import ConfigurationError
 
 Role = Literal["master", "slave"]
 M_co = TypeVar("M_co", bound=m.Message, covariant=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 
 Place = tuple[int | str, ...]
 KINDS = {type(None): "empty", list: "a list", str: "text"}

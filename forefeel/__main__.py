@@ -10,7 +10,7 @@ import sys
 from contextlib import suppress
 from typing import NoReturn
 
-from common.errors import ForefeelError, InputError
+from forefeel.common.errors import ForefeelError, InputError
 from forefeel.interrupt import leave
 from forefeel.terminal import complain
 

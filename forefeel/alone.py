@@ -1,6 +1,6 @@
 """What `--config` stands for."""
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 
 
 def check_alone(*others: object) -> None:

@@ -1,16 +1,17 @@
 """The command line."""
 
 from collections.abc import Iterable
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from common.config import dump_yaml
-from common.errors import ConfigurationError
-from common.recording.units import Mapping
-from common.transport.settings import PRESETS
 from forefeel.calibrate.cli import calibrate_app
+from forefeel.common.config import dump_yaml
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.units import Mapping
+from forefeel.common.transport.settings import PRESETS
 from forefeel.daemon_settings import load_any, load_daemon
 from forefeel.dashboard.command import EPILOG as DASHBOARD_EPILOG
 from forefeel.dashboard.command import VIEW_EPILOG, view
@@ -38,15 +39,31 @@ from forefeel.router_cli import EPILOG as ROUTER_EPILOG
 from forefeel.router_cli import router
 from forefeel.simulate.command import EPILOG as SIMULATE_EPILOG
 from forefeel.simulate.command import simulate
-from forefeel.terminal import answer, output
+from forefeel.terminal import answer, output, show
 
 app = typer.Typer(
     name="forefeel",
-    help="Contact force now, not after the network. Research software, not a medical device.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=True,
 )
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        show(f"forefeel {metadata.version('forefeel')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Contact force now, not after the network. Research software, not a medical device."""
+
+
 config_app = typer.Typer(help="Settings.", no_args_is_help=True)
 app.add_typer(config_app, name="config")
 app.add_typer(device_app, name="device")
@@ -67,7 +84,7 @@ Insecure = Annotated[
 
 
 def _instruments() -> Iterable[str]:
-    from slave.plant.presets import PRESETS as WORLDS  # noqa: PLC0415 - only when a shell asks
+    from forefeel.slave.plant.presets import PRESETS as WORLDS  # noqa: PLC0415 - only when a shell asks
 
     return WORLDS
 
@@ -84,7 +101,7 @@ def slave(
 ) -> None:
     """Run the slave daemon: stage, load cell, safety gate."""
     from forefeel.daemons import run_slave  # noqa: PLC0415 - the other commands start without Zenoh
-    from slave.settings import SlaveSettings  # noqa: PLC0415
+    from forefeel.slave.settings import SlaveSettings  # noqa: PLC0415
 
     settings = load_daemon(config, "slave")
     assert isinstance(settings, SlaveSettings)
@@ -98,7 +115,7 @@ def master(
 ) -> None:
     """Run the master daemon: handle, haptic loop, prediction."""
     from forefeel.daemons import run_master  # noqa: PLC0415
-    from master.settings import MasterSettings  # noqa: PLC0415
+    from forefeel.master.settings import MasterSettings  # noqa: PLC0415
 
     settings = load_daemon(config, "master")
     assert isinstance(settings, MasterSettings)

@@ -1,6 +1,6 @@
 """The columns of a table as a user names them on the command line."""
 
-from common.recording.units import Mapping
+from forefeel.common.recording.units import Mapping
 
 Columns = tuple[str | None, str | None, str | None]
 """Time, position, force, each as `unit:column`; None where the user named none."""

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from common.config import Settings, load_settings
-from common.errors import ConfigurationError
-from common.settings import DaemonSettings
-from common.yaml_file import load_yaml
+from forefeel.common.config import Settings, load_settings
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.yaml_file import load_yaml
 
 
 def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
@@ -15,10 +15,10 @@ def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
         ConfigurationError: one line on the first mistake.
     """
     if _role(path, (role,) if role else ("slave", "master")) == "slave":
-        from slave.settings import SlaveSettings  # noqa: PLC0415 - each daemon loads only its own side
+        from forefeel.slave.settings import SlaveSettings  # noqa: PLC0415 - each daemon loads only its own side
 
         return load_settings(SlaveSettings, path)
-    from master.settings import MasterSettings  # noqa: PLC0415
+    from forefeel.master.settings import MasterSettings  # noqa: PLC0415
 
     return load_settings(MasterSettings, path)
 

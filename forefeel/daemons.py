@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from secrets import randbits
 from typing import TYPE_CHECKING
 
-from common.runtime.real import RealRuntime
-from common.runtime.realtime import prepare_process, prepare_thread
-from common.runtime.service_manager import Attendance, ServiceManager
-from common.settings import DaemonSettings
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.runtime.realtime import prepare_process, prepare_thread
+from forefeel.common.runtime.service_manager import Attendance, ServiceManager
+from forefeel.common.settings import DaemonSettings
 from forefeel.interrupt import Stop, heeded
 from forefeel.linking import (
     POLL_S,
@@ -26,17 +26,17 @@ from forefeel.linking import (
 from forefeel.local.acts import MasterActs, SlaveActs
 from forefeel.local.daemon_state import daemon_state
 from forefeel.local.server import LocalServer
+from forefeel.master.settings import MasterSettings
 from forefeel.parent import die_with_parent
+from forefeel.slave.settings import SlaveSettings
 from forefeel.speaking import Speaker, endpoints, warn_of_latency
 from forefeel.terminal import say
-from master.settings import MasterSettings
-from slave.settings import SlaveSettings
 
 if TYPE_CHECKING:
-    from master.axis import MasterAxis
-    from master.daemon import MasterDaemon
-    from slave.axis import SlaveAxis
-    from slave.daemon import SlaveDaemon
+    from forefeel.master.axis import MasterAxis
+    from forefeel.master.daemon import MasterDaemon
+    from forefeel.slave.axis import SlaveAxis
+    from forefeel.slave.daemon import SlaveDaemon
 
 _SPEAK_NS = 100_000_000
 _BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
@@ -67,7 +67,7 @@ def run_master(settings: MasterSettings, duration_s: float | None = None, insecu
 
 
 async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bool) -> None:
-    from slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
+    from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
     with (
         _runtime(settings) as (runtime, stop),
@@ -100,8 +100,8 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
 
 
 async def _master(settings: MasterSettings, duration_s: float | None, insecure: bool) -> None:
-    from common.estimation.forecast import compile_kernels  # noqa: PLC0415 - the slave does without it
-    from master.daemon import MasterDaemon  # noqa: PLC0415
+    from forefeel.common.estimation.forecast import compile_kernels  # noqa: PLC0415 - the slave does without it
+    from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415
 
     compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
     with (

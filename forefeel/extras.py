@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from common.errors import ConfigurationError, RunError
+from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.interrupt import at_last, heeded
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
-from common.errors import RunError
+from forefeel.common.errors import RunError
 from forefeel.terminal import flush, last_word
 
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP

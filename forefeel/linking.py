@@ -7,21 +7,21 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-from common.errors import ConfigurationError, EndpointError, NoRouterError
-from common.runtime.real import RealRuntime
-from common.runtime.threads import in_thread
-from common.settings import DaemonSettings
-from common.topics import Role
-from common.transport.parallel import ParallelTransport
-from common.transport.security import Party
+from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.runtime.threads import in_thread
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.topics import Role
+from forefeel.common.transport.parallel import ParallelTransport
+from forefeel.common.transport.security import Party
+from forefeel.master.session import Link
+from forefeel.master.settings import MasterSettings
 from forefeel.terminal import say
 from forefeel.waiting import Obstacles, Waiting, unheard
-from master.session import Link
-from master.settings import MasterSettings
 
 if TYPE_CHECKING:
-    from master.axis import MasterAxis
-    from master.daemon import MasterDaemon
+    from forefeel.master.axis import MasterAxis
+    from forefeel.master.daemon import MasterDaemon
 
 POLL_S = 0.05
 _ROUTER_S = 0.5

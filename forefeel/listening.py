@@ -3,7 +3,7 @@
 import os
 import socket
 
-from common.errors import EndpointError
+from forefeel.common.errors import EndpointError
 
 INHERITED = "FOREFEEL_LISTENING"
 """The number of a descriptor that the parent left open: a socket that listens already."""

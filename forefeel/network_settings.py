@@ -6,12 +6,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.config import Settings, checked, load_settings
-from common.errors import ConfigurationError
-from common.settings import Segment
-from common.topics import checked_segment
-from common.transport.settings import TransportSettings
 from forefeel.alone import check_alone
+from forefeel.common.config import Settings, checked, load_settings
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.settings import Segment
+from forefeel.common.topics import checked_segment
+from forefeel.common.transport.settings import TransportSettings
 
 
 class ObserverSettings(Settings):

@@ -4,7 +4,7 @@ import ctypes
 import os
 import signal
 
-from common.errors import RunError
+from forefeel.common.errors import RunError
 
 _PR_SET_PDEATHSIG = 1
 _PARENT = "FOREFEEL_PARENT"

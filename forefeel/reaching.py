@@ -13,10 +13,10 @@ from datetime import datetime
 from functools import partial
 from typing import NamedTuple
 
-from common.clock import now_utc
-from common.errors import EndpointError
-from common.transport.endpoints import address, parts
-from common.transport.security import Identity
+from forefeel.common.clock import now_utc
+from forefeel.common.errors import EndpointError
+from forefeel.common.transport.endpoints import address, parts
+from forefeel.common.transport.security import Identity
 
 TIMEOUT_S = 2.0
 """Each step of a probe takes at most as long: an end that needs more counts as silent."""

@@ -4,11 +4,11 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-from common.clock import MonotonicClock
-from common.errors import RunError
-from common.runtime.service_manager import attended
-from common.transport.endpoints import address
-from common.transport.security import Party
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import RunError
+from forefeel.common.runtime.service_manager import attended
+from forefeel.common.transport.endpoints import address
+from forefeel.common.transport.security import Party
 from forefeel.interrupt import Stop, at_last, ends_in_order, heeded
 from forefeel.network_settings import ObserverSettings
 from forefeel.recorder import Recorder

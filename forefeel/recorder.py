@@ -7,15 +7,15 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
-from common.clock import MonotonicClock
-from common.errors import RunError
-from common.recording.mcap_writer import RunWriter
-from common.runtime.threads import in_thread
-from common.slots import BoundedQueue
-from common.topics import parse_key
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import RunError
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.runtime.threads import in_thread
+from forefeel.common.slots import BoundedQueue
+from forefeel.common.topics import parse_key
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 
 _QUEUE = 100_000
 _WRITE_EVERY_S = 0.1

@@ -5,11 +5,11 @@ from itertools import count
 
 import zenoh
 
-from common.clock import MonotonicClock
-from common.runtime.realtime import prepare_thread
-from common.runtime.service_manager import attended
-from common.transport.security import Party
-from common.transport.zenoh_bus import open_session, pending_connections
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.runtime.realtime import prepare_thread
+from forefeel.common.runtime.service_manager import attended
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.zenoh_bus import open_session, pending_connections
 from forefeel.interrupt import Stop, heeded
 from forefeel.network_settings import RouterSettings
 from forefeel.parent import die_with_parent

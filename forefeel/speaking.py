@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from contextlib import suppress
 
-from common.hardware.streams import latency_warning
-from common.notices import Notices, RateLimit
-from common.settings import DaemonSettings
+from forefeel.common.hardware.streams import latency_warning
+from forefeel.common.notices import Notices, RateLimit
+from forefeel.common.settings import DaemonSettings
 from forefeel.devices.configured import configured
 from forefeel.terminal import say
 

@@ -6,14 +6,14 @@ from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
-from common.clock import now_utc
-from common.errors import ConfigurationError
-from common.notices import span
-from common.runtime.threads import in_thread
-from common.transport.endpoints import address
-from common.transport.pki import read_certificate, read_identity, renewal
-from common.transport.security import Identity, Party
-from common.transport.settings import TransportSettings
+from forefeel.common.clock import now_utc
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.notices import span
+from forefeel.common.runtime.threads import in_thread
+from forefeel.common.transport.endpoints import address
+from forefeel.common.transport.pki import read_certificate, read_identity, renewal
+from forefeel.common.transport.security import Identity, Party
+from forefeel.common.transport.settings import TransportSettings
 from forefeel.reaching import Obstacle, reach, when
 
 EVERY_NS = 5_000_000_000

@@ -1,16 +1,16 @@
 """One axis of the master: handle, haptic loop, identification and its traffic. Knows ports only;
-`master.daemon` composes it.
+`forefeel.master.daemon` composes it.
 """
 
 from collections import Counter
 from collections.abc import Callable
 
-from common import topics
-from common.bus import Bus, Outlet
-from common.errors import DeviceError
-from common.heartbeats import Heartbeats
-from common.journal import NOTHING_KEPT, Journal
-from common.messages import (
+from forefeel.common import topics
+from forefeel.common.bus import Bus, Outlet
+from forefeel.common.errors import DeviceError
+from forefeel.common.heartbeats import Heartbeats
+from forefeel.common.journal import NOTHING_KEPT, Journal
+from forefeel.common.messages import (
     MOST_POSITION_M,
     EmergencyStop,
     ForceSample,
@@ -22,19 +22,19 @@ from common.messages import (
     SlaveState,
     within,
 )
-from common.notices import printable
-from common.settings import differences, settings_hash, shared_text
-from master.diary import AxisDiary
-from master.handles.port import Handle, Indication
-from master.handles.watch import HandleWatch
-from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
-from master.identification import IdentificationTask
-from master.own_events import OwnEvents, Standing
-from master.samples import haptic_sample, model_parameters
-from master.session import Link, Session
-from master.settings import MasterAxisSettings
-from master.slave_events import SlaveEvents
-from master.stop import StopWish
+from forefeel.common.notices import printable
+from forefeel.common.settings import differences, settings_hash, shared_text
+from forefeel.master.diary import AxisDiary
+from forefeel.master.handles.port import Handle, Indication
+from forefeel.master.handles.watch import HandleWatch
+from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
+from forefeel.master.identification import IdentificationTask
+from forefeel.master.own_events import OwnEvents, Standing
+from forefeel.master.samples import haptic_sample, model_parameters
+from forefeel.master.session import Link, Session
+from forefeel.master.settings import MasterAxisSettings
+from forefeel.master.slave_events import SlaveEvents
+from forefeel.master.stop import StopWish
 
 
 class MasterAxis:

@@ -2,7 +2,7 @@
 no jump. Pure.
 """
 
-from master.handles.port import HandleReading
+from forefeel.master.handles.port import HandleReading
 
 
 class Clutch:

@@ -3,31 +3,31 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from common.bus import Bus
-from common.clock import Clock
-from common.daemon import SECOND_NS, AuditHeads, Reports, impaired
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError
-from common.estimation.default_model import default_model
-from common.estimation.forecast import compile_kernels
-from common.estimation.identification import ContactIdentifier, IdentificationSettings
-from common.estimation.transfer import lasting
-from common.flight import TappedTransport
-from common.journal import NOTHING_KEPT, Journal
-from common.model_file import load_model
-from common.recording.tabular import load_recording
-from common.runtime.port import Runtime
-from common.settings import TICK_NS
-from common.transport.port import Transport
-from master.axis import MasterAxis
-from master.handles.coil_serial import CoilHandle
-from master.handles.operator import Operator
-from master.handles.playback import MultiSine, Playback, RecordedMotion
-from master.handles.port import Handle
-from master.haptics import HapticLoop
-from master.identification import IdentificationTask
-from master.prediction import ForcePrediction
-from master.settings import (
+from forefeel.common.bus import Bus
+from forefeel.common.clock import Clock
+from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.estimation.default_model import default_model
+from forefeel.common.estimation.forecast import compile_kernels
+from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
+from forefeel.common.estimation.transfer import lasting
+from forefeel.common.flight import TappedTransport
+from forefeel.common.journal import NOTHING_KEPT, Journal
+from forefeel.common.model_file import load_model
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.runtime.port import Runtime
+from forefeel.common.settings import TICK_NS
+from forefeel.common.transport.port import Transport
+from forefeel.master.axis import MasterAxis
+from forefeel.master.handles.coil_serial import CoilHandle
+from forefeel.master.handles.operator import Operator
+from forefeel.master.handles.playback import MultiSine, Playback, RecordedMotion
+from forefeel.master.handles.port import Handle
+from forefeel.master.haptics import HapticLoop
+from forefeel.master.identification import IdentificationTask
+from forefeel.master.prediction import ForcePrediction
+from forefeel.master.settings import (
     CoilSettings,
     HandleSettings,
     MasterAxisSettings,

@@ -1,9 +1,9 @@
 """What one axis of the master leaves behind: entries of the audit log, and triggers of flight records."""
 
-from common.bus import Bus
-from common.journal import REFUSALS, Journal, Malformed, Tally, peer, worth_a_record
-from common.messages import Handshake, LimitEvent, SafetyEvent
-from common.notices import Notices
+from forefeel.common.bus import Bus
+from forefeel.common.journal import REFUSALS, Journal, Malformed, Tally, peer, worth_a_record
+from forefeel.common.messages import Handshake, LimitEvent, SafetyEvent
+from forefeel.common.notices import Notices
 
 
 class AxisDiary:

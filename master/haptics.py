@@ -3,15 +3,15 @@
 from math import isfinite
 from typing import NamedTuple
 
-from common.estimation.forecast import Estimate
-from common.estimation.identification import ContactEstimate
-from common.limiter import LimitHit
-from common.messages import FOLLOWING, ForceSample, Grip, SafetyState
-from master.clutch import Clutch
-from master.handles.port import HandleReading
-from master.prediction import Prediction, Present
-from master.rendering import ForceRenderer
-from master.settings import RenderingSettings
+from forefeel.common.estimation.forecast import Estimate
+from forefeel.common.estimation.identification import ContactEstimate
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState
+from forefeel.master.clutch import Clutch
+from forefeel.master.handles.port import HandleReading
+from forefeel.master.prediction import Prediction, Present
+from forefeel.master.rendering import ForceRenderer
+from forefeel.master.settings import RenderingSettings
 
 
 class NewestForce(NamedTuple):

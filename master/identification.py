@@ -5,9 +5,9 @@ stamps.
 from collections.abc import Callable
 from itertools import groupby
 
-from common.estimation.identification import ContactEstimate, ContactIdentifier
-from common.messages import ForceSample, Grip
-from common.slots import BoundedQueue
+from forefeel.common.estimation.identification import ContactEstimate, ContactIdentifier
+from forefeel.common.messages import ForceSample, Grip
+from forefeel.common.slots import BoundedQueue
 
 _QUEUE = 8192  # eight seconds at 1 kHz
 _EVERY_NS = 4_000_000

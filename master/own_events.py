@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Literal
 
-from common import topics
-from common.bus import Bus
-from common.limit_log import LimitLog
-from common.limiter import LimitHit
-from common.messages import LimitEvent, MasterEvent
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.limit_log import LimitLog
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import LimitEvent, MasterEvent
 
 Standing = Literal["no_link", "linked", "handle_fault", "failed"]
 _EVENTS: dict[Standing, str] = {

@@ -4,18 +4,19 @@ One stamp joins everything: that of the command. The forecaster moves with the s
 of the command, and learns from the force that the slave measured while it executed that command. So the
 delay, its jitter and the two clocks stay out of it, and it is asked for just what it has learned on: the
 drive's lag is part of what it learns. A model of a model.yaml was learned on positions of the stage: it gets
-those that are expected, see docs/decisions/0009, and takes part in two forms, see `common.estimation.loaded`.
+those that are expected, see docs/decisions/0009, and takes part in two forms, see
+`forefeel.common.estimation.loaded`.
 """
 
 from typing import NamedTuple, Protocol
 
-from common.effects.model import ContactModel
-from common.estimation.forecast import Estimate, Forecaster
-from common.estimation.identification import ContactEstimate
-from common.estimation.loaded import NOTHING, LoadedContact
-from common.messages import ForceSample, Grip
-from common.settings import AxisLimits
-from master.stage import ExpectedStage
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.estimation.forecast import Estimate, Forecaster
+from forefeel.common.estimation.identification import ContactEstimate
+from forefeel.common.estimation.loaded import NOTHING, LoadedContact
+from forefeel.common.messages import ForceSample, Grip
+from forefeel.common.settings import AxisLimits
+from forefeel.master.stage import ExpectedStage
 
 
 class Present(NamedTuple):

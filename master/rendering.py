@@ -3,9 +3,9 @@
 from math import isfinite
 from typing import NamedTuple
 
-from common.limiter import LimitHit
-from master.passivity import PassivityController, PassivityObserver
-from master.settings import RenderingSettings
+from forefeel.common.limiter import LimitHit
+from forefeel.master.passivity import PassivityController, PassivityObserver
+from forefeel.master.settings import RenderingSettings
 
 _MAX_STEP_S = 0.010
 _NO_HITS: tuple[LimitHit, ...] = ()

@@ -3,11 +3,11 @@
 from collections.abc import Iterable
 from typing import TypedDict
 
-from common.bus import Header
-from common.clock_offset import OffsetEstimate
-from common.estimation.forecast import Estimate
-from common.estimation.identification import ContactEstimate
-from common.messages import (
+from forefeel.common.bus import Header
+from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.estimation.forecast import Estimate
+from forefeel.common.estimation.identification import ContactEstimate
+from forefeel.common.messages import (
     MOST_FORCE_N,
     MOST_PARAMETER,
     MOST_POSITION_M,
@@ -15,7 +15,7 @@ from common.messages import (
     ModelParameters,
     within,
 )
-from master.haptics import HapticOutputs, NewestForce
+from forefeel.master.haptics import HapticOutputs, NewestForce
 
 
 class ForecastFields(TypedDict):

@@ -5,9 +5,9 @@ id. Pure.
 from collections.abc import Callable
 from enum import Enum
 
-from common.notices import span
-from common.settings import LONGEST_ROUND_TRIP_S
-from common.topics import SLAVE_STATE
+from forefeel.common.notices import span
+from forefeel.common.settings import LONGEST_ROUND_TRIP_S
+from forefeel.common.topics import SLAVE_STATE
 
 _LOST_AFTER_NS = 1_000_000_000
 """Without a state of the slave that names our session, which comes 50 times a second; the slave's own lease

@@ -4,9 +4,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.config import Settings
-from common.hardware.settings import SerialSettings, Sign
-from common.settings import (
+from forefeel.common.config import Settings
+from forefeel.common.hardware.settings import SerialSettings, Sign
+from forefeel.common.settings import (
     AxisLimits,
     ColumnSettings,
     DaemonSettings,
@@ -14,7 +14,7 @@ from common.settings import (
     Segment,
     require_distinct,
 )
-from common.topics import FORCE
+from forefeel.common.topics import FORCE
 
 
 class OperatorSettings(Settings):

@@ -4,11 +4,11 @@ told to the person.
 
 from collections import Counter, deque
 
-from common import topics
-from common.bus import Bus
-from common.messages import LimitEvent, SafetyEvent
-from common.notices import Lasting, Notices, in_words, long_round_trip
-from master.diary import AxisDiary
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.messages import LimitEvent, SafetyEvent
+from forefeel.common.notices import Lasting, Notices, in_words, long_round_trip
+from forefeel.master.diary import AxisDiary
 
 _REMEMBERED = 64
 

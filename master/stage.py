@@ -4,9 +4,9 @@ lag.
 Pure. The limits come first, so that what a drive can not do is not mistaken for its lag.
 """
 
-from common.estimation.stage_lag import StageLag
-from common.limiter import MotionLimiter
-from common.settings import AxisLimits
+from forefeel.common.estimation.stage_lag import StageLag
+from forefeel.common.limiter import MotionLimiter
+from forefeel.common.settings import AxisLimits
 
 _MAX_STEP_S = 0.010
 

@@ -1,6 +1,6 @@
 """An emergency stop that the person asked for: said again and again until the slave shows it. Pure."""
 
-from common.messages import SlaveState
+from forefeel.common.messages import SlaveState
 
 _OFTEN_NS = 20_000_000
 _FOR_NS = 2_000_000_000

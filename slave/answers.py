@@ -4,11 +4,11 @@ from bisect import bisect_left
 from collections import deque
 from typing import NamedTuple
 
-from common.bus import Outlet
-from common.clock_offset import OffsetEstimate
-from common.messages import ForceSample, Grip, MotionCommand
-from slave.load_cells.port import LoadCellReading
-from slave.stages.port import StageReading
+from forefeel.common.bus import Outlet
+from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.messages import ForceSample, Grip, MotionCommand
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.stages.port import StageReading
 
 _KEPT = 256
 

@@ -1,17 +1,18 @@
-"""One axis of the slave: devices, gate, control loop and its traffic. Knows ports only; `slave.daemon`
-composes it.
+"""One axis of the slave: devices, gate, control loop and its traffic.
+
+Knows ports only; `forefeel.slave.daemon` composes it.
 """
 
 from collections import Counter
 from collections.abc import Iterable
 
-from common import topics
-from common.bus import Bus, Outlet
-from common.errors import DeviceError
-from common.journal import HALTED, NOTHING_KEPT, Journal
-from common.limit_log import LimitLog
-from common.limiter import LimitHit
-from common.messages import (
+from forefeel.common import topics
+from forefeel.common.bus import Bus, Outlet
+from forefeel.common.errors import DeviceError
+from forefeel.common.journal import HALTED, NOTHING_KEPT, Journal
+from forefeel.common.limit_log import LimitLog
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import (
     EmergencyStop,
     Grip,
     LimitEvent,
@@ -20,16 +21,16 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.notices import Lasting, Notices, in_words, long_round_trip
-from common.slots import BoundedQueue, LatestValue
-from slave.answers import ForceAnswers, Instant
-from slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
-from slave.device_reports import DeviceReports
-from slave.devices import Devices, DeviceWatch
-from slave.diary import AxisDiary
-from slave.intake import CommandIntake
-from slave.link import SlaveLink
-from slave.settings import SlaveAxisSettings
+from forefeel.common.notices import Lasting, Notices, in_words, long_round_trip
+from forefeel.common.slots import BoundedQueue, LatestValue
+from forefeel.slave.answers import ForceAnswers, Instant
+from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
+from forefeel.slave.device_reports import DeviceReports
+from forefeel.slave.devices import Devices, DeviceWatch
+from forefeel.slave.diary import AxisDiary
+from forefeel.slave.intake import CommandIntake
+from forefeel.slave.link import SlaveLink
+from forefeel.slave.settings import SlaveAxisSettings
 
 _LATCHED = "latched before the slave was started: "
 _EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not change it

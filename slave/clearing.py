@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from typing import NamedTuple
 
-from slave.axis import SlaveAxis
+from forefeel.slave.axis import SlaveAxis
 
 FOLLOWS = "axis {} is halted"
 """Why an axis stops with another one."""

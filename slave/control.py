@@ -3,14 +3,14 @@
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from common.clock_offset import OffsetEstimate
-from common.limiter import LimitHit, MotionLimiter
-from common.messages import Grip, MotionCommand, SafetyState
-from common.notices import long_round_trip
-from common.settings import AxisLimits
-from slave.force_watch import ForceWatch
-from slave.safety import SafetyEventName, SafetyMachine
-from slave.settings import GateSettings
+from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.limiter import LimitHit, MotionLimiter
+from forefeel.common.messages import Grip, MotionCommand, SafetyState
+from forefeel.common.notices import long_round_trip
+from forefeel.common.settings import AxisLimits
+from forefeel.slave.force_watch import ForceWatch
+from forefeel.slave.safety import SafetyEventName, SafetyMachine
+from forefeel.slave.settings import GateSettings
 
 E = SafetyEventName
 _MAX_STEP_S = 0.010  # a late tick moves the setpoint by at most this much time

@@ -4,24 +4,24 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
 
-from common.bus import Bus
-from common.daemon import SECOND_NS, AuditHeads, Reports, impaired
-from common.errors import RecordingError
-from common.flight import TappedTransport
-from common.journal import NOTHING_KEPT, Journal
-from common.recording.tabular import load_recording
-from common.runtime.port import Runtime
-from common.settings import TICK_NS
-from common.slots import BoundedQueue
-from common.transport.port import Transport
-from slave.axis import SlaveAxis
-from slave.clearing import FOLLOWS, Clearing, ClearRequest
-from slave.devices import Devices
-from slave.grippers.port import Gripper
-from slave.grippers.simulated import SimulatedGripper, UnseenGripper
-from slave.load_cells.port import LoadCell
-from slave.load_cells.recorded import RecordedLoadCell
-from slave.load_cells.settings import (
+from forefeel.common.bus import Bus
+from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
+from forefeel.common.errors import RecordingError
+from forefeel.common.flight import TappedTransport
+from forefeel.common.journal import NOTHING_KEPT, Journal
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.runtime.port import Runtime
+from forefeel.common.settings import TICK_NS
+from forefeel.common.slots import BoundedQueue
+from forefeel.common.transport.port import Transport
+from forefeel.slave.axis import SlaveAxis
+from forefeel.slave.clearing import FOLLOWS, Clearing, ClearRequest
+from forefeel.slave.devices import Devices
+from forefeel.slave.grippers.port import Gripper
+from forefeel.slave.grippers.simulated import SimulatedGripper, UnseenGripper
+from forefeel.slave.load_cells.port import LoadCell
+from forefeel.slave.load_cells.recorded import RecordedLoadCell
+from forefeel.slave.load_cells.settings import (
     AsciiLineSettings,
     BotaSettings,
     Cia404Settings,
@@ -29,12 +29,12 @@ from slave.load_cells.settings import (
     RecordedLoadCellDriver,
     SimulatedLoadCellDriver,
 )
-from slave.load_cells.simulated import SimulatedLoadCell
-from slave.plant.world import SimulatedWorld
-from slave.settings import SlaveAxisSettings, SlaveSettings
-from slave.stages.port import Stage
-from slave.stages.settings import Cia402Settings, SimulatedStageDriver, StageDriver, ZaberSettings
-from slave.stages.simulated import SimulatedStage
+from forefeel.slave.load_cells.simulated import SimulatedLoadCell
+from forefeel.slave.plant.world import SimulatedWorld
+from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
+from forefeel.slave.stages.port import Stage
+from forefeel.slave.stages.settings import Cia402Settings, SimulatedStageDriver, StageDriver, ZaberSettings
+from forefeel.slave.stages.simulated import SimulatedStage
 
 _ANNOUNCE_NS = 2 * SECOND_NS  # who begins to record hears the calibrations soon
 _CLEARINGS = 64  # between two ticks; far more than the local socket serves at once
@@ -192,11 +192,11 @@ def _stage(settings: StageDriver, world: SimulatedWorld) -> Stage:
     """The stage; what talks to hardware is imported when it is used."""
     match settings:
         case ZaberSettings():
-            from slave.stages.zaber_ascii import ZaberStage  # noqa: PLC0415
+            from forefeel.slave.stages.zaber_ascii import ZaberStage  # noqa: PLC0415
 
             return ZaberStage(settings)
         case Cia402Settings():
-            from slave.stages.cia402 import Cia402Stage  # noqa: PLC0415
+            from forefeel.slave.stages.cia402 import Cia402Stage  # noqa: PLC0415
 
             return Cia402Stage(settings)
         case SimulatedStageDriver():
@@ -206,15 +206,15 @@ def _stage(settings: StageDriver, world: SimulatedWorld) -> Stage:
 def _load_cell(settings: LoadCellDriver, world: SimulatedWorld) -> LoadCell:
     match settings:
         case BotaSettings():
-            from slave.load_cells.bota_serial import BotaSerialLoadCell  # noqa: PLC0415
+            from forefeel.slave.load_cells.bota_serial import BotaSerialLoadCell  # noqa: PLC0415
 
             return BotaSerialLoadCell(settings)
         case AsciiLineSettings():
-            from slave.load_cells.ascii_line import AsciiLineLoadCell  # noqa: PLC0415
+            from forefeel.slave.load_cells.ascii_line import AsciiLineLoadCell  # noqa: PLC0415
 
             return AsciiLineLoadCell(settings)
         case Cia404Settings():
-            from slave.load_cells.cia404 import Cia404LoadCell  # noqa: PLC0415
+            from forefeel.slave.load_cells.cia404 import Cia404LoadCell  # noqa: PLC0415
 
             return Cia404LoadCell(settings)
         case RecordedLoadCellDriver():

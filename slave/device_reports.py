@@ -2,13 +2,13 @@
 
 from typing import Any, Literal
 
-from common import topics
-from common.bus import Bus, Outlet
-from common.hardware.calibration import LoadCellCalibration, StageCalibration
-from common.hardware.link import Link
-from common.messages import Calibration
-from slave.load_cells.port import LoadCell
-from slave.stages.port import Stage
+from forefeel.common import topics
+from forefeel.common.bus import Bus, Outlet
+from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
+from forefeel.common.hardware.link import Link
+from forefeel.common.messages import Calibration
+from forefeel.slave.load_cells.port import LoadCell
+from forefeel.slave.stages.port import Stage
 
 
 class DeviceReports:

@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from common.errors import DeviceError
-from common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S
-from slave.grippers.port import Gripper
-from slave.load_cells.port import LoadCell, LoadCellReading
-from slave.stages.port import Stage, StageReading
+from forefeel.common.errors import DeviceError
+from forefeel.common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S
+from forefeel.slave.grippers.port import Gripper
+from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
+from forefeel.slave.stages.port import Stage, StageReading
 
 _NO_FORCE = LoadCellReading(0.0, 0, False)
 

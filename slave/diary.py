@@ -1,14 +1,14 @@
 """What one axis of the slave leaves behind: audit entries, cycles and triggers of flight records."""
 
-from common import topics
-from common.audit import SAFETY
-from common.bus import Bus
-from common.flight import CycleRow
-from common.journal import REFUSALS, Journal, Malformed, Tally, peer, worth_a_record
-from common.limiter import LimitHit
-from common.messages import Grip, Handshake, SafetyState
-from slave.control import ControlOutputs, Transition
-from slave.devices import DeviceWatch
+from forefeel.common import topics
+from forefeel.common.audit import SAFETY
+from forefeel.common.bus import Bus
+from forefeel.common.flight import CycleRow
+from forefeel.common.journal import REFUSALS, Journal, Malformed, Tally, peer, worth_a_record
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import Grip, Handshake, SafetyState
+from forefeel.slave.control import ControlOutputs, Transition
+from forefeel.slave.devices import DeviceWatch
 
 _MINUTE_NS = 60_000_000_000
 

@@ -5,8 +5,8 @@ received the command.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from common.clock_offset import OffsetEstimate
-from common.messages import MotionCommand
+from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.messages import MotionCommand
 
 SECOND_WRITER = "second_writer"
 _GAPS = 64  # of the numbers that came, remembered
@@ -23,7 +23,7 @@ class Refusal(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class GateLimits:
-    """`max_age_ns`: by how much a command may be slower than the fastest, see `common.clock_offset`;
+    """`max_age_ns`: by how much a command may be slower than the fastest, see `forefeel.common.clock_offset`;
     `position_m`, `velocity_m_s`: what is plausible at all (limits proper come later).
     """
 

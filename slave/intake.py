@@ -4,12 +4,12 @@ from collections import Counter
 from threading import Lock
 from typing import NamedTuple
 
-from common.limit_log import LimitLog
-from common.limiter import LimitHit
-from common.messages import MotionCommand
-from slave.gate import SECOND_WRITER, CommandGate, GateLimits, Refusal
-from slave.link import SlaveLink
-from slave.settings import SlaveAxisSettings
+from forefeel.common.limit_log import LimitLog
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import MotionCommand
+from forefeel.slave.gate import SECOND_WRITER, CommandGate, GateLimits, Refusal
+from forefeel.slave.link import SlaveLink
+from forefeel.slave.settings import SlaveAxisSettings
 
 _RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsense, not merely too far
 _RANGE_SPEEDS = 10.0

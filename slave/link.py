@@ -3,17 +3,17 @@
 from collections import Counter
 from collections.abc import Callable
 
-from common import topics
-from common.bus import Bus
-from common.clock_offset import MAX_RATE_PPM, OffsetEstimate
-from common.heartbeats import Heartbeats
-from common.messages import Handshake, Heartbeat
-from common.notices import span
-from common.settings import LONGEST_ROUND_TRIP_S, differences, settings_hash, shared_text
-from common.slots import BoundedQueue
-from slave.diary import AxisDiary
-from slave.session import Lease
-from slave.settings import SlaveAxisSettings
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.clock_offset import MAX_RATE_PPM, OffsetEstimate
+from forefeel.common.heartbeats import Heartbeats
+from forefeel.common.messages import Handshake, Heartbeat
+from forefeel.common.notices import span
+from forefeel.common.settings import LONGEST_ROUND_TRIP_S, differences, settings_hash, shared_text
+from forefeel.common.slots import BoundedQueue
+from forefeel.slave.diary import AxisDiary
+from forefeel.slave.session import Lease
+from forefeel.slave.settings import SlaveAxisSettings
 
 
 class SlaveLink:

@@ -13,7 +13,7 @@ Only ENGAGING and ARMED follow commands; every other state ramps to zero velocit
 
 from enum import StrEnum
 
-from common.messages import FOLLOWING, SafetyState
+from forefeel.common.messages import FOLLOWING, SafetyState
 
 
 class SafetyEventName(StrEnum):

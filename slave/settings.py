@@ -4,13 +4,19 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.config import Settings
-from common.settings import LONGEST_ROUND_TRIP_S, AxisLimits, DaemonSettings, Segment, require_distinct
-from common.topics import COMMAND
-from slave.load_cells.port import VALID_SHARE
-from slave.load_cells.settings import LoadCellDriver, SimulatedLoadCellDriver
-from slave.plant.settings import WorldSettings, world_settings
-from slave.stages.settings import SimulatedStageDriver, StageDriver
+from forefeel.common.config import Settings
+from forefeel.common.settings import (
+    LONGEST_ROUND_TRIP_S,
+    AxisLimits,
+    DaemonSettings,
+    Segment,
+    require_distinct,
+)
+from forefeel.common.topics import COMMAND
+from forefeel.slave.load_cells.port import VALID_SHARE
+from forefeel.slave.load_cells.settings import LoadCellDriver, SimulatedLoadCellDriver
+from forefeel.slave.plant.settings import WorldSettings, world_settings
+from forefeel.slave.stages.settings import SimulatedStageDriver, StageDriver
 
 
 class GateSettings(Settings):

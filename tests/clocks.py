@@ -1,6 +1,6 @@
 """A comparison of two clocks, as it is after exchanges over a path whose two ways take equally long."""
 
-from common.clock_offset import OffsetEstimate
+from forefeel.common.clock_offset import OffsetEstimate
 
 
 def compared(offset_ns: int, one_way_ns: int, rate_ppm: float = 0.0) -> OffsetEstimate:

@@ -22,6 +22,8 @@ settings.register_profile("repeatable", deadline=None, derandomize=True, max_exa
 settings.load_profile("repeatable")
 
 _GRACE_S = 1.0
+_DEVICE_PRIORITY = 1
+"""Of SCHED_RR: ahead of all work without a priority, behind the daemons."""
 _states = count()
 
 
@@ -48,6 +50,21 @@ def nothing_left_behind() -> Iterator[None]:
     left = _still_running(threads)
     if left or tasks:
         pytest.fail(f"left behind: threads {left}, asyncio tasks {tasks}", pytrace=False)
+
+
+@pytest.fixture
+def ahead_of_other_work() -> Iterator[None]:
+    """For tests with emulated devices: their threads and processes inherit it.
+
+    Where it is not granted the machine has to be idle enough.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_DEVICE_PRIORITY))
+    except PermissionError:
+        yield
+        return
+    yield
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _still_running(before: set[threading.Thread]) -> list[str]:
@@ -91,7 +108,7 @@ def _scheduled_as_before() -> Iterator[None]:
 def run(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[str]], int]:
     """Runs the command line in this process as the installed script does; its exit code."""
     # what a daemon asks of the operating system would stay with this process
-    for place in ("common.runtime.real", "forefeel.daemons", "forefeel.emulate.run"):
+    for place in ("forefeel.common.runtime.real", "forefeel.daemons", "forefeel.emulate.run"):
         monkeypatch.setattr(f"{place}.prepare_process", lambda: "left alone")
     for place in ("forefeel.daemons", "forefeel.router", "forefeel.emulate.run", "forefeel.calibrate.stage"):
         monkeypatch.setattr(f"{place}.prepare_thread", lambda priority: "left alone")

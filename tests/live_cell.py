@@ -15,13 +15,13 @@ from typing import Any, Self, TypeVar
 
 import yaml
 
-from common.clock import MonotonicClock, now_utc
-from common.codec import decode
-from common.messages import Message, SlaveState
-from common.topics import SLAVE_STATE, Topic
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.codec import decode
+from forefeel.common.messages import Message, SlaveState
+from forefeel.common.topics import SLAVE_STATE, Topic
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
 from tests.waiting import wait_until
 

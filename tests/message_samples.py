@@ -9,7 +9,7 @@ import annotated_types
 from hypothesis import strategies as st
 from pydantic.fields import FieldInfo
 
-from common.messages import DIGEST, Message
+from forefeel.common.messages import DIGEST, Message
 
 KINDS: tuple[type[Message], ...] = tuple(Message.__subclasses__())
 NAME_LETTERS = string.ascii_letters + string.digits + "_.-"

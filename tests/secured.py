@@ -10,12 +10,12 @@ from typing import Literal
 
 import zenoh
 
-from common.clock import MonotonicClock, now_utc
-from common.transport.pki import AUTHORITY
-from common.transport.security import Identity, Party, PartyRole, secured
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport, open_session
-from common.transport.zenoh_config import FIXED
+from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.transport.pki import AUTHORITY
+from forefeel.common.transport.security import Identity, Party, PartyRole, secured
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport, open_session
+from forefeel.common.transport.zenoh_config import FIXED
 from forefeel.pki.folder import make_folder
 
 CELL = "cell"

@@ -15,7 +15,7 @@ from typing import Self
 
 import pytest
 
-from common.messages import SafetyEvent, SafetyState
+from forefeel.common.messages import SafetyEvent, SafetyState
 
 PRIORITY = 30
 """Of SCHED_FIFO, where it is granted: that of the threads of a daemon that are not its loop."""

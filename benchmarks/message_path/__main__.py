@@ -21,7 +21,7 @@ from benchmarks.message_path.brokers import broker
 from benchmarks.message_path.direct_ways import Grpc, ZeroMq
 from benchmarks.message_path.ends import Way, summary
 from benchmarks.message_path.zenoh_ways import BareZenoh, GatedInCallback, Own, OwnAsyncio
-from common.runtime.realtime import prepare_process
+from forefeel.common.runtime.realtime import prepare_process
 
 WAYS: dict[str, type[Way]] = {
     way.__name__: way

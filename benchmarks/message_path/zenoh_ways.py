@@ -12,11 +12,11 @@ import zenoh
 
 from benchmarks.gated import gated
 from benchmarks.message_path.ends import Stopwatch, Way, input_ended, paced
-from common.clock import MonotonicClock
-from common.topics import COMMAND, FORCE, Qos
-from common.transport.port import Put
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.topics import COMMAND, FORCE, Qos
+from forefeel.common.transport.port import Put
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 
 _CELL, _AXIS = "cell", "bench"
 _THERE, _HERE = COMMAND.key(_CELL, _AXIS), FORCE.key(_CELL, _AXIS)

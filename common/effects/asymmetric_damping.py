@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from common.effects.base import ForceEffect, Parameter
-from common.effects.offline import Array
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.offline import Array
 
 
 class AsymmetricDamping(ForceEffect):

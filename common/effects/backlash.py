@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from common.effects.base import MotionEffect, Parameter
-from common.effects.offline import Array, lazy_kernel
+from forefeel.common.effects.base import MotionEffect, Parameter
+from forefeel.common.effects.offline import Array, lazy_kernel
 
 
 class Backlash(MotionEffect):

@@ -19,7 +19,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from common.effects.offline import Array, intervals_s
+from forefeel.common.effects.offline import Array, intervals_s
 
 Site = Literal["wall", "shaft", "sensor"]
 """Where a force arises: at the wall (in contact), along the shaft (when gripped), in the sensor (always)."""

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from common.effects.base import ContactEffect, Parameter
-from common.effects.offline import Array
+from forefeel.common.effects.base import ContactEffect, Parameter
+from forefeel.common.effects.offline import Array
 
 
 class ContactLoss(ContactEffect):

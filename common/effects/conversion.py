@@ -1,8 +1,8 @@
 """A model parted at the load cell's converter: what acts in continuous time, and what acts on readings."""
 
-from common.effects.base import SensorEffect
-from common.effects.model import ContactModel
-from common.effects.registry import effect_class
+from forefeel.common.effects.base import SensorEffect
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.effects.registry import effect_class
 
 
 def at_conversion(model: ContactModel) -> tuple[ContactModel, list[SensorEffect]]:

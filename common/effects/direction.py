@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.effects.offline import Array
+from forefeel.common.effects.offline import Array
 
 BAND_M_S = 1e-5
 

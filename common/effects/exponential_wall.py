@@ -4,8 +4,8 @@ from math import expm1
 
 import numpy as np
 
-from common.effects.base import ForceEffect, Parameter
-from common.effects.offline import Array
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.offline import Array
 
 _MOST = 50.0
 """Lengths beyond which the force stays: far outside of any tissue, and of no overflow."""

@@ -4,7 +4,7 @@ from math import exp
 
 import numpy as np
 
-from common.effects.offline import Array, lazy_kernel
+from forefeel.common.effects.offline import Array, lazy_kernel
 
 
 class FirstOrderLag:

@@ -8,8 +8,8 @@ from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 
-from common.effects.base import ForceEffect, Parameter
-from common.effects.offline import Array
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.offline import Array
 
 
 def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -> tuple[Parameter, ...]:

@@ -1,6 +1,6 @@
 """Pick-up of the mains in the load cell's cable."""
 
-from common.effects.harmonics import PeriodicForce, harmonic_parameters
+from forefeel.common.effects.harmonics import PeriodicForce, harmonic_parameters
 
 
 class MainsHum(PeriodicForce):

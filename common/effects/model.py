@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast, get_args
 
-from common.effects.base import ContactEffect, Effect, ForceEffect, Site
-from common.effects.registry import effect_class
-from common.effects.runtime import ContactRuntime
+from forefeel.common.effects.base import ContactEffect, Effect, ForceEffect, Site
+from forefeel.common.effects.registry import effect_class
+from forefeel.common.effects.runtime import ContactRuntime
 
 SCHEMA = "forefeel.model/1"
 

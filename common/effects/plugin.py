@@ -6,7 +6,7 @@ from inspect import isabstract
 from math import isfinite
 from typing import get_args
 
-from common.effects.base import (
+from forefeel.common.effects.base import (
     ContactEffect,
     Effect,
     ForceEffect,
@@ -38,7 +38,7 @@ def load_plugin(points: Sequence[EntryPoint]) -> type[Effect]:
         raise ValueError(f"{where}: can not be loaded, {_line(error)}") from error
     if not (isinstance(loaded, type) and issubclass(loaded, _KINDS)):
         expected = ", ".join(kind.__name__ for kind in _KINDS)
-        raise ValueError(f"{where}: expected a class of common.effects.base: {expected}")
+        raise ValueError(f"{where}: expected a class of forefeel.common.effects.base: {expected}")
     for flaw in _flaws(loaded, point.name):
         raise ValueError(f"{where}: {flaw}")
     try:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from common.effects.base import ForceEffect, Parameter
-from common.effects.direction import direction, directions
-from common.effects.offline import Array
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.direction import direction, directions
+from forefeel.common.effects.offline import Array
 
 
 class PositionDependentFriction(ForceEffect):

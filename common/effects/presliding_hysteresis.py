@@ -5,8 +5,8 @@ from math import exp
 
 import numpy as np
 
-from common.effects.base import ForceEffect, Parameter
-from common.effects.offline import Array, lazy_kernel
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.offline import Array, lazy_kernel
 
 
 class PreslidingHysteresis(ForceEffect):

@@ -1,6 +1,6 @@
 """Heart beat or breath: a periodic force that comes without motion of the instrument."""
 
-from common.effects.harmonics import PeriodicForce, harmonic_parameters
+from forefeel.common.effects.harmonics import PeriodicForce, harmonic_parameters
 
 
 class Pulsation(PeriodicForce):

@@ -10,33 +10,33 @@ from importlib.metadata import entry_points
 
 import numpy as np
 
-from common.effects.asymmetric_damping import AsymmetricDamping
-from common.effects.backlash import Backlash
-from common.effects.base import Effect
-from common.effects.bias import Bias
-from common.effects.contact_loss import ContactLoss
-from common.effects.coulomb_friction import CoulombFriction
-from common.effects.exponential_wall import ExponentialWall
-from common.effects.hunt_crossley_damping import HuntCrossleyDamping
-from common.effects.mains_hum import MainsHum
-from common.effects.mass_damper_spring import MassDamperSpring
-from common.effects.plugin import load_plugin
-from common.effects.position_dependent_friction import PositionDependentFriction
-from common.effects.presliding_hysteresis import PreslidingHysteresis
-from common.effects.pulsation import Pulsation
-from common.effects.quadratic_drag import QuadraticDrag
-from common.effects.runtime import ContactRuntime
-from common.effects.sensor_drift import SensorDrift
-from common.effects.sensor_lag import SensorLag
-from common.effects.sensor_quantisation import SensorQuantisation
-from common.effects.sensor_saturation import SensorSaturation
-from common.effects.sensor_spikes import SensorSpikes
-from common.effects.stiffening import Stiffening
-from common.effects.stiffness_change import StiffnessChange
-from common.effects.stress_relaxation import StressRelaxation
-from common.effects.stribeck_friction import StribeckFriction
-from common.effects.time_delay import TimeDelay
-from common.effects.unmodelled_resonance import UnmodelledResonance
+from forefeel.common.effects.asymmetric_damping import AsymmetricDamping
+from forefeel.common.effects.backlash import Backlash
+from forefeel.common.effects.base import Effect
+from forefeel.common.effects.bias import Bias
+from forefeel.common.effects.contact_loss import ContactLoss
+from forefeel.common.effects.coulomb_friction import CoulombFriction
+from forefeel.common.effects.exponential_wall import ExponentialWall
+from forefeel.common.effects.hunt_crossley_damping import HuntCrossleyDamping
+from forefeel.common.effects.mains_hum import MainsHum
+from forefeel.common.effects.mass_damper_spring import MassDamperSpring
+from forefeel.common.effects.plugin import load_plugin
+from forefeel.common.effects.position_dependent_friction import PositionDependentFriction
+from forefeel.common.effects.presliding_hysteresis import PreslidingHysteresis
+from forefeel.common.effects.pulsation import Pulsation
+from forefeel.common.effects.quadratic_drag import QuadraticDrag
+from forefeel.common.effects.runtime import ContactRuntime
+from forefeel.common.effects.sensor_drift import SensorDrift
+from forefeel.common.effects.sensor_lag import SensorLag
+from forefeel.common.effects.sensor_quantisation import SensorQuantisation
+from forefeel.common.effects.sensor_saturation import SensorSaturation
+from forefeel.common.effects.sensor_spikes import SensorSpikes
+from forefeel.common.effects.stiffening import Stiffening
+from forefeel.common.effects.stiffness_change import StiffnessChange
+from forefeel.common.effects.stress_relaxation import StressRelaxation
+from forefeel.common.effects.stribeck_friction import StribeckFriction
+from forefeel.common.effects.time_delay import TimeDelay
+from forefeel.common.effects.unmodelled_resonance import UnmodelledResonance
 
 ENTRY_POINT_GROUP = "forefeel.effects"
 

@@ -6,8 +6,8 @@ from operator import mul
 
 import numpy as np
 
-from common.effects.base import ContactEffect, Effect, ForceEffect, MotionEffect, SensorEffect, Site
-from common.effects.offline import Array, intervals_s
+from forefeel.common.effects.base import ContactEffect, Effect, ForceEffect, MotionEffect, SensorEffect, Site
+from forefeel.common.effects.offline import Array, intervals_s
 
 
 class ContactRuntime:
@@ -20,7 +20,7 @@ class ContactRuntime:
     4. sensor effects turn the force into the reading, in the order given.
 
     `regressors` stops before 4: bias and drift are force effects in the sensor and take part, a lag does not.
-    `columns` and `forces_n` are the same for a whole recording, see `common.effects.base`.
+    `columns` and `forces_n` are the same for a whole recording, see `forefeel.common.effects.base`.
 
     Args:
         effects: each effect, and where it acts when not at its own site.

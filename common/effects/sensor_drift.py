@@ -1,7 +1,7 @@
 """Slow ramp of the load cell."""
 
-from common.effects.base import ForceEffect, Parameter
-from common.effects.offline import Array
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.offline import Array
 
 
 class SensorDrift(ForceEffect):

@@ -1,8 +1,8 @@
 """First-order lag of the load cell chain."""
 
-from common.effects.base import Parameter, SensorEffect
-from common.effects.first_order import FirstOrderLag, lagged
-from common.effects.offline import Array
+from forefeel.common.effects.base import Parameter, SensorEffect
+from forefeel.common.effects.first_order import FirstOrderLag, lagged
+from forefeel.common.effects.offline import Array
 
 
 class SensorLag(SensorEffect):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from common.effects.base import Parameter, SensorEffect
-from common.effects.offline import Array
+from forefeel.common.effects.base import Parameter, SensorEffect
+from forefeel.common.effects.offline import Array
 
 
 class SensorQuantisation(SensorEffect):

@@ -4,8 +4,8 @@ from math import floor
 
 import numpy as np
 
-from common.effects.base import Parameter, SensorEffect
-from common.effects.offline import Array
+from forefeel.common.effects.base import Parameter, SensorEffect
+from forefeel.common.effects.offline import Array
 
 _SLOTS = 10
 """Slots per mean interval; each holds a spike with the probability of one in so many."""

@@ -1,8 +1,8 @@
 """A force that fades while the instrument is held still."""
 
-from common.effects.base import ForceEffect, Parameter
-from common.effects.first_order import FirstOrderLag, lagged
-from common.effects.offline import Array
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.first_order import FirstOrderLag, lagged
+from forefeel.common.effects.offline import Array
 
 
 class StressRelaxation(ForceEffect):

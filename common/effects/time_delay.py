@@ -4,8 +4,8 @@ from collections import deque
 
 import numpy as np
 
-from common.effects.base import Parameter, SensorEffect
-from common.effects.offline import Array
+from forefeel.common.effects.base import Parameter, SensorEffect
+from forefeel.common.effects.offline import Array
 
 
 class TimeDelay(SensorEffect):

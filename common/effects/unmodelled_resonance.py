@@ -4,8 +4,8 @@ from math import cos, exp, pi, sin, sqrt
 
 import numpy as np
 
-from common.effects.base import ForceEffect, Parameter
-from common.effects.offline import Array, lazy_kernel
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.offline import Array, lazy_kernel
 
 
 class UnmodelledResonance(ForceEffect):

@@ -9,19 +9,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, pi, sin, sqrt
 
-from common.effects.base import ForceEffect
-from common.effects.model import ContactModel
-from common.effects.registry import effect_class
-from common.estimation.identifiability import (
+from forefeel.common.effects.base import ForceEffect
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.effects.registry import effect_class
+from forefeel.common.estimation.identifiability import (
     Array,
     Identifiability,
     analyse,
     information,
     informed_directions,
 )
-from common.estimation.rls import RecursiveLeastSquares
-from common.estimation.state_filter import StateFilter
-from common.estimation.transfer import Sensor
+from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.state_filter import StateFilter
+from forefeel.common.estimation.transfer import Sensor
 
 _NOISE_BANDWIDTH = (pi / 6.0) / sin(pi / 6.0)
 """Noise bandwidth of a third-order Butterworth low-pass, in units of its cutoff."""

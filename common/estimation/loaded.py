@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.effects.model import ContactModel
-from common.estimation.identification import ContactEstimate
-from common.estimation.state_filter import StateFilter
-from common.estimation.transfer import Sensor, TimeColumns, lasting
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.estimation.identification import ContactEstimate
+from forefeel.common.estimation.state_filter import StateFilter
+from forefeel.common.estimation.transfer import Sensor, TimeColumns, lasting
 
 _RING = 8192
 _TICK_NS = 1_000_000

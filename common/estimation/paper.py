@@ -1,5 +1,5 @@
 """The paper's own algorithm, equations (2) to (12), as it stands there: the reference that everything else is
-measured against. Not for daemons: it has none of the safeguards of `common.estimation.rls`.
+measured against. Not for daemons: it has none of the safeguards of `forefeel.common.estimation.rls`.
 
 Reference: "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot based on
 Parameter Identification".

@@ -3,9 +3,9 @@
 from math import inf, isfinite
 from operator import mul
 
-from common.effects.model import ContactModel
-from common.estimation.identification import ContactEstimate
-from common.estimation.state_filter import StateFilter
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.estimation.identification import ContactEstimate
+from forefeel.common.estimation.state_filter import StateFilter
 
 _GAP_S = 0.1
 

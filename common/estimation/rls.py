@@ -26,7 +26,7 @@ on the factors of P = U D U' (see `ud`). What is added to the paper:
 from collections.abc import Sequence
 from math import exp, inf, isfinite
 
-from common.estimation.ud import Matrix, UdCovariance
+from forefeel.common.estimation.ud import Matrix, UdCovariance
 
 _TOP_UP_AT = 0.02
 """Forgotten fraction after which the prior's information is topped up: seldom, yet at most 2 % below it."""

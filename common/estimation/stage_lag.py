@@ -15,8 +15,8 @@ Reference: Astrom and Hagglund, PID Controllers, 2nd ed. (1995), chapter 2, the 
 from math import isfinite
 from typing import NamedTuple
 
-from common.estimation.rls import RecursiveLeastSquares
-from common.estimation.state_filter import StateFilter
+from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.state_filter import StateFilter
 
 _RING = 8192
 _TICK_NS = 1_000_000

@@ -9,10 +9,10 @@ run tells from its own forces.
 from collections.abc import Callable, Iterator, Mapping
 from math import cos, inf, pi, sin
 
-from common.effects.base import SensorEffect
-from common.effects.harmonics import PeriodicForce
-from common.effects.model import ContactModel, EffectEntry
-from common.effects.registry import effect_class
+from forefeel.common.effects.base import SensorEffect
+from forefeel.common.effects.harmonics import PeriodicForce
+from forefeel.common.effects.model import ContactModel, EffectEntry
+from forefeel.common.effects.registry import effect_class
 
 OF_ITS_RUN = frozenset(
     {

@@ -9,7 +9,7 @@ from collections import Counter
 from math import isfinite
 from typing import NamedTuple
 
-from common.hardware.crc import crc_x25
+from forefeel.common.hardware.crc import crc_x25
 
 BAUD = 460_800
 HEADER = 0xAA

@@ -5,7 +5,7 @@ from itertools import pairwise
 from math import hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
-from common.errors import ConfigurationError, RunError
+from forefeel.common.errors import ConfigurationError, RunError
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 LEAST_READINGS = 10

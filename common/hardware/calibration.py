@@ -6,9 +6,9 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
-from common.config import Settings, load_settings
-from common.errors import ConfigurationError
-from common.messages import MOST_FORCE_N, MOST_POSITION_M, Native
+from forefeel.common.config import Settings, load_settings
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.messages import MOST_FORCE_N, MOST_POSITION_M, Native
 
 SCALE_FACTOR = 2.0
 """Gain and data sheet agree within it: data sheets are right to some per cent, and a mistaken unit is further

@@ -12,10 +12,10 @@ from typing import Any
 
 import can
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.settings import CanSettings, SerialSettings
-from common.hardware.slcan import BITRATES, Frame, SlcanParser, encoded
-from common.hardware.streams import SerialStream
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.settings import CanSettings, SerialSettings
+from forefeel.common.hardware.slcan import BITRATES, Frame, SlcanParser, encoded
+from forefeel.common.hardware.streams import SerialStream
 
 _USUAL_BAUD = 115_200  # ignored by USB adapters; `/dev/ttyUSB0@3000000` names another
 for _name in ("can", "canopen"):  # what they log reaches the user as an error of ours, in one line

@@ -7,10 +7,10 @@ from threading import Event, Lock, Thread
 import can
 import canopen
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.can_bus import SlcanBus, open_bus
-from common.hardware.link import Link
-from common.hardware.settings import CanSettings
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.can_bus import SlcanBus, open_bus
+from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.settings import CanSettings
 
 HOST_NODE = 127
 """The identifier of our heartbeat; no device may have it."""

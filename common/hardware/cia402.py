@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from enum import Enum
 from types import MappingProxyType
 
-from common.errors import DeviceError
-from common.hardware.cia301 import Entry
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.cia301 import Entry
 
 PROFILE = 402
 CSP = 8

@@ -16,7 +16,7 @@ So nothing but 0 is a valid status: a bit that is not in the table is a flaw of 
 from math import isfinite
 from typing import NamedTuple
 
-from common.hardware.cia301 import TPDO1, Entry, Pdo
+from forefeel.common.hardware.cia301 import TPDO1, Entry, Pdo
 
 PROFILE = 404
 SENSOR_TYPE = Entry(0x6110, 1, "H")

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 from cobs import cobs
 
-from common.hardware.crc import crc_ccitt_false
-from common.messages import SafetyState
+from forefeel.common.hardware.crc import crc_ccitt_false
+from forefeel.common.messages import SafetyState
 
 PROTOCOL = 1
 NAME = "forefeel-coil"

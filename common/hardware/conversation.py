@@ -1,16 +1,16 @@
 """A thread that talks to one device: handshake, then exchange; after a fault all of it again.
 
-The thread hands over through one bounded queue (`common.slots.BoundedQueue`) or one slot; every value
-carries the host's stamp and, where the device has a clock, the device's.
+The thread hands over through one bounded queue (`forefeel.common.slots.BoundedQueue`) or one slot; every
+value carries the host's stamp and, where the device has a clock, the device's.
 """
 
 import threading
 from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
-from common.errors import DeviceError, InputError
-from common.hardware.link import Link, LinkState
-from common.runtime.realtime import go_before
+from forefeel.common.errors import DeviceError, InputError
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.runtime.realtime import go_before
 
 T = TypeVar("T")
 RETRY_S = 0.5

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
-from common.errors import DeviceError
+from forefeel.common.errors import DeviceError
 
 _WRAP_US = 1 << 32
 _SLACK_US = 1_000_000

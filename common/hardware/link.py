@@ -10,8 +10,8 @@ from collections import Counter
 from enum import IntEnum
 from threading import Lock
 
-from common.errors import DeviceError
-from common.slots import BoundedQueue
+from forefeel.common.errors import DeviceError
+from forefeel.common.slots import BoundedQueue
 
 _ROUND_TRIPS = 8192
 

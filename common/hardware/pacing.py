@@ -1,6 +1,6 @@
 """Cycles at absolute deadlines."""
 
-from common.clock import Clock, MonotonicClock
+from forefeel.common.clock import Clock, MonotonicClock
 
 
 class Pacer:

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 import can
 import canopen
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.can_network import SharedNetwork, acquire, release
-from common.hardware.cia301 import (
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.can_network import SharedNetwork, acquire, release
+from forefeel.common.hardware.cia301 import (
     DEVICE_TYPE,
     ENTER_PREOPERATIONAL,
     NMT,
@@ -20,8 +20,8 @@ from common.hardware.cia301 import (
     Entry,
     profile,
 )
-from common.hardware.link import Link, LinkState
-from common.hardware.settings import CanSettings
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.settings import CanSettings
 
 _TRIES = 3
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from common.config import Settings
+from forefeel.common.config import Settings
 
 Sign = Literal[1, -1]
 """-1 where the device counts against the insertion."""

@@ -13,8 +13,8 @@ from typing import Protocol
 
 import serial
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.settings import SerialSettings
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.settings import SerialSettings
 
 _BROKEN = (serial.SerialException, OSError, termios.error, TypeError, ValueError)
 """The last two: closed while it reads."""

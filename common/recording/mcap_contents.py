@@ -6,10 +6,10 @@ from pathlib import Path
 
 from mcap.records import Attachment, Channel, Metadata, Statistics
 
-from common.errors import RecordingError
-from common.recording.mcap_records import MessageRecord, Record, RecordReader
-from common.recording.recording import opened
-from common.topics import parse_key
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.mcap_records import MessageRecord, Record, RecordReader
+from forefeel.common.recording.recording import opened
+from forefeel.common.topics import parse_key
 
 
 @dataclass(frozen=True, slots=True)

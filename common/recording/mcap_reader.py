@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from common.errors import RecordingError
-from common.messages import Message
-from common.recording.mcap_contents import Contents, Stream, read_contents
-from common.recording.recording import Recording
-from common.topics import FORCE, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, Topic
+from forefeel.common.errors import RecordingError
+from forefeel.common.messages import Message
+from forefeel.common.recording.mcap_contents import Contents, Stream, read_contents
+from forefeel.common.recording.recording import Recording
+from forefeel.common.topics import FORCE, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, Topic
 
 M = TypeVar("M", bound=Message)
 Columns = dict[str, NDArray[Any]]

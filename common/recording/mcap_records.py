@@ -20,8 +20,8 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
 from mcap.writer import MCAP0_MAGIC
 
-from common.errors import RecordingError
-from common.recording.recording import room_of
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.recording import room_of
 
 HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")

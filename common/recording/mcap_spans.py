@@ -14,11 +14,11 @@ from mcap.records import Channel
 from mcap.writer import MCAP0_MAGIC
 from pydantic import ValidationError
 
-from common.errors import RecordingError
-from common.messages import Message
-from common.recording.mcap_records import DAMAGE, HEAD, MessageRecord, records_of_chunk, unpacked
-from common.recording.recording import opened, room_of
-from common.topics import Topic, parse_key
+from forefeel.common.errors import RecordingError
+from forefeel.common.messages import Message
+from forefeel.common.recording.mcap_records import DAMAGE, HEAD, MessageRecord, records_of_chunk, unpacked
+from forefeel.common.recording.recording import opened, room_of
+from forefeel.common.topics import Topic, parse_key
 
 _TIMES = struct.Struct("<QQ")
 _CHANNEL_ID = struct.Struct("<H")

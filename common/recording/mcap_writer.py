@@ -15,10 +15,10 @@ from typing import Self
 
 from mcap.writer import CompressionType, Writer
 
-from common.codec import decode
-from common.errors import CodecError, RecordingError, RunError
-from common.messages import Message
-from common.topics import Topic, parse_key
+from forefeel.common.codec import decode
+from forefeel.common.errors import CodecError, RecordingError, RunError
+from forefeel.common.messages import Message
+from forefeel.common.topics import Topic, parse_key
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from common.errors import RecordingError
+from forefeel.common.errors import RecordingError
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
-from common.errors import RecordingError
-from common.recording.recording import Array, opened, room_of
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.recording import Array, opened, room_of
 
 _SHOWN_CHARACTERS = 40
 _LONGEST_HEADER = 65_536

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from common.errors import RecordingError
-from common.recording.mcap_reader import read_run
-from common.recording.recording import Recording, check_samples
-from common.recording.tables import CsvTable, ParquetTable, Table
-from common.recording.units import Mapping
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.recording import Recording, check_samples
+from forefeel.common.recording.tables import CsvTable, ParquetTable, Table
+from forefeel.common.recording.units import Mapping
 
 _TABLES: dict[str, type[CsvTable] | type[ParquetTable]] = {".csv": CsvTable, ".parquet": ParquetTable}
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from common.errors import RecordingError
+from forefeel.common.errors import RecordingError
 
 Quantity = Literal["time", "position", "force"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from common.clock import Clock
-from common.lateness import Lateness
-from common.transport.port import Timers
+from forefeel.common.clock import Clock
+from forefeel.common.lateness import Lateness
+from forefeel.common.transport.port import Timers
 
 Tick = Callable[[int], None]
 """Called with the stamp now in ns of the runtime's clock."""

@@ -6,12 +6,12 @@ import asyncio
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from common.clock import MonotonicClock
-from common.errors import RunError
-from common.lateness import Lateness
-from common.runtime.port import Tick
-from common.runtime.realtime import RealtimeThread, prepare_process
-from common.transport.timers import TimerThread
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import RunError
+from forefeel.common.lateness import Lateness
+from forefeel.common.runtime.port import Tick
+from forefeel.common.runtime.realtime import RealtimeThread, prepare_process
+from forefeel.common.transport.timers import TimerThread
 
 
 class RealRuntime:

@@ -8,10 +8,10 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 
-from common.clock import MonotonicClock
-from common.errors import RunError
-from common.lateness import Lateness
-from common.runtime.port import Tick
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import RunError
+from forefeel.common.lateness import Lateness
+from forefeel.common.runtime.port import Tick
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Protocol
 
-from common.clock import MonotonicClock
+from forefeel.common.clock import MonotonicClock
 
 _MICRO_NS = 1000
 _LONGEST = 256

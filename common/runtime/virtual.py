@@ -6,9 +6,9 @@ import heapq
 from collections.abc import Callable
 from itertools import count
 
-from common.clock import VirtualClock
-from common.lateness import Lateness
-from common.runtime.port import Tick
+from forefeel.common.clock import VirtualClock
+from forefeel.common.lateness import Lateness
+from forefeel.common.runtime.port import Tick
 
 _Event = tuple[int, int, int, Callable[..., None]]
 """(due stamp, order, period or 0, action): a periodic action is given the stamp, a single one nothing."""

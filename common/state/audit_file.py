@@ -12,9 +12,9 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from common.audit import CONTINUED, Detail, Entry, Link, Noted, parse, seal
-from common.runtime.descriptors import DESCRIPTORS
-from common.state.folder import own_file, sync_folder
+from forefeel.common.audit import CONTINUED, Detail, Entry, Link, Noted, parse, seal
+from forefeel.common.runtime.descriptors import DESCRIPTORS
+from forefeel.common.state.folder import own_file, sync_folder
 
 _KEEP_SIZE = 1
 _RESERVE = 64 * 1024

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from common.audit import CLOSING, PEER_LOG, Detail, Link, Noted
-from common.clock import WallClock
-from common.state.audit_file import AuditFile
+from forefeel.common.audit import CLOSING, PEER_LOG, Detail, Link, Noted
+from forefeel.common.clock import WallClock
+from forefeel.common.state.audit_file import AuditFile
 
 _WAITING = 4096
 _RETRY_S = 1.0

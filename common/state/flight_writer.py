@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from common.audit import Detail
-from common.clock import Clock, WallClock
-from common.errors import InputError, RunError
-from common.flight import AFTER_NS, BEFORE_NS, Ring, Rings, Row, cycle_message
-from common.recording.mcap_writer import RunWriter
-from common.runtime.descriptors import DESCRIPTORS
-from common.topics import CONTROL_CYCLE
+from forefeel.common.audit import Detail
+from forefeel.common.clock import Clock, WallClock
+from forefeel.common.errors import InputError, RunError
+from forefeel.common.flight import AFTER_NS, BEFORE_NS, Ring, Rings, Row, cycle_message
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.runtime.descriptors import DESCRIPTORS
+from forefeel.common.topics import CONTROL_CYCLE
 
 _AT_MOST_EVERY_NS = 1_000_000_000
 _BLOCK = 32

@@ -9,10 +9,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 
 if TYPE_CHECKING:  # a stop finds the folder before pydantic is imported
-    from common.settings import DaemonSettings
+    from forefeel.common.settings import DaemonSettings
 
 AUDIT, FLIGHT, SOCKET, LATCHED = "audit.jsonl", "flight", "control.sock", "latched.json"
 _LOCK = "lock"

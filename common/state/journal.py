@@ -4,15 +4,15 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from common.audit import SAFETY, Detail, Link
-from common.clock import Clock, WallClock
-from common.errors import ConfigurationError
-from common.flight import Rings
-from common.journal import Journal
-from common.state.audit_writer import AuditWriter
-from common.state.flight_writer import FlightWriter
-from common.state.folder import AUDIT, FLIGHT, LATCHED, StateFolder
-from common.state.latch import Latch
+from forefeel.common.audit import SAFETY, Detail, Link
+from forefeel.common.clock import Clock, WallClock
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.flight import Rings
+from forefeel.common.journal import Journal
+from forefeel.common.state.audit_writer import AuditWriter
+from forefeel.common.state.flight_writer import FlightWriter
+from forefeel.common.state.folder import AUDIT, FLIGHT, LATCHED, StateFolder
+from forefeel.common.state.latch import Latch
 
 
 class StateJournal(Journal):

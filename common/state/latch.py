@@ -6,10 +6,10 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
-from common.audit import Detail
-from common.journal import HALTED
-from common.messages import FOLLOWING, SafetyState
-from common.state.folder import own_file, sync_folder
+from forefeel.common.audit import Detail
+from forefeel.common.journal import HALTED
+from forefeel.common.messages import FOLLOWING, SafetyState
+from forefeel.common.state.folder import own_file, sync_folder
 
 _BYTES = 16 * 1024
 """Of the file, whatever it says. 60 axes with a reason of 256 characters each."""

@@ -3,7 +3,7 @@
 import re
 import socket
 
-from common.errors import EndpointError
+from forefeel.common.errors import EndpointError
 
 _FORM = re.compile(
     r"(?P<protocol>tcp|tls|quic|udp)/(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(?P<port>\d{1,5})"

@@ -3,7 +3,7 @@
 import ipaddress
 from collections.abc import Sequence
 
-from common.errors import EndpointError
+from forefeel.common.errors import EndpointError
 
 _SECURED = ("tls", "quic")
 _OURS = frozenset({"iface", "bind", "dscp", "so_sndbuf", "so_rcvbuf"})

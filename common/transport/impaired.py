@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
-from common.clock import Clock
-from common.topics import Qos, parse_key
-from common.transport.impairment import Link
-from common.transport.port import Handler, KeyedHandler, Put, Timers, Transport
+from forefeel.common.clock import Clock
+from forefeel.common.topics import Qos, parse_key
+from forefeel.common.transport.impairment import Link
+from forefeel.common.transport.port import Handler, KeyedHandler, Put, Timers, Transport
 
 _TRACE_CAPACITY = 65_536
 _CHUNK = 1024

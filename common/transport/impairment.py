@@ -9,7 +9,7 @@ from math import exp, sqrt
 from random import Random
 from typing import Protocol
 
-from common.transport.settings import ImpairmentSettings
+from forefeel.common.transport.settings import ImpairmentSettings
 
 _NS = 1e9
 _NEVER_S = 1e9

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
-from common.clock import Clock
-from common.topics import Qos
-from common.transport.port import Handler, KeyedHandler, Put
+from forefeel.common.clock import Clock
+from forefeel.common.topics import Qos
+from forefeel.common.transport.port import Handler, KeyedHandler, Put
 
 
 class MemoryBus:

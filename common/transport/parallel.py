@@ -7,8 +7,8 @@ for its packet the others go on, and what it then delivers is refused as a messa
 The end that connects opens the connections, each a Zenoh session of its own, all to the one port on which
 the other end listens with a single session. A put of a connecting session reaches the other end once. A put
 of the listening session would reach each of the connecting sessions, so that it goes out under a key with the
-number of the connection, `common.topics.numbered`, to which one of them subscribes. Observers, and ends with
-a single connection, hear the plain key.
+number of the connection, `forefeel.common.topics.numbered`, to which one of them subscribes. Observers, and
+ends with a single connection, hear the plain key.
 """
 
 import threading
@@ -18,14 +18,14 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Self
 
-from common.clock import Clock
-from common.messages import Message
-from common.runtime.threads import in_thread
-from common.topics import EMERGENCY_STOP, Qos, Topic, numbered, parse_key
-from common.transport.port import Handler, KeyedHandler, OnFault, Put
-from common.transport.security import Party
-from common.transport.settings import MOST_CONNECTIONS, TransportSettings
-from common.transport.zenoh_bus import Publication, ZenohTransport
+from forefeel.common.clock import Clock
+from forefeel.common.messages import Message
+from forefeel.common.runtime.threads import in_thread
+from forefeel.common.topics import EMERGENCY_STOP, Qos, Topic, numbered, parse_key
+from forefeel.common.transport.port import Handler, KeyedHandler, OnFault, Put
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettings
+from forefeel.common.transport.zenoh_bus import Publication, ZenohTransport
 
 _LOOK_S = 0.1
 """How often is looked which connections have a subscriber: one that is gone loses its share for so long."""

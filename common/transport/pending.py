@@ -14,11 +14,11 @@ from contextlib import contextmanager, suppress
 from ipaddress import IPv6Address, ip_address
 from typing import NamedTuple, Self
 
-from common.clock import Clock
-from common.runtime.descriptors import DESCRIPTORS
-from common.transport.endpoints import address, parts
-from common.transport.port import OnFault
-from common.transport.settings import TransportSettings
+from forefeel.common.clock import Clock
+from forefeel.common.runtime.descriptors import DESCRIPTORS
+from forefeel.common.transport.endpoints import address, parts
+from forefeel.common.transport.port import OnFault
+from forefeel.common.transport.settings import TransportSettings
 
 MOST = 64
 """Connections that may be in their handshake at once: a master opens 16, a viewer one."""

@@ -8,8 +8,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from common.errors import ConfigurationError
-from common.transport.security import Identity, Party
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.transport.security import Identity, Party
 
 if TYPE_CHECKING:
     from cryptography import x509

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from common.topics import Qos
+from forefeel.common.topics import Qos
 
 Handler = Callable[[bytes, int], None]
 """Called with (payload, receive stamp in ns of the local monotonic clock), on a thread of the transport.

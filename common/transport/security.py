@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Literal, get_args
 
-from common.codec import MAX_MESSAGE_BYTES
-from common.messages import Message
-from common.topics import PUBLISHED, Topic, numbered
+from forefeel.common.codec import MAX_MESSAGE_BYTES
+from forefeel.common.messages import Message
+from forefeel.common.topics import PUBLISHED, Topic, numbered
 
 PartyRole = Literal["slave", "master", "recorder", "viewer", "router"]
 ROLES: tuple[PartyRole, ...] = get_args(PartyRole)

@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from common.config import Settings, beside_the_file
-from common.transport.exposure import on_loopback
+from forefeel.common.config import Settings, beside_the_file
+from forefeel.common.transport.exposure import on_loopback
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 Seconds = Annotated[float, Field(ge=0, le=10)]

@@ -5,8 +5,8 @@ import threading
 from collections.abc import Callable
 from itertools import count
 
-from common.clock import Clock
-from common.transport.port import OnFault
+from forefeel.common.clock import Clock
+from forefeel.common.transport.port import OnFault
 
 _Entry = tuple[int, int, Callable[[], None]]
 

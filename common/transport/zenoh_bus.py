@@ -14,17 +14,17 @@ from typing import Self, cast
 import zenoh
 from zenoh import CongestionControl, Locality, Priority, Reliability
 
-from common.clock import Clock, now_utc
-from common.errors import EndpointError, NoRouterError, RunError
-from common.topics import Qos
-from common.transport.endpoints import check_endpoint, explain
-from common.transport.exposure import check_exposure
-from common.transport.pending import PendingConnections, before_listening
-from common.transport.pki import read_identity
-from common.transport.port import Handler, KeyedHandler, OnFault, Put
-from common.transport.security import Party, secured
-from common.transport.settings import MOST_CONNECTIONS, TransportSettings
-from common.transport.zenoh_config import Mode, configuration, secured_by_file
+from forefeel.common.clock import Clock, now_utc
+from forefeel.common.errors import EndpointError, NoRouterError, RunError
+from forefeel.common.topics import Qos
+from forefeel.common.transport.endpoints import check_endpoint, explain
+from forefeel.common.transport.exposure import check_exposure
+from forefeel.common.transport.pending import PendingConnections, before_listening
+from forefeel.common.transport.pki import read_identity
+from forefeel.common.transport.port import Handler, KeyedHandler, OnFault, Put
+from forefeel.common.transport.security import Party, secured
+from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettings
+from forefeel.common.transport.zenoh_config import Mode, configuration, secured_by_file
 
 _Receive = Callable[[zenoh.Sample], None]
 
@@ -112,7 +112,7 @@ class ZenohTransport:
             on_fault: takes what a handler raised.
             party: whose certificate it is, needed with `settings.pki`.
             insecure: the user consents to endpoints outside this host without certificates.
-            real_stage: which is refused then, see `common.transport.exposure`.
+            real_stage: which is refused then, see `forefeel.common.transport.exposure`.
 
         Raises:
             EndpointError: an endpoint is taken, malformed, not resolvable, or needs certificates; or no

@@ -6,9 +6,9 @@ from typing import Literal
 
 import zenoh
 
-from common.codec import MAX_MESSAGE_BYTES
-from common.errors import ConfigurationError
-from common.transport.settings import TransportSettings
+from forefeel.common.codec import MAX_MESSAGE_BYTES
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.transport.settings import TransportSettings
 
 Mode = Literal["peer", "client", "router"]
 

@@ -1,5 +1,5 @@
 """From a recording to a verdict: what the simulation leaves out, by name."""
 
-from diagnosis.diagnose.diagnose import Diagnosed, diagnose
+from forefeel.diagnosis.diagnose.diagnose import Diagnosed, diagnose
 
 __all__ = ["Diagnosed", "diagnose"]

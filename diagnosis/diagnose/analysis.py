@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
-from diagnosis.diagnose.faults import Cleaned, Fault, clean
-from diagnosis.diagnose.noise import Noise, autoregression
-from diagnosis.diagnose.regression import Fit, Regression
-from diagnosis.diagnose.search import Search
-from diagnosis.diagnose.signals import Signals
-from diagnosis.diagnose.structure import noise_cap_n
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
+from forefeel.diagnosis.diagnose.faults import Cleaned, Fault, clean
+from forefeel.diagnosis.diagnose.noise import Noise, autoregression
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.search import Search
+from forefeel.diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.diagnose.structure import noise_cap_n
 
 _ROUNDS = 3
 _NARROWER = 0.7

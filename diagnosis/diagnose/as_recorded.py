@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose.blocks import Gain, gain_over, held_out_prediction, numbers_at
-from diagnosis.diagnose.faults import Cleaned
-from diagnosis.diagnose.regression import Fit, Regression
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.blocks import Gain, gain_over, held_out_prediction, numbers_at
+from forefeel.diagnosis.diagnose.faults import Cleaned
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
 
 
 class AsRecorded:

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.signal import csd, welch
 
-from common.error_size import Floats
-from common.recording.recording import Recording
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
 
 _LEAST_HZ = 30.0
 _MOST = 0.45  # of the sampling rate

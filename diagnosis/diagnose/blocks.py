@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.error_size import Floats
-from diagnosis.diagnose.regression import Fit, Regression
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
 
 _BLOCKS = 16
 _LEAST_S = 1.0

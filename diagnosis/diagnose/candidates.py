@@ -12,11 +12,11 @@ from typing import Literal
 
 import numpy as np
 
-from common.effects.backlash import Backlash
-from common.effects.presliding_hysteresis import PreslidingHysteresis
-from common.error_size import Floats
-from diagnosis.diagnose import kinks
-from diagnosis.diagnose.signals import Signals
+from forefeel.common.effects.backlash import Backlash
+from forefeel.common.effects.presliding_hysteresis import PreslidingHysteresis
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose import kinks
+from forefeel.diagnosis.diagnose.signals import Signals
 
 Kind = Literal["force", "sensor", "motion", "contact", "alignment", "mode"]
 """force: columns of the motion; sensor: columns of time; mode: of the spectrum; the others change all

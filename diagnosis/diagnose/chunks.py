@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from common.recording.recording import Recording
-from diagnosis.diagnose.faults import Fault, clean
-from diagnosis.diagnose.signals import Mask
-from diagnosis.diagnose.whole import cut
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.faults import Fault, clean
+from forefeel.diagnosis.diagnose.signals import Mask
+from forefeel.diagnosis.diagnose.whole import cut
 
 
 def chunks_of(recording: Recording, length_s: float) -> list[slice]:

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from common.effects.model import ContactModel
-from common.error_size import Floats
-from common.errors import RecordingError
-from common.recording.recording import Recording
-from diagnosis.diagnose.analysis import Analysis, analyse
-from diagnosis.diagnose.driven import with_driving
-from diagnosis.diagnose.judge import Judge
-from diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
-from diagnosis.diagnose.structure import foretold_share
-from diagnosis.diagnose.third_party import take_in
-from diagnosis.diagnose.verdict import Diagnosis, Stage
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.error_size import Floats
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.analysis import Analysis, analyse
+from forefeel.diagnosis.diagnose.driven import with_driving
+from forefeel.diagnosis.diagnose.judge import Judge
+from forefeel.diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
+from forefeel.diagnosis.diagnose.structure import foretold_share
+from forefeel.diagnosis.diagnose.third_party import take_in
+from forefeel.diagnosis.diagnose.verdict import Diagnosis, Stage
 
 LEAST_S = 3.0
 _LIKE_NOISE = 0.3

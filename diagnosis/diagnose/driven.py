@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
 from scipy.signal import csd, periodogram, welch
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose.analysis import Analysis
-from diagnosis.diagnose.forward import even, forward_rmse
-from diagnosis.diagnose.regression import Fit, Regression
-from diagnosis.diagnose.reversals import Jump, jump_at_reversals
-from diagnosis.diagnose.transfer import alignment
-from diagnosis.diagnose.verdict import Diagnosis
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.forward import even, forward_rmse
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.reversals import Jump, jump_at_reversals
+from forefeel.diagnosis.diagnose.transfer import alignment
+from forefeel.diagnosis.diagnose.verdict import Diagnosis
 
 FLAG = "motion_driven_by_force"
 

@@ -8,16 +8,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from common.effects.mains_hum import MainsHum
-from common.effects.model import SCHEMA, ContactModel
-from common.effects.pulsation import Pulsation
-from common.effects.registry import OWN
-from common.effects.stiffness_change import StiffnessChange
-from common.error_size import Floats
-from diagnosis.diagnose.analysis import Analysis
-from diagnosis.diagnose.candidates import Shape
-from diagnosis.diagnose.faults import Fault
-from diagnosis.diagnose.regression import Fit
+from forefeel.common.effects.mains_hum import MainsHum
+from forefeel.common.effects.model import SCHEMA, ContactModel
+from forefeel.common.effects.pulsation import Pulsation
+from forefeel.common.effects.registry import OWN
+from forefeel.common.effects.stiffness_change import StiffnessChange
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.candidates import Shape
+from forefeel.diagnosis.diagnose.faults import Fault
+from forefeel.diagnosis.diagnose.regression import Fit
 
 Entry = dict[str, object]
 Make = Callable[[Floats, Shape, Floats, float], list[Entry]]

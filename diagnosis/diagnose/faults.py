@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose.signals import Mask
-from diagnosis.diagnose.spikes import find_spikes
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.signals import Mask
+from forefeel.diagnosis.diagnose.spikes import find_spikes
 
 MAINS_HZ = 50.0, 60.0
 _PILE = 8.0

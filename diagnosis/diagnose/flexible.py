@@ -8,11 +8,11 @@ is there that no named cause explains.
 
 import numpy as np
 
-from common.error_size import Floats
-from diagnosis.diagnose.blocks import Gain, columns, gain, held_out
-from diagnosis.diagnose.candidates import Motion
-from diagnosis.diagnose.regression import Fit, Regression
-from diagnosis.diagnose.transfer import alignment
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.blocks import Gain, columns, gain, held_out
+from forefeel.diagnosis.diagnose.candidates import Motion
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.transfer import alignment
 
 _RIDGES = 1e-4, 1e-2
 _LAGS_S = 0.03, 0.1, 0.3, 1.0

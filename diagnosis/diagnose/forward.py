@@ -16,11 +16,11 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import Akima1DInterpolator
 from scipy.optimize import least_squares
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose.analysis import Analysis
-from diagnosis.diagnose.forward_model import ForwardModel
-from diagnosis.diagnose.regression import Fit
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.forward_model import ForwardModel
+from forefeel.diagnosis.diagnose.regression import Fit
 
 Between = Literal["band_limited", "straight", "held"]
 """What the force does between two of its samples."""

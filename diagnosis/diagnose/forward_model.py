@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import expm
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, Motion, Shape, base_name
-from diagnosis.diagnose.regression import Fit, Regression
-from diagnosis.diagnose.transfer import harmonics
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Motion, Shape, base_name
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.transfer import harmonics
 
 _SETTLED = 1e-3
 _SMOOTH = {
@@ -97,7 +97,7 @@ class ForwardModel:
             state: position in m and speed in m/s at the start.
             most: largest position to believe, m.
         """
-        from diagnosis.diagnose.forward_kernel import run  # noqa: PLC0415 - loads the compiler
+        from forefeel.diagnosis.diagnose.forward_kernel import run  # noqa: PLC0415 - loads the compiler
 
         a, b = self._linear()
         if not (np.isfinite(a).all() and self.coefficients("")[0] > 0.0):

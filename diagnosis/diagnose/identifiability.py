@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpy as np
 
-from common.error_size import Floats
-from diagnosis.diagnose.signals import Signals
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.signals import Signals
 
 MotionKind = Literal["rich", "single_frequency", "constant_speed"]
 

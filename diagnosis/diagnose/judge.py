@@ -5,25 +5,25 @@ from functools import cached_property
 
 import numpy as np
 
-from diagnosis.diagnose.analysis import Analysis
-from diagnosis.diagnose.as_recorded import AsRecorded
-from diagnosis.diagnose.band import acceleration_noise_m_s2
-from diagnosis.diagnose.blocks import Gain, gain, gain_over, held_out_errors, numbers_at
-from diagnosis.diagnose.candidates import base_name
-from diagnosis.diagnose.faults import Fault
-from diagnosis.diagnose.flexible import flexible_gain, modulation_gain
-from diagnosis.diagnose.identifiability import (
+from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.as_recorded import AsRecorded
+from forefeel.diagnosis.diagnose.band import acceleration_noise_m_s2
+from forefeel.diagnosis.diagnose.blocks import Gain, gain, gain_over, held_out_errors, numbers_at
+from forefeel.diagnosis.diagnose.candidates import base_name
+from forefeel.diagnosis.diagnose.faults import Fault
+from forefeel.diagnosis.diagnose.flexible import flexible_gain, modulation_gain
+from forefeel.diagnosis.diagnose.identifiability import (
     GENERAL_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
     motion_kind,
     rivals_of_a_line,
     separating_motion,
 )
-from diagnosis.diagnose.parameters import intervals, told
-from diagnosis.diagnose.regression import Fit
-from diagnosis.diagnose.structure import foretold_share, noise_cap_n
-from diagnosis.diagnose.third_party import fingerprint
-from diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
+from forefeel.diagnosis.diagnose.parameters import intervals, told
+from forefeel.diagnosis.diagnose.regression import Fit
+from forefeel.diagnosis.diagnose.structure import foretold_share, noise_cap_n
+from forefeel.diagnosis.diagnose.third_party import fingerprint
+from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
 
 _LEAST_GAIN_OF_FLOOR = 0.01
 _RIVAL = 6.0

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from common.error_size import Floats
+from forefeel.common.error_size import Floats
 
 
 def direction(v: Floats, band: float) -> Floats:

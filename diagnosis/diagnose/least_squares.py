@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from common.error_size import Floats
+from forefeel.common.error_size import Floats
 
 _DEPENDENT = 1e-7
 _DEPENDENT_NORMAL = 1e-6  # inner products hold half of the digits

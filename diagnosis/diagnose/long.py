@@ -17,17 +17,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from common.recording.recording import Recording
-from diagnosis.diagnose.analysis import Analysis, analyse, residual_rms_n
-from diagnosis.diagnose.band import cutoff_hz
-from diagnosis.diagnose.blocks import Gain
-from diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
-from diagnosis.diagnose.parameters import told
-from diagnosis.diagnose.regression import Fit, Regression
-from diagnosis.diagnose.search import Search
-from diagnosis.diagnose.signals import Mask
-from diagnosis.diagnose.verdict import Diagnosis, HeldOut, Stage
-from diagnosis.diagnose.whole import Fitted, Whole, cut, fitted, gain_of
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.analysis import Analysis, analyse, residual_rms_n
+from forefeel.diagnosis.diagnose.band import cutoff_hz
+from forefeel.diagnosis.diagnose.blocks import Gain
+from forefeel.diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
+from forefeel.diagnosis.diagnose.parameters import told
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.search import Search
+from forefeel.diagnosis.diagnose.signals import Mask
+from forefeel.diagnosis.diagnose.verdict import Diagnosis, HeldOut, Stage
+from forefeel.diagnosis.diagnose.whole import Fitted, Whole, cut, fitted, gain_of
 
 FLAG = "searched_on_stretches"
 _LONG = 30_000

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from common.error_size import Floats
-from diagnosis.diagnose.signals import Mask
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.signals import Mask
 
 _RIDGE = 1e-4
 _ORDER = 12

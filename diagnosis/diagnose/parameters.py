@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, Shape, base_name
-from diagnosis.diagnose.regression import BASE, Fit, Regression
-from diagnosis.diagnose.verdict import Interval
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Shape, base_name
+from forefeel.diagnosis.diagnose.regression import BASE, Fit, Regression
+from forefeel.diagnosis.diagnose.verdict import Interval
 
 _DRAWS = 2000
 _STEP = 1e-3

@@ -5,9 +5,9 @@ from functools import cached_property
 import numpy as np
 from scipy.fft import rfft, rfftfreq
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import Shape, base_name
-from diagnosis.diagnose.regression import Fit, Regression
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.candidates import Shape, base_name
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
 
 PULSATION_HZ = 0.12, 4.0
 _ALIKE = 0.9

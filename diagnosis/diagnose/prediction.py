@@ -4,14 +4,14 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from common.effects.model import ContactModel
-from common.estimation.default_model import linear_model
-from common.recording.recording import Recording
-from diagnosis.evaluation.arrivals import Link
-from diagnosis.evaluation.evaluate import prepare
-from diagnosis.evaluation.methods import METHODS
-from diagnosis.evaluation.replay import replay
-from diagnosis.evaluation.score import completed
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.estimation.default_model import linear_model
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.evaluate import prepare
+from forefeel.diagnosis.evaluation.methods import METHODS
+from forefeel.diagnosis.evaluation.replay import replay
+from forefeel.diagnosis.evaluation.score import completed
 
 DELAY_S = 0.3
 _LONGEST = 60_000

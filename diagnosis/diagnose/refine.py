@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Model
-from diagnosis.diagnose.periods import Periods
-from diagnosis.diagnose.regression import Fit, Regression
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Candidate, Model
+from forefeel.diagnosis.diagnose.periods import Periods
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
 
 _BEYOND = 1.2
 

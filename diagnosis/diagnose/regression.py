@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import (
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.candidates import (
     CANDIDATES,
     HIGHEST_MODE,
     MOST_DAMPED,
@@ -23,10 +23,10 @@ from diagnosis.diagnose.candidates import (
     play,
     touch,
 )
-from diagnosis.diagnose.least_squares import solve, solve_passive
-from diagnosis.diagnose.noise import Noise, white
-from diagnosis.diagnose.signals import Mask, Signals, Spectrum
-from diagnosis.diagnose.transfer import alignment, frame, harmonics, mode_spectra
+from forefeel.diagnosis.diagnose.least_squares import solve, solve_passive
+from forefeel.diagnosis.diagnose.noise import Noise, white
+from forefeel.diagnosis.diagnose.signals import Mask, Signals, Spectrum
+from forefeel.diagnosis.diagnose.transfer import alignment, frame, harmonics, mode_spectra
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
 _KEPT_BYTES, _KEPT_SPECTRA_BYTES = 5e7, 2e7

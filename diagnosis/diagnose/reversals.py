@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.error_size import Floats
-from diagnosis.diagnose.regression import Regression
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.regression import Regression
 
 _HALF_S = 0.08
 _ORDER = 3

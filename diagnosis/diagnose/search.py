@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from diagnosis.diagnose.candidates import CANDIDATES, DRY, Model, Shape, base_name
-from diagnosis.diagnose.refine import Refiner
-from diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, DRY, Model, Shape, base_name
+from forefeel.diagnosis.diagnose.refine import Refiner
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
 
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""

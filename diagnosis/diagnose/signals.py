@@ -18,8 +18,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import median_filter
 from scipy.signal import welch
 
-from common.error_size import Floats
-from common.recording.recording import Recording
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
 
 Spectrum = NDArray[np.complex128]
 Mask = NDArray[np.bool_]

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, percentile_filter
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose.signals import Mask
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.signals import Mask
 
 _OUTLIER = 12.0
 _ANOTHER = 5.0

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose.regression import Fit, Regression
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
 
 HORIZON_S = 0.04
 _TAPS = 12

@@ -14,12 +14,12 @@ from itertools import product
 
 import numpy as np
 
-from common.effects.base import Effect, ForceEffect, Parameter
-from common.effects.registry import OWN, effect_class, effect_names
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, Candidate, Extent, Motion, Shape
-from diagnosis.diagnose.extended import MAKERS, Entry
-from diagnosis.diagnose.parameters import NAMINGS
+from forefeel.common.effects.base import Effect, ForceEffect, Parameter
+from forefeel.common.effects.registry import OWN, effect_class, effect_names
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Candidate, Extent, Motion, Shape
+from forefeel.diagnosis.diagnose.extended import MAKERS, Entry
+from forefeel.diagnosis.diagnose.parameters import NAMINGS
 
 MOST_SHAPES = 3
 _POINTS = {0: 1, 1: 144, 2: 16, 3: 6}

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES, Model, Shape
-from diagnosis.diagnose.signals import Spectrum
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Model, Shape
+from forefeel.diagnosis.diagnose.signals import Spectrum
 
 
 def frame(model: Model, kinds: tuple[str, ...]) -> tuple[tuple[str, Shape], ...]:

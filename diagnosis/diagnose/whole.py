@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose.blocks import Gain
-from diagnosis.diagnose.candidates import Shape
-from diagnosis.diagnose.parameters import intervals_by, jacobian_of
-from diagnosis.diagnose.regression import Fit, Regression
-from diagnosis.diagnose.signals import Mask, Signals
-from diagnosis.diagnose.verdict import Interval
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.blocks import Gain
+from forefeel.diagnosis.diagnose.candidates import Shape
+from forefeel.diagnosis.diagnose.parameters import intervals_by, jacobian_of
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.signals import Mask, Signals
+from forefeel.diagnosis.diagnose.verdict import Interval
 
 _DRAWS = 1000
 _SEEN = 0.2

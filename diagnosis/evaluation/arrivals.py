@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from common.error_size import Floats
-from common.recording.recording import GAP_S, Recording
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import GAP_S, Recording
 
 _WINDOW_S = 0.5
 _MOST = 0.95

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.effects.model import ContactModel
-from common.error_size import Floats
-from common.errors import ConfigurationError, RecordingError
-from common.recording.recording import GAP_S, Recording
-from diagnosis.evaluation.arrivals import Arrivals, Link, arrivals
-from diagnosis.evaluation.describe import gap_count, notes
-from diagnosis.evaluation.methods import METHODS, Hold
-from diagnosis.evaluation.replay import Mask, Trace, replay
-from diagnosis.evaluation.score import (
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.error_size import Floats
+from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.recording.recording import GAP_S, Recording
+from forefeel.diagnosis.evaluation.arrivals import Arrivals, Link, arrivals
+from forefeel.diagnosis.evaluation.describe import gap_count, notes
+from forefeel.diagnosis.evaluation.methods import METHODS, Hold
+from forefeel.diagnosis.evaluation.replay import Mask, Trace, replay
+from forefeel.diagnosis.evaluation.score import (
     RUNAWAY,
     SETTLING_S,
     Score,

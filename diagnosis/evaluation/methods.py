@@ -7,12 +7,16 @@ from math import inf, nan
 from operator import mul
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
-from common.effects.model import ContactModel
-from common.estimation.default_model import linear_model
-from common.estimation.forecast import Forecaster
-from common.estimation.identification import ContactEstimate, ContactIdentifier, IdentificationSettings
-from common.estimation.paper import PaperRls
-from common.estimation.prediction import ContactPredictor
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.estimation.default_model import linear_model
+from forefeel.common.estimation.forecast import Forecaster
+from forefeel.common.estimation.identification import (
+    ContactEstimate,
+    ContactIdentifier,
+    IdentificationSettings,
+)
+from forefeel.common.estimation.paper import PaperRls
+from forefeel.common.estimation.prediction import ContactPredictor
 
 PAPER_LAMBDA = 0.96
 LONGEST_LATENESS_S = 60.0
@@ -175,7 +179,7 @@ class PaperMethod:
 
 
 class ContactMethod:
-    """The safe recursive least squares of `common.estimation` on one contact model, memory 2 s.
+    """The safe recursive least squares of `forefeel.common.estimation` on one contact model, memory 2 s.
 
     The scales of its regressors need a typical stroke: half the range of the own motion in the first second,
     whose forces wait until then.

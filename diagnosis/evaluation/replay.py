@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.evaluation.arrivals import Arrivals
-from diagnosis.evaluation.methods import Estimate, Method
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.evaluation.arrivals import Arrivals
+from forefeel.diagnosis.evaluation.methods import Estimate, Method
 
 Mask = NDArray[np.bool_]
 

@@ -4,9 +4,9 @@ import json
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from diagnosis.evaluation.arrivals import Link
-from diagnosis.evaluation.evaluate import Evaluated
-from diagnosis.evaluation.score import Score
+from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.evaluate import Evaluated
+from forefeel.diagnosis.evaluation.score import Score
 
 SCHEMA = "forefeel.evaluation/1"
 _WITH_BAND = "forefeel"

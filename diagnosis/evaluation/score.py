@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.error_size import ErrorSize, Floats, error_size
-from diagnosis.evaluation.arrivals import Arrivals
-from diagnosis.evaluation.replay import Mask, Trace
+from forefeel.common.error_size import ErrorSize, Floats, error_size
+from forefeel.diagnosis.evaluation.arrivals import Arrivals
+from forefeel.diagnosis.evaluation.replay import Mask, Trace
 
 SETTLING_S = 3.0
 RUNAWAY = 1e6

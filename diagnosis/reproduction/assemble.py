@@ -3,13 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from diagnosis.reproduction.bench import FIGURES, BenchTraces, bench_figure
-from diagnosis.reproduction.comparison import comparisons
-from diagnosis.reproduction.identifiability import AmplitudeTraces, unidentifiable
-from diagnosis.reproduction.memory import MemoryTraces, memory
-from diagnosis.reproduction.pairing import pairing
-from diagnosis.reproduction.replay import Replay, Run, baseline_row, replay
-from diagnosis.reproduction.results import (
+from forefeel.diagnosis.reproduction.bench import FIGURES, BenchTraces, bench_figure
+from forefeel.diagnosis.reproduction.comparison import comparisons
+from forefeel.diagnosis.reproduction.identifiability import AmplitudeTraces, unidentifiable
+from forefeel.diagnosis.reproduction.memory import MemoryTraces, memory
+from forefeel.diagnosis.reproduction.pairing import pairing
+from forefeel.diagnosis.reproduction.replay import Replay, Run, baseline_row, replay
+from forefeel.diagnosis.reproduction.results import (
     Baseline,
     ErrorSize,
     Flaws,
@@ -18,10 +18,10 @@ from diagnosis.reproduction.results import (
     Thresholds,
     error_size,
 )
-from diagnosis.reproduction.simulated import SCORED_FROM_S, SimulatedTraces, simulated_figure
-from diagnosis.reproduction.thresholds import ABSOLUTE_N, RELATIVE, threshold_rows
-from diagnosis.reproduction.unmodelled import UnmodelledTraces, unmodelled
-from diagnosis.reproduction.windup import WindupTraces, windup
+from forefeel.diagnosis.reproduction.simulated import SCORED_FROM_S, SimulatedTraces, simulated_figure
+from forefeel.diagnosis.reproduction.thresholds import ABSOLUTE_N, RELATIVE, threshold_rows
+from forefeel.diagnosis.reproduction.unmodelled import UnmodelledTraces, unmodelled
+from forefeel.diagnosis.reproduction.windup import WindupTraces, windup
 
 DELAY_S = 0.3
 NORMAL = "normal"

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.reproduction.contact import Array, rms
-from diagnosis.reproduction.online import learn_paper
-from diagnosis.reproduction.replay import SCORED_FROM_S, Replay, motion_rows, thinned
-from diagnosis.reproduction.results import BenchFigure, BoundedError, error_size
+from forefeel.diagnosis.reproduction.contact import Array, rms
+from forefeel.diagnosis.reproduction.online import learn_paper
+from forefeel.diagnosis.reproduction.replay import SCORED_FROM_S, Replay, motion_rows, thinned
+from forefeel.diagnosis.reproduction.results import BenchFigure, BoundedError, error_size
 
 FIGURES = {"catheter": (7, 8), "guidewire": (9, 10)}
 STATED_BOUND_N = {"catheter": 0.015, "guidewire": 0.013}

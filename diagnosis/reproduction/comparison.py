@@ -1,7 +1,7 @@
 """ "Paper says / we get": the lines of the table, in words."""
 
-from diagnosis.reproduction.bench import FIGURES
-from diagnosis.reproduction.results import (
+from forefeel.diagnosis.reproduction.bench import FIGURES
+from forefeel.diagnosis.reproduction.results import (
     BenchFigure,
     BoundedError,
     Comparison,

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.estimation.identifiability import analyse, information
-from common.estimation.rls import RecursiveLeastSquares
-from diagnosis.reproduction.contact import (
+from forefeel.common.estimation.identifiability import analyse, information
+from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.diagnosis.reproduction.contact import (
     OMEGA_RAD_S,
     PAPER_MOTION,
     THETA,
@@ -15,8 +15,8 @@ from diagnosis.reproduction.contact import (
     force_amplitude_n,
     sines,
 )
-from diagnosis.reproduction.online import learn_paper, learn_safe
-from diagnosis.reproduction.results import AmplitudeRow, Unidentifiable, error_size
+from forefeel.diagnosis.reproduction.online import learn_paper, learn_safe
+from forefeel.diagnosis.reproduction.results import AmplitudeRow, Unidentifiable, error_size
 
 RATE_HZ = 100.0
 DURATION_S = 20.0

@@ -6,9 +6,9 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.reproduction.contact import MASS_KG, THETA, Array, noise_n, rms, sines
-from diagnosis.reproduction.online import PAPER_LAMBDA, SAFE_MEMORY_S, learn_paper, learn_safe
-from diagnosis.reproduction.results import Memory, MemoryRow
+from forefeel.diagnosis.reproduction.contact import MASS_KG, THETA, Array, noise_n, rms, sines
+from forefeel.diagnosis.reproduction.online import PAPER_LAMBDA, SAFE_MEMORY_S, learn_paper, learn_safe
+from forefeel.diagnosis.reproduction.results import Memory, MemoryRow
 
 RATES_HZ = 1000.0, 100.0, 10.0
 NOISE_N = 0.005

@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.paper import PaperRls
-from common.estimation.rls import RecursiveLeastSquares
-from diagnosis.reproduction.contact import Array
+from forefeel.common.estimation.paper import PaperRls
+from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.diagnosis.reproduction.contact import Array
 
 PAPER_LAMBDA = 0.96
 PAPER_DELTA = 1e-6

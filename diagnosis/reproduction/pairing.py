@@ -2,10 +2,10 @@
 
 from math import sin, sqrt
 
-from diagnosis.reproduction.contact import OMEGA_RAD_S, THETA, force_amplitude_n, rms, sines
-from diagnosis.reproduction.online import learn_safe
-from diagnosis.reproduction.results import ErrorSize, Pairing, SimulatedFigure
-from diagnosis.reproduction.simulated import DURATION_S, RATE_HZ, SCORED_FROM_S
+from forefeel.diagnosis.reproduction.contact import OMEGA_RAD_S, THETA, force_amplitude_n, rms, sines
+from forefeel.diagnosis.reproduction.online import learn_safe
+from forefeel.diagnosis.reproduction.results import ErrorSize, Pairing, SimulatedFigure
+from forefeel.diagnosis.reproduction.simulated import DURATION_S, RATE_HZ, SCORED_FROM_S
 
 
 def expected_rms_n(delay_s: float) -> float:

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from common.recording.recording import Recording
-from diagnosis.evaluation.arrivals import Link, arrivals
-from diagnosis.evaluation.methods import Forefeel
-from diagnosis.evaluation.replay import replay
-from diagnosis.reproduction.contact import Array
-from diagnosis.reproduction.online import held
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
+from forefeel.diagnosis.evaluation.methods import Forefeel
+from forefeel.diagnosis.evaluation.replay import replay
+from forefeel.diagnosis.reproduction.contact import Array
+from forefeel.diagnosis.reproduction.online import held
 
 
 def product_prediction(recording: Recording, delay_s: float) -> Array:

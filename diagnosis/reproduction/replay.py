@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.state_filter import StateFilter
-from common.recording.recording import Recording
-from diagnosis.reproduction.contact import Array, rms
-from diagnosis.reproduction.online import held, learn_paper
-from diagnosis.reproduction.results import BaselineRow, ErrorSize, error_size, ratio
+from forefeel.common.estimation.state_filter import StateFilter
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.reproduction.contact import Array, rms
+from forefeel.diagnosis.reproduction.online import held, learn_paper
+from forefeel.diagnosis.reproduction.results import BaselineRow, ErrorSize, error_size, ratio
 
 CUTOFF_HZ = 20.0
 SCORED_FROM_S = 3.0

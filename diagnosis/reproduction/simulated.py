@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.estimation.paper import PaperRls, SisoRegressor
-from diagnosis.reproduction.contact import OMEGA_RAD_S, THETA, Array, sines
-from diagnosis.reproduction.online import PAPER_DELTA, PAPER_LAMBDA, held, learn_paper, newest_index
-from diagnosis.reproduction.results import SimulatedFigure, error_size
+from forefeel.common.estimation.paper import PaperRls, SisoRegressor
+from forefeel.diagnosis.reproduction.contact import OMEGA_RAD_S, THETA, Array, sines
+from forefeel.diagnosis.reproduction.online import PAPER_DELTA, PAPER_LAMBDA, held, learn_paper, newest_index
+from forefeel.diagnosis.reproduction.results import SimulatedFigure, error_size
 
 RATE_HZ = 100.0
 DURATION_S = 6.0 * np.pi

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from diagnosis.reproduction.contact import Array
-from diagnosis.reproduction.replay import Replay
-from diagnosis.reproduction.results import ThresholdRow, error_size
+from forefeel.diagnosis.reproduction.contact import Array
+from forefeel.diagnosis.reproduction.replay import Replay
+from forefeel.diagnosis.reproduction.results import ThresholdRow, error_size
 
 RELATIVE = 0.07, 0.10
 ABSOLUTE_N = 0.029, 0.044

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from diagnosis.reproduction.contact import THETA, Array, rms, sines
-from diagnosis.reproduction.online import PAPER_LAMBDA, learn_paper, learn_safe
-from diagnosis.reproduction.results import Unmodelled, UnmodelledRow
+from forefeel.diagnosis.reproduction.contact import THETA, Array, rms, sines
+from forefeel.diagnosis.reproduction.online import PAPER_LAMBDA, learn_paper, learn_safe
+from forefeel.diagnosis.reproduction.results import Unmodelled, UnmodelledRow
 
 RATE_HZ = 10.0
 """Where the paper's forgetting factor works best, see (c)."""

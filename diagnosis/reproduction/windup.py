@@ -6,10 +6,10 @@ from sys import float_info
 
 import numpy as np
 
-from common.estimation.paper import PaperRls
-from diagnosis.reproduction.contact import THETA, Array, noise_n, sines
-from diagnosis.reproduction.online import PAPER_DELTA, PAPER_LAMBDA, safe_rls
-from diagnosis.reproduction.results import Windup, WindupRow
+from forefeel.common.estimation.paper import PaperRls
+from forefeel.diagnosis.reproduction.contact import THETA, Array, noise_n, sines
+from forefeel.diagnosis.reproduction.online import PAPER_DELTA, PAPER_LAMBDA, safe_rls
+from forefeel.diagnosis.reproduction.results import Windup, WindupRow
 
 RATE_HZ = 1000.0
 LAMBDAS = 0.95, 0.96, 0.97, 0.98

@@ -6,15 +6,15 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from common.hardware.calibration import LoadCellCalibration, StageCalibration
-from common.transport.settings import PRESETS as IMPAIRMENTS
 from docs.hooks.markdown import NOTE, code, prose, table
 from docs.hooks.units import unit_of
 from docs.hooks.values import default, models, values
+from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
+from forefeel.common.transport.settings import PRESETS as IMPAIRMENTS
+from forefeel.master.settings import MasterSettings
 from forefeel.network_settings import ObserverSettings, RouterSettings
-from master.settings import MasterSettings
-from slave.plant.presets import PRESETS as WORLDS
-from slave.settings import SlaveSettings
+from forefeel.slave.plant.presets import PRESETS as WORLDS
+from forefeel.slave.settings import SlaveSettings
 
 ROOTS: dict[str, type[BaseModel]] = {
     "The slave's file": SlaveSettings,

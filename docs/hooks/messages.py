@@ -2,11 +2,11 @@
 
 from enum import Enum
 
-from common import messages as m
-from common.topics import TOPICS, Qos
 from docs.hooks.markdown import NOTE, code, prose, table
 from docs.hooks.units import unit_of
 from docs.hooks.values import default, values
+from forefeel.common import messages as m
+from forefeel.common.topics import TOPICS, Qos
 
 _HEAD = f"""{NOTE}
 # Messages and topics

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from common.effects.model import ContactModel
 from docs.hooks.markdown import code
+from forefeel.common.effects.model import ContactModel
 
 Link = Callable[[type], str]
 _NAMES: dict[Any, str] = {

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from common.config import load_settings
-from common.hardware.calibration import LoadCellCalibration, StageCalibration
-from common.settings import DaemonSettings
+from forefeel.common.config import load_settings
+from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
+from forefeel.common.settings import DaemonSettings
 from forefeel.devices.configured import configured
 
 _KINDS: dict[str, Any] = {"load_cell": LoadCellCalibration, "stage": StageCalibration}

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from common.clock import MonotonicClock
-from common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
-from common.hardware.calibrating import (
+from forefeel.calibrate.person import Person
+from forefeel.calibrate.target import check_target, write_calibration
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
+from forefeel.common.hardware.calibrating import (
     LEAST_READINGS,
     STANDARD_GRAVITY_M_S2,
     Fit,
@@ -21,15 +23,13 @@ from common.hardware.calibrating import (
     require_steady,
     walk_of,
 )
-from common.hardware.calibration import CellScale, LoadCellCalibration
-from common.hardware.link import Link
-from forefeel.calibrate.person import Person
-from forefeel.calibrate.target import check_target, write_calibration
+from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration
+from forefeel.common.hardware.link import Link
 from forefeel.devices.configured import Configured, device_of
 from forefeel.devices.probe import SleepingClock
 from forefeel.interrupt import breakable, heeded
+from forefeel.slave.load_cells.port import NativeLoadCell, NativeReading
 from forefeel.terminal import answer, say
-from slave.load_cells.port import NativeLoadCell, NativeReading
 
 _POLL_NS = 5_000_000
 _SLOWEST_S = 30.0
@@ -38,7 +38,7 @@ _SLOWEST_S = 30.0
 @dataclass(frozen=True, slots=True)
 class Wish:
     """What the user asked for. `average_s`: how long each load is read, `settle_s`: after it was changed;
-    `steady_share`, `residual_share`: of the range, see `common.hardware.calibrating`.
+    `steady_share`, `residual_share`: of the range, see `forefeel.common.hardware.calibrating`.
     """
 
     config: Path

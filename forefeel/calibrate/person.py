@@ -2,7 +2,7 @@
 
 import sys
 
-from common.errors import RunError
+from forefeel.common.errors import RunError
 from forefeel.terminal import ask, say
 
 

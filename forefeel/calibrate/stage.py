@@ -4,21 +4,21 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from common.clock import Clock, MonotonicClock
-from common.errors import ConfigurationError, RunError
-from common.hardware.calibrating import Travel, require_travel, travel_of
-from common.hardware.calibration import StageCalibration
-from common.hardware.cia402 import HERE
-from common.runtime.realtime import prepare_thread
 from forefeel.calibrate.load_cell import introduced, require_serial
 from forefeel.calibrate.person import Person
 from forefeel.calibrate.target import check_target, write_calibration
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.hardware.calibrating import Travel, require_travel, travel_of
+from forefeel.common.hardware.calibration import StageCalibration
+from forefeel.common.hardware.cia402 import HERE
+from forefeel.common.runtime.realtime import prepare_thread
 from forefeel.devices.configured import Configured, device_of
 from forefeel.interrupt import breakable, heeded
 from forefeel.local.exclusive import no_slave_beside
+from forefeel.slave.stages.port import Homing
+from forefeel.slave.stages.settings import Cia402Settings, ZaberSettings
 from forefeel.terminal import answer, say
-from slave.stages.port import Homing
-from slave.stages.settings import Cia402Settings, ZaberSettings
 
 _PRIORITY = 50
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from common.config import dump_yaml
-from common.errors import ConfigurationError
+from forefeel.common.config import dump_yaml
+from forefeel.common.errors import ConfigurationError
 from forefeel.files import check_new_file, write_whole
 
 _SUFFIXES = (".yaml", ".yml")

@@ -3,7 +3,7 @@
 from math import isfinite, nan
 from typing import NamedTuple
 
-from common.messages import (
+from forefeel.common.messages import (
     ForceSample,
     HapticSample,
     LoopTiming,
@@ -12,7 +12,7 @@ from common.messages import (
     ModelParameters,
     SlaveState,
 )
-from common.topics import MASTER_TIMING, Topic
+from forefeel.common.topics import MASTER_TIMING, Topic
 from forefeel.dashboard.detector import ModelWatch
 from forefeel.dashboard.happened import Happened
 from forefeel.dashboard.rings import Ring

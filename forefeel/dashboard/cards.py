@@ -6,10 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from common.error_size import Floats
-from common.messages import LoopTiming, ModelParameters
-from common.notices import printable
-from common.topics import FORCE, HAPTICS, MASTER_STATE, MASTER_TIMING, PARAMETERS, SLAVE_STATE, SLAVE_TIMING
+from forefeel.common.error_size import Floats
+from forefeel.common.messages import LoopTiming, ModelParameters
+from forefeel.common.notices import printable
+from forefeel.common.topics import (
+    FORCE,
+    HAPTICS,
+    MASTER_STATE,
+    MASTER_TIMING,
+    PARAMETERS,
+    SLAVE_STATE,
+    SLAVE_TIMING,
+)
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.happened import Happened
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level

@@ -2,10 +2,10 @@
 
 from collections import Counter
 
-from common.codec import decode
-from common.errors import CodecError
-from common.messages import Message
-from common.topics import COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT, Topic, parse_key
+from forefeel.common.codec import decode
+from forefeel.common.errors import CodecError
+from forefeel.common.messages import Message
+from forefeel.common.topics import COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT, Topic, parse_key
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.finding import Past
 

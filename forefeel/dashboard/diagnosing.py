@@ -10,8 +10,8 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from common.error_size import Floats
-from common.notices import printable
+from forefeel.common.error_size import Floats
+from forefeel.common.notices import printable
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.finding import Finding, wanted_s
 from forefeel.parent import child_environment

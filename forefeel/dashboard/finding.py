@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from common.topics import PARAMETERS
+from forefeel.common.topics import PARAMETERS
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Alarm, Signs
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from common.messages import (
+from forefeel.common.messages import (
     EmergencyStop,
     Handshake,
     LimitEvent,
@@ -13,7 +13,7 @@ from common.messages import (
     SafetyEvent,
     SafetyState,
 )
-from common.notices import printable
+from forefeel.common.notices import printable
 from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level
 from forefeel.report.wording import quantity
 

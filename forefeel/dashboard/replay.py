@@ -1,7 +1,7 @@
 """A recording as the page shows it: the same view of a cell, at any of its times."""
 
-from common.recording.mcap_spans import RunSpans
-from common.topics import BY_NAME
+from forefeel.common.recording.mcap_spans import RunSpans
+from forefeel.common.topics import BY_NAME
 from forefeel.dashboard.cell_view import UNREAD, CellView
 
 LEAD_S = 20.0

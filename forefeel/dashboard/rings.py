@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.error_size import Floats
+from forefeel.common.error_size import Floats
 
 
 class Ring:

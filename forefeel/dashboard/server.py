@@ -14,10 +14,10 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
 
-from common.clock import MonotonicClock
-from common.errors import RunError
-from common.transport.security import Party
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import RunError
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.dashboard.admission import guard
 from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from common.clock import Clock
-from common.errors import RecordingError
-from common.notices import span
-from common.recording.mcap_spans import RunSpans
+from forefeel.common.clock import Clock
+from forefeel.common.errors import RecordingError
+from forefeel.common.notices import span
+from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Answer, Feed
 from forefeel.dashboard.finding import Finding

@@ -1,6 +1,6 @@
 """The time of the charts: seconds on the master's clock. Pure."""
 
-from common.clock_offset import DRIFT_DIVISOR
+from forefeel.common.clock_offset import DRIFT_DIVISOR
 
 RESTART_NS = 10_000_000_000
 """A clock that is further off than this was started anew."""

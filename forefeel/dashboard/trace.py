@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.error_size import Floats
+from forefeel.common.error_size import Floats
 
 BIN_S = 0.02
 SPAN_S = 60.0

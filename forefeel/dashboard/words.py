@@ -1,8 +1,8 @@
 """How link, lease and safety stand, in words. Pure: time is an argument."""
 
-from common.messages import SafetyState, SlaveState
-from common.notices import is_long_round_trip, printable, span
-from common.topics import MASTER_STATE, SLAVE_STATE
+from forefeel.common.messages import SafetyState, SlaveState
+from forefeel.common.notices import is_long_round_trip, printable, span
+from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level, Light
 

@@ -7,13 +7,13 @@ from io import BytesIO
 
 import numpy as np
 
-from common.error_size import Floats
-from common.errors import ForefeelError
-from common.recording.recording import Recording
-from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.verdict import Diagnosis, Interval
+from forefeel.common.error_size import Floats
+from forefeel.common.errors import ForefeelError
+from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.units import shown
 from forefeel.diagnose.words import headline, plain
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.verdict import Diagnosis, Interval
 from forefeel.parent import die_with_parent
 
 _LOWEST = 19

@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from common.config import Settings
-from common.errors import ConfigurationError
-from common.hardware.settings import SerialSettings
-from common.settings import DaemonSettings
+from forefeel.common.config import Settings
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.settings import SerialSettings
+from forefeel.common.settings import DaemonSettings
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.drivers import DRIVERS, Driver, Slot
 

@@ -4,26 +4,26 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal, get_args
 
-from common.clock import Clock
-from common.config import Settings
-from common.errors import ConfigurationError
-from master.settings import (
+from forefeel.common.clock import Clock
+from forefeel.common.config import Settings
+from forefeel.common.errors import ConfigurationError
+from forefeel.master.settings import (
     CoilSettings,
     MultiSineSettings,
     OperatorSettings,
     RecordingSettings,
     SineSettings,
 )
-from slave.load_cells.settings import (
+from forefeel.slave.load_cells.settings import (
     AsciiLineSettings,
     BotaSettings,
     Cia404Settings,
     RecordedLoadCellDriver,
     SimulatedLoadCellDriver,
 )
-from slave.settings import GripperDriver
-from slave.stages.port import Homing
-from slave.stages.settings import Cia402Settings, SimulatedStageDriver, ZaberSettings
+from forefeel.slave.settings import GripperDriver
+from forefeel.slave.stages.port import Homing
+from forefeel.slave.stages.settings import Cia402Settings, SimulatedStageDriver, ZaberSettings
 
 Slot = Literal["stage", "load_cell", "gripper", "handle"]
 
@@ -31,7 +31,8 @@ Slot = Literal["stage", "load_cell", "gripper", "handle"]
 @dataclass(frozen=True, slots=True)
 class Driver:
     """One driver. `place`: module and class, made of (settings, clock); None: there is no hardware behind it,
-    and the daemon alone makes it. `homing`: likewise, what calibrates a stage (`slave.stages.port.Homing`).
+    and the daemon alone makes it. `homing`: likewise, what calibrates a stage
+    (`forefeel.slave.stages.port.Homing`).
     """
 
     slot: Slot
@@ -76,35 +77,35 @@ DRIVERS: tuple[Driver, ...] = (
     Driver(
         "stage",
         ZaberSettings,
-        "slave.stages.zaber_ascii:ZaberStage",
+        "forefeel.slave.stages.zaber_ascii:ZaberStage",
         "Zaber stage, ASCII protocol, serial",
-        "slave.stages.zaber_homing:ZaberHoming",
+        "forefeel.slave.stages.zaber_homing:ZaberHoming",
     ),
     Driver(
         "stage",
         Cia402Settings,
-        "slave.stages.cia402:Cia402Stage",
+        "forefeel.slave.stages.cia402:Cia402Stage",
         "CiA 402 drive, CANopen",
-        "slave.stages.cia402_homing:Cia402Homing",
+        "forefeel.slave.stages.cia402_homing:Cia402Homing",
     ),
     Driver("load_cell", SimulatedLoadCellDriver, None, "the load cell of the simulated world"),
     Driver("load_cell", RecordedLoadCellDriver, None, "the force of a recording"),
     Driver(
         "load_cell",
         BotaSettings,
-        "slave.load_cells.bota_serial:BotaSerialLoadCell",
+        "forefeel.slave.load_cells.bota_serial:BotaSerialLoadCell",
         "Bota six-axis cell, binary frames, serial",
     ),
     Driver(
         "load_cell",
         AsciiLineSettings,
-        "slave.load_cells.ascii_line:AsciiLineLoadCell",
+        "forefeel.slave.load_cells.ascii_line:AsciiLineLoadCell",
         "a number a line (Loadstar, HX711), serial",
     ),
     Driver(
         "load_cell",
         Cia404Settings,
-        "slave.load_cells.cia404:Cia404LoadCell",
+        "forefeel.slave.load_cells.cia404:Cia404LoadCell",
         "CiA 404 force transducer, CANopen",
     ),
     Driver("gripper", GripperDriver, None, "the fixture of the simulated world"),
@@ -115,7 +116,7 @@ DRIVERS: tuple[Driver, ...] = (
     Driver(
         "handle",
         CoilSettings,
-        "master.handles.coil_serial:CoilHandle",
+        "forefeel.master.handles.coil_serial:CoilHandle",
         "voice coil and encoder behind a microcontroller, serial",
     ),
 )

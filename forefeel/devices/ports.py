@@ -6,7 +6,7 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from common.hardware.streams import latency_timer_ms, latency_warning
+from forefeel.common.hardware.streams import latency_timer_ms, latency_warning
 
 _BY_ID = Path("/dev/serial/by-id")
 _NET = Path("/sys/class/net")

@@ -5,9 +5,9 @@ rendered or re-armed: only `open`, `read` and `close` are called.
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from common.clock import Clock
-from common.errors import DeviceError, ForefeelError, InputError
-from common.hardware.link import Link
+from forefeel.common.clock import Clock
+from forefeel.common.errors import DeviceError, ForefeelError, InputError
+from forefeel.common.hardware.link import Link
 from forefeel.devices.configured import Configured
 
 _PERIOD_NS = 1_000_000

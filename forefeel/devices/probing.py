@@ -6,9 +6,9 @@ from pathlib import Path
 
 from rich.text import Text
 
-from common.clock import MonotonicClock
-from common.errors import ConfigurationError, InputError, RunError
-from common.hardware.streams import latency_warning
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import ConfigurationError, InputError, RunError
+from forefeel.common.hardware.streams import latency_warning
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.configured import configured
 from forefeel.devices.probe import Probed, Quantiles, SleepingClock, probe

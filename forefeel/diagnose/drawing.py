@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from scipy.signal import welch
 
-from common.error_size import Floats
-from diagnosis.diagnose.signals import Signals
+from forefeel.common.error_size import Floats
 from forefeel.diagnose.parts import Rows
 from forefeel.diagnose.units import scale
+from forefeel.diagnosis.diagnose.signals import Signals
 from forefeel.report.svg import Drawing, to_svg
 
 POINTS = 700

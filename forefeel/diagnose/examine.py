@@ -8,19 +8,19 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError, RecordingError, RunError
-from common.recording.recording import Recording
-from common.recording.tabular import load_recording
-from common.yaml_file import dump_mapping
-from diagnosis.diagnose import Diagnosed, diagnose
-from diagnosis.diagnose.diagnose import check
-from diagnosis.diagnose.extended import extended_model
-from diagnosis.diagnose.prediction import Across, across_delay
-from diagnosis.diagnose.verdict import Diagnosis
 from forefeel.columns import Columns, mapping_of
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError, RecordingError, RunError
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnose.page import render_page
 from forefeel.diagnose.words import answer
+from forefeel.diagnosis.diagnose import Diagnosed, diagnose
+from forefeel.diagnosis.diagnose.diagnose import check
+from forefeel.diagnosis.diagnose.extended import extended_model
+from forefeel.diagnosis.diagnose.prediction import Across, across_delay
+from forefeel.diagnosis.diagnose.verdict import Diagnosis
 from forefeel.terminal import Tell
 
 JSON, PAGE, MODEL = "diagnosis.json", "report.html", "model.yaml"

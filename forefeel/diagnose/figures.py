@@ -4,7 +4,6 @@ it.
 
 import numpy as np
 
-from diagnosis.diagnose.verdict import Diagnosis
 from forefeel.diagnose.drawing import (
     Axis,
     bars,
@@ -18,6 +17,7 @@ from forefeel.diagnose.drawing import (
     span,
 )
 from forefeel.diagnose.parts import Parts, Rows, rms
+from forefeel.diagnosis.diagnose.verdict import Diagnosis
 from forefeel.report.svg import BLACK, BLUE, GREY, ORANGE, Drawing, new_figure, plot, styled
 
 _DETAIL_S = 5.0

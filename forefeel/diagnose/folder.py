@@ -11,11 +11,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.table import Table
 from rich.text import Text
 
-from common.errors import ConfigurationError, InputError, RunError
-from diagnosis.diagnose.verdict import Diagnosis
+from forefeel.common.errors import ConfigurationError, InputError, RunError
 from forefeel.diagnose.examine import FILES, JSON, Task
 from forefeel.diagnose.parallel import Outcome, outcomes
 from forefeel.diagnose.words import named
+from forefeel.diagnosis.diagnose.verdict import Diagnosis
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.report.text import DISCLAIMER

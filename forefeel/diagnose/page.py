@@ -3,19 +3,19 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from common.effects.model import ContactModel
-from common.effects.registry import effect_class
-from common.recording.recording import Recording
-from diagnosis.diagnose import Diagnosed
-from diagnosis.diagnose.candidates import base_name
-from diagnosis.diagnose.prediction import Across
-from diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.effects.registry import effect_class
+from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.figures import drawings, named
 from forefeel.diagnose.parts import Parts
 from forefeel.diagnose.pictures import picture
 from forefeel.diagnose.sensor_pictures import sensor_picture
 from forefeel.diagnose.units import Shown, plain_value, shown, split_unit
 from forefeel.diagnose.words import caution, gain_text, headline, on_readings, plain
+from forefeel.diagnosis.diagnose import Diagnosed
+from forefeel.diagnosis.diagnose.candidates import base_name
+from forefeel.diagnosis.diagnose.prediction import Across
+from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence
 from forefeel.report.svg import Drawing
 from forefeel.report.template import render
 from forefeel.report.wording import quantity

@@ -12,7 +12,7 @@ from importlib import import_module
 from itertools import islice
 from multiprocessing import active_children, get_context, resource_tracker
 
-from common.errors import ConfigurationError, EndpointError, InputError, RunError
+from forefeel.common.errors import ConfigurationError, EndpointError, InputError, RunError
 from forefeel.diagnose.examine import Result, Task, examine
 from forefeel.interrupt import SIGNALS
 from forefeel.parent import die_with

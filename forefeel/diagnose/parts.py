@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from common.effects.model import ContactModel
-from common.error_size import Floats
-from diagnosis.diagnose.analysis import Analysis
-from diagnosis.diagnose.candidates import CANDIDATES, Motion
-from diagnosis.diagnose.flexible import since_reversal
-from diagnosis.diagnose.regression import Fit, Regression
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Motion
+from forefeel.diagnosis.diagnose.flexible import since_reversal
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
 
 Rows = NDArray[np.intp]
 

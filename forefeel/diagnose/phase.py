@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import csd, welch
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import CANDIDATES
-from diagnosis.diagnose.regression import Fit, Regression
-from diagnosis.diagnose.transfer import alignment
+from forefeel.common.error_size import Floats
 from forefeel.diagnose.drawing import common_legend, drawn, finish
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.transfer import alignment
 from forefeel.report.svg import BLUE, ORANGE, Drawing, new_figure
 
 _COHERENT = 0.8

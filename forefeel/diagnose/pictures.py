@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.error_size import Floats
-from diagnosis.diagnose.candidates import Shape, base_name
-from diagnosis.diagnose.regression import Fit, Regression
-from diagnosis.diagnose.signals import Mask
+from forefeel.common.error_size import Floats
 from forefeel.diagnose.drawing import Axis, cloud, density, drawn, finish, logarithmic, medians, span
 from forefeel.diagnose.parts import Parts, rms, share_of, strokes
 from forefeel.diagnose.phase import phase
 from forefeel.diagnose.units import plain_value
+from forefeel.diagnosis.diagnose.candidates import Shape, base_name
+from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.signals import Mask
 from forefeel.report.svg import BLUE, GREY, ORANGE, VERMILION, Drawing, new_figure, plot, styled
 
 WIDTH_IN, HEIGHT_IN = 6.2, 3.1

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.errors import ConfigurationError
-from common.model_file import load_model
 from forefeel.columns import Columns
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.model_file import load_model
 from forefeel.diagnose.examine import FILES, JSON, Task, examine
 from forefeel.diagnose.folder import EARLIER, run_folder
 from forefeel.diagnose.stages import diagnosing

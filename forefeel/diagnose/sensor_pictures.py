@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from scipy.signal import welch
 
-from common.error_size import Floats
-from diagnosis.diagnose.analysis import Analysis
-from diagnosis.diagnose.faults import Fault
+from forefeel.common.error_size import Floats
 from forefeel.diagnose.drawing import Axis, drawn, finish, logarithmic
 from forefeel.diagnose.pictures import HEIGHT_IN, WIDTH_IN
+from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.faults import Fault
 from forefeel.report.svg import BLUE, GREY, ORANGE, VERMILION, Drawing, new_figure, plot, styled
 
 _LEVELS = 8

@@ -5,7 +5,7 @@ digits.
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 
-from diagnosis.diagnose.verdict import Interval
+from forefeel.diagnosis.diagnose.verdict import Interval
 
 _UNITS = {
     "_n_s2_m2": "N s²/m²",

@@ -1,9 +1,9 @@
 """The answer in plain words, for an engineer who has to decide what to do next."""
 
-from common.recording.recording import Recording
-from diagnosis.diagnose.prediction import Across
-from diagnosis.diagnose.verdict import Cause, Diagnosis, HeldOut
+from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.units import shown
+from forefeel.diagnosis.diagnose.prediction import Across
+from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, HeldOut
 from forefeel.report.text import DISCLAIMER
 from forefeel.report.wording import quantity
 

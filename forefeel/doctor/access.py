@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import zenoh
 
-from common.topics import COMMAND, FORCE, Role
-from common.transport.security import Identity, Party, secured
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_config import configuration
+from forefeel.common.topics import COMMAND, FORCE, Role
+from forefeel.common.transport.security import Identity, Party, secured
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_config import configuration
 from forefeel.doctor.findings import Finding
 
 GROUP = "access control"

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from common.errors import ConfigurationError
-from common.hardware.calibration import (
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.calibration import (
     LoadCellCalibration,
     StageCalibration,
     load_cell_calibration,

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.clock import now_utc
-from common.errors import ConfigurationError, EndpointError
-from common.settings import DaemonSettings
-from common.topics import Role
-from common.transport.exposure import check_exposure
-from common.transport.pki import AUTHORITY, read_identity
-from common.transport.security import Identity, Party
-from common.transport.zenoh_config import secured_by_file
+from forefeel.common.clock import now_utc
+from forefeel.common.errors import ConfigurationError, EndpointError
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.topics import Role
+from forefeel.common.transport.exposure import check_exposure
+from forefeel.common.transport.pki import AUTHORITY, read_identity
+from forefeel.common.transport.security import Identity, Party
+from forefeel.common.transport.zenoh_config import secured_by_file
 from forefeel.doctor.findings import Finding, Level
 
 GROUP = "certificates"

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from common.bus import Bus
-from common.clock import MonotonicClock
-from common.errors import ForefeelError
-from common.messages import MasterState, SlaveState
-from common.topics import MASTER_STATE, SLAVE_STATE
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.bus import Bus
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import ForefeelError
+from forefeel.common.messages import MasterState, SlaveState
+from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.doctor.findings import Finding
 
 GROUP = "clock"

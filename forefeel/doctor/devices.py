@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.clock import MonotonicClock
-from common.hardware.streams import latency_warning
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.hardware.streams import latency_warning
 from forefeel.devices.configured import Configured
 from forefeel.devices.ports import CanInterface, can_interfaces
 from forefeel.devices.probe import Probed, probe

@@ -6,11 +6,11 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from common.settings import DaemonSettings
-from common.state.folder import holder, state_path
-from common.topics import Role
-from common.transport.security import Party, PartyRole
-from common.transport.settings import TransportSettings
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.state.folder import holder, state_path
+from forefeel.common.topics import Role
+from forefeel.common.transport.security import Party, PartyRole
+from forefeel.common.transport.settings import TransportSettings
 from forefeel.devices.configured import Configured, configured
 from forefeel.doctor import (
     access,

@@ -5,8 +5,8 @@ import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from common.errors import EndpointError
-from common.transport.endpoints import parts
+from forefeel.common.errors import EndpointError
+from forefeel.common.transport.endpoints import parts
 from forefeel.doctor.findings import Finding
 from forefeel.reaching import TIMEOUT_S, Reached
 

@@ -4,9 +4,9 @@ import json
 import sys
 import time
 
-from common.clock import MonotonicClock
-from common.runtime.realtime import RealtimeThread, prepare_process
-from common.settings import TICK_NS
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.runtime.realtime import RealtimeThread, prepare_process
+from forefeel.common.settings import TICK_NS
 from forefeel.parent import die_with_parent
 
 

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from common.errors import ConfigurationError
-from common.settings import DaemonSettings, shared_text
-from common.topics import Role
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.settings import DaemonSettings, shared_text
+from forefeel.common.topics import Role
 from forefeel.daemon_settings import load_daemon
 from forefeel.doctor.findings import Finding
 

@@ -14,10 +14,10 @@ from forefeel.emulate.sensing import Sensing
 from forefeel.emulate.wall import ForceReceiver, ForceSender, Wall
 from forefeel.emulate.zaber import ZaberDevice
 from forefeel.emulate.zaber_settings import ZaberModel
-from master.settings import CoilSettings
-from slave.load_cells.settings import AsciiLineSettings, BotaSettings
-from slave.plant.settings import WorldSettings
-from slave.stages.settings import ZaberSettings
+from forefeel.master.settings import CoilSettings
+from forefeel.slave.load_cells.settings import AsciiLineSettings, BotaSettings
+from forefeel.slave.plant.settings import WorldSettings
+from forefeel.slave.stages.settings import ZaberSettings
 
 _NOISE_N = 0.002
 _BEHIND_M = 0.001

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from math import floor, nan
 
-from common.hardware.bota import OVERRANGE, BotaFrame, encode
+from forefeel.common.hardware.bota import OVERRANGE, BotaFrame, encode
 from forefeel.emulate.sensing import FAULTS, Sensing, Sensor
 
 RATE_HZ = 800.0

@@ -5,17 +5,17 @@ from pathlib import Path
 
 import can
 
-from common.hardware.can_bus import open_bus
-from common.hardware.cia402 import NEGATIVE_SWITCH, POSITIVE_SWITCH
-from common.hardware.settings import CanSettings
+from forefeel.common.hardware.can_bus import open_bus
+from forefeel.common.hardware.cia402 import NEGATIVE_SWITCH, POSITIVE_SWITCH
+from forefeel.common.hardware.settings import CanSettings
 from forefeel.emulate.benches import Surroundings, felt, moved
 from forefeel.emulate.can_hub import CanHub
 from forefeel.emulate.drive402 import Drive402
 from forefeel.emulate.drive402_homing import SWITCH_M
 from forefeel.emulate.transducer404 import Transducer404
 from forefeel.emulate.wire import Faults
-from slave.load_cells.settings import Cia404Settings
-from slave.stages.settings import Cia402Settings
+from forefeel.slave.load_cells.settings import Cia404Settings
+from forefeel.slave.stages.settings import Cia402Settings
 
 
 def drive(settings: Cia402Settings, around: Surroundings, leave: ExitStack) -> Drive402:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from common.hardware.slcan import BELL, BITRATES, OK, Frame, Lines, decoded, encoded
+from forefeel.common.hardware.slcan import BELL, BITRATES, OK, Frame, Lines, decoded, encoded
 from forefeel.emulate.pty import Pty
 from forefeel.emulate.wire import Faults, Timetable, Wire
 

@@ -8,9 +8,9 @@ import can
 import canopen
 from canopen.objectdictionary import datatypes
 
-from common.errors import ConfigurationError
-from common.hardware import cia301
-from common.hardware.cia301 import Entry
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware import cia301
+from forefeel.common.hardware.cia301 import Entry
 
 _TYPES = {
     "b": datatypes.INTEGER8,

@@ -4,8 +4,8 @@ from collections import Counter
 from dataclasses import dataclass
 from math import floor, inf
 
-from common.errors import ConfigurationError
-from common.hardware.coil import (
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.coil import (
     NAME,
     PROTOCOL,
     Button,
@@ -17,11 +17,11 @@ from common.hardware.coil import (
     Identity,
     encode,
 )
-from common.hardware.settings import Sign
-from common.messages import Grip
-from master.handles.operator import Operator
-from master.handles.port import Handle, HandleReading, Indication
-from master.settings import OperatorSettings
+from forefeel.common.hardware.settings import Sign
+from forefeel.common.messages import Grip
+from forefeel.master.handles.operator import Operator
+from forefeel.master.handles.port import Handle, HandleReading, Indication
+from forefeel.master.settings import OperatorSettings
 
 _PERIOD_S = 0.001
 _COOL = 0.7  # of the heat that trips: where the coil counts as cool again

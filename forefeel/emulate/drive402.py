@@ -6,12 +6,12 @@ from collections.abc import Callable
 import can
 import canopen
 
-from common.hardware import cia301, cia402
-from common.hardware.cia301 import Entry
+from forefeel.common.hardware import cia301, cia402
+from forefeel.common.hardware.cia301 import Entry
 from forefeel.emulate.canopen_device import CanopenDevice, pdo_contents, unpacked
 from forefeel.emulate.drive402_homing import METHODS
 from forefeel.emulate.drive402_model import HEARTBEAT_LOST, OVERCURRENT, DriveModel, Moved
-from slave.plant.settings import StageSettings
+from forefeel.slave.plant.settings import StageSettings
 
 SERIAL = 0x0402_0001
 _INVALID = 0x0609_0030  # value of a parameter

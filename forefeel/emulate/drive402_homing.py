@@ -2,7 +2,7 @@
 
 from enum import Enum
 
-from common.hardware.cia402 import (
+from forefeel.common.hardware.cia402 import (
     HERE,
     HOMING_ATTAINED,
     HOMING_ERROR,

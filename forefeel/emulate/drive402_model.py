@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
-from common.hardware import cia402
-from common.hardware.cia402 import PATTERNS, DriveState
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.cia402 import PATTERNS, DriveState
 from forefeel.emulate.drive402_homing import DriveHoming
-from slave.plant.settings import StageSettings
-from slave.plant.stage import PlantStage
+from forefeel.slave.plant.settings import StageSettings
+from forefeel.slave.plant.stage import PlantStage
 
 OVERCURRENT, HEARTBEAT_LOST, FOLLOWING = 0x2310, 0x8130, 0x8611
 _VOLTAGE, _QUICK_STOP_OFF, _REMOTE, _FOLLOWS = 1 << 4, 1 << 5, 1 << 9, 1 << 12

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, encode_line
+from forefeel.common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, encode_line
 from forefeel.emulate.sensing import FAULTS, Sensing, Sensor
 
 LOADSTAR_RATE_HZ, HX711_RATE_HZ = 150.0, 80.0

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 from forefeel.terminal import complain
 
 _LONGEST_LINE = 200

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 from forefeel.emulate.device import EmulatedDevice
 from forefeel.emulate.line_speed import host_baud, misheard, set_baud
 from forefeel.emulate.wire import Faults, Timetable, Wire

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple, Protocol
 
 from pydantic import BaseModel
 
-from common.config import checked
-from common.errors import ConfigurationError
-from common.hardware.settings import CanSettings
-from common.runtime.realtime import prepare_process, prepare_thread
+from forefeel.common.config import checked
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.settings import CanSettings
+from forefeel.common.runtime.realtime import prepare_process, prepare_thread
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.configured import configured
 from forefeel.emulate import benches, can_benches
@@ -24,12 +24,12 @@ from forefeel.emulate.orders import Load, Orders, OrdersFromStdin
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults, Timetable
 from forefeel.interrupt import Stop, heeded
+from forefeel.master.settings import CoilSettings, MasterSettings
 from forefeel.parent import die_with_parent
-from master.settings import CoilSettings, MasterSettings
-from slave.load_cells.settings import AsciiLineSettings, BotaSettings, Cia404Settings
-from slave.plant.settings import WorldSettings, preset
-from slave.settings import SlaveSettings
-from slave.stages.settings import Cia402Settings, ZaberSettings
+from forefeel.slave.load_cells.settings import AsciiLineSettings, BotaSettings, Cia404Settings
+from forefeel.slave.plant.settings import WorldSettings, preset
+from forefeel.slave.settings import SlaveSettings
+from forefeel.slave.stages.settings import Cia402Settings, ZaberSettings
 
 _PRIORITY = 60  # above the loops of the daemons: hardware of its own
 _TRAVEL_M = [-0.004, 0.124]

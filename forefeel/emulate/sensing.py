@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import exp
 from random import Random
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 
 FAULTS = "stuck", "overrange", "free"
 

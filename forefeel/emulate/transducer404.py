@@ -7,8 +7,8 @@ from math import copysign
 import can
 import canopen
 
-from common.hardware import cia301, cia404
-from common.hardware.cia301 import Entry
+from forefeel.common.hardware import cia301, cia404
+from forefeel.common.hardware.cia301 import Entry
 from forefeel.emulate.canopen_device import CanopenDevice, pdo_contents, unpacked
 
 SERIAL = 0x0404_0001

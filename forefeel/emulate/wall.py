@@ -5,10 +5,10 @@ import struct
 from contextlib import suppress
 from pathlib import Path
 
-from common.errors import ConfigurationError
-from slave.plant.contact import plant_contact
-from slave.plant.fixture import PlantFixture
-from slave.plant.settings import WorldSettings
+from forefeel.common.errors import ConfigurationError
+from forefeel.slave.plant.contact import plant_contact
+from forefeel.slave.plant.fixture import PlantFixture
+from forefeel.slave.plant.settings import WorldSettings
 
 _STEP_S = 2.5e-4
 _FORCE = struct.Struct("<d")

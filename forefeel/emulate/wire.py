@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from random import Random
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 
 _BITS = 10  # start, eight data bits, stop
 _RATES = "drop", "corrupt", "split", "delay"

@@ -9,8 +9,8 @@ import re
 from collections import Counter
 from collections.abc import Callable
 
-from common.errors import ConfigurationError
-from common.hardware.zaber import SPEED_DATA, WARNINGS, is_fault, lrc
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.zaber import SPEED_DATA, WARNINGS, is_fault, lrc
 from forefeel.emulate.zaber_axis import STEP_S, Motion, ZaberAxis
 from forefeel.emulate.zaber_settings import RejectedError, ZaberModel, ZaberRegister, whole
 

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 
-from common.hardware.zaber import ACCELERATION_DATA, SPEED_DATA
+from forefeel.common.hardware.zaber import ACCELERATION_DATA, SPEED_DATA
 from forefeel.emulate.zaber_axis import ZaberAxis
 
 _WHOLE = re.compile(r"-?\d{1,12}")

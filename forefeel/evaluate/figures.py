@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from common.error_size import Floats
-from common.recording.recording import GAP_S
-from diagnosis.evaluation.evaluate import Evaluated
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import GAP_S
+from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.report.svg import (
     BLACK,
     BLUE,

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from diagnosis.evaluation.arrivals import Link
-from diagnosis.evaluation.evaluate import Evaluated
-from diagnosis.evaluation.methods import METHODS
+from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.evaluate import Evaluated
+from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.evaluate.figures import drawings
 from forefeel.evaluate.table import best, ratio_to_hold
 from forefeel.report.template import render

@@ -6,15 +6,22 @@ from pathlib import Path
 
 from rich.progress import BarColumn, TextColumn
 
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError, InputError, RecordingError
-from common.model_file import load_model
-from common.recording.tabular import load_recording
-from diagnosis.evaluation.arrivals import Link
-from diagnosis.evaluation.evaluate import Evaluated, Prepared, checked_model, evaluate, prepare, rules
-from diagnosis.evaluation.methods import METHODS
-from diagnosis.evaluation.results import to_json
 from forefeel.columns import Columns, mapping_of
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError, InputError, RecordingError
+from forefeel.common.model_file import load_model
+from forefeel.common.recording.tabular import load_recording
+from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.evaluate import (
+    Evaluated,
+    Prepared,
+    checked_model,
+    evaluate,
+    prepare,
+    rules,
+)
+from forefeel.diagnosis.evaluation.methods import METHODS
+from forefeel.diagnosis.evaluation.results import to_json
 from forefeel.evaluate.page import render_page
 from forefeel.evaluate.table import in_words
 from forefeel.files import fresh_folder, write_all

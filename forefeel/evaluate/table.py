@@ -6,9 +6,9 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from diagnosis.evaluation.arrivals import Link
-from diagnosis.evaluation.evaluate import Evaluated
-from diagnosis.evaluation.methods import METHODS
+from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.evaluate import Evaluated
+from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.report.text import DISCLAIMER
 from forefeel.report.wording import quantity, share
 from forefeel.terminal import table

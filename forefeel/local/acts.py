@@ -4,15 +4,15 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from common.clock import Clock
-from common.journal import Journal
-from common.messages import SafetyState
+from forefeel.common.clock import Clock
+from forefeel.common.journal import Journal
+from forefeel.common.messages import SafetyState
 from forefeel.local.protocol import Answer, Request
 
 if TYPE_CHECKING:
-    from master.daemon import MasterDaemon
-    from slave.clearing import Clearing
-    from slave.daemon import SlaveDaemon
+    from forefeel.master.daemon import MasterDaemon
+    from forefeel.slave.clearing import Clearing
+    from forefeel.slave.daemon import SlaveDaemon
 
 _POLL_S = 0.01
 _STOPS_S = 1.0

@@ -4,8 +4,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from common.audit import PEER_LOG, Entry, Flaw, Link, Verdict, parse, verify
-from common.errors import ConfigurationError
+from forefeel.common.audit import PEER_LOG, Entry, Flaw, Link, Verdict, parse, verify
+from forefeel.common.errors import ConfigurationError
 
 
 def read_verdict(path: Path, head: str | None = None) -> Verdict:

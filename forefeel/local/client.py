@@ -5,8 +5,8 @@ import os
 import socket
 from pathlib import Path
 
-from common.errors import RunError
-from common.state.folder import SOCKET
+from forefeel.common.errors import RunError
+from forefeel.common.state.folder import SOCKET
 from forefeel.local.protocol import Answer, Request, socket_path
 
 _LONGEST_ANSWER = 1 << 16

@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
-from common.audit import is_hash
-from common.errors import ConfigurationError, RunError
-from common.state.folder import AUDIT, state_path
+from forefeel.common.audit import is_hash
+from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.state.folder import AUDIT, state_path
 from forefeel.daemon_settings import load_daemon
 from forefeel.local.audit_text import (
     describe,

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from common.clock import Clock
-from common.config import dump_yaml
-from common.errors import ForefeelError
-from common.settings import DaemonSettings
-from common.state.folder import StateFolder, state_path
-from common.state.journal import StateJournal
 from forefeel.calibrate.carried import calibrations
+from forefeel.common.clock import Clock
+from forefeel.common.config import dump_yaml
+from forefeel.common.errors import ForefeelError
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.state.folder import StateFolder, state_path
+from forefeel.common.state.journal import StateJournal
 from forefeel.terminal import say
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")

@@ -12,11 +12,11 @@ from optparse import IndentedHelpFormatter, OptionParser
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from common.errors import ConfigurationError, RunError
-from common.notices import printable
-from common.state.folder import unnamed_path
-from common.yaml_file import load_yaml
 from forefeel.alone import check_alone
+from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.notices import printable
+from forefeel.common.state.folder import unnamed_path
+from forefeel.common.yaml_file import load_yaml
 from forefeel.local.client import ask
 from forefeel.local.protocol import LONGEST_TEXT, Request
 from forefeel.terminal import say

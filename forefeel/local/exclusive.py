@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from common.errors import RunError
-from common.state.folder import LATCHED, StateFolder, state_path
-from common.state.latch import latched
+from forefeel.common.errors import RunError
+from forefeel.common.state.folder import LATCHED, StateFolder, state_path
+from forefeel.common.state.latch import latched
 from forefeel.daemon_settings import load_daemon
 
 

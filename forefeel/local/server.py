@@ -14,8 +14,8 @@ from typing import Self
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from common.errors import ConfigurationError
-from common.state.folder import SOCKET
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.state.folder import SOCKET
 from forefeel.local.protocol import LONGEST_DATAGRAM, LONGEST_TEXT, Answer, Request, received, socket_path
 
 _AT_ONCE = 8

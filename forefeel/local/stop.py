@@ -9,18 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from common import topics
-from common.bus import Bus, Outlet
-from common.clock import MonotonicClock
-from common.codec import decode
-from common.errors import CodecError, ConfigurationError
-from common.messages import EmergencyStop, SafetyState, SlaveState
-from common.settings import DaemonSettings
-from common.topics import SLAVE_STATE, checked_segment, parse_key
-from common.transport.port import Transport
-from common.transport.security import Party, PartyRole
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common import topics
+from forefeel.common.bus import Bus, Outlet
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.codec import decode
+from forefeel.common.errors import CodecError, ConfigurationError
+from forefeel.common.messages import EmergencyStop, SafetyState, SlaveState
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.topics import SLAVE_STATE, checked_segment, parse_key
+from forefeel.common.transport.port import Transport
+from forefeel.common.transport.security import Party, PartyRole
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_any
 from forefeel.network_settings import ObserverSettings, observer
 from forefeel.terminal import say

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench

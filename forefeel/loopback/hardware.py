@@ -5,8 +5,8 @@ simulated ones.
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from common.errors import ConfigurationError
-from common.settings import AxisLimits
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.settings import AxisLimits
 from forefeel.loopback.plan import Plan
 
 SIMULATED = "simulated"

@@ -4,17 +4,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from common.config import checked, dump_yaml
-from common.errors import ConfigurationError, RecordingError
-from common.model_file import load_model
-from common.recording.tabular import load_recording
-from common.recording.units import Mapping
-from common.transport.settings import PRESETS
 from forefeel.calibrate.carried import calibrations
+from forefeel.common.config import checked, dump_yaml
+from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.model_file import load_model
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.units import Mapping
+from forefeel.common.transport.settings import PRESETS
 from forefeel.loopback.played import GAP_S, HAND_MAX_N, play
-from master.settings import MasterSettings
-from slave.plant.presets import PRESETS as WORLDS
-from slave.settings import SlaveSettings
+from forefeel.master.settings import MasterSettings
+from forefeel.slave.plant.presets import PRESETS as WORLDS
+from forefeel.slave.settings import SlaveSettings
 
 AXIS = "insertion"
 STATE = "state"

@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from common.recording.recording import Array, Recording
+from forefeel.common.recording.recording import Array, Recording
 
 GAP_S = 0.1
 """A longer gap between samples is not interpolated."""

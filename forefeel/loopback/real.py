@@ -12,11 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from common.codec import decode
-from common.errors import CodecError, InputError, RunError
-from common.messages import FOLLOWING
-from common.topics import COMMAND, SLAVE_STATE
-from common.transport.settings import TransportSettings
+from forefeel.common.codec import decode
+from forefeel.common.errors import CodecError, InputError, RunError
+from forefeel.common.messages import FOLLOWING
+from forefeel.common.topics import COMMAND, SLAVE_STATE
+from forefeel.common.transport.settings import TransportSettings
 from forefeel.interrupt import Stop, heeded
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
@@ -26,7 +26,10 @@ from forefeel.recorder import Recorder
 
 _POLL_S = 0.1
 _END_S = 10.0
-_START_S = 30.0
+_START_S = 120.0
+"""A daemon that ends is noticed at once. One that compiles its kernels anew on a slow or busy host needs
+longer than half a minute.
+"""
 _RELEASE_S = 1.0
 Progress = Callable[[float, str], None]
 

@@ -8,13 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 
-from common.recording.mcap_writer import RunWriter
-from common.runtime.virtual import VirtualRuntime
-from common.topics import parse_key
-from common.transport.memory import MemoryBus
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.runtime.virtual import VirtualRuntime
+from forefeel.common.topics import parse_key
+from forefeel.common.transport.memory import MemoryBus
 from forefeel.loopback.plan import Plan
-from master.daemon import MasterDaemon
-from slave.daemon import SlaveDaemon
+from forefeel.master.daemon import MasterDaemon
+from forefeel.slave.daemon import SlaveDaemon
 
 _S = 1_000_000_000
 _GRACE_S = 60.0

@@ -11,9 +11,9 @@ from prometheus_client.core import (
     Metric,
 )
 
-from common.codec import decode
-from common.errors import CodecError
-from common.messages import (
+from forefeel.common.codec import decode
+from forefeel.common.errors import CodecError
+from forefeel.common.messages import (
     LimitEvent,
     LoopTiming,
     MasterEvent,
@@ -24,7 +24,7 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.topics import (
+from forefeel.common.topics import (
     LIMIT_EVENT,
     MASTER_EVENT,
     MASTER_LIMIT,

@@ -10,10 +10,10 @@ from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import Metric
 from prometheus_client.registry import Collector
 
-from common.clock import MonotonicClock
-from common.errors import EndpointError, RunError
-from common.transport.security import Party
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import EndpointError, RunError
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.interrupt import Stop, heeded
 from forefeel.metrics.cell import CellMetrics
 from forefeel.network_settings import ObserverSettings

@@ -9,8 +9,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from common.clock import now_utc
-from common.errors import ConfigurationError
+from forefeel.common.clock import now_utc
+from forefeel.common.errors import ConfigurationError
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.pki import folder as store

@@ -12,9 +12,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
-from common.errors import ConfigurationError, RunError
-from common.transport.pki import AUTHORITY
-from common.transport.security import Party
+from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.transport.pki import AUTHORITY
+from forefeel.common.transport.security import Party
 from forefeel.interrupt import at_last
 from forefeel.pki.authority import Authority, certificate_pem, hosts_of, key_pem, new_key
 from forefeel.pki.layout import AUTHORITY_KEY, Member, members_of, party_named

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.errors import ConfigurationError
-from common.transport.pki import AUTHORITY
-from common.transport.security import CELL_ROLES, ROLES, Party, PartyRole
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.transport.pki import AUTHORITY
+from forefeel.common.transport.security import CELL_ROLES, ROLES, Party, PartyRole
 
 AUTHORITY_KEY = "ca.key"
 _CELL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,45}")  # a common name has at most 64 characters

@@ -7,8 +7,8 @@ from typing import Literal
 
 from cryptography import x509
 
-from common.errors import ConfigurationError
-from common.transport.pki import AUTHORITY, check_period, read_identity
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.transport.pki import AUTHORITY, check_period, read_identity
 from forefeel.pki.authority import AUTHORITY_NAME, hosts_of
 from forefeel.pki.folder import find_members, read_certificate
 from forefeel.pki.layout import Member

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-from common.transport.pki import AUTHORITY
-from common.transport.security import CELL_ROLES, Identity, Party, secured
-from common.transport.zenoh_config import FIXED
+from forefeel.common.transport.pki import AUTHORITY
+from forefeel.common.transport.security import CELL_ROLES, Identity, Party, secured
+from forefeel.common.transport.zenoh_config import FIXED
 
 _HEAD = (
     "// Written by `forefeel pki rules`; change the topic table, the cells or the folder and write it anew.\n"

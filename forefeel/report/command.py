@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import read_run
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.model import RunReport

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import TypeVar
 
-from common.messages import MasterState, Message, SlaveState
-from common.recording.mcap_reader import Run
-from common.topics import (
+from forefeel.common.messages import MasterState, Message, SlaveState
+from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.topics import (
     LIMIT_EVENT,
     MASTER_IMPAIRMENT,
     MASTER_STATE,

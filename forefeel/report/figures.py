@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from common.error_size import Floats
-from common.messages import LoopTiming, SafetyState
+from forefeel.common.error_size import Floats
+from forefeel.common.messages import LoopTiming, SafetyState
 from forefeel.report.captions import (
     DELAY,
     DETAIL,

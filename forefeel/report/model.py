@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from common.error_size import ErrorSize
+from forefeel.common.error_size import ErrorSize
 from forefeel.report.score import Comparison, ErrorRatio, Spread
 
 
@@ -117,7 +117,7 @@ class SafetyNote(_Part):
 
 
 class CalibrationFigures(_Part):
-    """A calibration that a driver of the slave had loaded, see `common.messages.Calibration`."""
+    """A calibration that a driver of the slave had loaded, see `forefeel.common.messages.Calibration`."""
 
     slot: str
     driver: str

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.files import write_all
 from forefeel.report.figures import axis_drawings, loop_drawings
 from forefeel.report.model import RunReport

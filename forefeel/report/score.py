@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.error_size import ErrorSize, Floats, error_size
+from forefeel.common.error_size import ErrorSize, Floats, error_size
 
 Indices = NDArray[np.int64]
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from common.messages import FOLLOWING, SafetyEvent, SafetyState
-from slave.safety import SafetyEventName
+from forefeel.common.messages import FOLLOWING, SafetyEvent, SafetyState
+from forefeel.slave.safety import SafetyEventName
 
 START_S = 5.0
 """How long a slave may take from the opened session to the first arming."""

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from common.messages import LoopTiming
-from common.recording.mcap_reader import Run
-from common.topics import (
+from forefeel.common.messages import LoopTiming
+from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.topics import (
     CALIBRATION,
     HAPTICS,
     MASTER_STATE,

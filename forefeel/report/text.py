@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from common.error_size import ErrorSize
-from common.limiter import MOTION_RULES
+from forefeel.common.error_size import ErrorSize
+from forefeel.common.limiter import MOTION_RULES
 from forefeel.report.model import LoopFigures, RunReport
 from forefeel.report.states import START_S
 from forefeel.report.wording import injected, micros, quantity, ratio, reasons, refused, share

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.error_size import Floats
-from common.messages import ModelParameters
-from common.recording.mcap_reader import Run
-from common.topics import (
+from forefeel.common.error_size import Floats
+from forefeel.common.messages import ModelParameters
+from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.topics import (
     FORCE,
     HAPTICS,
     MASTER_STATE,

@@ -6,13 +6,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from common.config import deep_merge
-from common.errors import RunError
-from common.recording.mcap_reader import Run as RecordedRun
-from common.recording.mcap_reader import read_run
-from common.topics import FORCE, HAPTICS
-from diagnosis.reproduction.contact import Array
-from diagnosis.reproduction.replay import Run
+from forefeel.common.config import deep_merge
+from forefeel.common.errors import RunError
+from forefeel.common.recording.mcap_reader import Run as RecordedRun
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.topics import FORCE, HAPTICS
+from forefeel.diagnosis.reproduction.contact import Array
+from forefeel.diagnosis.reproduction.replay import Run
 from forefeel.loopback.plan import AXIS, Plan, Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.score import first_answers
@@ -31,7 +31,7 @@ STYLES: dict[str, dict[str, float]] = {
     "normal": {"insert_s": 1.8, "withdraw_s": 1.4, "dwell_s": 0.6, "depth_m": 0.030, "tremor_m": 0.0002},
     "fast": {"insert_s": 0.9, "withdraw_s": 0.7, "dwell_s": 0.3, "depth_m": 0.035, "tremor_m": 0.0005},
 }
-"""Settings of the simulated operator, see `master.settings.OperatorSettings`."""
+"""Settings of the simulated operator, see `forefeel.master.settings.OperatorSettings`."""
 
 INSTRUMENTS = "catheter", "guidewire"
 

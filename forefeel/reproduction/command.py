@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from common.errors import ConfigurationError
-from diagnosis.reproduction.assemble import assemble
-from diagnosis.reproduction.replay import Run
-from diagnosis.reproduction.results import Reproduction
+from forefeel.common.errors import ConfigurationError
+from forefeel.diagnosis.reproduction.assemble import assemble
+from forefeel.diagnosis.reproduction.replay import Run
+from forefeel.diagnosis.reproduction.results import Reproduction
 from forefeel.files import whole
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.reproduction.bench import INSTRUMENTS, STYLES, bench_run

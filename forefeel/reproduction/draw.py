@@ -1,7 +1,7 @@
 """Every figure of the page."""
 
-from diagnosis.reproduction.assemble import Traces
-from diagnosis.reproduction.results import Reproduction
+from forefeel.diagnosis.reproduction.assemble import Traces
+from forefeel.diagnosis.reproduction.results import Reproduction
 from forefeel.reproduction.drawing import Picture
 from forefeel.reproduction.figures import bench_pictures, simulated_pictures
 from forefeel.reproduction.flaws import (

@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from diagnosis.reproduction.bench import FIGURES, BenchTraces
-from diagnosis.reproduction.results import BenchFigure
-from diagnosis.reproduction.simulated import SimulatedTraces
+from forefeel.diagnosis.reproduction.bench import FIGURES, BenchTraces
+from forefeel.diagnosis.reproduction.results import BenchFigure
+from forefeel.diagnosis.reproduction.simulated import SimulatedTraces
 from forefeel.report.svg import BLACK, BLUE, GREY, PURPLE, SKY, VERMILION, limit_y, plot
 from forefeel.reproduction.drawing import Picture, finish, picture
 

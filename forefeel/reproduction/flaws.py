@@ -7,13 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from diagnosis.reproduction.identifiability import AmplitudeTraces
-from diagnosis.reproduction.memory import MemoryTraces
-from diagnosis.reproduction.results import BaselineRow, Memory, Thresholds, Unidentifiable
-from diagnosis.reproduction.simulated import SimulatedTraces
-from diagnosis.reproduction.thresholds import METHODS
-from diagnosis.reproduction.unmodelled import SHOWN_N, UnmodelledTraces
-from diagnosis.reproduction.windup import WindupTraces
+from forefeel.diagnosis.reproduction.identifiability import AmplitudeTraces
+from forefeel.diagnosis.reproduction.memory import MemoryTraces
+from forefeel.diagnosis.reproduction.results import BaselineRow, Memory, Thresholds, Unidentifiable
+from forefeel.diagnosis.reproduction.simulated import SimulatedTraces
+from forefeel.diagnosis.reproduction.thresholds import METHODS
+from forefeel.diagnosis.reproduction.unmodelled import SHOWN_N, UnmodelledTraces
+from forefeel.diagnosis.reproduction.windup import WindupTraces
 from forefeel.report.svg import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, limit_y, plot
 from forefeel.reproduction.captions import CAPTIONS, TITLES
 from forefeel.reproduction.drawing import FAR, Picture, finish, picture

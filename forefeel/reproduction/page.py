@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from diagnosis.reproduction.results import Reproduction
+from forefeel.diagnosis.reproduction.results import Reproduction
 from forefeel.report import wording
 from forefeel.report.text import DISCLAIMER
 from forefeel.reproduction.drawing import Picture

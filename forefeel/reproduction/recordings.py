@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from common.errors import ConfigurationError, RecordingError
-from common.recording.tabular import load_recording
-from diagnosis.reproduction.assemble import DELAY_S
-from diagnosis.reproduction.product import product_prediction
-from diagnosis.reproduction.replay import SCORED_FROM_S, Run
+from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.recording.tabular import load_recording
+from forefeel.diagnosis.reproduction.assemble import DELAY_S
+from forefeel.diagnosis.reproduction.product import product_prediction
+from forefeel.diagnosis.reproduction.replay import SCORED_FROM_S, Run
 from forefeel.loopback.played import resisting_sign
 
 VARIABLE = "FOREFEEL_DATA"

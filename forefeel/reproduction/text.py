@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from diagnosis.reproduction.results import Reproduction
+from forefeel.diagnosis.reproduction.results import Reproduction
 from forefeel.report.text import DISCLAIMER
 from forefeel.report.wording import quantity, ratio, share
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from common.effects.conversion import at_conversion
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError
-from common.model_file import load_model
-from common.recording.recording import Array
-from common.recording.tabular import load_recording
-from common.recording.units import Mapping
+from forefeel.common.effects.conversion import at_conversion
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.model_file import load_model
+from forefeel.common.recording.recording import Array
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.units import Mapping
 from forefeel.interrupt import ends_in_order
 from forefeel.simulate.motion import Hand, Piece, Recorded, multisine, sine
 from forefeel.simulate.sensor import SensorWish, counted, encoded, noise

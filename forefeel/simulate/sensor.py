@@ -5,8 +5,8 @@ from math import pi
 
 import numpy as np
 
-from common.effects.first_order import lagged
-from common.recording.recording import Array
+from forefeel.common.effects.first_order import lagged
+from forefeel.common.recording.recording import Array
 
 _COUNTS = 2**15 - 1
 """Of a load cell of 16 bits, in each direction."""

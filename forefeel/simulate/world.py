@@ -5,9 +5,9 @@ from math import ceil
 
 import numpy as np
 
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError
-from common.recording.recording import Array
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.recording import Array
 from forefeel.simulate.motion import Piece
 
 PHYSICS_HZ = 10_000

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from common.errors import ConfigurationError
-from common.recording.recording import Array
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.recording import Array
 from forefeel.files import check_new_file, whole
 
 SUFFIXES = (".csv", ".parquet")

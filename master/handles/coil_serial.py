@@ -5,16 +5,16 @@ from collections.abc import Callable
 from contextlib import suppress
 from math import isfinite
 
-from common.clock import Clock, MonotonicClock
-from common.errors import DeviceError
-from common.hardware.coil import Button
-from common.hardware.conversation import Conversation
-from common.hardware.link import Link, LinkState
-from common.hardware.streams import ByteStream, SerialStream
-from common.messages import Grip
-from master.handles.coil_talk import CoilTalk, Wish
-from master.handles.port import HandleReading, Indication
-from master.settings import CoilSettings
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.coil import Button
+from forefeel.common.hardware.conversation import Conversation
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.streams import ByteStream, SerialStream
+from forefeel.common.messages import Grip
+from forefeel.master.handles.coil_talk import CoilTalk, Wish
+from forefeel.master.handles.port import HandleReading, Indication
+from forefeel.master.settings import CoilSettings
 
 _OPEN_S = 3.0
 _CARRIED_S = 0.005

@@ -1,12 +1,12 @@
 """The host's half of the exchange with a handle's microcontroller: handshake, then a command for a state.
 
-Pure. Bytes and the time are arguments; `master.handles.coil_serial` brings them.
+Pure. Bytes and the time are arguments; `forefeel.master.handles.coil_serial` brings them.
 """
 
 from typing import NamedTuple
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.coil import (
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.coil import (
     NAME,
     PROTOCOL,
     Button,
@@ -18,9 +18,9 @@ from common.hardware.coil import (
     Identity,
     encode,
 )
-from common.hardware.link import Link, LinkState
-from master.handles.port import Indication
-from master.settings import CoilSettings
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.master.handles.port import Indication
+from forefeel.master.settings import CoilSettings
 
 _ASK_NS = 100_000_000
 _PATIENCE_NS = 1_000_000_000

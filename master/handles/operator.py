@@ -4,12 +4,12 @@ force; seeded.
 
 from random import Random
 
-from common.messages import Grip
-from master.handles.motion import Arm, MinimumJerk, Tremor
-from master.handles.person import Act
-from master.handles.port import HandleReading
-from master.handles.simulated import SimulatedHandle
-from master.settings import OperatorSettings
+from forefeel.common.messages import Grip
+from forefeel.master.handles.motion import Arm, MinimumJerk, Tremor
+from forefeel.master.handles.person import Act
+from forefeel.master.handles.port import HandleReading
+from forefeel.master.handles.simulated import SimulatedHandle
+from forefeel.master.settings import OperatorSettings
 
 _ALIGN_S = 0.3
 

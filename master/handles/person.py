@@ -4,7 +4,7 @@ half a second later.
 
 from enum import Enum
 
-from common.messages import SafetyState
+from forefeel.common.messages import SafetyState
 
 REACTION_S = 0.5
 _PATIENCE_S = 3.0

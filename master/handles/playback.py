@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from math import cos, pi, sin
 from typing import Protocol
 
-from common.errors import RecordingError
-from common.recording.recording import Recording
-from master.handles.motion import MinimumJerk
-from master.handles.person import Act
-from master.handles.port import HandleReading
-from master.handles.simulated import SimulatedHandle
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.recording import Recording
+from forefeel.master.handles.motion import MinimumJerk
+from forefeel.master.handles.person import Act
+from forefeel.master.handles.port import HandleReading
+from forefeel.master.handles.simulated import SimulatedHandle
 
 
 class Motion(Protocol):

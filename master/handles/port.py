@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
-from common.messages import Grip, SafetyState
+from forefeel.common.messages import Grip, SafetyState
 
 
 class HandleReading(NamedTuple):

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from master.handles.person import Person
-from master.handles.port import Indication
+from forefeel.master.handles.person import Person
+from forefeel.master.handles.port import Indication
 
 _MAX_STEP_S = 0.05
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 
-from common.errors import DeviceError
-from common.messages import MOST_POSITION_M, MOST_SECONDS, MOST_VELOCITY_M_S
-from common.notices import Notices
-from master.handles.port import Handle, HandleReading
+from forefeel.common.errors import DeviceError
+from forefeel.common.messages import MOST_POSITION_M, MOST_SECONDS, MOST_VELOCITY_M_S
+from forefeel.common.notices import Notices
+from forefeel.master.handles.port import Handle, HandleReading
 
 
 class HandleWatch:

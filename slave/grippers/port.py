@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from common.messages import Grip
+from forefeel.common.messages import Grip
 
 
 class Gripper(Protocol):

@@ -1,7 +1,7 @@
 """The grippers that are no hardware: of a simulated world, and beside a real stage."""
 
-from common.messages import Grip
-from slave.plant.device import SimulatedDevice
+from forefeel.common.messages import Grip
+from forefeel.slave.plant.device import SimulatedDevice
 
 
 class SimulatedGripper(SimulatedDevice):

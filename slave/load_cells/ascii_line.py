@@ -2,13 +2,13 @@
 
 from collections import Counter, deque
 
-from common.errors import DeviceSetupError
-from common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, Line, LineParser
-from common.hardware.calibration import LoadCellCalibration
-from slave.load_cells.scale import Native, Scale
-from slave.load_cells.serial_cell import Cell, SerialLoadCell
-from slave.load_cells.settings import AsciiLineSettings
-from slave.load_cells.stuck import StuckWatch
+from forefeel.common.errors import DeviceSetupError
+from forefeel.common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, Line, LineParser
+from forefeel.common.hardware.calibration import LoadCellCalibration
+from forefeel.slave.load_cells.scale import Native, Scale
+from forefeel.slave.load_cells.serial_cell import Cell, SerialLoadCell
+from forefeel.slave.load_cells.settings import AsciiLineSettings
+from forefeel.slave.load_cells.stuck import StuckWatch
 
 _BITS = 10  # start, eight data bits, stop
 _QUIET_NS = 100_000_000

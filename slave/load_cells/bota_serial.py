@@ -4,13 +4,13 @@ from collections import Counter, deque
 from math import inf, isfinite
 from statistics import median
 
-from common.hardware.bota import FRAME_BYTES, BotaFrame, BotaParser
-from common.hardware.calibration import LoadCellCalibration
-from common.hardware.device_time import DeviceTime
-from slave.load_cells.scale import Native, Scale
-from slave.load_cells.serial_cell import Cell, SerialLoadCell
-from slave.load_cells.settings import BotaSettings
-from slave.load_cells.stuck import StuckWatch
+from forefeel.common.hardware.bota import FRAME_BYTES, BotaFrame, BotaParser
+from forefeel.common.hardware.calibration import LoadCellCalibration
+from forefeel.common.hardware.device_time import DeviceTime
+from forefeel.slave.load_cells.scale import Native, Scale
+from forefeel.slave.load_cells.serial_cell import Cell, SerialLoadCell
+from forefeel.slave.load_cells.settings import BotaSettings
+from forefeel.slave.load_cells.stuck import StuckWatch
 
 _BITS = 10  # start, eight data bits, stop
 

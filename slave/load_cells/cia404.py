@@ -4,21 +4,21 @@ from collections.abc import Sequence
 from datetime import date
 from math import isfinite
 
-from common.clock import Clock, MonotonicClock
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware import cia404
-from common.hardware.calibration import CellScale, LoadCellCalibration, load_cell_calibration
-from common.hardware.can_network import HOST_NODE, SharedNetwork
-from common.hardware.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
-from common.hardware.conversation import Conversation, Timed
-from common.hardware.link import LinkState
-from common.hardware.pacing import Pacer
-from common.hardware.sdo import RemoteDevice, can_link, talking_to
-from common.messages import within
-from common.slots import BoundedQueue
-from slave.load_cells.port import VALID_SHARE, LoadCellReading, NativeReading
-from slave.load_cells.settings import Cia404Settings
-from slave.load_cells.stuck import StuckWatch
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware import cia404
+from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration, load_cell_calibration
+from forefeel.common.hardware.can_network import HOST_NODE, SharedNetwork
+from forefeel.common.hardware.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
+from forefeel.common.hardware.conversation import Conversation, Timed
+from forefeel.common.hardware.link import LinkState
+from forefeel.common.hardware.pacing import Pacer
+from forefeel.common.hardware.sdo import RemoteDevice, can_link, talking_to
+from forefeel.common.messages import within
+from forefeel.common.slots import BoundedQueue
+from forefeel.slave.load_cells.port import VALID_SHARE, LoadCellReading, NativeReading
+from forefeel.slave.load_cells.settings import Cia404Settings
+from forefeel.slave.load_cells.stuck import StuckWatch
 
 _OPEN_S = 5.0
 _RANK = 0

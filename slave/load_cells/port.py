@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from common.hardware.calibration import CellScale
-from common.hardware.link import Link
+from forefeel.common.hardware.calibration import CellScale
+from forefeel.common.hardware.link import Link
 
 VALID_SHARE = 0.95
 """Share of full scale up to which a reading is to be believed: beyond it the cell saturates soon."""

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 from math import inf, isfinite
 
-from common.errors import RecordingError
-from common.messages import MOST_FORCE_N
-from slave.load_cells.port import LoadCellReading
+from forefeel.common.errors import RecordingError
+from forefeel.common.messages import MOST_FORCE_N
+from forefeel.slave.load_cells.port import LoadCellReading
 
 _NOTHING = LoadCellReading(0.0, 0, False)
 

@@ -3,10 +3,10 @@
 from collections import Counter
 from typing import NamedTuple
 
-from common.hardware.calibration import LoadCellCalibration
-from common.messages import within
-from slave.load_cells.port import VALID_SHARE, LoadCellReading
-from slave.load_cells.stuck import StuckWatch
+from forefeel.common.hardware.calibration import LoadCellCalibration
+from forefeel.common.messages import within
+from forefeel.slave.load_cells.port import VALID_SHARE, LoadCellReading
+from forefeel.slave.load_cells.stuck import StuckWatch
 
 _MICRO = 1_000_000
 _MAX_COUNTS = (1 << 63) - 1

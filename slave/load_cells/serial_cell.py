@@ -5,18 +5,18 @@ from contextlib import suppress
 from datetime import date
 from typing import Generic, Protocol, TypeVar
 
-from common.clock import Clock, MonotonicClock
-from common.errors import DeviceError, DeviceSetupError, InputError
-from common.hardware.calibration import LoadCellCalibration, load_cell_calibration
-from common.hardware.conversation import Conversation
-from common.hardware.link import Link, LinkState
-from common.hardware.settings import SerialSettings
-from common.hardware.streams import ByteStream, SerialStream
-from common.hardware.usb import port_serial
-from common.slots import BoundedQueue
-from slave.load_cells.port import LoadCellReading, NativeReading
-from slave.load_cells.scale import Native, Scale
-from slave.load_cells.settings import AsciiLineSettings, BotaSettings
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
+from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
+from forefeel.common.hardware.conversation import Conversation
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.settings import SerialSettings
+from forefeel.common.hardware.streams import ByteStream, SerialStream
+from forefeel.common.hardware.usb import port_serial
+from forefeel.common.slots import BoundedQueue
+from forefeel.slave.load_cells.port import LoadCellReading, NativeReading
+from forefeel.slave.load_cells.scale import Native, Scale
+from forefeel.slave.load_cells.settings import AsciiLineSettings, BotaSettings
 
 OpenStream = Callable[[SerialSettings, float], ByteStream]
 """A port, and how long its `read` waits for the first byte, in s."""

@@ -4,12 +4,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from common.config import Settings
-from common.hardware.ascii_line import NEWTON_PER_UNIT, Unit
-from common.hardware.calibration import CellScale, Serial
-from common.hardware.settings import CanSettings, SerialSettings, Sign
-from common.messages import MOST_FORCE_N
-from common.settings import ColumnSettings, ExistingFile
+from forefeel.common.config import Settings
+from forefeel.common.hardware.ascii_line import NEWTON_PER_UNIT, Unit
+from forefeel.common.hardware.calibration import CellScale, Serial
+from forefeel.common.hardware.settings import CanSettings, SerialSettings, Sign
+from forefeel.common.messages import MOST_FORCE_N
+from forefeel.common.settings import ColumnSettings, ExistingFile
 
 FullScale = Annotated[float, Field(gt=0.0, le=MOST_FORCE_N)]
 Native = Annotated[float, Field(gt=0.0, le=1e12)]

@@ -2,9 +2,9 @@
 
 from math import inf
 
-from slave.load_cells.port import LoadCellReading
-from slave.plant.device import SimulatedDevice
-from slave.plant.world import SimulatedWorld
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.plant.device import SimulatedDevice
+from forefeel.slave.plant.world import SimulatedWorld
 
 
 class SimulatedLoadCell(SimulatedDevice):

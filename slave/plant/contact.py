@@ -3,10 +3,10 @@
 from math import inf
 from typing import Protocol
 
-from common.effects.base import SensorEffect
-from common.effects.conversion import at_conversion
-from common.effects.model import ContactModel
-from slave.plant.settings import HiddenSettings
+from forefeel.common.effects.base import SensorEffect
+from forefeel.common.effects.conversion import at_conversion
+from forefeel.common.effects.model import ContactModel
+from forefeel.slave.plant.settings import HiddenSettings
 
 
 class PlantContact(Protocol):

@@ -1,7 +1,7 @@
 """What the simulated stage, load cell and gripper have in common."""
 
-from common.errors import DeviceError
-from slave.plant.world import SimulatedWorld
+from forefeel.common.errors import DeviceError
+from forefeel.slave.plant.world import SimulatedWorld
 
 
 class SimulatedDevice:

@@ -1,7 +1,7 @@
 """The simulated fixture: what holds the instrument, and what the instrument feels in the vessel."""
 
-from common.messages import Grip
-from slave.plant.contact import PlantContact
+from forefeel.common.messages import Grip
+from forefeel.slave.plant.contact import PlantContact
 
 
 class PlantFixture:

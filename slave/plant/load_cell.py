@@ -4,9 +4,9 @@ from collections.abc import Callable
 from math import pi
 from random import Random
 
-from common.effects.first_order import FirstOrderLag
-from slave.load_cells.port import VALID_SHARE, LoadCellReading
-from slave.plant.settings import LoadCellSettings
+from forefeel.common.effects.first_order import FirstOrderLag
+from forefeel.slave.load_cells.port import VALID_SHARE, LoadCellReading
+from forefeel.slave.plant.settings import LoadCellSettings
 
 _PERIOD_S = 1e-3
 

@@ -6,12 +6,12 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PlainSerializer, PlainValidator, ValidationInfo, model_validator
 
-from common.config import Settings, checked, deep_merge
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError
-from common.model_file import load_model
-from slave.load_cells.port import VALID_SHARE
-from slave.plant.presets import PRESETS
+from forefeel.common.config import Settings, checked, deep_merge
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.model_file import load_model
+from forefeel.slave.load_cells.port import VALID_SHARE
+from forefeel.slave.plant.presets import PRESETS
 
 PresetName = Literal["catheter", "guidewire"]
 Position = Annotated[float, Field(ge=-1.0, le=1.0)]

@@ -2,8 +2,8 @@
 
 from math import copysign, pi, sqrt
 
-from common.effects.backlash import Backlash
-from slave.plant.settings import StageSettings
+from forefeel.common.effects.backlash import Backlash
+from forefeel.slave.plant.settings import StageSettings
 
 EXTRAPOLATION_S = 0.002
 """A setpoint is carried on with its velocity for this long: two periods of the control loop."""

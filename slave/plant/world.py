@@ -1,12 +1,12 @@
 """The simulated world of one axis: stage, fixture, vessel and load cell on one time grid."""
 
-from common.messages import Grip
-from slave.load_cells.port import LoadCellReading
-from slave.plant.contact import plant_contact
-from slave.plant.fixture import PlantFixture
-from slave.plant.load_cell import PlantLoadCell
-from slave.plant.settings import WorldSettings
-from slave.plant.stage import PlantStage
+from forefeel.common.messages import Grip
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.plant.contact import plant_contact
+from forefeel.slave.plant.fixture import PlantFixture
+from forefeel.slave.plant.load_cell import PlantLoadCell
+from forefeel.slave.plant.settings import WorldSettings
+from forefeel.slave.plant.stage import PlantStage
 
 CATCH_UP_S = 5.0
 """Longest span that one call integrates. What lies before is skipped: while the host stalls, the drive's

@@ -1,22 +1,22 @@
 """A CiA 402 drive in cyclic synchronous position mode behind the stage port."""
 
-from common.clock import Clock, MonotonicClock
-from common.errors import DeviceError
-from common.hardware import cia402
-from common.hardware.calibration import StageCalibration
-from common.hardware.can_network import SharedNetwork
-from common.hardware.cia402 import DriveState, Phase, drive_state
-from common.hardware.conversation import Conversation
-from common.hardware.link import LinkState
-from common.hardware.pacing import Pacer
-from common.hardware.sdo import RemoteDevice, can_link, talking_to
-from slave.stages.cia402_setup import calibration_of, checked, configure, scale_of
-from slave.stages.drive_cycle import DriveCycle, Readback, Tracker
-from slave.stages.drive_wire import DriveEars, DriveVoice
-from slave.stages.port import StageReading, require_finite
-from slave.stages.scale import Scale
-from slave.stages.setpoint import Setpoint, Wanted
-from slave.stages.settings import Cia402Settings
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.calibration import StageCalibration
+from forefeel.common.hardware.can_network import SharedNetwork
+from forefeel.common.hardware.cia402 import DriveState, Phase, drive_state
+from forefeel.common.hardware.conversation import Conversation
+from forefeel.common.hardware.link import LinkState
+from forefeel.common.hardware.pacing import Pacer
+from forefeel.common.hardware.sdo import RemoteDevice, can_link, talking_to
+from forefeel.slave.stages.cia402_setup import calibration_of, checked, configure, scale_of
+from forefeel.slave.stages.drive_cycle import DriveCycle, Readback, Tracker
+from forefeel.slave.stages.drive_wire import DriveEars, DriveVoice
+from forefeel.slave.stages.port import StageReading, require_finite
+from forefeel.slave.stages.scale import Scale
+from forefeel.slave.stages.setpoint import Setpoint, Wanted
+from forefeel.slave.stages.settings import Cia402Settings
 
 _OPEN_S = 8.0
 _DECELERATION_M_S2 = 4.0

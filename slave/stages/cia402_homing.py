@@ -5,23 +5,23 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 
-from common.clock import Clock, MonotonicClock
-from common.errors import DeviceError
-from common.hardware import cia402
-from common.hardware.can_network import SharedNetwork, acquire, release
-from common.hardware.cia301 import ENTER_PREOPERATIONAL
-from common.hardware.cia402 import HERE
-from common.hardware.pacing import Pacer
-from common.hardware.sdo import RemoteDevice, can_link, talking_to
-from slave.stages.cia402 import Cia402Stage
-from slave.stages.cia402_setup import checked, configure_homing, require_homing
-from slave.stages.drive_cycle import DriveCycle, Readback
-from slave.stages.drive_wire import DriveEars, DriveVoice
-from slave.stages.homing_cycle import HomingCycle
-from slave.stages.port import Home
-from slave.stages.scale import Scale
-from slave.stages.setpoint import Setpoint
-from slave.stages.settings import Cia402Settings
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.can_network import SharedNetwork, acquire, release
+from forefeel.common.hardware.cia301 import ENTER_PREOPERATIONAL
+from forefeel.common.hardware.cia402 import HERE
+from forefeel.common.hardware.pacing import Pacer
+from forefeel.common.hardware.sdo import RemoteDevice, can_link, talking_to
+from forefeel.slave.stages.cia402 import Cia402Stage
+from forefeel.slave.stages.cia402_setup import checked, configure_homing, require_homing
+from forefeel.slave.stages.drive_cycle import DriveCycle, Readback
+from forefeel.slave.stages.drive_wire import DriveEars, DriveVoice
+from forefeel.slave.stages.homing_cycle import HomingCycle
+from forefeel.slave.stages.port import Home
+from forefeel.slave.stages.scale import Scale
+from forefeel.slave.stages.setpoint import Setpoint
+from forefeel.slave.stages.settings import Cia402Settings
 
 _REACH_M = 20e-6
 """So far it is sent beyond an end of the travel, so that it has been there."""

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from datetime import date
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware import cia402
-from common.hardware.calibration import StageCalibration, stage_calibration
-from common.hardware.can_network import HOST_NODE
-from common.hardware.cia301 import (
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
+from forefeel.common.hardware.can_network import HOST_NODE
+from forefeel.common.hardware.cia301 import (
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER_MS,
     RPDO1,
@@ -18,10 +18,10 @@ from common.hardware.cia301 import (
     heartbeat_consumer,
     pdo_off,
 )
-from common.hardware.cia402 import DriveState, drive_state
-from common.hardware.sdo import RemoteDevice
-from slave.stages.scale import Scale
-from slave.stages.settings import Cia402Settings
+from forefeel.common.hardware.cia402 import DriveState, drive_state
+from forefeel.common.hardware.sdo import RemoteDevice
+from forefeel.slave.stages.scale import Scale
+from forefeel.slave.stages.settings import Cia402Settings
 
 _FOLLOWING_PERIODS = 5
 _SWITCH_OFF = [(transmit, number) for transmit in (False, True) for number in (2, 3, 4)]

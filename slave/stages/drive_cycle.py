@@ -3,9 +3,9 @@
 from collections import Counter, deque
 from typing import NamedTuple
 
-from common.errors import DeviceError
-from common.hardware.cia402 import QUICK_STOP, DriveMachine, Phase
-from slave.stages.setpoint import Setpoint, Wanted
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.cia402 import QUICK_STOP, DriveMachine, Phase
+from forefeel.slave.stages.setpoint import Setpoint, Wanted
 
 SILENT_PERIODS, SILENT_S = 3, 0.05
 """So many SYNC in a row without a TPDO, and for so long, are a fault: a host pauses for more than 12 ms."""

@@ -2,15 +2,15 @@
 
 from collections.abc import Callable
 
-from common.clock import Clock
-from common.errors import DeviceError
-from common.hardware import cia402
-from common.hardware.can_network import HOST_NODE, SharedNetwork
-from common.hardware.cia301 import EMERGENCY, HEARTBEAT, OPERATIONAL, SYNC, emergency
-from common.hardware.link import Link
-from slave.stages.cia402_setup import command_pdo, state_pdo
-from slave.stages.drive_cycle import Readback
-from slave.stages.settings import Cia402Settings
+from forefeel.common.clock import Clock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.can_network import HOST_NODE, SharedNetwork
+from forefeel.common.hardware.cia301 import EMERGENCY, HEARTBEAT, OPERATIONAL, SYNC, emergency
+from forefeel.common.hardware.link import Link
+from forefeel.slave.stages.cia402_setup import command_pdo, state_pdo
+from forefeel.slave.stages.drive_cycle import Readback
+from forefeel.slave.stages.settings import Cia402Settings
 
 _RANK = 1  # a drive's SYNC goes before a load cell's
 

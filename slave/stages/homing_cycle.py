@@ -1,7 +1,7 @@
 """What one cycle of a CiA 402 drive that is being homed decides. Pure."""
 
-from common.errors import DeviceError
-from common.hardware.cia402 import (
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.cia402 import (
     HERE,
     HOMING_ATTAINED,
     HOMING_ERROR,
@@ -9,7 +9,7 @@ from common.hardware.cia402 import (
     TARGET_REACHED,
     Phase,
 )
-from slave.stages.drive_cycle import DriveCycle, Readback
+from forefeel.slave.stages.drive_cycle import DriveCycle, Readback
 
 _STAND_CYCLES = 3
 _ANSWER_CYCLES = 3

@@ -2,7 +2,7 @@
 
 from threading import Lock
 
-from slave.stages.setpoint import Wanted
+from forefeel.slave.stages.setpoint import Wanted
 
 
 class Orders:

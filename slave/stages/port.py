@@ -4,8 +4,8 @@ from math import isfinite
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
-from common.errors import DeviceError
-from common.hardware.link import Link
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.link import Link
 
 _CARRIED_S = 0.020
 

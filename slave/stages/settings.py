@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from common.config import Settings
-from common.hardware.settings import CanSettings, SerialSettings, Sign
-from common.settings import ExistingFile
+from forefeel.common.config import Settings
+from forefeel.common.hardware.settings import CanSettings, SerialSettings, Sign
+from forefeel.common.settings import ExistingFile
 
 Travel = tuple[float, float]
 

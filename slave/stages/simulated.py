@@ -1,7 +1,7 @@
 """The stage of a simulated world."""
 
-from slave.plant.device import SimulatedDevice
-from slave.stages.port import StageReading, require_finite
+from forefeel.slave.plant.device import SimulatedDevice
+from forefeel.slave.stages.port import StageReading, require_finite
 
 
 class SimulatedStage(SimulatedDevice):

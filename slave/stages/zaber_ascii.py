@@ -7,18 +7,18 @@ by itself.
 
 from datetime import date
 
-from common.clock import Clock, MonotonicClock
-from common.errors import DeviceError
-from common.hardware.calibration import StageCalibration
-from common.hardware.conversation import Conversation
-from common.hardware.link import Link, LinkState
-from common.hardware.streams import SerialStream
-from slave.stages.orders import Orders
-from slave.stages.port import StageReading, require_finite
-from slave.stages.setpoint import Wanted
-from slave.stages.settings import ZaberSettings
-from slave.stages.zaber_exchange import ZaberExchange
-from slave.stages.zaber_setup import OpenStream, connect, link_name, require_homed, require_travel
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.calibration import StageCalibration
+from forefeel.common.hardware.conversation import Conversation
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.streams import SerialStream
+from forefeel.slave.stages.orders import Orders
+from forefeel.slave.stages.port import StageReading, require_finite
+from forefeel.slave.stages.setpoint import Wanted
+from forefeel.slave.stages.settings import ZaberSettings
+from forefeel.slave.stages.zaber_exchange import ZaberExchange
+from forefeel.slave.stages.zaber_setup import OpenStream, connect, link_name, require_homed, require_travel
 
 _OPEN_S = 8.0
 _WATCH_S = 0.05

@@ -2,16 +2,16 @@
 
 from collections import deque
 
-from common.clock import Clock
-from common.errors import DeviceError
-from common.hardware.conversation import Timed
-from common.hardware.link import Link
-from common.hardware.zaber import Reply, in_words, is_fault
-from slave.stages.orders import Orders
-from slave.stages.port import StageReading
-from slave.stages.setpoint import Wanted
-from slave.stages.settings import ZaberSettings
-from slave.stages.zaber_setup import Configured, clear_faults, require_homed
+from forefeel.common.clock import Clock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.conversation import Timed
+from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.zaber import Reply, in_words, is_fault
+from forefeel.slave.stages.orders import Orders
+from forefeel.slave.stages.port import StageReading
+from forefeel.slave.stages.setpoint import Wanted
+from forefeel.slave.stages.settings import ZaberSettings
+from forefeel.slave.stages.zaber_setup import Configured, clear_faults, require_homed
 
 _CARRIED_S = 0.020
 _REST_NS = 2_000_000_000

@@ -4,14 +4,14 @@ from collections.abc import Callable
 from datetime import date
 from types import TracebackType
 
-from common.clock import Clock, MonotonicClock
-from common.errors import DeviceError
-from common.hardware.link import Link, LinkState
-from common.hardware.streams import ByteStream, SerialStream
-from common.hardware.zaber import SPEED_DATA, UNHOMED, Reply, in_words, is_fault
-from slave.stages.port import Home
-from slave.stages.settings import ZaberSettings
-from slave.stages.zaber_setup import Configured, OpenStream, clear_faults, connect, link_name
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.streams import ByteStream, SerialStream
+from forefeel.common.hardware.zaber import SPEED_DATA, UNHOMED, Reply, in_words, is_fault
+from forefeel.slave.stages.port import Home
+from forefeel.slave.stages.settings import ZaberSettings
+from forefeel.slave.stages.zaber_setup import Configured, OpenStream, clear_faults, connect, link_name
 
 
 class ZaberHoming:

@@ -4,16 +4,23 @@ from collections.abc import Callable
 from datetime import date
 from typing import NamedTuple
 
-from common.clock import Clock
-from common.errors import ConfigurationError, DeviceError, DeviceSetupError
-from common.hardware.calibration import StageCalibration, stage_calibration
-from common.hardware.link import Link, LinkState
-from common.hardware.settings import SerialSettings
-from common.hardware.streams import ByteStream
-from common.hardware.zaber import ACCELERATION_DATA, DRIVER_OFF, SPEED_DATA, UNHOMED, in_words, is_fault
-from slave.stages.scale import Scale
-from slave.stages.settings import ZaberSettings
-from slave.stages.zaber_talk import RejectedError, SilenceError, ZaberTalk
+from forefeel.common.clock import Clock
+from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
+from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.settings import SerialSettings
+from forefeel.common.hardware.streams import ByteStream
+from forefeel.common.hardware.zaber import (
+    ACCELERATION_DATA,
+    DRIVER_OFF,
+    SPEED_DATA,
+    UNHOMED,
+    in_words,
+    is_fault,
+)
+from forefeel.slave.stages.scale import Scale
+from forefeel.slave.stages.settings import ZaberSettings
+from forefeel.slave.stages.zaber_talk import RejectedError, SilenceError, ZaberTalk
 
 OpenStream = Callable[[SerialSettings], ByteStream]
 _ROUNDING = 1.0  # microsteps

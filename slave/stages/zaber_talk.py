@@ -4,12 +4,12 @@ from collections import Counter
 from collections.abc import Sequence
 from math import isfinite, nan
 
-from common.clock import Clock
-from common.errors import DeviceError
-from common.hardware.conversation import Timed
-from common.hardware.link import Link
-from common.hardware.streams import ByteStream
-from common.hardware.zaber import Alert, Encoder, Message, Parser, Reply, in_words, is_fault
+from forefeel.common.clock import Clock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.conversation import Timed
+from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.streams import ByteStream
+from forefeel.common.hardware.zaber import Alert, Encoder, Message, Parser, Reply, in_words, is_fault
 
 _SLACK_S = 0.05  # of the device, the adapter and the host, beside the bytes' own time
 _BITS = 10

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from common.codec import decode, encode
-from common.messages import EmergencyStop, Handshake, Heartbeat, Message, MotionCommand
-from common.settings import AxisLimits, settings_hash, shared_text
-from common.topics import (
+from forefeel.common.codec import decode, encode
+from forefeel.common.messages import EmergencyStop, Handshake, Heartbeat, Message, MotionCommand
+from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.common.topics import (
     COMMAND,
     EMERGENCY_STOP,
     FORCE,

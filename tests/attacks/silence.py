@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from common.topics import SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.topics import SAFETY_EVENT, SLAVE_STATE
 from tests.attacks.outcome import Outcome, witnessed
 from tests.live_cell import ROOT, LiveCell, Process, limit_descriptors
 from tests.waiting import wait_until

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import zenoh
 
-from common.clock import now_utc
-from common.transport.security import Identity, common_name
+from forefeel.common.clock import now_utc
+from forefeel.common.transport.security import Identity, common_name
 from forefeel.pki.authority import certificate_pem, key_pem, new_key
 from forefeel.pki.folder import add_cell, make_folder, read_authority
 from tests.live_cell import CELL

@@ -6,9 +6,9 @@ from random import Random
 
 import msgpack
 
-from common.codec import encode
-from common.messages import PROTOCOL_VERSION, EmergencyStop
-from common.topics import (
+from forefeel.common.codec import encode
+from forefeel.common.messages import PROTOCOL_VERSION, EmergencyStop
+from forefeel.common.topics import (
     COMMAND,
     EMERGENCY_STOP,
     MASTER_HANDSHAKE,

@@ -11,11 +11,11 @@ from typing import Any
 import msgpack
 import zenoh
 
-from common.audit import SAFETY, parse
-from common.codec import encode
-from common.messages import EmergencyStop, Handshake, MotionCommand
-from common.settings import AxisLimits, settings_hash, shared_text
-from common.topics import (
+from forefeel.common.audit import SAFETY, parse
+from forefeel.common.codec import encode
+from forefeel.common.messages import EmergencyStop, Handshake, MotionCommand
+from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.common.topics import (
     COMMAND,
     EMERGENCY_STOP,
     FORCE,

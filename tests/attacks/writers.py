@@ -1,6 +1,6 @@
 """Attacks of a second writer: sessions, heartbeats and clocks of its own, in virtual time."""
 
-from common.topics import (
+from forefeel.common.topics import (
     MASTER_HEARTBEAT,
 )
 from tests.attacks.outcome import Expected, Outcome

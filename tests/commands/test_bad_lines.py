@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from common.recording.mcap_writer import RunWriter
+from forefeel.common.recording.mcap_writer import RunWriter
 from tests.commands.bad_lines import BAD, Bad
 from tests.commands.command_line import contents
 from tests.unit.recording_samples import force, put

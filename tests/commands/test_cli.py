@@ -9,8 +9,8 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from common.config import dump_yaml
 from forefeel.cli import app
+from forefeel.common.config import dump_yaml
 from forefeel.daemon_settings import load_any, load_daemon
 from forefeel.report.model import LoopFigures, Loops, RunReport
 from forefeel.report.page import write_report

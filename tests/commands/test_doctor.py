@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from common.bus import Bus
-from common.clock import MonotonicClock, now_utc
-from common.messages import Grip, SafetyState, SlaveState
-from common.topics import SLAVE_STATE
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.bus import Bus
+from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.messages import Grip, SafetyState, SlaveState
+from forefeel.common.topics import SLAVE_STATE
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.configured import Configured
 from forefeel.devices.probe import Probed

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from common.recording.recording import Recording
 from forefeel.__main__ import main
+from forefeel.common.recording.recording import Recording
 from tests.commands.command_line import contents
 from tests.unit.evaluation_samples import csv_text, made_up, recording
 from tests.unit.recording_samples import force, write_forces

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from common.settings import DaemonSettings
-from common.state.folder import SOCKET, state_path
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.state.folder import SOCKET, state_path
 from forefeel.daemon_settings import load_any
 from forefeel.local import estop
 from forefeel.local.protocol import Answer, Request

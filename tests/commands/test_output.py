@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from common.clock import MonotonicClock
-from common.state.folder import StateFolder
-from common.state.journal import StateJournal
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.state.folder import StateFolder
+from forefeel.common.state.journal import StateJournal
 from forefeel.doctor.findings import Finding
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.reproduction import memory, windup
 from forefeel.__main__ import main
+from forefeel.diagnosis.reproduction import memory, windup
 from forefeel.reproduction import bench, command
 from forefeel.reproduction.recordings import recorded_runs
 from tests.simulation.pair import write_csv
@@ -167,7 +167,7 @@ def test_the_variable_names_a_folder_of_recordings(
 @pytest.mark.soak
 def test_on_measured_recordings_the_hold_stands_beside_the_paper(data_dir: Path) -> None:
     """The measured hold at 300 ms of these files, worked out independently of this code."""
-    from diagnosis.reproduction.replay import baseline_row, replay
+    from forefeel.diagnosis.reproduction.replay import baseline_row, replay
 
     said: list[str] = []
     runs, skipped = recorded_runs([data_dir], said.append)

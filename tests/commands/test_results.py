@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.errors import ConfigurationError
-from common.recording.mcap_reader import read_run
-from common.recording.mcap_writer import RunWriter
-from common.topics import FORCE
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import FORCE
 from forefeel.files import fresh_folder
 from tests.commands.command_line import contents
 from tests.simulation.pair import write_csv

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.recording.tabular import load_recording
 from forefeel.__main__ import main
+from forefeel.common.recording.tabular import load_recording
 from tests.commands.command_line import contents
 
 Run = Callable[[Sequence[str]], int]

@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
-from common.clock import MonotonicClock
-from common.codec import encode
-from common.messages import Message
-from common.topics import BY_NAME, Topic
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.codec import encode
+from forefeel.common.messages import Message
+from forefeel.common.topics import BY_NAME, Topic
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from tests.dashboard.said import CELL, MS, Spoken, talk
 from tests.live_cell import Process, free_port
 from tests.waiting import wait_until

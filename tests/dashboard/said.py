@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from math import sin
 from typing import Any
 
-from common.codec import encode
-from common.messages import (
+from forefeel.common.codec import encode
+from forefeel.common.messages import (
     ForceSample,
     HapticSample,
     LimitEvent,
@@ -16,7 +16,7 @@ from common.messages import (
     SafetyEvent,
     SlaveState,
 )
-from common.topics import (
+from forefeel.common.topics import (
     FORCE,
     HAPTICS,
     LIMIT_EVENT,

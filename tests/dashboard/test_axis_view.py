@@ -5,9 +5,9 @@ from math import isnan
 import numpy as np
 import pytest
 
-from common.codec import encode
-from common.messages import ForceSample
-from common.topics import COMMAND, FORCE, HAPTICS, SLAVE_STATE
+from forefeel.common.codec import encode
+from forefeel.common.messages import ForceSample
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import BEYOND, MOST_AXES, CellView
 from forefeel.dashboard.happened import MOST

@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("nicegui")
 from fastapi import WebSocket, WebSocketDisconnect
 
-from common.clock import VirtualClock
-from common.codec import encode
+from forefeel.common.clock import VirtualClock
+from forefeel.common.codec import encode
 from forefeel.dashboard import conversation
 from forefeel.dashboard.conversation import Conversations
 from forefeel.dashboard.sources import Ask, LiveCell, Recorded, Source

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from common.topics import FORCE
+from forefeel.common.topics import FORCE
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Feed
 from forefeel.dashboard.trace import SPAN_S

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from common.error_size import Floats
+from forefeel.common.error_size import Floats
 from forefeel.dashboard import diagnosing, worker
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.detector import Alarm

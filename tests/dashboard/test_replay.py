@@ -5,12 +5,12 @@ from typing import Any, BinaryIO
 
 import pytest
 
-from common.codec import encode
-from common.errors import RecordingError
-from common.recording.mcap_reader import read_run
-from common.recording.mcap_spans import RunSpans
-from common.recording.mcap_writer import RunWriter
-from common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.codec import encode
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_spans import RunSpans
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from forefeel.dashboard.feed import Feed
 from forefeel.dashboard.replay import LEAD_S, Replay
 from tests.dashboard.said import AXIS, CELL, S, safety, talk

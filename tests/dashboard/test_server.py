@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import EndpointError
+from forefeel.common.errors import EndpointError
 from forefeel.listening import INHERITED, listening_at
 
 ROOT = Path(__file__).parents[2]
 BROKEN = """
-from common.clock import MonotonicClock
-from common.errors import RunError
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import RunError
 from forefeel.dashboard.server import Page
 from forefeel.dashboard.sources import LiveCell
 from forefeel.listening import listening_at

@@ -5,9 +5,9 @@ from typing import get_args
 
 import pytest
 
-from common.messages import SafetyState
-from common.notices import long_round_trip
-from common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING
+from forefeel.common.messages import SafetyState
+from forefeel.common.notices import long_round_trip
+from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING
 from forefeel.dashboard import cards
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.levels import Level

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from mcap.reader import make_reader
 
-from common.topics import parse_key
+from forefeel.common.topics import parse_key
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 

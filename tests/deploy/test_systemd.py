@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from common.settings import RealtimeSettings
+from forefeel.common.settings import RealtimeSettings
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS = sorted((DEPLOY / "systemd").glob("*.service"))

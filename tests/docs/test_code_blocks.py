@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.errors import ConfigurationError
-from common.model_file import load_model
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.model_file import load_model
 from forefeel.daemon_settings import load_any
 from tests.docs.commands import typed, wrong
 from tests.docs.pages import DOCS, ROOT, WRITTEN, Block, blocks, made, name_of, prose

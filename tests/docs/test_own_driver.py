@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from common.errors import DeviceError
-from slave.load_cells.port import LoadCellReading
+from forefeel.common.errors import DeviceError
+from forefeel.slave.load_cells.port import LoadCellReading
 from tests.docs.pages import DOCS
 
 Cell = Any  # the example is no package of ours

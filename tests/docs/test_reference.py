@@ -8,12 +8,12 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, Field
 
-from common import messages as m
-from common.config import Settings
-from common.topics import BY_NAME
 from docs.hooks import command_line, configuration, markdown, messages
 from docs.hooks.units import unit_of
 from docs.hooks.values import default, values
+from forefeel.common import messages as m
+from forefeel.common.config import Settings
+from forefeel.common.topics import BY_NAME
 from tests.commands.command_line import COMMANDS
 from tests.docs.commands import tree
 from tests.docs.pages import ROOT

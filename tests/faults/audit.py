@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from common.audit import Entry
-from common.messages import SafetyState
-from common.recording.mcap_reader import Run, read_run
-from common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS
+from forefeel.common.audit import Entry
+from forefeel.common.messages import SafetyState
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS
 from forefeel.local.audit_text import read_entries
 from tests.faults import required
 from tests.net.evidence import Evidence, S

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from common.topics import COMMAND, FORCE, SLAVE_STATE
-from slave.settings import GateSettings
+from forefeel.common.topics import COMMAND, FORCE, SLAVE_STATE
+from forefeel.slave.settings import GateSettings
 from tests.net.service import FASTEST_M_S, HARDEST_M_S2, LEAD_S
 
 MARGIN_S = 0.050

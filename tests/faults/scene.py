@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from common.recording.mcap_reader import read_run
-from common.topics import FORCE
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.topics import FORCE
 from tests.faults import required
 from tests.faults.audit import Expected, audited
 from tests.net.cable import TunCable

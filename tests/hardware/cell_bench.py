@@ -6,9 +6,9 @@ from collections.abc import Callable
 from random import Random
 from threading import Condition
 
-from common.clock import VirtualClock
-from common.errors import DeviceError
-from common.hardware.settings import SerialSettings
+from forefeel.common.clock import VirtualClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.settings import SerialSettings
 from forefeel.emulate.device import EmulatedDevice
 from forefeel.emulate.wire import Faults, Wire
 

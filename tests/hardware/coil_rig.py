@@ -5,17 +5,17 @@ from typing import Any
 
 import pytest
 
-from common.clock import Clock, VirtualClock
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.link import LinkState
-from common.hardware.streams import ByteStream
-from common.messages import Grip, SafetyState
+from forefeel.common.clock import Clock, VirtualClock
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import LinkState
+from forefeel.common.hardware.streams import ByteStream
+from forefeel.common.messages import Grip, SafetyState
 from forefeel.emulate.coil import CoilDevice, CoilHardware
 from forefeel.emulate.wire import Faults, Wire
-from master.handles.coil_serial import CoilHandle
-from master.handles.port import HandleReading, Indication
-from master.handles.simulated import SimulatedHandle
-from master.settings import CoilSettings
+from forefeel.master.handles.coil_serial import CoilHandle
+from forefeel.master.handles.port import HandleReading, Indication
+from forefeel.master.handles.simulated import SimulatedHandle
+from forefeel.master.settings import CoilSettings
 
 MS = 1_000_000
 RETRY_NS = 500 * MS

@@ -5,12 +5,12 @@ from math import sin
 from random import Random
 from typing import Self
 
-from common.clock import VirtualClock
-from common.errors import DeviceError
-from common.hardware.calibration import CellScale
-from common.hardware.link import Link, LinkState
-from slave.load_cells.port import LoadCellReading, NativeReading
-from slave.stages.port import Home, StageReading
+from forefeel.common.clock import VirtualClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.calibration import CellScale
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.slave.load_cells.port import LoadCellReading, NativeReading
+from forefeel.slave.stages.port import Home, StageReading
 
 S = 1_000_000_000
 

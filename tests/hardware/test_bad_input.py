@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 import yaml
 
-from common.hardware import cia402, cia404
-from common.hardware.settings import SerialSettings
-from common.hardware.streams import SerialStream
+from forefeel.common.hardware import cia402, cia404
+from forefeel.common.hardware.settings import SerialSettings
+from forefeel.common.hardware.streams import SerialStream
 from forefeel.emulate.bota import EmulatedBota
 from forefeel.emulate.canopen_device import CanopenDevice
 from forefeel.emulate.device import EmulatedDevice

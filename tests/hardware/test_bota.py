@@ -5,7 +5,7 @@ from random import Random
 
 import pytest
 
-from common.hardware.bota import FRAME_BYTES, BotaFrame, BotaParser, encode
+from forefeel.common.hardware.bota import FRAME_BYTES, BotaFrame, BotaParser, encode
 
 GOLDEN = bytes.fromhex(
     "aa"  # header

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.config import load_settings
-from common.errors import ConfigurationError
-from common.hardware.calibration import LoadCellCalibration, load_cell_calibration
-from common.settings import DaemonSettings
-from common.yaml_file import load_yaml
 from forefeel.calibrate.carried import calibrations
+from forefeel.common.config import load_settings
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.yaml_file import load_yaml
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.drivers import Driver
 from forefeel.loopback.plan import Wish, make_plan

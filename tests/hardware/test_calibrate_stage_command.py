@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from common.config import load_settings
-from common.errors import ConfigurationError
-from common.hardware.calibration import StageCalibration, stage_calibration
-from common.state.folder import LATCHED, StateFolder
+from forefeel.common.config import load_settings
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
+from forefeel.common.state.folder import LATCHED, StateFolder
 from forefeel.devices.drivers import Driver
-from slave.stages.settings import SimulatedStageDriver
+from forefeel.slave.stages.settings import SimulatedStageDriver
 from tests.hardware.calibrate_bench import STAGE, configure, unwritten
 from tests.hardware.fake_devices import UNPLUGGED, FakeHoming, Hands, SteppedClock
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.hardware.slcan import Frame
+from forefeel.common.hardware.slcan import Frame
 from forefeel.emulate.can_hub import CanWire, SlcanAdapter, frame_s
 
 

@@ -4,8 +4,8 @@ from statistics import fmean, stdev
 
 import pytest
 
-from common.errors import ConfigurationError
-from common.hardware.bota import BotaParser
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.bota import BotaParser
 from forefeel.emulate.bota import EmulatedBota
 from forefeel.emulate.line_cell import EmulatedHx711, EmulatedLoadstar
 from forefeel.emulate.sensing import Sensing, Sensor

@@ -9,18 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.link import LinkState
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import LinkState
 from forefeel.emulate.bota import EmulatedBota
 from forefeel.emulate.device import EmulatedDevice
 from forefeel.emulate.line_cell import EmulatedLoadstar
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.sensing import Sensing
 from forefeel.emulate.wire import Faults
-from slave.load_cells.ascii_line import AsciiLineLoadCell
-from slave.load_cells.bota_serial import BotaSerialLoadCell
-from slave.load_cells.port import LoadCell, LoadCellReading
-from slave.load_cells.settings import AsciiLineSettings, BotaSettings
+from forefeel.slave.load_cells.ascii_line import AsciiLineLoadCell
+from forefeel.slave.load_cells.bota_serial import BotaSerialLoadCell
+from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
+from forefeel.slave.load_cells.settings import AsciiLineSettings, BotaSettings
 from tests.waiting import wait_until
 
 RATE_HZ = 40.0  # slow enough for a busy machine: silence begins after 125 ms

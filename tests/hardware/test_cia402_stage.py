@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 import yaml
 
-from common.errors import DeviceError, DeviceSetupError, InputError
-from common.hardware import cia301, cia402
-from common.hardware.cia402 import DriveState
-from common.hardware.link import LinkState
+from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
+from forefeel.common.hardware import cia301, cia402
+from forefeel.common.hardware.cia402 import DriveState
+from forefeel.common.hardware.link import LinkState
 from forefeel.emulate.drive402 import SERIAL, Drive402
-from slave.stages.cia402 import Cia402Stage
+from forefeel.slave.stages.cia402 import Cia402Stage
 from tests.hardware.can_rig import (
     COUNTS_PER_M,
     DRIVE,

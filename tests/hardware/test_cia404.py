@@ -5,7 +5,7 @@ import math
 import can
 import pytest
 
-from common.hardware import cia301, cia404
+from forefeel.common.hardware import cia301, cia404
 from forefeel.emulate.transducer404 import Transducer404
 from tests.hardware.can_rig import CELL, new_channel, virtual_bus
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.errors import ConfigurationError, DeviceError, DeviceSetupError
-from common.hardware.can_network import acquire, release
-from common.hardware.link import LinkState
+from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
+from forefeel.common.hardware.can_network import acquire, release
+from forefeel.common.hardware.link import LinkState
 from forefeel.emulate.transducer404 import SERIAL, Transducer404
-from slave.load_cells.cia404 import Cia404LoadCell
-from slave.load_cells.port import LoadCellReading
-from slave.stages.cia402 import Cia402Stage
+from forefeel.slave.load_cells.cia404 import Cia404LoadCell
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.stages.cia402 import Cia402Stage
 from tests.hardware.can_rig import (
     cell_on,
     cell_settings,

@@ -5,9 +5,9 @@ from math import sin
 
 import pytest
 
-from common.errors import DeviceError
-from common.hardware.coil import Flag
-from common.hardware.link import LinkState
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.coil import Flag
+from forefeel.common.hardware.link import LinkState
 from forefeel.emulate.coil import CoilDevice, CoilHardware
 from forefeel.emulate.wire import Faults, Wire
 from tests.hardware.coil_rig import RETRY_NS, Bench, fallen, opened, state

@@ -5,12 +5,12 @@ from typing import Literal
 
 import pytest
 
-from common.errors import DeviceError
-from common.hardware.link import LinkState
-from common.messages import Grip, SafetyState
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.link import LinkState
+from forefeel.common.messages import Grip, SafetyState
 from forefeel.emulate.coil import CoilDevice, CoilHardware
 from forefeel.emulate.wire import Faults, Wire
-from master.handles.port import Indication
+from forefeel.master.handles.port import Indication
 from tests.hardware.coil_rig import Bench, Hand, fallen, opened, state
 
 # --- what goes through ---

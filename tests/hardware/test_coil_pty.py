@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from common.clock import MonotonicClock
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.link import LinkState
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import LinkState
 from forefeel.emulate.coil import CoilDevice, CoilHardware
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults
-from master.daemon import make_handle
-from master.handles.coil_serial import CoilHandle
+from forefeel.master.daemon import make_handle
+from forefeel.master.handles.coil_serial import CoilHandle
 from tests.hardware.coil_rig import Hand, coil_settings
 from tests.waiting import wait_until
 

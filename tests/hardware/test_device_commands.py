@@ -11,17 +11,17 @@ import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from common.config import Settings
-from common.errors import DeviceError, DeviceSetupError
+from forefeel.common.config import Settings
+from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.configured import Configured, configured
 from forefeel.devices.drivers import DRIVERS, Driver, Slot
 from forefeel.devices.ports import can_interfaces, serial_ports
+from forefeel.master.settings import HandleSettings
+from forefeel.slave.load_cells.settings import LoadCellDriver
+from forefeel.slave.settings import GripperDriver
+from forefeel.slave.stages.settings import StageDriver
 from forefeel.speaking import warn_of_latency
-from master.settings import HandleSettings
-from slave.load_cells.settings import LoadCellDriver
-from slave.settings import GripperDriver
-from slave.stages.settings import StageDriver
 from tests.hardware.fake_devices import FakeCell, FakeHandle, FakeStage, SteppedClock
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "hardware.md"
@@ -134,7 +134,7 @@ def test_serial_ports_have_stable_names_ids_and_a_slow_timer_is_said(
     ports = [port(str(tmp_path / "ttyUSB1"), 0x0403, "A50"), port(str(tmp_path / "ttyUSB0"))]
     monkeypatch.setattr(list_ports, "comports", lambda: ports)
     monkeypatch.setattr(
-        "common.hardware.streams.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
+        "forefeel.common.hardware.streams.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
     )
     monkeypatch.setattr(
         "forefeel.devices.ports.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
@@ -224,7 +224,7 @@ def test_a_slow_latency_timer_is_said_by_the_probe_and_by_the_daemons_at_their_s
     run: Run, bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     timers = {"/dev/cell": 16, "/dev/stage": 1, "/dev/handle": 4}
-    monkeypatch.setattr("common.hardware.streams.latency_timer_ms", timers.get)
+    monkeypatch.setattr("forefeel.common.hardware.streams.latency_timer_ms", timers.get)
     said = "latency timer {} ms, expected 1 (deploy/udev sets it)"
     assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "1"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f"  /dev/cell: {said.format(16)}"

@@ -2,8 +2,8 @@
 
 import pytest
 
-from common.hardware import cia402
-from common.hardware.cia402 import DriveState
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.cia402 import DriveState
 from forefeel.emulate.drive402_model import FOLLOWING, HEARTBEAT_LOST, DriveModel
 from tests.hardware.can_rig import COUNTS_PER_M, START_M, mechanics
 

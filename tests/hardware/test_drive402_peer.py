@@ -7,7 +7,7 @@ import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
 
-from common.hardware.cia402 import DriveState
+from forefeel.common.hardware.cia402 import DriveState
 from forefeel.emulate.canopen_device import object_dictionary
 from forefeel.emulate.drive402 import Drive402, contents
 from forefeel.emulate.drive402_homing import HomingPhase

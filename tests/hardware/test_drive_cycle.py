@@ -5,11 +5,11 @@ from random import Random
 
 import pytest
 
-from common.errors import DeviceError
-from common.hardware import cia402
-from common.hardware.cia402 import DriveState, Phase
-from slave.stages.drive_cycle import DriveCycle, Readback, Tracker
-from slave.stages.setpoint import Setpoint, Wanted
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.cia402 import DriveState, Phase
+from forefeel.slave.stages.drive_cycle import DriveCycle, Readback, Tracker
+from forefeel.slave.stages.setpoint import Setpoint, Wanted
 
 PERIOD_S = 0.004
 PERIOD_NS = 4_000_000

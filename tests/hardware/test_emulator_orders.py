@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 from forefeel.emulate.orders import Load, Orders, OrdersFromStdin
 
 Run = Callable[[Sequence[str]], int]

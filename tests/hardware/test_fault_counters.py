@@ -10,20 +10,20 @@ from random import Random
 
 import pytest
 
-from common.errors import DeviceError
-from common.hardware import cia404
-from common.hardware.bota import BAUD
-from common.hardware.calibration import CellScale
-from common.hardware.can_bus import open_bus
-from common.hardware.conversation import Timed
-from common.hardware.link import Link, LinkState
-from common.hardware.settings import CanSettings
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware import cia404
+from forefeel.common.hardware.bota import BAUD
+from forefeel.common.hardware.calibration import CellScale
+from forefeel.common.hardware.can_bus import open_bus
+from forefeel.common.hardware.conversation import Timed
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.settings import CanSettings
 from forefeel.emulate.can_hub import CanHub
 from forefeel.emulate.line_cell import EmulatedHx711, EmulatedLoadstar
 from forefeel.emulate.sensing import Sensing
 from forefeel.emulate.wire import Faults
-from slave.load_cells.cia404 import Cia404LoadCell
-from slave.stages.cia402 import Cia402Stage
+from forefeel.slave.load_cells.cia404 import Cia404LoadCell
+from forefeel.slave.stages.cia402 import Cia402Stage
 from tests.hardware import test_ascii_line_driver as lines
 from tests.hardware import test_bota_serial as bota
 from tests.hardware.can_rig import (

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.hardware.slcan import Frame, SlcanParser, encoded
+from forefeel.common.hardware.slcan import Frame, SlcanParser, encoded
 from forefeel.emulate.can_hub import SlcanAdapter
 
 GOOD = [Frame(0x185, bytes(range(6))), Frame(0x5, b""), Frame(0x18DAF110, b"\xff" * 8, True)]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.hardware.zaber import Encoder, Parser, Reply
+from forefeel.common.hardware.zaber import Encoder, Parser, Reply
 from forefeel.emulate.zaber import ZaberDevice
 from tests.hardware.test_zaber_protocol import line, reply
 

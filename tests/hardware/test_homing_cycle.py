@@ -4,14 +4,14 @@ from collections.abc import Callable
 
 import pytest
 
-from common.errors import DeviceError
-from common.hardware import cia402
-from common.hardware.cia402 import PATTERNS, DriveState, Phase
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware import cia402
+from forefeel.common.hardware.cia402 import PATTERNS, DriveState, Phase
 from forefeel.emulate.drive402_homing import HomingPhase
 from forefeel.emulate.drive402_model import DriveModel
-from slave.stages.drive_cycle import DriveCycle, Readback
-from slave.stages.homing_cycle import HomingCycle
-from slave.stages.setpoint import Setpoint
+from forefeel.slave.stages.drive_cycle import DriveCycle, Readback
+from forefeel.slave.stages.homing_cycle import HomingCycle
+from forefeel.slave.stages.setpoint import Setpoint
 from tests.hardware.can_rig import COUNTS_PER_M, START_M, mechanics
 
 SYNC_S = 0.004

@@ -7,10 +7,10 @@ from threading import Event, Thread
 
 import pytest
 
-from common.errors import DeviceError
-from common.hardware import streams
-from common.hardware.settings import SerialSettings
-from common.hardware.streams import SerialStream
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware import streams
+from forefeel.common.hardware.settings import SerialSettings
+from forefeel.common.hardware.streams import SerialStream
 
 SENT = b"\x55" * 30_000
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from common.errors import DeviceSetupError
-from common.hardware.can_bus import SlcanBus, open_bus
-from common.hardware.settings import CanSettings
-from common.hardware.slcan import Frame, SlcanParser, decoded, encoded
+from forefeel.common.errors import DeviceSetupError
+from forefeel.common.hardware.can_bus import SlcanBus, open_bus
+from forefeel.common.hardware.settings import CanSettings
+from forefeel.common.hardware.slcan import Frame, SlcanParser, decoded, encoded
 from tests.hardware.can_rig import new_channel
 
 GOOD = Frame(0x123, b"\xaa\xbb")

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError
 from forefeel.emulate.wall import ForceReceiver, ForceSender, Wall
-from slave.plant.settings import world_settings
+from forefeel.slave.plant.settings import world_settings
 
 SPRING = {
     "contact": {

@@ -4,8 +4,8 @@ from math import sqrt
 
 import pytest
 
-from common.errors import ConfigurationError
-from common.hardware.zaber import Alert, Encoder, Message, Parser, Reply
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.zaber import Alert, Encoder, Message, Parser, Reply
 from forefeel.emulate.zaber import ZaberDevice
 from forefeel.emulate.zaber_settings import ZaberModel
 

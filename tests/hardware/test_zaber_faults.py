@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import yaml
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.link import LinkState
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import LinkState
 from forefeel.emulate.zaber_settings import ZaberModel
 from tests.hardware.zaber_rig import MODEL, Rig, for_seconds
 

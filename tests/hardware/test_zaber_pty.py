@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import DeviceError, DeviceSetupError
-from common.hardware.link import LinkState
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import LinkState
 from forefeel.emulate.zaber import ZaberDevice
-from slave.stages.zaber_ascii import ZaberStage
-from slave.stages.zaber_homing import ZaberHoming
+from forefeel.slave.stages.zaber_ascii import ZaberStage
+from forefeel.slave.stages.zaber_homing import ZaberHoming
 from tests.hardware.pty_thread import PtyThread
 from tests.hardware.zaber_rig import MODEL, Rig, settings
 from tests.waiting import wait_until

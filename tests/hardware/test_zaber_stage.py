@@ -6,9 +6,9 @@ from math import cos, pi, sin, sqrt
 
 import pytest
 
-from common.errors import DeviceError
-from common.hardware.link import LinkState
-from slave.stages.zaber_ascii import ZaberStage
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.link import LinkState
+from forefeel.slave.stages.zaber_ascii import ZaberStage
 from tests.hardware.zaber_rig import MODEL, Rig, for_seconds
 
 MS = 1_000_000

@@ -5,16 +5,16 @@ Bytes take their time on the wire; the control loop ticks each millisecond.
 
 from collections.abc import Callable, Iterator
 
-from common.clock import VirtualClock
-from common.errors import DeviceError
-from common.hardware.conversation import Conversation
-from common.hardware.link import LinkState
-from common.hardware.settings import SerialSettings
+from forefeel.common.clock import VirtualClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.conversation import Conversation
+from forefeel.common.hardware.link import LinkState
+from forefeel.common.hardware.settings import SerialSettings
 from forefeel.emulate.wire import Faults, Wire
 from forefeel.emulate.zaber import ZaberDevice
 from forefeel.emulate.zaber_settings import ZaberModel
-from slave.stages.settings import ZaberSettings
-from slave.stages.zaber_ascii import ZaberStage
+from forefeel.slave.stages.settings import ZaberSettings
+from forefeel.slave.stages.zaber_ascii import ZaberStage
 
 MODEL = ZaberModel(limits_m=(-0.005, 0.1), start_m=0.01)
 _TICK_NS = 1_000_000

@@ -3,9 +3,9 @@
 import json
 import time
 
-from common.errors import InputError
-from common.recording.recording import Recording
-from diagnosis.diagnose import diagnose
+from forefeel.common.errors import InputError
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
 from tests.hidden_effects.answers import Answer, from_document
 from tests.hidden_effects.generator import Hidden
 

@@ -3,9 +3,9 @@
 import sys
 import time
 
-from common.clock import MonotonicClock
-from common.hardware.settings import CanSettings
-from slave.stages.cia402 import Cia402Stage
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.hardware.settings import CanSettings
+from forefeel.slave.stages.cia402 import Cia402Stage
 from tests.hardware.can_rig import START_M, stage_settings
 
 

@@ -10,10 +10,15 @@ from typing import Any
 import pytest
 import yaml
 
-from common.clock import MonotonicClock
-from common.hardware.calibration import CellScale, StageCalibration, load_cell_calibration, stage_calibration
-from common.hardware.cia402 import DriveState
-from common.hardware.settings import CanSettings
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.hardware.calibration import (
+    CellScale,
+    StageCalibration,
+    load_cell_calibration,
+    stage_calibration,
+)
+from forefeel.common.hardware.cia402 import DriveState
+from forefeel.common.hardware.settings import CanSettings
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.configured import configured
 from forefeel.emulate.drive402 import SERIAL as DRIVE_SERIAL
@@ -24,7 +29,7 @@ from forefeel.emulate.sensing import Sensing
 from forefeel.emulate.transducer404 import SERIAL as CELL_SERIAL
 from forefeel.emulate.zaber import ZaberDevice
 from forefeel.emulate.zaber_settings import ZaberModel
-from slave.load_cells.port import LoadCell, LoadCellReading
+from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
 from tests.hardware.calibrate_bench import CELL, STAGE
 from tests.hardware.can_rig import (
     COUNTS_PER_M,

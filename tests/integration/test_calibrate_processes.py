@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from common.hardware.calibration import CellScale, load_cell_calibration
-from slave.load_cells.bota_serial import BotaSerialLoadCell
-from slave.load_cells.port import LoadCellReading
-from slave.load_cells.settings import BotaSettings
+from forefeel.common.hardware.calibration import CellScale, load_cell_calibration
+from forefeel.slave.load_cells.bota_serial import BotaSerialLoadCell
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cells.settings import BotaSettings
 from tests.waiting import PATIENCE_S, wait_until
 
 SLAVE = """role: slave

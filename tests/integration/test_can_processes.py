@@ -12,15 +12,15 @@ from typing import IO, NamedTuple
 import can
 import pytest
 
-from common.errors import DeviceError
-from common.hardware.can_bus import open_bus
-from common.hardware.cia402 import DriveState
-from common.hardware.link import LinkState
-from common.hardware.settings import CanSettings
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.can_bus import open_bus
+from forefeel.common.hardware.cia402 import DriveState
+from forefeel.common.hardware.link import LinkState
+from forefeel.common.hardware.settings import CanSettings
 from forefeel.emulate.can_hub import CanHub
 from forefeel.emulate.wire import Faults
-from slave.load_cells.cia404 import Cia404LoadCell
-from slave.stages.cia402 import Cia402Stage
+from forefeel.slave.load_cells.cia404 import Cia404LoadCell
+from forefeel.slave.stages.cia402 import Cia402Stage
 from tests.hardware.can_rig import (
     START_M,
     cell_on,
@@ -32,6 +32,7 @@ from tests.hardware.can_rig import (
 from tests.waiting import PATIENCE_S, wait_until
 from tests.witness import Witness
 
+pytestmark = pytest.mark.usefixtures("ahead_of_other_work")
 HEARTBEAT_S = 0.05  # of the host, as it is set there
 MAX_VELOCITY_M_S, QUICK_STOP_M_S2 = 0.2, 20.0
 STALL_S = 0.05  # of a busy machine
@@ -147,8 +148,8 @@ def test_bad_lines_are_counted_and_the_others_arrive(tmp_path: Path, faults: str
 
 def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # a busy machine is silent for longer than a drive may be
-    monkeypatch.setattr("slave.stages.drive_cycle.SILENT_S", CALM_S)
-    monkeypatch.setattr("slave.load_cells.cia404._SILENT_S", CALM_S)
+    monkeypatch.setattr("forefeel.slave.stages.drive_cycle.SILENT_S", CALM_S)
+    monkeypatch.setattr("forefeel.slave.load_cells.cia404._SILENT_S", CALM_S)
     links = [tmp_path / name for name in ("host", "drive", "cell")]
     buses = [CanSettings(interface="slcan", channel=str(link)) for link in links]
     hub = CanHub(links)

@@ -16,7 +16,7 @@ pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
 from playwright.sync_api import Browser
 
-from common.topics import FORCE, HAPTICS, MASTER_STATE, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.topics import FORCE, HAPTICS, MASTER_STATE, SAFETY_EVENT, SLAVE_STATE
 from forefeel.loopback.watched import Watched
 from tests.dashboard.browser import Served, Shown, Speaker, browser
 from tests.dashboard.said import CELL, HOSTILE, safety

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from common.audit import verify
-from common.recording.mcap_reader import read_run
-from common.state.folder import AUDIT
-from common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS, SAFETY_EVENT
+from forefeel.common.audit import verify
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.state.folder import AUDIT
+from forefeel.common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS, SAFETY_EVENT
 from forefeel.local.audit_text import heads_noted_in, missing_heads, read_entries
 from forefeel.local.client import ask
 from forefeel.local.protocol import Request

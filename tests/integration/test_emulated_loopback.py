@@ -6,8 +6,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from common.recording.mcap_reader import read_run
-from common.topics import FORCE, SAFETY_EVENT
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.topics import FORCE, SAFETY_EVENT
 from forefeel.loopback.hardware import on_bench
 from forefeel.loopback.plan import AXIS, Wish, make_plan
 from forefeel.loopback.real import run_real

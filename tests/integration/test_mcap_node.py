@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from common.messages import Message, ModelParameters, SafetyEvent, SafetyState
-from common.recording.mcap_reader import Run, read_run
-from common.recording.mcap_writer import RunWriter
-from common.topics import BY_NAME, COMMAND, FORCE, PARAMETERS, SAFETY_EVENT, Topic
+from forefeel.common.messages import Message, ModelParameters, SafetyEvent, SafetyState
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import BY_NAME, COMMAND, FORCE, PARAMETERS, SAFETY_EVENT, Topic
 from tests.unit.recording_samples import AXIS, command, force, header, put
 
 READER = "@mcap/core@2.2.2"

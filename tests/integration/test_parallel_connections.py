@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.clock import MonotonicClock
-from common.topics import COMMAND, EMERGENCY_STOP, FORCE, SAFETY_EVENT, Qos, numbered
-from common.transport.parallel import ParallelTransport
-from common.transport.port import Put
-from common.transport.security import Party, PartyRole
-from common.transport.settings import TransportSettings
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.topics import COMMAND, EMERGENCY_STOP, FORCE, SAFETY_EVENT, Qos, numbered
+from forefeel.common.transport.parallel import ParallelTransport
+from forefeel.common.transport.port import Put
+from forefeel.common.transport.security import Party, PartyRole
+from forefeel.common.transport.settings import TransportSettings
 from tests.integration.test_zenoh_bus import AT_ONCE, put_each
 from tests.secured import CELL, Secured, free_endpoint, make_pki, sessions
 from tests.waiting import PATIENCE_S, wait_until

@@ -17,11 +17,11 @@ import pytest
 import yaml
 import zenoh
 
-from common.clock import MonotonicClock
-from common.codec import decode
-from common.messages import Message
-from common.recording.mcap_reader import Run, read_run
-from common.topics import (
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.codec import decode
+from forefeel.common.messages import Message
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.topics import (
     BY_NAME,
     COMMAND,
     FORCE,
@@ -34,8 +34,8 @@ from common.topics import (
     SLAVE_STATE,
     Topic,
 )
-from common.transport.settings import PRESETS, TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.transport.settings import PRESETS, TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.real import run_real
 from tests.waiting import PATIENCE_S, wait_until

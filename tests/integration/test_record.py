@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.clock import MonotonicClock
-from common.codec import encode
-from common.recording.mcap_reader import read_run
-from common.topics import CALIBRATION, FORCE
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.codec import encode
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.topics import CALIBRATION, FORCE
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from tests.integration.test_processes import Daemon, free_endpoint
 from tests.unit.recording_samples import force
 from tests.waiting import wait_until

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from common.clock import now_utc
-from common.codec import MAX_MESSAGE_BYTES
-from common.topics import COMMAND, EMERGENCY_STOP, FORCE, SAFETY_EVENT, Qos
-from common.transport.security import PartyRole
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import now_utc
+from forefeel.common.codec import MAX_MESSAGE_BYTES
+from forefeel.common.topics import COMMAND, EMERGENCY_STOP, FORCE, SAFETY_EVENT, Qos
+from forefeel.common.transport.security import PartyRole
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import find_members, renew
 from tests.integration.test_zenoh_bus import put_until
 from tests.secured import CELL, Secured, expired_pki, free_endpoint, make_pki, sessions
@@ -183,7 +183,7 @@ def test_without_the_rules_the_same_attack_gets_through(
 ) -> None:
     """So the tests here would notice if the rules were gone."""
     allow = {"enabled": False, "default_permission": "allow", "rules": [], "subjects": [], "policies": []}
-    monkeypatch.setattr("common.transport.security.access_control", lambda party: allow)
+    monkeypatch.setattr("forefeel.common.transport.security.access_control", lambda party: allow)
     endpoint = free_endpoint()
     heard = heard_by(net.open(pki, "slave", [endpoint]), COMMANDED)
     viewer = net.attacker(endpoint, pki, "viewer")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from common import topics
-from common.bus import Bus
-from common.clock import MonotonicClock
-from common.messages import EmergencyStop, Grip, SafetyState, SlaveState
-from common.transport.security import PartyRole
-from common.transport.settings import TransportSettings
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.messages import EmergencyStop, Grip, SafetyState, SlaveState
+from forefeel.common.transport.security import PartyRole
+from forefeel.common.transport.settings import TransportSettings
 from forefeel.local.stop import Caller, stop_over_network
 from tests.secured import CELL, Secured, free_endpoint, make_pki, sessions
 

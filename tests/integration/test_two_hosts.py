@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from common.recording.mcap_reader import Run, read_run
-from common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from tests.net.hosts import joined_by_veth, needs_root
 from tests.net.service import MASTER_AT, PKI, SLAVE_AT, configure
 from tests.witness import Witness, check_stops

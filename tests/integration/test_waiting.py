@@ -9,17 +9,17 @@ from typing import cast
 
 import pytest
 
-from common.clock import MonotonicClock, now_utc
-from common.topics import COMMAND
-from common.transport.parallel import ParallelTransport
-from common.transport.settings import TransportSettings
 from forefeel import linking
+from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.topics import COMMAND
+from forefeel.common.transport.parallel import ParallelTransport
+from forefeel.common.transport.settings import TransportSettings
 from forefeel.linking import MasterLink, obstacles
+from forefeel.master.daemon import MasterDaemon
+from forefeel.master.session import Session
+from forefeel.master.settings import MasterSettings
 from forefeel.pki.folder import find_members, renew
 from forefeel.reaching import reach
-from master.daemon import MasterDaemon
-from master.session import Session
-from master.settings import MasterSettings
 from tests.integration.test_zenoh_bus import put_until
 from tests.secured import (
     CELL,
@@ -53,7 +53,7 @@ def opened_ago(monkeypatch: pytest.MonkeyPatch) -> Ago:
     """Sessions are opened as they would have been that long ago: a certificate expires while one runs."""
 
     def open_ago(ago: timedelta) -> None:
-        for place in ("common.transport.zenoh_bus", "forefeel.waiting"):
+        for place in ("forefeel.common.transport.zenoh_bus", "forefeel.waiting"):
             monkeypatch.setattr(f"{place}.now_utc", lambda: now_utc() - ago)
 
     return open_ago

@@ -5,17 +5,20 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from forefeel.emulate.zaber import ZaberDevice
 from tests.hardware.pty_thread import PtyThread
 from tests.hardware.zaber_rig import MODEL, settings
 from tests.waiting import wait_until
 from tests.witness import Witness
 
+pytestmark = pytest.mark.usefixtures("ahead_of_other_work")
 LEAD_S, FASTEST_M_S, HARDEST_M_S2 = 0.06, 0.1, 2.0
 _HOST = """
 import sys, time
-from slave.stages.settings import ZaberSettings
-from slave.stages.zaber_ascii import ZaberStage
+from forefeel.slave.stages.settings import ZaberSettings
+from forefeel.slave.stages.zaber_ascii import ZaberStage
 stage = ZaberStage(ZaberSettings.model_validate_json(sys.argv[1]))
 stage.open()
 start_ns = time.monotonic_ns()

@@ -17,14 +17,14 @@ from pathlib import Path
 
 import pytest
 
-from common.clock import MonotonicClock
-from common.errors import ConfigurationError, EndpointError
-from common.topics import Qos
-from common.transport.impaired import ImpairedTransport
-from common.transport.impairment import Impairment
-from common.transport.settings import ImpairmentSettings, TransportSettings
-from common.transport.timers import TimerThread
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import ConfigurationError, EndpointError
+from forefeel.common.topics import Qos
+from forefeel.common.transport.impaired import ImpairedTransport
+from forefeel.common.transport.impairment import Impairment
+from forefeel.common.transport.settings import ImpairmentSettings, TransportSettings
+from forefeel.common.transport.timers import TimerThread
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from tests.waiting import wait_until
 from tests.witness import Witness
 
@@ -262,10 +262,10 @@ def test_a_zenoh_file_is_the_base_of_the_configuration(net: Net, tmp_path: Path)
 
 PEER = """
 import sys, time
-from common.clock import MonotonicClock
-from common.topics import Qos
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.topics import Qos
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 
 transport = ZenohTransport.open(TransportSettings(listen=(sys.argv[1],)), MonotonicClock(), print)
 transport.subscribe_all("forefeel", lambda *_: None)

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.audit import SAFETY
-from common.messages import FOLLOWING
-from common.recording.mcap_reader import Run, read_run
-from common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, Topic
+from forefeel.common.audit import SAFETY
+from forefeel.common.messages import FOLLOWING
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, Topic
 from forefeel.local.audit_text import read_entries
 from tests.net.provoked import ROW
 from tests.net.service import AXIS, audit_file, flight_files, motion_file

@@ -16,9 +16,9 @@ import time
 from collections import deque
 from typing import Any
 
-from common.config import checked
-from common.runtime.realtime import prepare_thread
-from common.transport.settings import ImpairmentSettings
+from forefeel.common.config import checked
+from forefeel.common.runtime.realtime import prepare_thread
+from forefeel.common.transport.settings import ImpairmentSettings
 from tests.net.namespaces import inside
 from tests.net.shape import Way
 

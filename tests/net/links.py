@@ -15,9 +15,9 @@ from typing import Any, Literal
 
 import yaml
 
-from common.clock import now_utc
-from common.recording.mcap_reader import read_run
-from common.transport.settings import ImpairmentSettings
+from forefeel.common.clock import now_utc
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.transport.settings import ImpairmentSettings
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.pki.folder import make_folder
 from forefeel.report.summary import RunReport, summarise

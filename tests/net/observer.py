@@ -8,12 +8,12 @@ import os
 import sys
 import threading
 
-from common.bus import Bus
-from common.clock import MonotonicClock
-from common.messages import SlaveState
-from common.topics import SLAVE_STATE
-from common.transport.security import Party
-from common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.bus import Bus
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.messages import SlaveState
+from forefeel.common.topics import SLAVE_STATE
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from tests.net.recorder import NICE, onlooker
 
 

@@ -13,8 +13,8 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
 from forefeel.interrupt import heeded
 from forefeel.recorder import Recorder
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from common.state.folder import AUDIT, FLIGHT
+from forefeel.common.state.folder import AUDIT, FLIGHT
 from tests.net.cable import ADDRESSES, MEASURING, ROOT
 from tests.net.hosts import Hosts, Process
 from tests.net.steered import Steering

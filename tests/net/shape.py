@@ -1,15 +1,15 @@
 """What one direction of an emulated cable does to packets, and when each is due. Pure.
 
-The statistics are those of `common.transport.impairment`, here for IP packets instead of messages: whatever
-runs above (TCP, TLS, QUIC, UDP) retransmits, acknowledges and reorders by itself.
+The statistics are those of `forefeel.common.transport.impairment`, here for IP packets instead of messages:
+whatever runs above (TCP, TLS, QUIC, UDP) retransmits, acknowledges and reorders by itself.
 """
 
 import heapq
 from collections import Counter
 from itertools import count
 
-from common.transport.impairment import Impairment
-from common.transport.settings import ImpairmentSettings
+from forefeel.common.transport.impairment import Impairment
+from forefeel.common.transport.settings import ImpairmentSettings
 
 S = 1_000_000_000
 QUEUE_BYTES = 256 * 1024

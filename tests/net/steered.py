@@ -13,8 +13,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from common.clock import MonotonicClock
 from forefeel.__main__ import main as run_command_line
+from forefeel.common.clock import MonotonicClock
 
 Stamps = TypeVar("Stamps", float, NDArray[np.float64])
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from common.transport.settings import ImpairmentSettings
+from forefeel.common.transport.settings import ImpairmentSettings
 from tests.net.shape import QUEUE_BYTES, S, Way
 
 MS = 1_000_000

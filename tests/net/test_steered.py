@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from common.clock import MonotonicClock
+from forefeel.common.clock import MonotonicClock
 from tests.net.steered import Steering
 
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from common.codec import MAX_MESSAGE_BYTES, decode, encode, unpack
-from common.errors import CodecError
-from common.messages import PROTOCOL_VERSION, Handshake, Message
+from forefeel.common.codec import MAX_MESSAGE_BYTES, decode, encode, unpack
+from forefeel.common.errors import CodecError
+from forefeel.common.messages import PROTOCOL_VERSION, Handshake, Message
 from tests.message_samples import KINDS, any_message, float_ranges, messages
 
 KIND = st.sampled_from(KINDS)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.effects.base import ContactEffect, Effect, ForceEffect, MotionEffect, SensorEffect
-from common.effects.model import ContactModel
-from common.effects.registry import OWN
+from forefeel.common.effects.base import ContactEffect, Effect, ForceEffect, MotionEffect, SensorEffect
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.effects.registry import OWN
 
 Array = NDArray[np.float64]
 

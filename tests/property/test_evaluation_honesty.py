@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.recording.recording import Recording
-from diagnosis.evaluation.arrivals import Link, arrivals
-from diagnosis.evaluation.methods import METHODS
-from diagnosis.evaluation.replay import Trace, replay
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
+from forefeel.diagnosis.evaluation.methods import METHODS
+from forefeel.diagnosis.evaluation.replay import Trace, replay
 from tests.unit.evaluation_samples import made_up, recording
 
 LINKS = [Link(0.3), Link(0.02), Link(0.3, jitter_s=0.05, loss=0.05, seed=7)]

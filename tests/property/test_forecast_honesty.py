@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.estimation.forecast import Forecaster
-from common.estimation.forecast.experts import NAMES
+from forefeel.common.estimation.forecast import Forecaster
+from forefeel.common.estimation.forecast.experts import NAMES
 from tests.unit.forecast_samples import Array, contact
 
 SAMPLE = contact(duration_s=6.0, rate_hz=200.0, changed=2.0)

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.estimation.forecast import Forecaster
+from forefeel.common.estimation.forecast import Forecaster
 from tests.unit.forecast_samples import contact
 
 RATE_HZ, DELAY = 100, 20  # samples: 0.2 s

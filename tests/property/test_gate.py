@@ -1,9 +1,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock_offset import OffsetEstimate
-from common.messages import MOST_POSITION_M, MotionCommand
-from slave.gate import CommandGate, GateLimits
+from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.messages import MOST_POSITION_M, MotionCommand
+from forefeel.slave.gate import CommandGate, GateLimits
 from tests.clocks import compared
 
 MS = 1_000_000

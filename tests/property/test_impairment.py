@@ -1,8 +1,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.transport.impairment import Impairment, ReplayedImpairment
-from common.transport.settings import ImpairmentSettings
+from forefeel.common.transport.impairment import Impairment, ReplayedImpairment
+from forefeel.common.transport.settings import ImpairmentSettings
 
 SHARES = st.floats(0, 0.5)
 SECONDS = st.floats(0, 1)

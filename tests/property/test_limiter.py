@@ -4,8 +4,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.limiter import MotionLimiter
-from common.settings import AxisLimits
+from forefeel.common.limiter import MotionLimiter
+from forefeel.common.settings import AxisLimits
 
 DT_S = 1e-3
 TINY = 1e-9

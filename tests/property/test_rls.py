@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.rls import RecursiveLeastSquares
 
 number = st.floats(-10.0, 10.0).map(lambda value: round(value, 6))
 step_s = st.floats(1e-5, 5.0)

@@ -31,14 +31,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
             wanted = [t for t in trials(options.count, options.seed) if options.only in t.case.name]
             found = run_all(wanted, ready, port, Path(name), _print)
     print(table(found))
-    return int(any(ended.wrong for _, ended in found))
+    return int(any(_wrong(ended) for _, ended in found))
 
 
 def _print(trial: Trial, ended: Ended) -> None:
     print(f"{trial}: code {ended.code}, {ended.seconds:.2f} s, {ended.last[:90]}")
-    for each in ended.wrong:
+    for each in _wrong(ended):
         print(f"    WRONG: {each}")
     sys.stdout.flush()
+
+
+def _wrong(ended: Ended) -> tuple[str, ...]:
+    late = (f"ended after {ended.seconds:.2f} s",) if ended.seconds > BOUND_S else ()
+    return (*late, *ended.wrong)
 
 
 def table(found: Sequence[tuple[Trial, Ended]]) -> str:
@@ -48,10 +53,10 @@ def table(found: Sequence[tuple[Trial, Ended]]) -> str:
         ends = [ended for trial, ended in found if trial.case is case]
         if ends:
             codes = ", ".join(map(str, sorted({ended.code for ended in ends})))
-            wrong = sum(bool(ended.wrong) for ended in ends)
+            wrong = sum(bool(_wrong(ended)) for ended in ends)
             longest_s = max(ended.seconds for ended in ends)
             rows.append(f"{case.name:26}  {len(ends):5}  {wrong:5}  {longest_s:5.2f} s  {codes}")
-    wrong = sum(bool(ended.wrong) for _, ended in found)
+    wrong = sum(bool(_wrong(ended)) for _, ended in found)
     return "\n".join([*rows, f"{len(found)} signals, {wrong} not as they should be (bound {BOUND_S:g} s)"])
 
 

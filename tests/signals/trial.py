@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import read_run
 from forefeel.local.audit_text import read_verdict
 from tests.live_cell import free_port
 from tests.signals.cases import CASES, LOOKS, Case
@@ -26,7 +26,7 @@ _MARK = "FOREFEEL_SIGNALS_TRIAL"
 _PATIENCE_S = 60.0
 _BEGINS_S = 15.0
 """More than any command needs to be at work on a busy machine."""
-_AT_ONCE = 6
+AT_ONCE = 6
 """Commands that run at the same time, so that two cores have always too much to do."""
 _AT_WORK = 0.75
 """Share of the signals that find what is more than looked around at work; the others come while it starts."""
@@ -49,9 +49,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Ended:
-    """How: the time from the signal, and what is wrong with it."""
+    """How: the time from the signal, how much of it another process had the processor, what is wrong."""
 
     seconds: float
+    waited_s: float
     code: int
     last: str
     wrong: tuple[str, ...]
@@ -70,7 +71,12 @@ def trials(count: int, seed: int) -> list[Trial]:
 
 
 def run_all(
-    wanted: Sequence[Trial], ready: Path, port: int, folder: Path, tell: Callable[[Trial, Ended], None]
+    wanted: Sequence[Trial],
+    ready: Path,
+    port: int,
+    folder: Path,
+    tell: Callable[[Trial, Ended], None] = lambda *_: None,
+    at_once: int = AT_ONCE,
 ) -> list[tuple[Trial, Ended]]:
     """All of them, some at the same time; `tell` is called with each that has ended."""
 
@@ -79,7 +85,7 @@ def run_all(
         tell(trial, ended)
         return trial, ended
 
-    with unignored(), ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as row:
+    with unignored(), ThreadPoolExecutor(at_once - 1) as pool, ThreadPoolExecutor(1) as row:
         ends = [(row if trial.case.shares else pool).submit(one, trial) for trial in wanted]
         try:
             return [each.result() for each in ends]
@@ -114,18 +120,22 @@ def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
             with suppress(subprocess.TimeoutExpired):
                 process.wait(trial.delay_s)
             finished = process.poll() is not None
-            start_s = time.monotonic()
+            start_s, waited_s = time.monotonic(), 0.0
             if not finished:
+                waited_s = _ready_s(process.pid)
                 _send(process.pid, trial.signal)
-            code = process.wait(_PATIENCE_S)
+                waited_s = _end_ready_s(process, start_s + _PATIENCE_S) - waited_s
+            code = process.wait(0.0)
             seconds = 0.0 if finished else time.monotonic() - start_s
             left = _gone(mark, start_s + BOUND_S + 1.0)
         finally:
             _kill(mark)
             process.wait()
     words = (here / "stderr").read_text()
-    wrong = [*_timely(seconds, left), *_said(trial, code, words), *_half_written(here, code)]
-    return Ended(seconds, code, (words.strip().splitlines() or [""])[-1], tuple(wrong))
+    wrong = [*_said(trial, code, words), *_half_written(here, code)]
+    if left:
+        wrong.append(f"left processes {left}")
+    return Ended(seconds, waited_s, code, (words.strip().splitlines() or [""])[-1], tuple(wrong))
 
 
 @contextmanager
@@ -166,6 +176,22 @@ def _catches_sigint(pid: int) -> bool:
     return False
 
 
+def _ready_s(pid: int) -> float:
+    """For how long its main thread could have run while another process had the processor."""
+    with suppress(OSError):
+        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
+    return 0.0
+
+
+def _end_ready_s(process: "subprocess.Popen[bytes]", until_s: float) -> float:
+    """Waits for the end; what `_ready_s` said last."""
+    last_s = 0.0
+    while process.poll() is None and time.monotonic() < until_s:
+        last_s = max(last_s, _ready_s(process.pid))
+        time.sleep(0.01)
+    return last_s
+
+
 def _send(pid: int, number: signal.Signals) -> None:
     """A service manager tells the process, a terminal its whole group."""
     with suppress(ProcessLookupError):
@@ -194,13 +220,6 @@ def _kill(mark: str) -> None:
     for pid in _marked(mark):
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
-
-
-def _timely(seconds: float, left: list[int]) -> Iterator[str]:
-    if seconds > BOUND_S:
-        yield f"ended after {seconds:.2f} s"
-    if left:
-        yield f"left processes {left}"
 
 
 def _said(trial: Trial, code: int, words: str) -> Iterator[str]:

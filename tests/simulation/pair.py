@@ -11,21 +11,21 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from common.bus import Bus
-from common.clock import Clock
-from common.codec import decode
-from common.config import checked
-from common.lateness import Lateness
-from common.messages import Message
-from common.runtime.port import Tick
-from common.runtime.virtual import VirtualRuntime
-from common.topics import SAFETY_EVENT, SLAVE_STATE, Topic, parse_key
-from common.transport.impaired import ImpairedTransport
-from common.transport.memory import MemoryBus, MemoryTransport
-from master.daemon import MasterDaemon
-from master.settings import MasterSettings
-from slave.daemon import SlaveDaemon
-from slave.settings import SlaveSettings
+from forefeel.common.bus import Bus
+from forefeel.common.clock import Clock
+from forefeel.common.codec import decode
+from forefeel.common.config import checked
+from forefeel.common.lateness import Lateness
+from forefeel.common.messages import Message
+from forefeel.common.runtime.port import Tick
+from forefeel.common.runtime.virtual import VirtualRuntime
+from forefeel.common.topics import SAFETY_EVENT, SLAVE_STATE, Topic, parse_key
+from forefeel.common.transport.impaired import ImpairedTransport
+from forefeel.common.transport.memory import MemoryBus, MemoryTransport
+from forefeel.master.daemon import MasterDaemon
+from forefeel.master.settings import MasterSettings
+from forefeel.slave.daemon import SlaveDaemon
+from forefeel.slave.settings import SlaveSettings
 
 S = 1_000_000_000
 AXIS = "insertion"

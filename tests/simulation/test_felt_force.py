@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.effects.model import SCHEMA
-from common.topics import HAPTICS
+from forefeel.common.effects.model import SCHEMA
+from forefeel.common.topics import HAPTICS
 from forefeel.loopback.plan import Plan, Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.simulation.pair import Heard

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 import yaml
 
-from common.effects.model import SCHEMA
-from common.recording.mcap_reader import Run, read_run
-from common.topics import FORCE
-from common.yaml_file import dump_mapping
-from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.extended import extended_model
 from forefeel.__main__ import main
+from forefeel.common.effects.model import SCHEMA
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.topics import FORCE
+from forefeel.common.yaml_file import dump_mapping
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.extended import extended_model
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise

@@ -2,9 +2,9 @@
 
 import pytest
 
-from common.codec import decode
-from common.messages import Grip
-from common.topics import FORCE
+from forefeel.common.codec import decode
+from forefeel.common.messages import Grip
+from forefeel.common.topics import FORCE
 from forefeel.loopback.plan import Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.simulation.pair import AXIS

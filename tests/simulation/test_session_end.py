@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from common.recording.mcap_reader import read_run
-from common.recording.mcap_writer import RunWriter
-from common.topics import parse_key
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import parse_key
 from forefeel.report.model import RunReport
 from forefeel.report.summary import summarise
 from tests.simulation.pair import Pair

@@ -1,6 +1,6 @@
 """What a master says when it ends."""
 
-from common.topics import MASTER_LIMIT, MASTER_STATE
+from forefeel.common.topics import MASTER_LIMIT, MASTER_STATE
 from tests.simulation.pair import Pair, S
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.messages import EmergencyStop
-from common.topics import (
+from forefeel.common.messages import EmergencyStop
+from forefeel.common.topics import (
     COMMAND,
     EMERGENCY_STOP,
     FORCE,

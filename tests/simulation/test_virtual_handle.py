@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.clock import Clock
-from common.topics import COMMAND, FORCE, HAPTICS, MASTER_STATE, SLAVE_STATE
+from forefeel.common.clock import Clock
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS, MASTER_STATE, SLAVE_STATE
 from forefeel.emulate.coil import CoilDevice
-from master.handles.coil_serial import CoilHandle
-from master.settings import CoilSettings
+from forefeel.master.handles.coil_serial import CoilHandle
+from forefeel.master.settings import CoilSettings
 from tests.hardware.coil_rig import MS, Line, SteppedCoil, coil_settings
 from tests.simulation.pair import Pair, S
 
@@ -27,7 +27,7 @@ class Rig:
             self.handle = SteppedCoil(settings, clock, self.line)
             return self.handle
 
-        monkeypatch.setattr("master.daemon.CoilHandle", stepped)
+        monkeypatch.setattr("forefeel.master.daemon.CoilHandle", stepped)
         master: dict[str, Any] = {"axes": [{"handle": coil_settings().model_dump()}]}
         self.pair = Pair(master=master)
         self.currents_a = list[float]()

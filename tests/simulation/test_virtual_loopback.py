@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
-from common.config import deep_merge
-from common.recording.mcap_reader import read_run
-from common.recording.recording import Recording
-from common.recording.tabular import load_recording
-from common.topics import (
+from forefeel.common.config import deep_merge
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.topics import (
     COMMAND,
     FORCE,
     HAPTICS,
@@ -23,7 +23,7 @@ from common.topics import (
     SLAVE_HANDSHAKE,
     SLAVE_STATE,
 )
-from common.transport.settings import PRESETS
+from forefeel.common.transport.settings import PRESETS
 from forefeel.loopback.plan import Plan, Wish, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.second_forms import forms

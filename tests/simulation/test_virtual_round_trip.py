@@ -2,8 +2,8 @@
 
 import pytest
 
-from common.notices import Notices
-from common.topics import COMMAND, HAPTICS, MASTER_EVENT, MASTER_STATE, SLAVE_STATE
+from forefeel.common.notices import Notices
+from forefeel.common.topics import COMMAND, HAPTICS, MASTER_EVENT, MASTER_STATE, SLAVE_STATE
 from tests.simulation.pair import Pair
 
 TOLERANCE_MS = 2.0

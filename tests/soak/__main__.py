@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from common.runtime.realtime import prepare_thread
+from forefeel.common.runtime.realtime import prepare_thread
 from tests.live_cell import LiveCell
 from tests.soak.recordings import check
 from tests.soak.schedule import schedule

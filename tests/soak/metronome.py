@@ -6,10 +6,10 @@ Prints a histogram of the lateness of each second, as JSON.
 import asyncio
 import json
 
-from common.lateness import Lateness
-from common.runtime.real import RealRuntime
-from common.runtime.realtime import prepare_process, prepare_thread
-from common.settings import TICK_NS, RealtimeSettings
+from forefeel.common.lateness import Lateness
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.runtime.realtime import prepare_process, prepare_thread
+from forefeel.common.settings import TICK_NS, RealtimeSettings
 
 
 async def beat() -> None:

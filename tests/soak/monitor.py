@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.codec import decode
-from common.lateness import quantile_us
-from common.messages import ForceSample, LoopTiming
-from common.topics import FORCE, MASTER_TIMING, SLAVE_TIMING
+from forefeel.common.codec import decode
+from forefeel.common.lateness import quantile_us
+from forefeel.common.messages import ForceSample, LoopTiming
+from forefeel.common.topics import FORCE, MASTER_TIMING, SLAVE_TIMING
 from tests.live_cell import AXIS, CELL
 
 _WARM_S = 25.0

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from common.errors import RecordingError
-from common.recording.mcap_contents import Stream, read_contents
-from common.topics import FORCE
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.mcap_contents import Stream, read_contents
+from forefeel.common.topics import FORCE
 from tests.live_cell import AXIS
 
 _LOST = 300

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from common.topics import LIMIT_EVENT, MASTER_STATE, SAFETY_EVENT, SLAVE_HANDSHAKE, SLAVE_STATE
+from forefeel.common.topics import LIMIT_EVENT, MASTER_STATE, SAFETY_EVENT, SLAVE_HANDSHAKE, SLAVE_STATE
 from tests.live_cell import CELL, ROOT, LiveCell, Process
 from tests.soak.monitor import FORCE_KEY, TIMING_KEYS, Life, Loops, Motion
 from tests.soak.schedule import OFTEN, Fault

@@ -8,11 +8,11 @@ import sys
 from math import nan
 from pathlib import Path
 
-from common.config import load_settings
+from forefeel.common.config import load_settings
 from forefeel.daemons import run_slave
-from slave.load_cells.port import LoadCellReading
-from slave.load_cells.simulated import SimulatedLoadCell
-from slave.settings import SlaveSettings
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cells.simulated import SimulatedLoadCell
+from forefeel.slave.settings import SlaveSettings
 
 _SAYS_NAN = {"now": False}
 

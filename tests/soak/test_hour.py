@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.estimation.forecast import Forecaster
+from forefeel.common.estimation.forecast import Forecaster
 
 Array = NDArray[np.float64]
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from common.clock_offset import OffsetEstimate
-from common.messages import Grip, MotionCommand, SafetyState
-from common.settings import AxisLimits
-from slave.control import AxisControl, ControlInputs, ControlOutputs
-from slave.settings import GateSettings
+from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.messages import Grip, MotionCommand, SafetyState
+from forefeel.common.settings import AxisLimits
+from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs
+from forefeel.slave.settings import GateSettings
 from tests.clocks import compared
 
 MS = 1_000_000

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from common.recording.recording import Recording
+from forefeel.common.recording.recording import Recording
 from tests.unit.evaluation_samples import Floats, csv_text
 
 RATE_HZ = 100.0

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.error_size import Floats
-from common.recording.recording import Recording
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
 
 _FINE_HZ = 8000.0
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.recording.recording import Recording
+from forefeel.common.recording.recording import Recording
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.forecast import Forecaster
+from forefeel.common.estimation.forecast import Forecaster
 
 Array = NDArray[np.float64]
 

@@ -4,14 +4,14 @@ from collections.abc import Iterator
 from itertools import count
 from typing import Any
 
-from common import topics
-from common.bus import Bus, Outlet
-from common.clock import VirtualClock
-from common.effects.model import ContactModel
-from common.errors import DeviceError
-from common.estimation.forecast import Estimate
-from common.estimation.identification import ContactIdentifier, IdentificationSettings
-from common.messages import (
+from forefeel.common import topics
+from forefeel.common.bus import Bus, Outlet
+from forefeel.common.clock import VirtualClock
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import DeviceError
+from forefeel.common.estimation.forecast import Estimate
+from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
+from forefeel.common.messages import (
     EmergencyStop,
     ForceSample,
     Grip,
@@ -23,16 +23,16 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.settings import AxisLimits, settings_hash, shared_text
-from common.topics import Qos
-from common.transport.memory import MemoryBus
-from master.axis import MasterAxis
-from master.handles.port import HandleReading, Indication
-from master.haptics import HapticLoop
-from master.identification import IdentificationTask
-from master.prediction import Present
-from master.session import Link
-from master.settings import MasterAxisSettings, RenderingSettings
+from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.common.topics import Qos
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.master.axis import MasterAxis
+from forefeel.master.handles.port import HandleReading, Indication
+from forefeel.master.haptics import HapticLoop
+from forefeel.master.identification import IdentificationTask
+from forefeel.master.prediction import Present
+from forefeel.master.session import Link
+from forefeel.master.settings import MasterAxisSettings, RenderingSettings
 
 MS = 1_000_000
 S = SafetyState

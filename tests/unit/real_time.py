@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from common.runtime import real
+from forefeel.common.runtime import real
 from tests.waiting import PATIENCE_S
 
 

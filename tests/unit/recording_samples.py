@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from common.codec import encode
-from common.messages import ForceSample, Message, MotionCommand
-from common.recording.mcap_writer import RunWriter
-from common.topics import FORCE, Topic
+from forefeel.common.codec import encode
+from forefeel.common.messages import ForceSample, Message, MotionCommand
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import FORCE, Topic
 
 CELL = "cell"
 AXIS = "insertion"

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from common.bus import Header
-from common.codec import encode
-from common.lateness import EDGES_US
-from common.messages import (
+from forefeel.common.bus import Header
+from forefeel.common.codec import encode
+from forefeel.common.lateness import EDGES_US
+from forefeel.common.messages import (
     Calibration,
     ForceSample,
     Handshake,
@@ -22,8 +22,8 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.recording.mcap_writer import RunWriter
-from common.topics import BY_NAME
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import BY_NAME
 
 MS = 1_000_000
 START_NS = 5_000 * MS

@@ -1,13 +1,13 @@
 """A slave of two simulated axes in virtual time, and the audit log that it writes."""
 
-from common.audit import Detail
-from common.journal import Journal
-from common.messages import SafetyState
-from common.runtime.virtual import VirtualRuntime
-from common.transport.memory import MemoryBus
-from slave.clearing import Clearing
-from slave.daemon import SlaveDaemon
-from slave.settings import SlaveAxisSettings, SlaveSettings
+from forefeel.common.audit import Detail
+from forefeel.common.journal import Journal
+from forefeel.common.messages import SafetyState
+from forefeel.common.runtime.virtual import VirtualRuntime
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.slave.clearing import Clearing
+from forefeel.slave.daemon import SlaveDaemon
+from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 
 MS = 1_000_000
 

@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from common import topics
-from common.bus import Bus, Outlet
-from common.clock import VirtualClock
-from common.errors import DeviceError
-from common.journal import NOTHING_KEPT, Journal
-from common.messages import (
+from forefeel.common import topics
+from forefeel.common.bus import Bus, Outlet
+from forefeel.common.clock import VirtualClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.journal import NOTHING_KEPT, Journal
+from forefeel.common.messages import (
     EmergencyStop,
     ForceSample,
     Grip,
@@ -19,15 +19,15 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.settings import AxisLimits, settings_hash, shared_text
-from common.topics import Qos
-from common.transport.memory import MemoryBus
-from common.transport.port import Put
-from slave.axis import SlaveAxis
-from slave.devices import Devices
-from slave.load_cells.port import LoadCellReading
-from slave.settings import GateSettings, SlaveAxisSettings
-from slave.stages.port import StageReading
+from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.common.topics import Qos
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.common.transport.port import Put
+from forefeel.slave.axis import SlaveAxis
+from forefeel.slave.devices import Devices
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.settings import GateSettings, SlaveAxisSettings
+from forefeel.slave.stages.port import StageReading
 
 MS = 1_000_000
 START_M = 0.02

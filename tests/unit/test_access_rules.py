@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.topics import PUBLISHED
-from common.transport.security import (
+from forefeel.common.topics import PUBLISHED
+from forefeel.common.transport.security import (
     CELL_ROLES,
     ROLES,
     Identity,
@@ -19,8 +19,8 @@ from common.transport.security import (
     common_name,
     secured,
 )
-from common.transport.settings import TransportSettings
-from common.transport.zenoh_config import secured_by_file
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_config import secured_by_file
 from forefeel.pki.zenoh_files import zenoh_files
 
 ROOT = Path(__file__).parents[2]

@@ -2,14 +2,14 @@
 
 import pytest
 
-from common import topics
-from common.bus import Bus
-from common.clock import VirtualClock
-from common.messages import ForceSample, Grip, MotionCommand, SafetyState
-from common.transport.memory import MemoryBus
-from slave.answers import ForceAnswers, Instant
-from slave.load_cells.port import LoadCellReading
-from slave.stages.port import StageReading
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.clock import VirtualClock
+from forefeel.common.messages import ForceSample, Grip, MotionCommand, SafetyState
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.slave.answers import ForceAnswers, Instant
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.stages.port import StageReading
 from tests.unit.slave_rig import MS, SlaveRig
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from common.audit import Entry, Noted, parse, verify
-from common.state.audit_file import AuditFile
-from common.state.folder import AUDIT
+from forefeel.common.audit import Entry, Noted, parse, verify
+from forefeel.common.state.audit_file import AuditFile
+from forefeel.common.state.folder import AUDIT
 
 
 class Log:
@@ -63,7 +63,7 @@ def refusing_the_next(log: Log, number: int, monkeypatch: pytest.MonkeyPatch) ->
             raise OSError(number, os.strerror(number))
         return real(descriptor, data, offset)
 
-    monkeypatch.setattr("common.state.audit_file.os.pwrite", pwrite)
+    monkeypatch.setattr("forefeel.common.state.audit_file.os.pwrite", pwrite)
 
 
 def test_a_next_file_that_can_not_be_opened_leaves_the_log_as_it_was(log: Log) -> None:
@@ -115,7 +115,7 @@ def test_a_folder_that_can_not_be_synced_leaves_the_log_as_it_was(
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     with monkeypatch.context() as broken, pytest.raises(OSError, match="Input/output"):
-        broken.setattr("common.state.audit_file.sync_folder", fails)
+        broken.setattr("forefeel.common.state.audit_file.sync_folder", fails)
         log.write()
     assert log.events() == ["refused"] and log.asides() == []
     log.check()

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.errors import ConfigurationError, RunError
-from common.hardware.calibrating import (
+from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.hardware.calibrating import (
     Level,
     Step,
     Travel,

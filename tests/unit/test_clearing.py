@@ -5,11 +5,11 @@ from concurrent.futures import Future
 
 import pytest
 
-from common.messages import SafetyState
+from forefeel.common.messages import SafetyState
 from forefeel.local import acts
 from forefeel.local.acts import SlaveActs
 from forefeel.local.protocol import Answer, Request
-from slave.clearing import Clearing
+from forefeel.slave.clearing import Clearing
 from tests.unit.failing import refusing
 from tests.unit.slave_cell import Cell
 

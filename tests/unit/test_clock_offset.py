@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock_offset import MAX_RATE_PPM, ClockOffset, OffsetEstimate
+from forefeel.common.clock_offset import MAX_RATE_PPM, ClockOffset, OffsetEstimate
 from tests.clocks import compared
 
 MS = 1_000_000

@@ -9,12 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from common.config import Settings, checked, deep_merge, dump_yaml, load_settings
-from common.errors import ConfigurationError
-from common.settings import AxisLimits, ExistingFile, Segment, differences, settings_hash, shared_text
-from common.yaml_file import load_yaml
-from master.settings import MasterSettings
-from slave.settings import SlaveSettings
+from forefeel.common.config import Settings, checked, deep_merge, dump_yaml, load_settings
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.settings import (
+    AxisLimits,
+    ExistingFile,
+    Segment,
+    differences,
+    settings_hash,
+    shared_text,
+)
+from forefeel.common.yaml_file import load_yaml
+from forefeel.master.settings import MasterSettings
+from forefeel.slave.settings import SlaveSettings
 
 DEPLOY = Path(__file__).parents[2] / "deploy" / "config"
 

@@ -2,8 +2,8 @@ from typing import Any
 
 import pytest
 
-from common.limiter import LimitHit
-from common.messages import SafetyState
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import SafetyState
 from tests.clocks import compared
 from tests.unit.control_rig import COMPARED, MS, START_M, Rig
 

@@ -7,8 +7,8 @@ from itertools import product
 
 import pytest
 
-from common.messages import SafetyState
-from slave.safety import SafetyEventName
+from forefeel.common.messages import SafetyState
+from forefeel.slave.safety import SafetyEventName
 from tests.clocks import compared
 from tests.unit.control_rig import MS, START_M, Rig
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.messages import Grip, SafetyState
-from slave.settings import GateSettings
+from forefeel.common.messages import Grip, SafetyState
+from forefeel.slave.settings import GateSettings
 from tests.unit.control_rig import MS, START_M, Rig
 
 S = SafetyState

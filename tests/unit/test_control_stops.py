@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from common.messages import SafetyState
-from slave.settings import GateSettings
+from forefeel.common.messages import SafetyState
+from forefeel.slave.settings import GateSettings
 from tests.clocks import compared
 from tests.unit.control_rig import COMPARED, MS, SESSION, START_M, Rig
 

@@ -5,15 +5,15 @@ from contextlib import nullcontext
 
 import pytest
 
-from common.clock import MonotonicClock
-from common.errors import ConfigurationError
-from common.runtime.real import RealRuntime
-from common.transport.memory import MemoryBus, MemoryTransport
 from forefeel import daemons
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.transport.memory import MemoryBus, MemoryTransport
 from forefeel.local.server import LocalServer
-from master.settings import MasterSettings
-from slave.devices import Devices
-from slave.settings import SlaveSettings
+from forefeel.master.settings import MasterSettings
+from forefeel.slave.devices import Devices
+from forefeel.slave.settings import SlaveSettings
 from tests.unit.failing import refusing
 from tests.unit.master_rig import FakeHandle
 from tests.unit.real_time import as_it_is
@@ -46,7 +46,9 @@ def test_a_slave_that_can_not_begin_closes_its_devices_and_its_transport(
     session: MemoryTransport, monkeypatch: pytest.MonkeyPatch, place: object, name: str
 ) -> None:
     stage, opened = FakeStage(), list[bool]()
-    monkeypatch.setattr("slave.daemon._devices", lambda _: Devices(stage, FakeGripper(), FakeLoadCell()))
+    monkeypatch.setattr(
+        "forefeel.slave.daemon._devices", lambda _: Devices(stage, FakeGripper(), FakeLoadCell())
+    )
 
     def refuse(*_: object) -> None:
         opened.append(stage.opened)
@@ -66,9 +68,9 @@ def test_a_master_that_can_not_begin_closes_its_handle_and_its_transport(
 ) -> None:
     handle, closed = FakeHandle(), list[bool]()
     monkeypatch.setattr(handle, "close", lambda: closed.append(True))
-    monkeypatch.setattr("master.daemon.make_handle", lambda *_: handle)
-    monkeypatch.setattr("master.daemon.compile_kernels", lambda: None)
-    monkeypatch.setattr("common.estimation.forecast.compile_kernels", lambda: None)
+    monkeypatch.setattr("forefeel.master.daemon.make_handle", lambda *_: handle)
+    monkeypatch.setattr("forefeel.master.daemon.compile_kernels", lambda: None)
+    monkeypatch.setattr("forefeel.common.estimation.forecast.compile_kernels", lambda: None)
     monkeypatch.setattr(place, name, refusing(ConfigurationError("no socket")))
     with pytest.raises(ConfigurationError, match="no socket"):
         asyncio.run(daemons._master(MasterSettings(), None, insecure=False))

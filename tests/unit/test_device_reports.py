@@ -4,11 +4,11 @@ from datetime import date
 
 import pytest
 
-from common import topics
-from common.bus import Bus
-from common.hardware.calibration import LoadCellCalibration, StageCalibration
-from common.hardware.link import Link
-from common.messages import Calibration
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
+from forefeel.common.hardware.link import Link
+from forefeel.common.messages import Calibration
 from tests.unit.slave_rig import SESSION, SlaveRig
 
 CELL = LoadCellCalibration(

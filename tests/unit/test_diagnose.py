@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from common.recording.recording import Recording
-from diagnosis.diagnose import diagnose
 from forefeel.cli import app
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
 
 RATE_HZ = 500.0
 

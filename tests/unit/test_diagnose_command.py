@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
-from common.recording.mcap_writer import RunWriter
 from forefeel.__main__ import main
+from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.diagnose.examine import Task, examine
 from forefeel.diagnose.parallel import attempt
 from tests.commands.command_line import contents

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from common.recording.tabular import load_recording
-from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.verdict import Diagnosis
+from forefeel.common.recording.tabular import load_recording
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.verdict import Diagnosis
 
 FRICTION = {"coulomb_friction", "stribeck_friction", "presliding_hysteresis", "position_dependent_friction"}
 

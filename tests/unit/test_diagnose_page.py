@@ -6,10 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.diagnose import Diagnosed, diagnose
-from diagnosis.diagnose.analysis import Analysis
-from diagnosis.diagnose.candidates import CANDIDATES, base_name
-from diagnosis.diagnose.faults import Fault
 from forefeel.diagnose.drawing import means
 from forefeel.diagnose.figures import worst_stretch
 from forefeel.diagnose.page import render_page
@@ -19,6 +15,10 @@ from forefeel.diagnose.pictures import Component, picture
 from forefeel.diagnose.sensor_pictures import sensor_picture
 from forefeel.diagnose.units import plain_value
 from forefeel.diagnose.words import PLAIN
+from forefeel.diagnosis.diagnose import Diagnosed, diagnose
+from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, base_name
+from forefeel.diagnosis.diagnose.faults import Fault
 from tests.unit.diagnosis_samples import FRICTION_N, made
 
 FAULTS = {
@@ -151,7 +151,7 @@ def test_the_worst_stretch_is_where_the_error_is(rubbing: Diagnosed) -> None:
 
 
 def test_a_given_simulation_is_what_the_force_is_compared_with(rubbing: Diagnosed) -> None:
-    from common.effects.model import ContactModel
+    from forefeel.common.effects.model import ContactModel
 
     parameters = {"mass_kg": 0.02, "damping_n_s_m": 0.8, "stiffness_n_m": 40.0}
     effects = [{"effect": "mass_damper_spring", "parameters": parameters}]

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from common.effects.registry import OWN
-from diagnosis.diagnose.parameters import NAMINGS
-from diagnosis.diagnose.prediction import Across
-from diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
+from forefeel.common.effects.registry import OWN
 from forefeel.diagnose.units import plain_value, scale, shown, split_unit
 from forefeel.diagnose.words import FLAGS, PLAIN, answer, caution, headline, plain
+from forefeel.diagnosis.diagnose.parameters import NAMINGS
+from forefeel.diagnosis.diagnose.prediction import Across
+from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
 from tests.unit.diagnosis_samples import made
 
 UNITLESS = {"ratio", "damping_ratio"}

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.recording.recording import Recording
-from common.recording.tabular import load_recording
-from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
-from diagnosis.diagnose.candidates import CANDIDATES, Model
-from diagnosis.diagnose.driven import FLAG, lowered_trust, signs_of_driving
-from diagnosis.diagnose.faults import clean
-from diagnosis.diagnose.regression import Regression
-from diagnosis.diagnose.signals import Signals
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.tabular import load_recording
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Model
+from forefeel.diagnosis.diagnose.driven import FLAG, lowered_trust, signs_of_driving
+from forefeel.diagnosis.diagnose.faults import clean
+from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.signals import Signals
 from tests.hidden_effects.generator import VOCABULARY, draw
 from tests.second_forms import forms
 from tests.unit.driven_samples import Body, broad_force, driven, held_in_place

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.effects.presliding_hysteresis import PreslidingHysteresis
-from common.effects.stress_relaxation import StressRelaxation
-from common.effects.unmodelled_resonance import UnmodelledResonance
-from common.error_size import Floats
-from common.recording.recording import Recording
-from common.recording.tabular import load_recording
-from diagnosis.diagnose.analysis import analyse
-from diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
-from diagnosis.diagnose.candidates import Shape
-from diagnosis.diagnose.faults import clean
-from diagnosis.diagnose.forward import (
+from forefeel.common.effects.presliding_hysteresis import PreslidingHysteresis
+from forefeel.common.effects.stress_relaxation import StressRelaxation
+from forefeel.common.effects.unmodelled_resonance import UnmodelledResonance
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.tabular import load_recording
+from forefeel.diagnosis.diagnose.analysis import analyse
+from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
+from forefeel.diagnosis.diagnose.candidates import Shape
+from forefeel.diagnosis.diagnose.faults import clean
+from forefeel.diagnosis.diagnose.forward import (
     Between,
     between_samples,
     drives,
@@ -27,9 +27,9 @@ from diagnosis.diagnose.forward import (
     rmse_m,
     simulate,
 )
-from diagnosis.diagnose.forward_model import ForwardModel, first_order_hold
-from diagnosis.diagnose.regression import Regression
-from diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.diagnose.forward_model import ForwardModel, first_order_hold
+from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.signals import Signals
 from tests.unit.driven_samples import Body, broad_force, driven
 
 RATE_HZ = 2000.0

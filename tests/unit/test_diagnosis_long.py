@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.analysis import analyse
-from diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
-from diagnosis.diagnose.long import FLAG, is_long
-from diagnosis.diagnose.parameters import intervals
-from diagnosis.diagnose.whole import Whole, fitted
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.analysis import analyse
+from forefeel.diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
+from forefeel.diagnosis.diagnose.long import FLAG, is_long
+from forefeel.diagnosis.diagnose.parameters import intervals
+from forefeel.diagnosis.diagnose.whole import Whole, fitted
 
 RATE_HZ = 250.0
 SECONDS = 180.0

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from common.error_size import Floats
-from common.errors import RecordingError
-from common.recording.recording import Recording
-from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.analysis import analyse
-from diagnosis.diagnose.blocks import block_numbers, gain
-from diagnosis.diagnose.extended import extended_model
-from diagnosis.diagnose.faults import clean, comb_step
-from diagnosis.diagnose.least_squares import solve
-from diagnosis.diagnose.noise import autoregression
-from diagnosis.diagnose.regression import Regression
-from diagnosis.diagnose.search import Search
-from diagnosis.diagnose.signals import Signals
+from forefeel.common.error_size import Floats
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.analysis import analyse
+from forefeel.diagnosis.diagnose.blocks import block_numbers, gain
+from forefeel.diagnosis.diagnose.extended import extended_model
+from forefeel.diagnosis.diagnose.faults import clean, comb_step
+from forefeel.diagnosis.diagnose.least_squares import solve
+from forefeel.diagnosis.diagnose.noise import autoregression
+from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.search import Search
+from forefeel.diagnosis.diagnose.signals import Signals
 
 MASS, DAMPING, STIFFNESS = 0.06, 1.1, 31.0
 RATE = 500.0

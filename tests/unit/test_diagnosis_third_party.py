@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from common.effects import registry
-from common.effects.base import ForceEffect, MotionEffect, Parameter
-from common.error_size import Floats
-from common.recording.recording import Recording
-from diagnosis.diagnose import diagnose
-from diagnosis.diagnose.candidates import CANDIDATES
-from diagnosis.diagnose.extended import MAKERS, extended_model
-from diagnosis.diagnose.parameters import NAMINGS
-from diagnosis.diagnose.regression import Regression
-from diagnosis.diagnose.search import Search
-from diagnosis.diagnose.signals import Signals
-from diagnosis.diagnose.third_party import fingerprint, take_in, third_party_candidates
+from forefeel.common.effects import registry
+from forefeel.common.effects.base import ForceEffect, MotionEffect, Parameter
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES
+from forefeel.diagnosis.diagnose.extended import MAKERS, extended_model
+from forefeel.diagnosis.diagnose.parameters import NAMINGS
+from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.search import Search
+from forefeel.diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.diagnose.third_party import fingerprint, take_in, third_party_candidates
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
 GROUP = "forefeel.effects"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from common.settings import DaemonSettings
-from common.topics import Role
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.topics import Role
 from forefeel.devices.probe import Probed, Quantiles
 from forefeel.doctor.access import Tried, judge_access
 from forefeel.doctor.calibrations import Calibrated, judge_calibration

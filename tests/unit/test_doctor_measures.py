@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from common.clock import now_utc
-from common.settings import DaemonSettings
-from common.transport.pki import read_identity
-from common.transport.security import Party, secured
+from forefeel.common.clock import now_utc
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.transport.pki import read_identity
+from forefeel.common.transport.security import Party, secured
 from forefeel.devices.configured import configured
 from forefeel.doctor.access import Tried, try_access
 from forefeel.doctor.calibrations import judge_calibration, read_calibration
@@ -27,7 +27,7 @@ from forefeel.doctor.realtime import measure_loop, read_kernel
 from forefeel.doctor.software import judge_software, python_version, read_packages
 from forefeel.doctor.storage import examine_folder
 from forefeel.pki.folder import make_folder
-from slave.settings import SlaveSettings
+from forefeel.slave.settings import SlaveSettings
 
 CELL = "cathlab"
 TODAY = date(2026, 7, 1)

@@ -4,11 +4,11 @@ from math import exp
 
 import pytest
 
-from common.effects.backlash import Backlash
-from common.effects.contact_loss import ContactLoss
-from common.effects.sensor_lag import SensorLag
-from common.effects.sensor_quantisation import SensorQuantisation
-from common.effects.sensor_saturation import SensorSaturation
+from forefeel.common.effects.backlash import Backlash
+from forefeel.common.effects.contact_loss import ContactLoss
+from forefeel.common.effects.sensor_lag import SensorLag
+from forefeel.common.effects.sensor_quantisation import SensorQuantisation
+from forefeel.common.effects.sensor_saturation import SensorSaturation
 
 
 def test_backlash_loses_its_width_at_each_reversal() -> None:

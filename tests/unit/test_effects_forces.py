@@ -4,17 +4,17 @@ from math import exp, pi, sin
 
 import pytest
 
-from common.effects.base import ForceEffect
-from common.effects.bias import Bias
-from common.effects.coulomb_friction import CoulombFriction
-from common.effects.direction import BAND_M_S
-from common.effects.mass_damper_spring import MassDamperSpring
-from common.effects.position_dependent_friction import PositionDependentFriction
-from common.effects.presliding_hysteresis import PreslidingHysteresis
-from common.effects.pulsation import Pulsation
-from common.effects.sensor_drift import SensorDrift
-from common.effects.stiffening import Stiffening
-from common.effects.stress_relaxation import StressRelaxation
+from forefeel.common.effects.base import ForceEffect
+from forefeel.common.effects.bias import Bias
+from forefeel.common.effects.coulomb_friction import CoulombFriction
+from forefeel.common.effects.direction import BAND_M_S
+from forefeel.common.effects.mass_damper_spring import MassDamperSpring
+from forefeel.common.effects.position_dependent_friction import PositionDependentFriction
+from forefeel.common.effects.presliding_hysteresis import PreslidingHysteresis
+from forefeel.common.effects.pulsation import Pulsation
+from forefeel.common.effects.sensor_drift import SensorDrift
+from forefeel.common.effects.stiffening import Stiffening
+from forefeel.common.effects.stress_relaxation import StressRelaxation
 
 
 def glide(effect: ForceEffect, distance_m: float, speed_m_s: float, steps: int) -> float:

@@ -6,23 +6,23 @@ from math import cos, e, exp, pi, sin, sqrt
 import numpy as np
 import pytest
 
-from common.effects.asymmetric_damping import AsymmetricDamping
-from common.effects.coulomb_friction import CoulombFriction
-from common.effects.exponential_wall import ExponentialWall
-from common.effects.hunt_crossley_damping import HuntCrossleyDamping
-from common.effects.mains_hum import MainsHum
-from common.effects.model import ContactModel
-from common.effects.offline import Array
-from common.effects.presliding_hysteresis import PreslidingHysteresis
-from common.effects.pulsation import Pulsation
-from common.effects.quadratic_drag import QuadraticDrag
-from common.effects.sensor_lag import SensorLag
-from common.effects.sensor_spikes import SensorSpikes
-from common.effects.stiffening import Stiffening
-from common.effects.stiffness_change import StiffnessChange
-from common.effects.stribeck_friction import StribeckFriction
-from common.effects.time_delay import TimeDelay
-from common.effects.unmodelled_resonance import UnmodelledResonance
+from forefeel.common.effects.asymmetric_damping import AsymmetricDamping
+from forefeel.common.effects.coulomb_friction import CoulombFriction
+from forefeel.common.effects.exponential_wall import ExponentialWall
+from forefeel.common.effects.hunt_crossley_damping import HuntCrossleyDamping
+from forefeel.common.effects.mains_hum import MainsHum
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.effects.offline import Array
+from forefeel.common.effects.presliding_hysteresis import PreslidingHysteresis
+from forefeel.common.effects.pulsation import Pulsation
+from forefeel.common.effects.quadratic_drag import QuadraticDrag
+from forefeel.common.effects.sensor_lag import SensorLag
+from forefeel.common.effects.sensor_spikes import SensorSpikes
+from forefeel.common.effects.stiffening import Stiffening
+from forefeel.common.effects.stiffness_change import StiffnessChange
+from forefeel.common.effects.stribeck_friction import StribeckFriction
+from forefeel.common.effects.time_delay import TimeDelay
+from forefeel.common.effects.unmodelled_resonance import UnmodelledResonance
 
 DT = 1e-3
 

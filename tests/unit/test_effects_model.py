@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from common.effects import registry
-from common.effects.base import ForceEffect, Parameter
-from common.effects.coulomb_friction import CoulombFriction
-from common.effects.model import ContactModel
+from forefeel.common.effects import registry
+from forefeel.common.effects.base import ForceEffect, Parameter
+from forefeel.common.effects.coulomb_friction import CoulombFriction
+from forefeel.common.effects.model import ContactModel
 
 DT = 1e-3
 

@@ -1,7 +1,7 @@
 import pytest
 
-from common.errors import EndpointError
-from common.transport.endpoints import check_endpoint
+from forefeel.common.errors import EndpointError
+from forefeel.common.transport.endpoints import check_endpoint
 
 
 @pytest.mark.parametrize(

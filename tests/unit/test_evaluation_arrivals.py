@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from common.errors import ConfigurationError
-from diagnosis.evaluation.arrivals import Link, arrivals
+from forefeel.common.errors import ConfigurationError
+from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
 from tests.unit.evaluation_samples import made_up
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.evaluation.describe import gap_count, notes
+from forefeel.diagnosis.evaluation.describe import gap_count, notes
 from tests.unit.evaluation_samples import Floats, made_up, recording
 
 TIME_S: Floats = np.arange(2000, dtype=np.float64) * 0.005

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError, RecordingError
-from diagnosis.evaluation.arrivals import Link
-from diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules
-from diagnosis.evaluation.methods import METHODS
-from diagnosis.evaluation.results import to_json
-from diagnosis.evaluation.score import Band
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules
+from forefeel.diagnosis.evaluation.methods import METHODS
+from forefeel.diagnosis.evaluation.results import to_json
+from forefeel.diagnosis.evaluation.score import Band
 from tests.unit.evaluation_samples import hold_oracle, made_up, recording
 
 LINK = Link(0.3)
@@ -82,8 +82,8 @@ def test_the_document_has_the_agreed_form_and_no_nan() -> None:
 
 def test_a_method_that_diverged_says_when_and_has_null() -> None:
     evaluated = evaluate(prepare(SAMPLE, LINK), None)
-    from common.error_size import ErrorSize
-    from diagnosis.evaluation.score import Score
+    from forefeel.common.error_size import ErrorSize
+    from forefeel.diagnosis.evaluation.score import Score
 
     scores = {**evaluated.scores, "paper": Score(ErrorSize(), 4.25, Band())}
     text = to_json(LINK, (), {"one": replace(evaluated, scores=scores)}, {})

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.recording.tabular import load_recording
-from diagnosis.evaluation.arrivals import Link
-from diagnosis.evaluation.evaluate import evaluate, prepare
+from forefeel.common.recording.tabular import load_recording
+from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.evaluate import evaluate, prepare
 from tests.second_forms import forms
 
 DATA = os.environ.get("FOREFEEL_DATA")

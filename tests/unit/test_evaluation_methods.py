@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from diagnosis.evaluation.arrivals import Link, arrivals
-from diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, Estimate, Pairs
-from diagnosis.evaluation.replay import replay
+from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
+from forefeel.diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, Estimate, Pairs
+from forefeel.diagnosis.evaluation.replay import replay
 from tests.unit.evaluation_samples import Floats, hold_oracle, made_up, recording
 
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from diagnosis.evaluation.arrivals import Link, arrivals
-from diagnosis.evaluation.replay import Trace
-from diagnosis.evaluation.score import (
+from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
+from forefeel.diagnosis.evaluation.replay import Trace
+from forefeel.diagnosis.evaluation.score import (
     RUNAWAY,
     Score,
     completed,

@@ -4,8 +4,8 @@ from itertools import product
 
 import pytest
 
-from common.errors import EndpointError
-from common.transport.exposure import check_exposure, on_loopback
+from forefeel.common.errors import EndpointError
+from forefeel.common.transport.exposure import check_exposure, on_loopback
 
 ENDPOINTS = {
     ("inside", "plain"): "tcp/127.0.0.1:7447",

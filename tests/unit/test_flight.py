@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from common import topics
-from common.clock import MonotonicClock, VirtualClock, WallClock
-from common.codec import encode
-from common.flight import Rings, Row, TappedTransport
-from common.messages import Grip, SafetyState
-from common.recording.mcap_reader import read_run
-from common.state.flight_writer import FlightWriter
-from common.transport.memory import MemoryBus
+from forefeel.common import topics
+from forefeel.common.clock import MonotonicClock, VirtualClock, WallClock
+from forefeel.common.codec import encode
+from forefeel.common.flight import Rings, Row, TappedTransport
+from forefeel.common.messages import Grip, SafetyState
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.state.flight_writer import FlightWriter
+from forefeel.common.transport.memory import MemoryBus
 from tests.unit.recording_samples import force
 
 MS = 1_000_000
@@ -152,7 +152,7 @@ def test_a_full_disk_leaves_no_half_record_and_is_said(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("common.recording.mcap_writer.os.fsync", full)
+    monkeypatch.setattr("forefeel.common.recording.mcap_writer.os.fsync", full)
     recorder.writer.ask("insertion", "fault", "x", recorder.now_ns)
     recorder.writer.start()
     recorder.writer.close()
@@ -167,7 +167,7 @@ def test_a_thread_that_ends_by_what_nobody_expects_is_a_problem_and_no_request_i
     def broken(*_: object) -> None:
         raise ValueError("no such number")
 
-    monkeypatch.setattr("common.state.flight_writer.RunWriter", broken)
+    monkeypatch.setattr("forefeel.common.state.flight_writer.RunWriter", broken)
     for second, event in enumerate(("watchdog", "fault", "skipped")):
         recorder.writer.ask("insertion", event, "x", recorder.now_ns + min(second, 1) * S)
     recorder.writer.start()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from common.estimation.forecast import Forecaster
-from common.estimation.forecast.experts import NAMES, OUTSIDE
+from forefeel.common.estimation.forecast import Forecaster
+from forefeel.common.estimation.forecast.experts import NAMES, OUTSIDE
 from tests.unit.forecast_samples import Array, Sample, contact, drifting, replayed, scored
 
 DELAYS_S = (0.02, 0.1, 0.3, 0.5)

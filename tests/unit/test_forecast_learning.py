@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.estimation.forecast import band as bands
-from common.estimation.forecast import change as changes
-from common.estimation.forecast import experts as crowd
-from common.estimation.forecast import hold as holds
-from common.estimation.forecast import regression as fits
-from common.estimation.forecast import steps
-from common.estimation.forecast.bank import (
+from forefeel.common.estimation.forecast import band as bands
+from forefeel.common.estimation.forecast import change as changes
+from forefeel.common.estimation.forecast import experts as crowd
+from forefeel.common.estimation.forecast import hold as holds
+from forefeel.common.estimation.forecast import regression as fits
+from forefeel.common.estimation.forecast import steps
+from forefeel.common.estimation.forecast.bank import (
     COUNT,
     FIRST_DIFFERENCE,
     FIRST_NONLINEAR,
     FIRST_RELAXATION,
     FIRST_STOP,
 )
-from common.estimation.forecast.regression import LONG, SETS, SHORT, SHORT_SETS
-from common.estimation.forecast.state import new_state
-from common.estimation.record import zeros
+from forefeel.common.estimation.forecast.regression import LONG, SETS, SHORT, SHORT_SETS
+from forefeel.common.estimation.forecast.state import new_state
+from forefeel.common.estimation.record import zeros
 from tests.unit.forecast_samples import contact
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.recording.tabular import load_recording
+from forefeel.common.recording.tabular import load_recording
 from tests.second_forms import forms
 from tests.unit.forecast_samples import Sample, replayed, scored
 

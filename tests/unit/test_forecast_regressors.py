@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.estimation.forecast import bank as banks
-from common.estimation.forecast import steps
-from common.estimation.forecast.bank import (
+from forefeel.common.estimation.forecast import bank as banks
+from forefeel.common.estimation.forecast import steps
+from forefeel.common.estimation.forecast.bank import (
     FIRST_DIFFERENCE,
     FIRST_NONLINEAR,
     FIRST_RELAXATION,
@@ -17,7 +17,7 @@ from common.estimation.forecast.bank import (
     SPANS,
     STOPS,
 )
-from common.estimation.forecast.state import new_state
+from forefeel.common.estimation.forecast.state import new_state
 
 Array = NDArray[np.float64]
 RNG = np.random.default_rng(3)

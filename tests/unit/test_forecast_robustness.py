@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.estimation.forecast import Forecaster
+from forefeel.common.estimation.forecast import Forecaster
 from tests.unit.forecast_samples import Array, Sample, contact, moved, replayed, scored
 
 DELAY_S = 0.3

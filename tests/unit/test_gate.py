@@ -3,9 +3,9 @@ from typing import Any
 
 import pytest
 
-from common.clock_offset import ClockOffset
-from common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S, MotionCommand
-from slave.gate import CommandGate, GateLimits, Refusal
+from forefeel.common.clock_offset import ClockOffset
+from forefeel.common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S, MotionCommand
+from forefeel.slave.gate import CommandGate, GateLimits, Refusal
 from tests.clocks import compared
 
 MS = 1_000_000

@@ -2,10 +2,10 @@
 
 import pytest
 
-from common.bus import Outlet
-from common.codec import decode
-from common.heartbeats import Heartbeats
-from common.messages import Heartbeat
+from forefeel.common.bus import Outlet
+from forefeel.common.codec import decode
+from forefeel.common.heartbeats import Heartbeats
+from forefeel.common.messages import Heartbeat
 
 MS = 1_000_000
 

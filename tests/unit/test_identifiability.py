@@ -4,7 +4,7 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
-from common.estimation.identifiability import (
+from forefeel.common.estimation.identifiability import (
     MAX_LENGTH,
     MAX_STATEMENTS,
     Array,
@@ -13,7 +13,7 @@ from common.estimation.identifiability import (
     information,
     informed_directions,
 )
-from common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.rls import RecursiveLeastSquares
 
 NAMES = ("m", "b", "k", "bias")
 SCALES = (1.0, 0.5, 0.25, 1.0)

@@ -6,15 +6,15 @@ from statistics import mean, stdev
 
 import pytest
 
-from common.effects.model import ContactModel
-from common.estimation.identification import (
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.estimation.identification import (
     ContactEstimate,
     ContactIdentifier,
     IdentificationSettings,
     linear_bounds,
     nominal_scales,
 )
-from common.estimation.prediction import ContactPredictor
+from forefeel.common.estimation.prediction import ContactPredictor
 
 MS = 1_000_000
 START_NS = 7_000_000_000_000_000

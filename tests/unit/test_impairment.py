@@ -6,8 +6,8 @@ from statistics import NormalDist, correlation, fmean, pstdev
 
 import pytest
 
-from common.transport.impairment import Impairment, ReplayedImpairment
-from common.transport.settings import PRESETS, ImpairmentSettings
+from forefeel.common.transport.impairment import Impairment, ReplayedImpairment
+from forefeel.common.transport.settings import PRESETS, ImpairmentSettings
 from tests.second_forms import forms
 
 MS = 1_000_000

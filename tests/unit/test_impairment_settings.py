@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from common.transport.settings import PRESETS, ImpairmentSettings, TransportSettings
+from forefeel.common.transport.settings import PRESETS, ImpairmentSettings, TransportSettings
 
 
 @pytest.mark.parametrize("name", PRESETS)

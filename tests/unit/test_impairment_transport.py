@@ -2,11 +2,11 @@ import heapq
 from collections.abc import Callable
 from itertools import count
 
-from common.clock import VirtualClock
-from common.topics import COMMAND, FORCE, MASTER_TIMING, TOPICS, Qos
-from common.transport.impaired import ImpairedTransport, TraceChunk, crosses
-from common.transport.impairment import Link, ReplayedImpairment
-from common.transport.memory import MemoryBus
+from forefeel.common.clock import VirtualClock
+from forefeel.common.topics import COMMAND, FORCE, MASTER_TIMING, TOPICS, Qos
+from forefeel.common.transport.impaired import ImpairedTransport, TraceChunk, crosses
+from forefeel.common.transport.impairment import Link, ReplayedImpairment
+from forefeel.common.transport.memory import MemoryBus
 
 KEY = COMMAND.key("cell", "insertion")
 

@@ -1,7 +1,7 @@
 import pytest
 
-from common.messages import MotionCommand
-from slave.intake import CommandSlot
+from forefeel.common.messages import MotionCommand
+from forefeel.slave.intake import CommandSlot
 
 
 def command(sequence: int, deadman: bool) -> MotionCommand:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.estimation import jit
+from forefeel.common.estimation import jit
 
 OUTER = """
 from kernels_of_a_test.inner import add

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from common.audit import parse, verify
-from common.clock import MonotonicClock
-from common.state.folder import AUDIT, StateFolder
-from common.state.journal import StateJournal
+from forefeel.common.audit import parse, verify
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.state.folder import AUDIT, StateFolder
+from forefeel.common.state.journal import StateJournal
 
 
 def daemon(folder: Path, killed: bool = False) -> list[str]:

@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import pytest
 
-from common import topics
-from common.bus import Bus
-from common.messages import SafetyEvent, SafetyState, SlaveState
-from common.runtime.real import RealRuntime
-from common.transport.memory import MemoryBus
-from slave.daemon import SlaveDaemon
-from slave.settings import SlaveAxisSettings, SlaveSettings
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.messages import SafetyEvent, SafetyState, SlaveState
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.slave.daemon import SlaveDaemon
+from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 from tests.unit.failing import refusing
 from tests.unit.real_time import as_it_is, until
 from tests.unit.slave_cell import Book, Cell

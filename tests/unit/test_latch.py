@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from common.state.folder import LATCHED
-from common.state.latch import Latch, latched
+from forefeel.common.state.folder import LATCHED
+from forefeel.common.state.latch import Latch, latched
 from tests.waiting import wait_until
 
 STOPPED = {"before": "armed", "after": "estopped", "reason": "pressed"}
@@ -53,7 +53,7 @@ def test_kept_means_on_the_disk(latch: Latch, path: Path, monkeypatch: pytest.Mo
         synced.append(latched(path))
         real(descriptor)
 
-    monkeypatch.setattr("common.state.latch.os.fsync", fsync)
+    monkeypatch.setattr("forefeel.common.state.latch.os.fsync", fsync)
     latch.transition("a", STOPPED)
     wait_until(lambda: latch.kept("a"))
     latch.transition("a", CLEARED)

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from common import topics
-from common.codec import encode
-from common.errors import DeviceError
-from common.messages import EmergencyStop, LimitEvent, SafetyEvent, SafetyState
-from slave.clearing import Clearing
+from forefeel.common import topics
+from forefeel.common.codec import encode
+from forefeel.common.errors import DeviceError
+from forefeel.common.messages import EmergencyStop, LimitEvent, SafetyEvent, SafetyState
+from forefeel.slave.clearing import Clearing
 from tests.unit.slave_cell import Book, Cell
 from tests.unit.slave_rig import MS, START_M, SlaveRig
 

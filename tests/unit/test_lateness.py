@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.lateness import EDGES_US, Lateness, quantile_us
+from forefeel.common.lateness import EDGES_US, Lateness, quantile_us
 
 LATE_NS = st.lists(st.integers(0, 900_000_000), min_size=1, max_size=300)
 SHARES = (0.01, 0.5, 0.9, 0.99, 1.0)

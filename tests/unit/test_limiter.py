@@ -2,8 +2,8 @@ from math import sin
 
 import pytest
 
-from common.limiter import LimitHit, MotionLimiter
-from common.settings import AxisLimits
+from forefeel.common.limiter import LimitHit, MotionLimiter
+from forefeel.common.settings import AxisLimits
 
 DT_S = 1e-3
 LIMITS = AxisLimits(

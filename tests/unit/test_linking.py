@@ -8,18 +8,18 @@ from typing import Any, cast
 
 import pytest
 
-from common.config import checked
-from common.errors import ConfigurationError, EndpointError, NoRouterError
-from common.runtime.real import RealRuntime
-from common.transport.parallel import ParallelTransport
 from forefeel import linking
+from forefeel.common.config import checked
+from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.linking import MasterLink, obstacles, open_session, opened
+from forefeel.master.daemon import MasterDaemon
+from forefeel.master.session import Link, Session
+from forefeel.master.settings import MasterSettings
 from forefeel.reaching import Obstacle
+from forefeel.slave.settings import SlaveSettings
 from forefeel.waiting import Obstacles
-from master.daemon import MasterDaemon
-from master.session import Link, Session
-from master.settings import MasterSettings
-from slave.settings import SlaveSettings
 
 S = 1_000_000_000
 CONNECT = {"transport": {"connect": ["tcp/127.0.0.1:9"]}}

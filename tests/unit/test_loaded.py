@@ -11,10 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.effects.model import SCHEMA, ContactModel
-from common.estimation.identification import ContactEstimate, ContactIdentifier, IdentificationSettings
-from common.estimation.loaded import NOTHING, LoadedContact
-from common.estimation.transfer import Sensor, TimeColumns, lasting
+from forefeel.common.effects.model import SCHEMA, ContactModel
+from forefeel.common.estimation.identification import (
+    ContactEstimate,
+    ContactIdentifier,
+    IdentificationSettings,
+)
+from forefeel.common.estimation.loaded import NOTHING, LoadedContact
+from forefeel.common.estimation.transfer import Sensor, TimeColumns, lasting
 
 MS = 1_000_000
 DELAY = 300

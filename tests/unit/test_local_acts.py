@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from common.audit import Noted, parse
-from common.clock import MonotonicClock
-from common.messages import SafetyState
-from common.state.audit_file import AuditFile
-from common.state.folder import AUDIT, SOCKET
+from forefeel.common.audit import Noted, parse
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.messages import SafetyState
+from forefeel.common.state.audit_file import AuditFile
+from forefeel.common.state.folder import AUDIT, SOCKET
 from forefeel.local import acts, protocol, server
 from forefeel.local.client import NobodyThereError, ask
 from forefeel.local.protocol import Answer, Request

@@ -3,14 +3,14 @@
 import msgpack
 import pytest
 
-from common.messages import (
+from forefeel.common.messages import (
     MOST_FORCE_N,
     ForceSample,
     Heartbeat,
     SlaveState,
 )
-from common.settings import AxisLimits, settings_hash, shared_text
-from master.session import Link
+from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.master.session import Link
 from tests.unit.master_rig import FULL_SCALE_N, MS, SHARED, Rig, S, linked, shown
 
 rig = pytest.fixture(linked, name="rig")

@@ -1,8 +1,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from master.clutch import Clutch
-from master.handles.port import HandleReading
+from forefeel.master.clutch import Clutch
+from forefeel.master.handles.port import HandleReading
 
 METRE = st.floats(-1.0, 1.0)
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from common.errors import RunError
-from common.runtime.virtual import VirtualRuntime
-from common.transport.memory import MemoryBus
-from master.daemon import MasterDaemon
-from master.settings import MasterAxisSettings, MasterSettings
+from forefeel.common.errors import RunError
+from forefeel.common.runtime.virtual import VirtualRuntime
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.master.daemon import MasterDaemon
+from forefeel.master.settings import MasterAxisSettings, MasterSettings
 from tests.unit.failing import refusing
 from tests.unit.master_rig import FakeHandle
 from tests.unit.slave_cell import Book
@@ -20,8 +20,10 @@ class Bench:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.handles = [FakeHandle() for _ in AXES]
         left = iter(self.handles)
-        monkeypatch.setattr("master.daemon.compile_kernels", lambda: None)  # nothing is predicted here
-        monkeypatch.setattr("master.daemon.make_handle", lambda *_: next(left))
+        monkeypatch.setattr(
+            "forefeel.master.daemon.compile_kernels", lambda: None
+        )  # nothing is predicted here
+        monkeypatch.setattr("forefeel.master.daemon.make_handle", lambda *_: next(left))
         self.runtime, self.book = VirtualRuntime(), Book()
         self.network = MemoryBus()
         self.session = self.network.session(self.runtime.clock)
@@ -55,7 +57,7 @@ def test_a_handle_that_breaks_at_a_fault_leaves_no_force_on_the_others(
 def test_no_handle_stays_open_when_the_daemon_can_not_report(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("master.daemon.Reports", refusing(RunError("the session is closed")))
+    monkeypatch.setattr("forefeel.master.daemon.Reports", refusing(RunError("the session is closed")))
     with pytest.raises(RunError, match="the session is closed"):
         bench.start()
     assert sorted(bench.closed) == [0, 1, 2]

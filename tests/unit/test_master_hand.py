@@ -5,8 +5,8 @@ from math import nan
 
 import pytest
 
-from common.errors import DeviceError
-from master.handles.port import HandleReading
+from forefeel.common.errors import DeviceError
+from forefeel.master.handles.port import HandleReading
 from tests.unit.master_rig import MS, Rig, linked
 
 rig = pytest.fixture(linked, name="rig")

@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.estimation.forecast import Estimate
-from common.messages import ForceSample, Grip, SafetyState
-from master.handles.port import HandleReading
-from master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
-from master.prediction import Present
-from master.settings import RenderingSettings
+from forefeel.common.estimation.forecast import Estimate
+from forefeel.common.messages import ForceSample, Grip, SafetyState
+from forefeel.master.handles.port import HandleReading
+from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
+from forefeel.master.prediction import Present
+from forefeel.master.settings import RenderingSettings
 
 MS = 1_000_000
 S = SafetyState

@@ -4,10 +4,14 @@ from random import Random
 
 import pytest
 
-from common.effects.model import ContactModel
-from common.estimation.identification import ContactEstimate, ContactIdentifier, IdentificationSettings
-from common.messages import ForceSample
-from master.identification import IdentificationTask
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.estimation.identification import (
+    ContactEstimate,
+    ContactIdentifier,
+    IdentificationSettings,
+)
+from forefeel.common.messages import ForceSample
+from forefeel.master.identification import IdentificationTask
 
 TICK = 4_000_000  # the contact model's parameters are identified from 250 samples a second
 MODEL = ContactModel.from_mapping(

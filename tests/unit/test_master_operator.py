@@ -2,10 +2,10 @@ from itertools import pairwise
 
 import pytest
 
-from common.messages import SafetyState
-from master.handles.operator import Operator
-from master.handles.port import HandleReading, Indication
-from master.settings import OperatorSettings
+from forefeel.common.messages import SafetyState
+from forefeel.master.handles.operator import Operator
+from forefeel.master.handles.port import HandleReading, Indication
+from forefeel.master.settings import OperatorSettings
 
 MS = 1_000_000
 S = SafetyState

@@ -1,13 +1,13 @@
 """The master's own limits and transitions reach the network as events."""
 
-from common import topics
-from common.bus import Bus
-from common.clock import VirtualClock
-from common.codec import decode
-from common.limiter import LimitHit
-from common.messages import LimitEvent, MasterEvent
-from common.transport.memory import MemoryBus
-from master.own_events import OwnEvents
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.clock import VirtualClock
+from forefeel.common.codec import decode
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import LimitEvent, MasterEvent
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.master.own_events import OwnEvents
 
 MS = 1_000_000
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from master.passivity import PassivityController, PassivityObserver
+from forefeel.master.passivity import PassivityController, PassivityObserver
 
 DT_S = 1e-3
 

@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.messages import SafetyState
-from master.handles.person import REACTION_S, Act, Person
+from forefeel.common.messages import SafetyState
+from forefeel.master.handles.person import REACTION_S, Act, Person
 
 S = SafetyState
 STATES = (None, *SafetyState)

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.errors import RecordingError
-from common.messages import SafetyState
-from common.recording.recording import Recording
-from common.recording.tabular import load_recording
-from master.handles.playback import Motion, MultiSine, Playback, RecordedMotion
-from master.handles.port import HandleReading, Indication
+from forefeel.common.errors import RecordingError
+from forefeel.common.messages import SafetyState
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.tabular import load_recording
+from forefeel.master.handles.playback import Motion, MultiSine, Playback, RecordedMotion
+from forefeel.master.handles.port import HandleReading, Indication
 
 MS = 1_000_000
 S = SafetyState

@@ -5,13 +5,13 @@ from math import nan, pi
 import numpy as np
 import pytest
 
-from common.effects.model import SCHEMA, ContactModel
-from common.estimation.identification import ContactIdentifier, IdentificationSettings
-from common.estimation.prediction import ContactPredictor
-from common.messages import ForceSample, Grip
-from common.settings import AxisLimits
-from master.prediction import ForcePrediction, Present
-from master.stage import ExpectedStage
+from forefeel.common.effects.model import SCHEMA, ContactModel
+from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
+from forefeel.common.estimation.prediction import ContactPredictor
+from forefeel.common.messages import ForceSample, Grip
+from forefeel.common.settings import AxisLimits
+from forefeel.master.prediction import ForcePrediction, Present
+from forefeel.master.stage import ExpectedStage
 from tests.unit.test_stage_lag import Drive, _reach
 
 MS = 1_000_000

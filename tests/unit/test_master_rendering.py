@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.limiter import LimitHit
-from master.rendering import ForceRenderer
-from master.settings import RenderingSettings
+from forefeel.common.limiter import LimitHit
+from forefeel.master.rendering import ForceRenderer
+from forefeel.master.settings import RenderingSettings
 
 MS = 1_000_000
 SETTINGS = RenderingSettings(

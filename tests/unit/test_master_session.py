@@ -2,7 +2,7 @@ from itertools import count
 
 import pytest
 
-from master.session import Link, Session
+from forefeel.master.session import Link, Session
 
 MS = 1_000_000
 

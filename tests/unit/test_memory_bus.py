@@ -1,8 +1,8 @@
 import pytest
 
-from common.clock import VirtualClock
-from common.topics import Qos
-from common.transport.memory import MemoryBus
+from forefeel.common.clock import VirtualClock
+from forefeel.common.topics import Qos
+from forefeel.common.transport.memory import MemoryBus
 
 
 def test_delivers_to_other_sessions_only_with_the_stamp_of_the_receiver() -> None:

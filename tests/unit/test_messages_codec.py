@@ -6,10 +6,10 @@ import msgpack
 import pytest
 from pydantic import ValidationError
 
-from common.bus import Header
-from common.codec import MAX_MESSAGE_BYTES, decode, encode, unpack
-from common.errors import CodecError
-from common.messages import (
+from forefeel.common.bus import Header
+from forefeel.common.codec import MAX_MESSAGE_BYTES, decode, encode, unpack
+from forefeel.common.errors import CodecError
+from forefeel.common.messages import (
     PROTOCOL_VERSION,
     EmergencyStop,
     ForceSample,
@@ -21,7 +21,7 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.topics import TOPICS
+from forefeel.common.topics import TOPICS
 from tests.message_samples import KINDS
 
 HEADER: Header = {"session_id": 7, "sequence": 1, "stamp_ns": 123}

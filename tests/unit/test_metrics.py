@@ -8,10 +8,10 @@ import pytest
 pytest.importorskip("prometheus_client")
 from prometheus_client.parser import text_string_to_metric_families
 
-from common.clock import MonotonicClock
-from common.codec import encode
-from common.errors import EndpointError
-from common.messages import (
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.codec import encode
+from forefeel.common.errors import EndpointError
+from forefeel.common.messages import (
     LimitEvent,
     LoopTiming,
     MasterState,
@@ -21,7 +21,7 @@ from common.messages import (
     SafetyState,
     SlaveState,
 )
-from common.topics import (
+from forefeel.common.topics import (
     FORCE,
     LIMIT_EVENT,
     MASTER_STATE,

@@ -1,7 +1,15 @@
 import pytest
 
-from common.messages import SafetyEvent, SafetyState
-from common.notices import Lasting, Notices, RateLimit, in_words, is_long_round_trip, long_round_trip, span
+from forefeel.common.messages import SafetyEvent, SafetyState
+from forefeel.common.notices import (
+    Lasting,
+    Notices,
+    RateLimit,
+    in_words,
+    is_long_round_trip,
+    long_round_trip,
+    span,
+)
 
 S = 1_000_000_000
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from common.estimation.paper import PaperRls, SisoRegressor
+from forefeel.common.estimation.paper import PaperRls, SisoRegressor
 
 
 def _weighted_batch(rows: np.ndarray, y: np.ndarray, lam: float, delta: float) -> np.ndarray:

@@ -2,8 +2,16 @@
 
 import pytest
 
-from common.topics import COMMAND, EMERGENCY_STOP, LIMIT_EVENT, PUBLISHED, SAFETY_EVENT, numbered, parse_key
-from common.transport.settings import MOST_CONNECTIONS, TransportSettings
+from forefeel.common.topics import (
+    COMMAND,
+    EMERGENCY_STOP,
+    LIMIT_EVENT,
+    PUBLISHED,
+    SAFETY_EVENT,
+    numbered,
+    parse_key,
+)
+from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettings
 
 FAR, NEAR = "tls/192.0.2.7:7447", "tls/127.0.0.1:7447"
 

@@ -8,10 +8,10 @@ from contextlib import ExitStack
 
 import pytest
 
-from common.clock import VirtualClock
-from common.runtime.descriptors import DESCRIPTORS
-from common.transport.pending import MOST, MOST_SILENT, SILENT_S, PendingConnections
-from common.transport.settings import TransportSettings
+from forefeel.common.clock import VirtualClock
+from forefeel.common.runtime.descriptors import DESCRIPTORS
+from forefeel.common.transport.pending import MOST, MOST_SILENT, SILENT_S, PendingConnections
+from forefeel.common.transport.settings import TransportSettings
 
 _TIMEOUT_S = 5.0
 _SOON_S = 0.1

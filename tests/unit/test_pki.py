@@ -13,9 +13,9 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from common.errors import ConfigurationError, RunError
-from common.transport.pki import read_identity
-from common.transport.security import CELL_ROLES, Party
+from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.transport.pki import read_identity
+from forefeel.common.transport.security import CELL_ROLES, Party
 from forefeel.pki.authority import Authority, certificate_pem, hosts_of, key_pem, new_key
 from forefeel.pki.folder import add_cell, bundle, find_members, read_certificate, renew
 from forefeel.pki.layout import checked_cells, members_of, parse_hosts

@@ -6,20 +6,20 @@ from statistics import fmean, stdev
 
 import pytest
 
-from common.errors import DeviceError, RecordingError
-from common.messages import Grip
-from slave.daemon import _devices
-from slave.grippers.port import Gripper
-from slave.grippers.simulated import SimulatedGripper, UnseenGripper
-from slave.load_cells.port import LoadCell, LoadCellReading
-from slave.load_cells.recorded import RecordedLoadCell
-from slave.load_cells.simulated import SimulatedLoadCell
-from slave.plant.load_cell import PlantLoadCell
-from slave.plant.settings import LoadCellSettings, preset
-from slave.plant.world import SimulatedWorld
-from slave.settings import SlaveAxisSettings
-from slave.stages.port import Stage
-from slave.stages.simulated import SimulatedStage
+from forefeel.common.errors import DeviceError, RecordingError
+from forefeel.common.messages import Grip
+from forefeel.slave.daemon import _devices
+from forefeel.slave.grippers.port import Gripper
+from forefeel.slave.grippers.simulated import SimulatedGripper, UnseenGripper
+from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
+from forefeel.slave.load_cells.recorded import RecordedLoadCell
+from forefeel.slave.load_cells.simulated import SimulatedLoadCell
+from forefeel.slave.plant.load_cell import PlantLoadCell
+from forefeel.slave.plant.settings import LoadCellSettings, preset
+from forefeel.slave.plant.world import SimulatedWorld
+from forefeel.slave.settings import SlaveAxisSettings
+from forefeel.slave.stages.port import Stage
+from forefeel.slave.stages.simulated import SimulatedStage
 
 MS = 1_000_000
 PERFECT = LoadCellSettings(full_scale_n=1.0, bits=16, filter_hz=200.0, noise_n=0.0, bias_n=0.0, drift_n_s=0.0)

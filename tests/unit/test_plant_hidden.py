@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.effects.model import SCHEMA
-from common.errors import ConfigurationError
-from common.recording.recording import Array
-from slave.plant.settings import world_settings
-from slave.plant.world import SimulatedWorld
+from forefeel.common.effects.model import SCHEMA
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.recording import Array
+from forefeel.slave.plant.settings import world_settings
+from forefeel.slave.plant.world import SimulatedWorld
 from tests.unit.test_plant_world import QUIET, drive, stroke
 
 WALL = {"effect": "mass_damper_spring", "parameters": {"damping_n_s_m": 0.5, "stiffness_n_m": 10.0}}

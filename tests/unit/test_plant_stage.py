@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slave.plant.settings import StageSettings, preset
-from slave.plant.stage import PlantStage
+from forefeel.slave.plant.settings import StageSettings, preset
+from forefeel.slave.plant.stage import PlantStage
 
 DT = 1e-4
 CATCH = preset("catheter").stage

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from common.config import Settings, checked
-from common.errors import ConfigurationError
-from common.messages import Grip
-from slave.load_cells.port import LoadCellReading
-from slave.plant.settings import PresetName, WorldSettings, preset, world_settings
-from slave.plant.world import SimulatedWorld
+from forefeel.common.config import Settings, checked
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.messages import Grip
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.plant.settings import PresetName, WorldSettings, preset, world_settings
+from forefeel.slave.plant.world import SimulatedWorld
 
 MS = 1_000_000
 QUIET = {"noise_n": 0.0, "bias_n": 0.0, "drift_n_s": 0.0, "bits": 32}

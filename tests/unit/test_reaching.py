@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from common.clock import now_utc
-from common.transport.security import Identity
+from forefeel.common.clock import now_utc
+from forefeel.common.transport.security import Identity
 from forefeel.reaching import Obstacle, Reached, reach, when
 from tests.secured import deaf_address, expired_pki, identity, make_pki
 

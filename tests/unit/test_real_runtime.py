@@ -9,12 +9,12 @@ from itertools import pairwise
 
 import pytest
 
-from common.clock import MonotonicClock
-from common.errors import RunError
-from common.lateness import Lateness
-from common.runtime import real, realtime
-from common.runtime.real import RealRuntime
-from common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, go_before, prepare_thread
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import RunError
+from forefeel.common.lateness import Lateness
+from forefeel.common.runtime import real, realtime
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, go_before, prepare_thread
 from tests.unit.failing import refusing
 from tests.unit.real_time import as_it_is, until
 from tests.waiting import PATIENCE_S
@@ -416,7 +416,7 @@ def test_a_priority_that_is_not_granted_is_said(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_prepared_process_says_what_it_got_and_hands_the_interpreter_over_soon() -> None:
     script = (
-        "import sys; from common.runtime.realtime import prepare_process; "
+        "import sys; from forefeel.common.runtime.realtime import prepare_process; "
         "said = prepare_process(); print(said); print(sys.getswitchinterval())"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

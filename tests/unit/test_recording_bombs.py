@@ -21,10 +21,10 @@ _READ = """
 import resource, sys
 from pathlib import Path
 import numpy, pyarrow.parquet, lz4.frame
-from common.recording.mcap_reader import read_run
-from common.recording.mcap_spans import RunSpans
-from common.recording.tabular import load_recording
-from common.errors import InputError
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_spans import RunSpans
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.errors import InputError
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for kind, path in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
     try:

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from common.errors import RecordingError
-from common.messages import EmergencyStop, ForceSample
-from common.recording.mcap_reader import Run, read_run
-from common.recording.mcap_writer import RunWriter
-from common.topics import EMERGENCY_STOP, FORCE
+from forefeel.common.errors import RecordingError
+from forefeel.common.messages import EmergencyStop, ForceSample
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import EMERGENCY_STOP, FORCE
 from tests.unit.recording_samples import AXIS, force, header, put, write_forces
 
 ROOT = Path(__file__).parents[2]
@@ -124,7 +124,7 @@ def test_a_damaged_chunk_is_named_by_its_place(tmp_path: Path) -> None:
 KILLED = """
 import sys, time
 from pathlib import Path
-from common.recording.mcap_writer import RunWriter
+from forefeel.common.recording.mcap_writer import RunWriter
 from tests.unit.recording_samples import force, put
 writer = RunWriter(Path(sys.argv[1]))
 for index in range(800):

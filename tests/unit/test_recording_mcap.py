@@ -10,14 +10,21 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from common.codec import encode
-from common.errors import RecordingError, RunError
-from common.messages import EmergencyStop, ImpairmentTrace, SafetyEvent, SafetyState
-from common.recording.mcap_reader import read_run
-from common.recording.mcap_writer import RunWriter
-from common.recording.tabular import load_recording
-from common.recording.units import Mapping
-from common.topics import COMMAND, EMERGENCY_STOP, FORCE, MASTER_IMPAIRMENT, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.codec import encode
+from forefeel.common.errors import RecordingError, RunError
+from forefeel.common.messages import EmergencyStop, ImpairmentTrace, SafetyEvent, SafetyState
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.units import Mapping
+from forefeel.common.topics import (
+    COMMAND,
+    EMERGENCY_STOP,
+    FORCE,
+    MASTER_IMPAIRMENT,
+    SAFETY_EVENT,
+    SLAVE_STATE,
+)
 from tests.unit.recording_samples import (
     AXIS,
     CELL,

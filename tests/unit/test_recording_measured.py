@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from common.recording.tabular import load_recording
+from forefeel.common.recording.tabular import load_recording
 
 DATA = os.environ.get("FOREFEEL_DATA")
 

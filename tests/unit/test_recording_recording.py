@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from common.errors import RecordingError
-from common.recording.recording import Recording
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.recording import Recording
 
 
 def recording(time_s: ArrayLike, position_m: ArrayLike, force_n: ArrayLike | None = None) -> Recording:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from common.errors import RecordingError
-from common.recording.tabular import load_recording
-from common.recording.units import Mapping, Quantity, parse_column
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.units import Mapping, Quantity, parse_column
 
 GOOD = "time_s,position_m,force_n\n0,0.001,1.5\n0.5,0.002,-2\n"
 

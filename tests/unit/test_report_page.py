@@ -5,9 +5,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from common.errors import RecordingError, RunError
-from common.messages import MOST_FORCE_N
-from common.recording.mcap_writer import RunWriter
+from forefeel.common.errors import RecordingError, RunError
+from forefeel.common.messages import MOST_FORCE_N
+from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.report.page import write_report
 from forefeel.report.svg import BINS, new_figure, thin, to_svg
 from tests.unit.report_run import RunBuilder, S, recorded, write_known_run

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.error_size import error_size
-from common.messages import SafetyEvent, SafetyState
+from forefeel.common.error_size import error_size
+from forefeel.common.messages import SafetyEvent, SafetyState
 from forefeel.report.score import (
     compare,
     first_answers,

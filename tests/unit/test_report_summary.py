@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.errors import RunError
-from common.recording.mcap_reader import read_run
-from common.recording.mcap_writer import RunWriter
+from forefeel.common.errors import RunError
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.report.model import LoopFigures, Loops, RunReport, SafetyNote
 from forefeel.report.summary import summarise

@@ -1,14 +1,14 @@
 import pytest
 
-from common.bus import Bus
-from common.daemon import SECOND_NS, Reports
-from common.lateness import Lateness
-from common.messages import ImpairmentTrace
-from common.runtime.virtual import VirtualRuntime
-from common.topics import SLAVE_IMPAIRMENT, Qos
-from common.transport.impaired import ImpairedTransport
-from common.transport.impairment import ReplayedImpairment
-from common.transport.memory import MemoryBus
+from forefeel.common.bus import Bus
+from forefeel.common.daemon import SECOND_NS, Reports
+from forefeel.common.lateness import Lateness
+from forefeel.common.messages import ImpairmentTrace
+from forefeel.common.runtime.virtual import VirtualRuntime
+from forefeel.common.topics import SLAVE_IMPAIRMENT, Qos
+from forefeel.common.transport.impaired import ImpairedTransport
+from forefeel.common.transport.impairment import ReplayedImpairment
+from forefeel.common.transport.memory import MemoryBus
 
 
 def test_a_trace_that_nobody_drained_in_time_is_counted_among_the_states_counters() -> None:

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.recording.recording import Recording
-from diagnosis.reproduction import memory as memory_module
-from diagnosis.reproduction import windup as windup_module
-from diagnosis.reproduction.contact import THETA, force_amplitude_n, rms, sines
-from diagnosis.reproduction.identifiability import combination, unidentifiable
-from diagnosis.reproduction.memory import memory, memory_s
-from diagnosis.reproduction.online import Pairing, held, learn_paper, learn_safe
-from diagnosis.reproduction.pairing import expected_rms_n, pairing
-from diagnosis.reproduction.product import product_prediction
-from diagnosis.reproduction.replay import Run, baseline_row, motion_rows, replay, thinned
-from diagnosis.reproduction.results import ErrorSize, error_size, ratio
-from diagnosis.reproduction.simulated import lead_s, simulated_figure, siso_prediction
-from diagnosis.reproduction.thresholds import share_unfelt
-from diagnosis.reproduction.unmodelled import expected_rms_n as expected_unmodelled_n
-from diagnosis.reproduction.unmodelled import unmodelled
-from diagnosis.reproduction.windup import expected_overflow_s, windup
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.reproduction import memory as memory_module
+from forefeel.diagnosis.reproduction import windup as windup_module
+from forefeel.diagnosis.reproduction.contact import THETA, force_amplitude_n, rms, sines
+from forefeel.diagnosis.reproduction.identifiability import combination, unidentifiable
+from forefeel.diagnosis.reproduction.memory import memory, memory_s
+from forefeel.diagnosis.reproduction.online import Pairing, held, learn_paper, learn_safe
+from forefeel.diagnosis.reproduction.pairing import expected_rms_n, pairing
+from forefeel.diagnosis.reproduction.product import product_prediction
+from forefeel.diagnosis.reproduction.replay import Run, baseline_row, motion_rows, replay, thinned
+from forefeel.diagnosis.reproduction.results import ErrorSize, error_size, ratio
+from forefeel.diagnosis.reproduction.simulated import lead_s, simulated_figure, siso_prediction
+from forefeel.diagnosis.reproduction.thresholds import share_unfelt
+from forefeel.diagnosis.reproduction.unmodelled import expected_rms_n as expected_unmodelled_n
+from forefeel.diagnosis.reproduction.unmodelled import unmodelled
+from forefeel.diagnosis.reproduction.windup import expected_overflow_s, windup
 
 Array = NDArray[np.float64]
 DELAY_S = 0.3

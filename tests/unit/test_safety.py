@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.messages import FOLLOWING, SafetyState
-from slave.safety import TABLE, SafetyEventName, SafetyMachine
+from forefeel.common.messages import FOLLOWING, SafetyState
+from forefeel.slave.safety import TABLE, SafetyEventName, SafetyMachine
 
 # Written from the safety concept, not from the code: one row a state, in it every event that leaves it.
 EXPECTED = {

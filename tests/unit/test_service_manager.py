@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from common.clock import VirtualClock
-from common.runtime import real
-from common.runtime.real import RealRuntime
-from common.runtime.service_manager import Attendance, ServiceManager
+from forefeel.common.clock import VirtualClock
+from forefeel.common.runtime import real
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.runtime.service_manager import Attendance, ServiceManager
 
 MS = 1_000_000
 PID = 77

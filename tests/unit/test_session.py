@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slave.session import Lease
+from forefeel.slave.session import Lease
 
 MS = 1_000_000
 LEASE_NS = 1000 * MS

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.effects.model import ContactModel
-from common.errors import ConfigurationError
-from common.recording.recording import Array, Recording
+from forefeel.common.effects.model import ContactModel
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.recording import Array, Recording
 from forefeel.simulate.motion import SMOOTHING_HZ, Hand, Motion, Recorded, multisine, sine
 from forefeel.simulate.run import Wish, simulate
 from forefeel.simulate.sensor import SensorWish, noise

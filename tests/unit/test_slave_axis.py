@@ -4,10 +4,10 @@ from math import inf, nan
 import msgpack
 import pytest
 
-from common import topics
-from common.codec import encode
-from common.messages import EmergencyStop, Grip, SafetyState
-from common.settings import settings_hash
+from forefeel.common import topics
+from forefeel.common.codec import encode
+from forefeel.common.messages import EmergencyStop, Grip, SafetyState
+from forefeel.common.settings import settings_hash
 from tests.unit.slave_rig import MS, SESSION, SHARED, START_M, SlaveRig, other_limits
 
 S = SafetyState

@@ -5,11 +5,11 @@ from math import inf, nan
 
 import pytest
 
-from common import topics
-from common.codec import encode
-from common.errors import DeviceError
-from common.messages import SafetyState
-from slave.load_cells.port import LoadCellReading
+from forefeel.common import topics
+from forefeel.common.codec import encode
+from forefeel.common.errors import DeviceError
+from forefeel.common.messages import SafetyState
+from forefeel.slave.load_cells.port import LoadCellReading
 from tests.unit.slave_rig import MS, START_M, SlaveRig
 
 S = SafetyState

@@ -2,10 +2,10 @@
 
 import pytest
 
-from common import topics
-from common.codec import encode
-from common.errors import DeviceError
-from common.messages import EmergencyStop, SafetyState
+from forefeel.common import topics
+from forefeel.common.codec import encode
+from forefeel.common.errors import DeviceError
+from forefeel.common.messages import EmergencyStop, SafetyState
 from tests.unit.slave_rig import SlaveRig
 
 S = SafetyState

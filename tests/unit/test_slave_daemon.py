@@ -2,12 +2,12 @@
 
 import pytest
 
-from common.errors import DeviceError, RunError
-from common.runtime.virtual import VirtualRuntime
-from common.transport.memory import MemoryBus
-from slave.daemon import SlaveDaemon
-from slave.devices import Devices
-from slave.settings import SlaveAxisSettings, SlaveSettings
+from forefeel.common.errors import DeviceError, RunError
+from forefeel.common.runtime.virtual import VirtualRuntime
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.slave.daemon import SlaveDaemon
+from forefeel.slave.devices import Devices
+from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 from tests.unit.failing import refusing
 from tests.unit.slave_cell import Book
 from tests.unit.slave_rig import MS, FakeGripper, FakeLoadCell, FakeStage
@@ -20,7 +20,7 @@ class Bench:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.devices = {name: Devices(FakeStage(), FakeGripper(), FakeLoadCell()) for name in AXES}
-        monkeypatch.setattr("slave.daemon._devices", lambda axis: self.devices[axis.name])
+        monkeypatch.setattr("forefeel.slave.daemon._devices", lambda axis: self.devices[axis.name])
         self.runtime, self.book = VirtualRuntime(), Book()
         self.network = MemoryBus()
         self.session = self.network.session(self.runtime.clock)
@@ -62,7 +62,7 @@ def test_no_stage_stays_enabled_that_does_not_say_where_it_is(bench: Bench) -> N
 def test_no_stage_stays_enabled_when_the_daemon_can_not_report(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("slave.daemon.Reports", refusing(RunError("the session is closed")))
+    monkeypatch.setattr("forefeel.slave.daemon.Reports", refusing(RunError("the session is closed")))
     with pytest.raises(RunError, match="the session is closed"):
         bench.start()
     assert bench.enabled() == [False, False]

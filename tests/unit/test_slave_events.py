@@ -1,11 +1,11 @@
-from common import topics
-from common.bus import Bus
-from common.clock import VirtualClock
-from common.journal import NOTHING_KEPT
-from common.messages import LimitEvent, SafetyEvent, SafetyState
-from common.transport.memory import MemoryBus
-from master.diary import AxisDiary
-from master.slave_events import SlaveEvents
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.clock import VirtualClock
+from forefeel.common.journal import NOTHING_KEPT
+from forefeel.common.messages import LimitEvent, SafetyEvent, SafetyState
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.master.diary import AxisDiary
+from forefeel.master.slave_events import SlaveEvents
 
 S = 1_000_000_000
 

@@ -18,11 +18,11 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from common.codec import encode
-from common.messages import FOLLOWING, MOST_POSITION_M, EmergencyStop, MotionCommand, SafetyState
-from common.settings import AxisLimits
-from common.topics import COMMAND, EMERGENCY_STOP
-from slave.load_cells.port import LoadCellReading
+from forefeel.common.codec import encode
+from forefeel.common.messages import FOLLOWING, MOST_POSITION_M, EmergencyStop, MotionCommand, SafetyState
+from forefeel.common.settings import AxisLimits
+from forefeel.common.topics import COMMAND, EMERGENCY_STOP
+from forefeel.slave.load_cells.port import LoadCellReading
 from tests.unit.slave_rig import MS, SETTINGS, SlaveRig
 
 S = SafetyState

@@ -3,7 +3,7 @@ import threading
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.slots import BoundedQueue, LatestValue
+from forefeel.common.slots import BoundedQueue, LatestValue
 
 
 def test_a_slot_keeps_the_newest_and_gives_it_once() -> None:

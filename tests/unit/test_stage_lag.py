@@ -5,7 +5,7 @@ from math import cos, inf, nan, pi, sin
 
 import pytest
 
-from common.estimation.stage_lag import StageLag
+from forefeel.common.estimation.stage_lag import StageLag
 
 DT_S = 1e-3
 MS = 1_000_000

@@ -5,7 +5,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from common.estimation.state_filter import StateFilter
+from forefeel.common.estimation.state_filter import StateFilter
 
 CUTOFF_HZ = 20.0
 W = 2.0 * pi * CUTOFF_HZ

@@ -1,7 +1,7 @@
 """An emergency stop at the master: said until the slave shows it, and the deadman is let go meanwhile."""
 
-from common.messages import Grip, SafetyState, SlaveState
-from master.stop import StopWish
+from forefeel.common.messages import Grip, SafetyState, SlaveState
+from forefeel.master.stop import StopWish
 from tests.unit.master_rig import Rig
 
 MS = 1_000_000

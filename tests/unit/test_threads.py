@@ -3,7 +3,7 @@ import threading
 
 import pytest
 
-from common.runtime.threads import in_thread
+from forefeel.common.runtime.threads import in_thread
 
 
 def test_the_work_is_done_beside_and_inherits_the_scheduling_of_who_asks_for_it() -> None:

@@ -3,8 +3,8 @@ from functools import partial
 
 import pytest
 
-from common.clock import MonotonicClock
-from common.transport.timers import TimerThread
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.transport.timers import TimerThread
 
 MS = 1_000_000
 

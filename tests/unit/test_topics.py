@@ -2,8 +2,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from common.errors import ConfigurationError
-from common.topics import (
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.topics import (
     BY_NAME,
     COMMAND,
     EMERGENCY_STOP,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.runtime.virtual import VirtualRuntime
+from forefeel.common.runtime.virtual import VirtualRuntime
 
 MS = 1_000_000
 START_NS = 1_000_000_000

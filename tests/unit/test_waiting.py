@@ -6,8 +6,8 @@ from typing import cast
 
 import pytest
 
-from common.transport.security import Party
-from common.transport.settings import TransportSettings
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
 from forefeel.reaching import Obstacle
 from forefeel.waiting import Obstacles, Waiting, in_words, unheard
 

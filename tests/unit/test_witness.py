@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from common.messages import SafetyEvent
+from forefeel.common.messages import SafetyEvent
 from tests.unit.recording_samples import header
 from tests.witness import Witness, check_stops
 

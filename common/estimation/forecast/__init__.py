@@ -8,6 +8,6 @@ is worth keeping. All of it is causal, has no unit of its own and starts knowing
 together, on one record of `state`; `forecaster` is what others use.
 """
 
-from common.estimation.forecast.forecaster import Estimate, Forecaster, compile_kernels
+from forefeel.common.estimation.forecast.forecaster import Estimate, Forecaster, compile_kernels
 
 __all__ = ["Estimate", "Forecaster", "compile_kernels"]

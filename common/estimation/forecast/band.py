@@ -17,9 +17,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.forecast.bank import Array
-from common.estimation.jit import kernel
-from common.estimation.record import floats, record
+from forefeel.common.estimation.forecast.bank import Array
+from forefeel.common.estimation.jit import kernel
+from forefeel.common.estimation.record import floats, record
 
 _MISSES = 0.05
 _MEMORY_S = 2.0

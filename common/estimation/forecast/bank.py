@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.jit import kernel
-from common.estimation.record import floats, record
+from forefeel.common.estimation.jit import kernel
+from forefeel.common.estimation.record import floats, record
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.forecast.bank import RING, Array, Bank
-from common.estimation.forecast.regression import LONG, SETS, SHORT, SHORT_SETS, Regression
-from common.estimation.jit import fast_kernel, kernel
-from common.estimation.record import floats, record
+from forefeel.common.estimation.forecast.bank import RING, Array, Bank
+from forefeel.common.estimation.forecast.regression import LONG, SETS, SHORT, SHORT_SETS, Regression
+from forefeel.common.estimation.jit import fast_kernel, kernel
+from forefeel.common.estimation.record import floats, record
 
 _WORDS = ("m-b-k", "friction", "relaxation", "differences", "nonlinear")
 

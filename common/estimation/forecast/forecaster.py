@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.estimation.forecast import steps
-from common.estimation.forecast.bank import RING
-from common.estimation.forecast.experts import NAMES
-from common.estimation.forecast.state import new_state
+from forefeel.common.estimation.forecast import steps
+from forefeel.common.estimation.forecast.bank import RING
+from forefeel.common.estimation.forecast.experts import NAMES
+from forefeel.common.estimation.forecast.state import new_state
 
 HOLD = "hold"
 

@@ -13,9 +13,9 @@ to sample no faster than forces have been seen to change.
 import math
 from typing import Protocol
 
-from common.estimation.forecast.bank import Array
-from common.estimation.jit import kernel
-from common.estimation.record import floats, record
+from forefeel.common.estimation.forecast.bank import Array
+from forefeel.common.estimation.jit import kernel
+from forefeel.common.estimation.record import floats, record
 
 _BINS, _ZERO_BIN = 96, 60
 _MEMORY_S = 5.0

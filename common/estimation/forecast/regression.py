@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.forecast.bank import (
+from forefeel.common.estimation.forecast.bank import (
     COUNT,
     FIRST_DIFFERENCE,
     FIRST_NONLINEAR,
@@ -33,8 +33,8 @@ from common.estimation.forecast.bank import (
     Array,
     Bank,
 )
-from common.estimation.jit import fast_kernel, kernel
-from common.estimation.record import floats, record
+from forefeel.common.estimation.jit import fast_kernel, kernel
+from forefeel.common.estimation.record import floats, record
 
 SETS = (4, FIRST_RELAXATION, FIRST_DIFFERENCE, FIRST_NONLINEAR, COUNT)
 """m-b-k and bias; and friction; and relaxation; and differences; and what is not linear."""

@@ -17,7 +17,7 @@ Canudas de Wit, Automatica 30(7), 1994; Fung, Biomechanics (1993), relaxation.
 
 import math
 
-from common.estimation.forecast.bank import (
+from forefeel.common.estimation.forecast.bank import (
     FIRST_DIFFERENCE,
     FIRST_NONLINEAR,
     FIRST_RELAXATION,
@@ -30,7 +30,7 @@ from common.estimation.forecast.bank import (
     Array,
     Bank,
 )
-from common.estimation.jit import kernel
+from forefeel.common.estimation.jit import kernel
 
 _RELAXATION_STOP = 5
 """The stop whose hysteresis relaxes and meets the nonlinear terms: radius 1/32 to 1/64 of the range."""

@@ -5,15 +5,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.forecast import band as bands
-from common.estimation.forecast import bank as banks
-from common.estimation.forecast import change as changes
-from common.estimation.forecast import experts as crowd
-from common.estimation.forecast import hold as holds
-from common.estimation.forecast import regression as fits
-from common.estimation.forecast import trial as trials
-from common.estimation.forecast.bank import RING, Array
-from common.estimation.record import floats, record, zeros
+from forefeel.common.estimation.forecast import band as bands
+from forefeel.common.estimation.forecast import bank as banks
+from forefeel.common.estimation.forecast import change as changes
+from forefeel.common.estimation.forecast import experts as crowd
+from forefeel.common.estimation.forecast import hold as holds
+from forefeel.common.estimation.forecast import regression as fits
+from forefeel.common.estimation.forecast import trial as trials
+from forefeel.common.estimation.forecast.bank import RING, Array
+from forefeel.common.estimation.record import floats, record, zeros
 
 _RINGS = ("forces_n", "blends_n", "holds_n", "sayings_n", "halves_n", "scales_n")
 _MEMORY = record(

@@ -5,17 +5,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from common.estimation.forecast import band as bands
-from common.estimation.forecast import bank as banks
-from common.estimation.forecast import change as changes
-from common.estimation.forecast import experts as crowd
-from common.estimation.forecast import hold as holds
-from common.estimation.forecast import regression as fits
-from common.estimation.forecast import trial as trials
-from common.estimation.forecast.bank import RING, Array
-from common.estimation.forecast.regressors import fill
-from common.estimation.forecast.state import Memory, State
-from common.estimation.jit import kernel
+from forefeel.common.estimation.forecast import band as bands
+from forefeel.common.estimation.forecast import bank as banks
+from forefeel.common.estimation.forecast import change as changes
+from forefeel.common.estimation.forecast import experts as crowd
+from forefeel.common.estimation.forecast import hold as holds
+from forefeel.common.estimation.forecast import regression as fits
+from forefeel.common.estimation.forecast import trial as trials
+from forefeel.common.estimation.forecast.bank import RING, Array
+from forefeel.common.estimation.forecast.regressors import fill
+from forefeel.common.estimation.forecast.state import Memory, State
+from forefeel.common.estimation.jit import kernel
 
 _RATE_MEMORY_S = 60.0
 _RATE_MARGIN = 1.2

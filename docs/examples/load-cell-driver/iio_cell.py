@@ -6,17 +6,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from common.clock import Clock, MonotonicClock
-from common.config import Settings
-from common.errors import DeviceError
-from common.hardware.conversation import Conversation
-from common.hardware.link import Link, LinkState
-from common.hardware.settings import Sign
-from common.slots import BoundedQueue
-from slave.load_cells.port import LoadCellReading
-from slave.load_cells.scale import Native, Scale
-from slave.load_cells.settings import FullScale
-from slave.load_cells.stuck import StuckWatch
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.config import Settings
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.conversation import Conversation
+from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.settings import Sign
+from forefeel.common.slots import BoundedQueue
+from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cells.scale import Native, Scale
+from forefeel.slave.load_cells.settings import FullScale
+from forefeel.slave.load_cells.stuck import StuckWatch
 
 
 class IioSettings(Settings):
