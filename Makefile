@@ -25,7 +25,7 @@ demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out
 
 test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not soak and not fuzz'
-	$(BIN)/python -m pytest -n 2 --dist loadscope -m 'realtime and not soak and not fuzz' tests/integration
+	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder -m 'realtime and not soak and not fuzz' tests/integration
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/ruff check .

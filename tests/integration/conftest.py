@@ -10,27 +10,34 @@ _HANG_S = 240
 """Of processes that take half a minute to start on a machine that has other work."""
 
 
-_BESIDE = "/test_dashboard.py", "/test_signals.py"
-"""What needs little of the processor, or no punctuality of its own."""
+_CELLS = (
+    "attendance", "emergency_stop", "emulated_loopback", "faults", "links", "processes", "record",
+    "stop_with_certificates", "two_hosts", "waiting",
+)  # fmt: skip
+"""With daemons at a priority of real time, which take the processor from all else."""
+_FIRST = "test_signals.py"
+"""Takes longest, so that nothing is left to do beside it at the end."""
 
 
-class _OneAfterTheOther(LoadScopeScheduling):  # type: ignore[misc]  # xdist is not typed
-    """What runs on the wall clock, beside nothing but `_BESIDE`.
+class _OneCellAtATime(LoadScopeScheduling):  # type: ignore[misc]  # xdist is not typed
+    """Whole cells one after the other; beside them the others, file by file.
 
     Groups by marks (`--dist loadgroup`) are lost without a word in pytest 9.2 (pytest-xdist issue 1386).
     """
 
     def _split_scope(self, nodeid: str) -> str:
-        return "beside" if any(name in nodeid for name in _BESIDE) else "one after the other"
+        file = nodeid.partition("::")[0]
+        return "a cell" if any(f"/test_{name}.py" in file for name in _CELLS) else file
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
     """For `--dist loadscope` of this folder alone."""
-    return _OneAfterTheOther(config, log)
+    return _OneCellAtATime(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks what runs on the wall clock."""
+    """Marks what runs on the wall clock, and puts first what takes longest."""
+    items.sort(key=lambda item: item.path.name != _FIRST)
     for item in items:
         if item.path.is_relative_to(Path(__file__).parent):
             item.add_marker(pytest.mark.realtime)

@@ -26,7 +26,7 @@ _MARK = "FOREFEEL_SIGNALS_TRIAL"
 _PATIENCE_S = 60.0
 _BEGINS_S = 15.0
 """More than any command needs to be at work on a busy machine."""
-AT_ONCE = 6
+_AT_ONCE = 6
 """Commands that run at the same time, so that two cores have always too much to do."""
 _AT_WORK = 0.75
 """Share of the signals that find what is more than looked around at work; the others come while it starts."""
@@ -76,7 +76,6 @@ def run_all(
     port: int,
     folder: Path,
     tell: Callable[[Trial, Ended], None] = lambda *_: None,
-    at_once: int = AT_ONCE,
 ) -> list[tuple[Trial, Ended]]:
     """All of them, some at the same time; `tell` is called with each that has ended."""
 
@@ -85,7 +84,7 @@ def run_all(
         tell(trial, ended)
         return trial, ended
 
-    with unignored(), ThreadPoolExecutor(at_once - 1) as pool, ThreadPoolExecutor(1) as row:
+    with unignored(), ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as row:
         ends = [(row if trial.case.shares else pool).submit(one, trial) for trial in wanted]
         try:
             return [each.result() for each in ends]
