@@ -1,52 +1,133 @@
-"""The command line."""
+"""The command line. The module of a command, in `forefeel/commands`, is imported when its name is typed."""
 
-from collections.abc import Iterable
-from importlib import metadata
-from pathlib import Path
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import import_module, metadata
+from inspect import getdoc
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from forefeel.calibrate.cli import calibrate_app
-from forefeel.common.config import dump_yaml
-from forefeel.common.errors import ConfigurationError
-from forefeel.common.recording.units import Mapping
-from forefeel.common.transport.settings import PRESETS
-from forefeel.daemon_settings import load_any, load_daemon
-from forefeel.dashboard.command import EPILOG as DASHBOARD_EPILOG
-from forefeel.dashboard.command import VIEW_EPILOG, view
-from forefeel.dashboard.command import dashboard as live_view
-from forefeel.devices.cli import EPILOG as DEVICES_EPILOG
-from forefeel.devices.cli import device_app, devices
-from forefeel.diagnose.command import EPILOG as DIAGNOSE_EPILOG
-from forefeel.diagnose.command import diagnose
-from forefeel.doctor.cli import EPILOG as DOCTOR_EPILOG
-from forefeel.doctor.cli import doctor
-from forefeel.emulate.command import EPILOG as EMULATE_EPILOG
-from forefeel.emulate.command import emulate
-from forefeel.evaluate.command import EPILOG as EVALUATE_EPILOG
-from forefeel.evaluate.command import evaluate
-from forefeel.local import estop
-from forefeel.local.commands import CLEAR_EPILOG, audit_app, clear, typed
-from forefeel.metrics.command import EPILOG as METRICS_EPILOG
-from forefeel.metrics.command import metrics
-from forefeel.options import AsJson, Duration, Quiet, among
-from forefeel.pki.cli import pki_app
-from forefeel.record_cli import EPILOG as RECORD_EPILOG
-from forefeel.record_cli import record
-from forefeel.reproduction.cli import EPILOG, reproduce
-from forefeel.router_cli import EPILOG as ROUTER_EPILOG
-from forefeel.router_cli import router
-from forefeel.simulate.command import EPILOG as SIMULATE_EPILOG
-from forefeel.simulate.command import simulate
-from forefeel.terminal import answer, output, show
+from forefeel.commands.options import examples_of
+from forefeel.terminal import show
 
-app = typer.Typer(
-    name="forefeel",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    add_completion=True,
-)
+COMMANDS = {
+    "reproduce": "Reproduce the paper: its figures, what its simulation gets wrong, and the human "
+    "thresholds.",
+    "devices": "List drivers, serial ports with their stable names, and CAN interfaces.",
+    "doctor": "Check this host and these settings: green, amber, red, and what to do. "
+    "Exit 1 when anything is red.",
+    "estop": "Stop a cell, latched until `forefeel clear` on the slave's host. Exit 1: nothing confirmed it.",
+    "clear": "Clear a latched emergency stop or fault: on the slave's host only, while the slave runs.",
+    "slave": "Run the slave daemon: stage, load cell, safety gate.",
+    "master": "Run the master daemon: handle, haptic loop, prediction.",
+    "record": "Record a cell to MCAP until Ctrl-C, in a process of its own.",
+    "metrics": "Serve what a cell says of itself to Prometheus, as a viewer in a process of its own.",
+    "dashboard": "Show a cell live in the browser, as a viewer in a process of its own, which commands "
+    "nothing.",
+    "view": "Show a recorded run in the same page, at any of its times.",
+    "router": "Route between the ends of several cells, each kept to itself, until Ctrl-C.",
+    "loopback": "Run master and slave on this machine, record, and report.",
+    "evaluate": "Replay recordings honestly: hold, the paper, m-b-k-bias and forefeel across a delay.",
+    "diagnose": "Show what the simulation gets wrong on a recording, name the cause, extend the model, "
+    "measure the gain.",
+    "simulate": "Make a recording of any model: time_s, position_m, force_n.",
+    "emulate": "Emulate a device at the level of its bytes, on a pseudo terminal or a CAN bus, until Ctrl-C.",
+    "report": "Make the report of a run that was recorded before.",
+    "config check": "Print the effective settings of a file, defaults included, or what is wrong with it.",
+    "device probe": "Talk to each device: what it is, its rate and round trip, its link. Nothing is moved.",
+    "calibrate load-cell": "Tare, then every weight up and down; gain and zero by least squares, residual, "
+    "hysteresis.",
+    "calibrate stage": "Home twice and go from end to end; asks before it moves. Take the instrument out.",
+    "pki init": "Make an authority and a certificate for each role, in a new folder.",
+    "pki add": "Add a cell under the authority of a folder.",
+    "pki show": "Show names, hosts and expiry; exit 1 where one is red.",
+    "pki renew": "Renew certificates with the authority's key; hosts that are not given stay as they are.",
+    "pki bundle": "Put together what the host of one role needs, and nothing else.",
+    "pki rules": "Write the Zenoh configuration of a router and of each role: TLS and what each may say and "
+    "hear.",
+    "audit verify": "Check the hash chain: exit 0 intact, 1 not.",
+    "audit show": "Print the entries, one line each, as far as the chain is intact; exit 1 where it is not.",
+}
+"""In the order of the help, which is shown without importing any of them."""
+GROUPS = {
+    "config": "Settings.",
+    "device": "The devices of a configuration.",
+    "calibrate": "Dated calibration files of load cells and stages.",
+    "pki": "Certificates of the cells of a laboratory.",
+    "audit": "The audit log of a daemon.",
+}
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands of a group by name, each made when it is asked for."""
+
+    def __init__(self, group: str) -> None:
+        self._prefix = f"{group} " if group else ""
+
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - typer's own class, private to it
+        if name not in set(self):
+            raise KeyError(name)
+        return _made(self._prefix + name)
+
+    def __iter__(self) -> Iterator[str]:
+        words = [name.removeprefix(self._prefix) for name in COMMANDS if name.startswith(self._prefix)]
+        return iter(dict.fromkeys(each.partition(" ")[0] for each in words))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+class _Group(TyperGroup):
+    """Its help names the commands by their summaries alone."""
+
+    def __init__(self, **attributes: Any) -> None:  # noqa: ANN401 - typer's
+        super().__init__(**attributes)
+        self._prefix = f"{attributes['name']} " if attributes["name"] in GROUPS else ""
+        self.commands: Any = _Commands(self._prefix.rstrip())
+        self._in_help = False
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
+        """Whatever a command's module imports is not needed for its name."""
+        self._in_help = True
+        super().format_help(ctx, formatter)
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401
+        """In the order of `COMMANDS`."""
+        return list(self.commands)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
+        """With its options; in the help only with its summary."""
+        if not self._in_help:
+            return super().get_command(ctx, cmd_name)
+        words = self._prefix + cmd_name
+        return TyperCommand(cmd_name, short_help=COMMANDS.get(words) or GROUPS[words])
+
+
+@cache
+def _made(words: str) -> Any:  # noqa: ANN401 - typer's own class
+    if words in GROUPS:
+        return typer.main.get_command(_group(words, GROUPS[words]))
+    module, _, name = words.partition(" ")
+    place = import_module(f"forefeel.commands.{module}")
+    function = getattr(place, (name or module).replace("-", "_"))
+    more = getdoc(function)
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(
+        name or module,
+        help=COMMANDS[words] + (f"\n\n{more}" if more else ""),
+        epilog="\n".join(["\b", *(f"Example: {line}" for line in examples_of(function))]),
+    )(function)
+    return typer.main.get_command(alone)
+
+
+def _group(name: str, words: str) -> typer.Typer:
+    made = typer.Typer(
+        name=name, cls=_Group, add_completion=False, no_args_is_help=True, rich_markup_mode=None
+    )
+    made.callback(help=words)(lambda: None)
+    return made
 
 
 def _version(wanted: bool) -> None:
@@ -55,201 +136,19 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+app = typer.Typer(
+    name="forefeel",
+    cls=_Group,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # help in boxes would take as long again
+)
+
+
+@app.callback(help="Contact force now, not after the network. Research software, not a medical device.")
 def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """Contact force now, not after the network. Research software, not a medical device."""
-
-
-config_app = typer.Typer(help="Settings.", no_args_is_help=True)
-app.add_typer(config_app, name="config")
-app.add_typer(device_app, name="device")
-app.add_typer(calibrate_app, name="calibrate")
-app.add_typer(pki_app, name="pki")
-app.add_typer(audit_app, name="audit")
-app.command(epilog=EPILOG)(reproduce)
-app.command(epilog=DEVICES_EPILOG)(devices)
-app.command(epilog=DOCTOR_EPILOG)(doctor)
-app.command("estop", epilog=estop.EPILOG)(typed(estop.PARSER, estop.estop))
-app.command(epilog=CLEAR_EPILOG)(clear)
-
-ConfigFile = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
-Insecure = Annotated[
-    bool,
-    typer.Option("--insecure", help="Do without certificates outside this host; never with a real stage."),
-]
-
-
-def _instruments() -> Iterable[str]:
-    from forefeel.slave.plant.presets import PRESETS as WORLDS  # noqa: PLC0415 - only when a shell asks
-
-    return WORLDS
-
-
-def _hardware() -> Iterable[str]:
-    from forefeel.loopback.hardware import HARDWARE  # noqa: PLC0415 - only when a shell asks
-
-    return HARDWARE
-
-
-@app.command(epilog="Example: forefeel slave --config deploy/config/slave.yaml")
-def slave(
-    config: ConfigFile, duration: Duration = None, insecure: Insecure = False, quiet: Quiet = False
-) -> None:
-    """Run the slave daemon: stage, load cell, safety gate."""
-    from forefeel.daemons import run_slave  # noqa: PLC0415 - the other commands start without Zenoh
-    from forefeel.slave.settings import SlaveSettings  # noqa: PLC0415
-
-    settings = load_daemon(config, "slave")
-    assert isinstance(settings, SlaveSettings)
-    with output(quiet=quiet):
-        run_slave(settings, duration, insecure)
-
-
-@app.command(epilog="Example: forefeel master --config deploy/config/master.yaml")
-def master(
-    config: ConfigFile, duration: Duration = None, insecure: Insecure = False, quiet: Quiet = False
-) -> None:
-    """Run the master daemon: handle, haptic loop, prediction."""
-    from forefeel.daemons import run_master  # noqa: PLC0415
-    from forefeel.master.settings import MasterSettings  # noqa: PLC0415
-
-    settings = load_daemon(config, "master")
-    assert isinstance(settings, MasterSettings)
-    with output(quiet=quiet):
-        run_master(settings, duration, insecure)
-
-
-@config_app.command("check", epilog="Example: forefeel config check deploy/config/slave.yaml")
-def config_check(
-    file: Annotated[Path, typer.Argument(metavar="FILE")], as_json: AsJson = False, quiet: Quiet = False
-) -> None:
-    """Print the effective settings of a file, defaults included, or what is wrong with it."""
-    settings = load_any(file)
-    with output(as_json, quiet):
-        answer(dump_yaml(settings).rstrip("\n"), document=lambda: settings.model_dump(mode="json"))
-
-
-app.command(epilog=RECORD_EPILOG)(record)
-app.command(epilog=METRICS_EPILOG)(metrics)
-app.command("dashboard", epilog=DASHBOARD_EPILOG)(live_view)
-app.command(epilog=VIEW_EPILOG)(view)
-app.command(epilog=ROUTER_EPILOG)(router)
-
-
-@app.command(
-    epilog="Example: forefeel loopback --impairment paper --duration 20 --out out/run   "
-    "Example: forefeel loopback --recording seal_o_ring_1bar.csv --impairment paper   "
-    "Example: forefeel loopback --slave-model world.yaml --hide friction.yaml --hide-at 5 --out out/run"
-)
-def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
-    recording: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Play this recording (CSV, Parquet, MCAP).")
-    ] = None,
-    impairment: Annotated[
-        str,
-        typer.Option(
-            metavar="PRESET", help=f"One of {', '.join(PRESETS)}.", autocompletion=among(lambda: PRESETS)
-        ),
-    ] = "none",
-    duration: Duration = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**31 - 1, help="Seed of operator, world and impairment.")
-    ] = 0,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results; default out/run-DATE.")] = None,
-    overwrite: Annotated[bool, typer.Option(help="Replace the results of an earlier run in DIR.")] = False,
-    preset: Annotated[
-        str | None,
-        typer.Option(
-            help="Simulated instrument: catheter (default) or guidewire.", autocompletion=among(_instruments)
-        ),
-    ] = None,
-    virtual_time: Annotated[
-        bool, typer.Option("--virtual-time", help="One process, as fast as it can, repeatable.")
-    ] = False,
-    slave_model: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="model.yaml of the simulated world.")
-    ] = None,
-    master_model: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="model.yaml of the predictor.")
-    ] = None,
-    hide: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="model.yaml of effects that are added to the simulated world."),
-    ] = None,
-    hide_at: Annotated[
-        float, typer.Option(metavar="S", help="When they are switched on, by the world's time.")
-    ] = 0.0,
-    hardware: Annotated[
-        str,
-        typer.Option(
-            help="simulated, emulated-serial or emulated-can: devices as their bytes.",
-            autocompletion=among(_hardware),
-        ),
-    ] = "simulated",
-    dashboard: Annotated[
-        bool, typer.Option("--dashboard/--no-dashboard", help="Serve the live view while it runs.")
-    ] = False,
-    opens: Annotated[bool, typer.Option("--open", help="Open the live view in the browser.")] = False,
-    time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
-    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
-    force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-) -> None:
-    """Run master and slave on this machine, record, and report."""
-    from forefeel.loopback.command import How, run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
-    from forefeel.loopback.plan import Wish  # noqa: PLC0415
-
-    wish = Wish(
-        seed=seed,
-        impairment=impairment,
-        preset=preset,
-        duration_s=duration,
-        recording=recording,
-        columns=_columns(recording, time_column, position_column, force_column),
-        slave_model=slave_model,
-        master_model=master_model,
-        hide=hide,
-        hide_at_s=hide_at,
-        hardware=hardware,
-    )
-    with output(as_json, quiet):
-        run_loopback(wish, out, How(overwrite, virtual_time, dashboard or opens, opens))
-
-
-app.command(epilog=EVALUATE_EPILOG)(evaluate)
-app.command(epilog=DIAGNOSE_EPILOG)(diagnose)
-app.command(epilog=SIMULATE_EPILOG)(simulate)
-app.command(epilog=EMULATE_EPILOG)(emulate)
-
-
-@app.command(epilog="Example: forefeel report run.mcap --out out/report")
-def report(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recorded run (MCAP).")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="For report.html and report.json.")],
-    overwrite: Annotated[bool, typer.Option(help="Replace an earlier report in DIR.")] = False,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-) -> None:
-    """Make the report of a run that was recorded before."""
-    from forefeel.report.command import run_report  # noqa: PLC0415 - other commands start without it
-
-    with output(as_json, quiet):
-        run_report(file, out, overwrite)
-
-
-def _columns(
-    recording: Path | None, time_column: str | None, position: str | None, force: str | None
-) -> Mapping | None:
-    """A column mapping when the user named any column."""
-    named = {"--time": time_column, "--position": position, "--force": force}
-    first = next((f"{option} {column}" for option, column in named.items() if column is not None), None)
-    if first is None:
-        return None
-    if recording is None:
-        raise ConfigurationError(f"{first}: expected only with --recording, whose column it names")
-    return Mapping(time_column or "s:time_s", position or "m:position_m", force)
+    del version  # typer has called `_version`

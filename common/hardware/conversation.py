@@ -78,8 +78,10 @@ class Conversation:
     def stop(self) -> None:
         """Asks `converse` to return and waits for it; idempotent, from any other thread."""
         self._stopping.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(5.0)
+        thread = self._thread
+        # a signal may have come between making the thread and starting it
+        if thread is not None and thread.is_alive() and thread is not threading.current_thread():
+            thread.join(5.0)
         self.link.close()
 
     def _run(self) -> None:

@@ -24,9 +24,9 @@ from forefeel.terminal import say
 if TYPE_CHECKING:
     from forefeel.local import stop
 
-EPILOG = (
-    "Example: forefeel estop --config deploy/config/slave.yaml --reason 'catheter kinked'   "
-    "Example: forefeel estop --cell cathlab --connect tls/10.0.0.1:7447 --pki pki"
+EXAMPLES = (
+    "forefeel estop --config deploy/config/slave.yaml --reason 'catheter kinked'",
+    "forefeel estop --cell cathlab --connect tls/10.0.0.1:7447 --pki pki",
 )
 _REASON = "asked for on the command line"
 _PATIENCE_S = 2.0
@@ -37,8 +37,7 @@ class _Formatter(IndentedHelpFormatter):
     """An example is a line of its own, to be copied."""
 
     def format_epilog(self, epilog: str | None) -> str:
-        text = (epilog or "").replace("   Example: ", "\nExample: ")
-        return f"\n{text}\n"
+        return f"\n{epilog}\n"
 
 
 class _Parser(OptionParser):
@@ -52,7 +51,7 @@ PARSER = _Parser(
     "forefeel estop [OPTIONS]",
     description="Stop a cell, latched until `forefeel clear` on the slave's host. "
     "Exit 1: nothing confirmed it.",
-    epilog=EPILOG,
+    epilog="\n".join(f"Example: {line}" for line in EXAMPLES),
     formatter=_Formatter(),
 )
 PARSER.add_option("--config", metavar="FILE", help="Of slave or master: its socket, else the network.")

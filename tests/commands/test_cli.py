@@ -2,7 +2,10 @@
 
 import json
 import shlex
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -113,7 +116,7 @@ def test_a_loopback_on_a_slow_host_is_one_amber_line_and_no_failure(
     def written(recording: Path, folder: Path) -> RunReport:
         return write_report(recording, folder).model_copy(update={"armed_share": 0.6, "loop": late})
 
-    monkeypatch.setattr("forefeel.loopback.command.write_report", written)
+    monkeypatch.setattr("forefeel.loopback.run.write_report", written)
     line = f"loopback --virtual-time --duration 1 --out {tmp_path}/out".split()
     assert run(line) == 0
     said = capsys.readouterr()
@@ -134,3 +137,21 @@ def test_a_loopback_that_was_never_armed_fails_with_the_cause(
     assert len(said.out.splitlines()) == 10
     assert said.err.startswith("forefeel: the slave was never armed: release (deadman released); the master ")
     assert said.err.count("\n") == 1
+
+
+def test_the_version_is_that_of_the_installed_package(
+    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"forefeel {metadata.version('forefeel')}\n"
+
+
+def test_the_help_names_all_commands_and_imports_none() -> None:
+    ask = "import sys, forefeel.cli as cli;cli.app(['--help'], standalone_mode=False); print(*sys.modules)"
+    shown = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout
+    *words, modules = shown.splitlines()
+    assert {each[0] for each in COMMANDS} <= set(" ".join(words).split())
+    imported = set(modules.split())
+    assert not {"numpy", "numba", "pydantic", "rich", "zenoh"} & imported
+    ours = {name for name in imported if name.startswith("forefeel.commands.")}
+    assert ours == {"forefeel.commands.options"}

@@ -112,7 +112,7 @@ FOUND = [
 def test_red_alone_fails(
     run: Run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, count: int, code: int
 ) -> None:
-    monkeypatch.setattr("forefeel.doctor.command.examine", lambda *_: FOUND[:count])
+    monkeypatch.setattr("forefeel.doctor.run.examine", lambda *_: FOUND[:count])
     assert run(["doctor"]) == code
     out = capsys.readouterr().out
     assert f"{min(count, 1)} green, {int(count > 1)} amber, {int(count > 2)} red" in out

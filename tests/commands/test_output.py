@@ -68,10 +68,10 @@ def words(made_once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
     for each in made_once.iterdir():
         (tmp_path / each.name).symlink_to(each)
     found = [Finding("settings", "slave.yaml", "amber", "loads", "wait")]
-    monkeypatch.setattr("forefeel.doctor.command.examine", lambda *_: found)
+    monkeypatch.setattr("forefeel.doctor.run.examine", lambda *_: found)
     numbers = SimpleNamespace(to_json=lambda: '{"schema": "forefeel.reproduction/1"}\n')
-    monkeypatch.setattr("forefeel.reproduction.command._worked_out", lambda *_: (numbers, {}))
-    monkeypatch.setattr("forefeel.reproduction.command.short_table", lambda *_: ["a row"])
+    monkeypatch.setattr("forefeel.reproduction.run._worked_out", lambda *_: (numbers, {}))
+    monkeypatch.setattr("forefeel.reproduction.run.short_table", lambda *_: ["a row"])
     return lambda line: line.replace("@", str(tmp_path)).split()
 
 

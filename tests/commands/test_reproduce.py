@@ -12,7 +12,8 @@ import pytest
 
 from forefeel.__main__ import main
 from forefeel.diagnosis.reproduction import memory, windup
-from forefeel.reproduction import bench, command
+from forefeel.reproduction import bench
+from forefeel.reproduction import run as reproduction
 from forefeel.reproduction.recordings import recorded_runs
 from tests.simulation.pair import write_csv
 
@@ -58,7 +59,7 @@ def test_the_command_writes_figures_page_and_numbers_and_keeps_an_earlier_result
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(command, "STYLES", {"normal": bench.STYLES["normal"]})
+    monkeypatch.setattr(reproduction, "STYLES", {"normal": bench.STYLES["normal"]})
     monkeypatch.setattr(windup, "LAMBDAS", (0.96,))
     monkeypatch.setattr(windup, "SEEDS", 1)
     monkeypatch.setattr(memory, "SEEDS", 1)

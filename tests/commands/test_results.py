@@ -49,7 +49,7 @@ def test_an_interrupted_run_in_virtual_time_leaves_what_was_recorded(
         if done_s > 1.0:
             os.kill(os.getpid(), number)
 
-    monkeypatch.setattr("forefeel.loopback.command._shown", lambda *_: show)
+    monkeypatch.setattr("forefeel.loopback.run._shown", lambda *_: show)
     out = tmp_path / "out"
     if made_before:
         out.mkdir()
@@ -103,9 +103,9 @@ def put_recordings(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "where", "what"),
     [
-        ("loopback --virtual-time", "forefeel.loopback.command.VirtualLoopback", "loopback"),
+        ("loopback --virtual-time", "forefeel.loopback.run.VirtualLoopback", "loopback"),
         ("evaluate @/run.csv", "forefeel.evaluate.run._evaluate", "evaluation"),
-        ("report @/run.mcap", "forefeel.report.command.write_all", "report"),
+        ("report @/run.mcap", "forefeel.report.run.write_all", "report"),
     ],
 )
 def test_what_is_interrupted_before_it_wrote_leaves_nothing_that_was_not_there(

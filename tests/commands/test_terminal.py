@@ -182,7 +182,8 @@ SPEAKS_ITSELF = {
     "emulate/run.py",  # its first line is for whoever started it
     "doctor/realtime_child.py",  # speaks to its parent
     "dashboard/worker.py",  # as well
-    "local/commands.py",  # entries of an audit log, line by line
+    "commands/audit.py",  # entries of an audit log, line by line
+    "commands/clear.py",  # what the daemon answers, line by line
     "local/estop.py",  # a stop waits for no library
     "terminal.py",
 }

@@ -57,9 +57,8 @@ def test_what_the_page_shows_is_what_was_said(chromium: Browser, speaker: Speake
         assert (shown.text("felt"), shown.text("predicted"), shown.text("delay")) == ("0.123", "0.456", "300")
         assert shown.text("band") == "95 %: 0.400 to 0.500"
         assert shown.text("leading") == "leads: friction, recent"
-        assert [shown.light(name).split("\n")[0] for name in ("link", "lease", "safety", "deadman")] == [
-            "●"
-        ] * 4
+        names = "link", "lease", "safety", "deadman"
+        shown.until(lambda: all(shown.light(name)[0] == "●" for name in names), "all lights")
         assert "armed" in shown.light("safety")
         assert "stiffness" in shown.page.locator('[data-id="parameters"]').inner_text()
         assert "limit velocity: asked 300 mm/s" in shown.page.locator('[data-id="events"]').inner_text()

@@ -123,7 +123,7 @@ def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
             if not finished:
                 waited_s = _ready_s(process.pid)
                 _send(process.pid, trial.signal)
-                waited_s = _end_ready_s(process, start_s + _PATIENCE_S) - waited_s
+                waited_s = max(0.0, _end_ready_s(process, start_s + _PATIENCE_S) - waited_s)
             code = process.wait(0.0)
             seconds = 0.0 if finished else time.monotonic() - start_s
             left = _gone(mark, start_s + BOUND_S + 1.0)

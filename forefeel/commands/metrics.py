@@ -1,11 +1,10 @@
-"""`forefeel metrics` on the command line."""
+"""`forefeel metrics`."""
 
 from typing import Annotated
 
 import typer
 
-from forefeel.extras import extra
-from forefeel.options import (
+from forefeel.commands.options import (
     Connect,
     Duration,
     Insecure,
@@ -14,12 +13,13 @@ from forefeel.options import (
     ViewedCell,
     ViewerConfig,
     ViewerPki,
+    examples,
 )
+from forefeel.extras import extra
 from forefeel.terminal import output
 
-EPILOG = "Example: forefeel metrics --cell cathlab --connect tls/10.0.0.1:7447 --pki pki"
 
-
+@examples("forefeel metrics --cell cathlab --connect tls/10.0.0.1:7447 --pki pki")
 def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
     connect: Connect = None,
     cell: ViewedCell = None,
@@ -32,7 +32,6 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
     duration: Duration = None,
     quiet: Quiet = False,
 ) -> None:
-    """Serve what a cell says of itself to Prometheus, as a viewer in a process of its own."""
     from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
 
     with extra("metrics", "prometheus_client", command="metrics"):

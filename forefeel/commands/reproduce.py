@@ -1,19 +1,18 @@
-"""The options of `forefeel reproduce`."""
+"""`forefeel reproduce`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from forefeel.options import AsJson, Quiet
+from forefeel.commands.options import AsJson, Quiet, examples
 from forefeel.terminal import output
 
-EPILOG = (
-    "Example: forefeel reproduce --out out/paper   "
-    "Example: forefeel reproduce --out out/paper --overwrite --recordings measured"
+
+@examples(
+    "forefeel reproduce --out out/paper",
+    "forefeel reproduce --out out/paper --overwrite --recordings measured",
 )
-
-
 def reproduce(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Figures, page and numbers go there.")],
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier result in DIR.")] = False,
@@ -37,8 +36,7 @@ def reproduce(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Reproduce the paper: its figures, what its simulation gets wrong, and the human thresholds."""
-    from forefeel.reproduction.command import run_reproduction  # noqa: PLC0415 - as the other commands
+    from forefeel.reproduction.run import run_reproduction  # noqa: PLC0415 - as the other commands
 
     with output(as_json, quiet):
         run_reproduction(out, overwrite, recordings or (), seed, duration)

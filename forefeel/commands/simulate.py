@@ -1,4 +1,4 @@
-"""`forefeel simulate`: what stands on the command line."""
+"""`forefeel simulate`."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -6,13 +6,8 @@ from typing import Annotated
 
 import typer
 
-from forefeel.options import Quiet, among
+from forefeel.commands.options import Quiet, among, examples
 from forefeel.terminal import output
-
-EPILOG = (
-    "Example: forefeel simulate --model model.yaml --motion hand --duration 30 --seed 1 --out run.csv   "
-    "Example: forefeel simulate --model model.yaml --motion seal_o_ring_1bar.csv --noise 0 --out seal.parquet"
-)
 
 
 def _motions() -> Iterable[str]:
@@ -21,6 +16,10 @@ def _motions() -> Iterable[str]:
     return MOTIONS
 
 
+@examples(
+    "forefeel simulate --model model.yaml --motion hand --duration 30 --seed 1 --out run.csv",
+    "forefeel simulate --model model.yaml --motion seal_o_ring_1bar.csv --noise 0 --out seal.parquet",
+)
 def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     model: Annotated[Path, typer.Option(metavar="FILE", help="model.yaml: the contact and its sensor.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="A .csv or .parquet file.")],
@@ -57,7 +56,6 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Make a recording of any model: time_s, position_m, force_n."""
     from forefeel.simulate.run import Wish, run_simulation  # noqa: PLC0415 - other commands start without it
     from forefeel.simulate.sensor import SensorWish  # noqa: PLC0415
 

@@ -1,19 +1,18 @@
-"""`forefeel record` on the command line."""
+"""`forefeel record`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from forefeel.options import Connect, Duration, Insecure, Quiet, ThroughRouter
+from forefeel.commands.options import Connect, Duration, Insecure, Quiet, ThroughRouter, examples
 from forefeel.terminal import output
 
-EPILOG = (
-    "Example: forefeel record --config deploy/config/recorder.yaml --out run.mcap   "
-    "Example: forefeel record --cell cathlab --connect tls/10.0.0.1:7447 --pki pki --out run.mcap"
+
+@examples(
+    "forefeel record --config deploy/config/recorder.yaml --out run.mcap",
+    "forefeel record --cell cathlab --connect tls/10.0.0.1:7447 --pki pki --out run.mcap",
 )
-
-
 def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="A new .mcap file.")],
     connect: Connect = None,
@@ -30,7 +29,6 @@ def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     duration: Duration = None,
     quiet: Quiet = False,
 ) -> None:
-    """Record a cell to MCAP until Ctrl-C, in a process of its own."""
     from forefeel.network_settings import observer  # noqa: PLC0415
     from forefeel.record import run_record  # noqa: PLC0415 - the others start without Zenoh
 

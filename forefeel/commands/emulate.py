@@ -1,4 +1,4 @@
-"""`forefeel emulate`: the emulated devices on the command line."""
+"""`forefeel emulate`."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -6,13 +6,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.options import among
-
-EPILOG = (
-    "Example: forefeel emulate zaber_ascii --port /tmp/stage   "
-    "Example: forefeel emulate bota_serial --config slave.yaml --faults corrupt=0.01,unplug@5,plug@7   "
-    "Example: forefeel emulate can_hub --port /tmp/can-a,/tmp/can-b"
-)
+from forefeel.commands.options import among, examples
 
 
 def _devices() -> Iterable[str]:
@@ -21,6 +15,11 @@ def _devices() -> Iterable[str]:
     return DEVICES
 
 
+@examples(
+    "forefeel emulate zaber_ascii --port /tmp/stage",
+    "forefeel emulate bota_serial --config slave.yaml --faults corrupt=0.01,unplug@5,plug@7",
+    "forefeel emulate can_hub --port /tmp/can-a,/tmp/can-b",
+)
 def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     device: Annotated[
         str,
@@ -47,11 +46,10 @@ def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of noise, operator and faults.")] = 0,
     duration: Annotated[float | None, typer.Option(min=0.0, metavar="S", help="End after it.")] = None,
 ) -> None:
-    """Emulate a device at the level of its bytes, on a pseudo terminal or a CAN bus, until Ctrl-C.
-
-    While it runs it obeys lines on stdin, from a terminal or a script: `load 1.5` hangs 1.5 N on a load cell
-    (positive: resists insertion), `unplug`, `plug`, `stuck`, `overrange`, `drive_fault`, ... begin a fault,
-    `free` ends one. A wrong line is answered on stderr with what that device takes. Stdin need not be open.
+    """While it runs it obeys lines on stdin, from a terminal or a script: `load 1.5` hangs 1.5 N on a load
+    cell (positive: resists insertion), `unplug`, `plug`, `stuck`, `overrange`, `drive_fault`, ... begin a
+    fault, `free` ends one. A wrong line is answered on stderr with what that device takes. Stdin need not
+    be open.
     """
     from forefeel.emulate.run import Wish, run_emulator  # noqa: PLC0415 - other commands start without it
 

@@ -2,9 +2,18 @@
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
+
+Command = TypeVar("Command", bound=Callable[..., None])
+_EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {}
+
+DaemonConfig = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
+DaemonInsecure = Annotated[
+    bool,
+    typer.Option("--insecure", help="Do without certificates outside this host; never with a real stage."),
+]
 
 Connect = Annotated[
     list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
@@ -32,3 +41,18 @@ def among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
         return [name for name in names() if name.startswith(incomplete)]
 
     return complete
+
+
+def examples(*lines: str) -> Callable[[Command], Command]:
+    """Command lines that the help of a command shows."""
+
+    def noted(command: Command) -> Command:
+        _EXAMPLES[command] = lines
+        return command
+
+    return noted
+
+
+def examples_of(command: Callable[..., None]) -> tuple[str, ...]:
+    """What `examples` noted."""
+    return _EXAMPLES[command]

@@ -1,19 +1,18 @@
-"""`forefeel evaluate`: what stands on the command line."""
+"""`forefeel evaluate`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from forefeel.options import AsJson, Quiet
+from forefeel.commands.options import AsJson, Quiet, examples
 from forefeel.terminal import output
 
-EPILOG = (
-    "Example: forefeel evaluate seal_o_ring_1bar.csv presliding_friction.csv --delay 0.3 --out out/real   "
-    "Example: forefeel evaluate run.csv --time ms:t --position mm:laser --force N:load --out out/run"
+
+@examples(
+    "forefeel evaluate seal_o_ring_1bar.csv presliding_friction.csv --delay 0.3 --out out/real",
+    "forefeel evaluate run.csv --time ms:t --position mm:laser --force N:load --out out/run",
 )
-
-
 def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings: CSV, Parquet, MCAP.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="For evaluation.json and evaluation.html.")],
@@ -35,7 +34,6 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Replay recordings honestly: hold, the paper, m-b-k-bias and forefeel across a delay."""
     from forefeel.evaluate.run import Wish, run_evaluation  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column

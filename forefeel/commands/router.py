@@ -1,19 +1,18 @@
-"""`forefeel router` on the command line."""
+"""`forefeel router`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from forefeel.options import Duration, Insecure, Quiet
+from forefeel.commands.options import Duration, Insecure, Quiet, examples
 from forefeel.terminal import output
 
-EPILOG = (
-    "Example: forefeel router --config deploy/config/router.yaml   "
-    "Example: forefeel router --listen tls/0.0.0.0:7447 --pki pki --cell cell1 --cell cell2"
+
+@examples(
+    "forefeel router --config deploy/config/router.yaml",
+    "forefeel router --listen tls/0.0.0.0:7447 --pki pki --cell cell1 --cell cell2",
 )
-
-
 def router(
     config: Annotated[
         Path | None, typer.Option("--config", metavar="FILE", help="YAML instead of the options.")
@@ -31,7 +30,6 @@ def router(
     duration: Duration = None,
     quiet: Quiet = False,
 ) -> None:
-    """Route between the ends of several cells, each kept to itself, until Ctrl-C."""
     from forefeel.network_settings import router_settings  # noqa: PLC0415
     from forefeel.router import run_router  # noqa: PLC0415 - the others start without Zenoh
 

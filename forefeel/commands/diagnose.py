@@ -1,21 +1,20 @@
-"""`forefeel diagnose`: what stands on the command line."""
+"""`forefeel diagnose`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from forefeel.options import AsJson, Quiet
+from forefeel.commands.options import AsJson, Quiet, examples
 from forefeel.terminal import output
 
-EPILOG = (
-    "Example: forefeel diagnose run.csv --out out/run   "
-    "Example: forefeel diagnose seal.csv --time ms:t --position mm:laser --force N:load --out out/seal   "
-    "Example: forefeel diagnose recordings --jobs 4 --out out/all   "
-    "Example: forefeel diagnose recordings --scheduler tcp://10.0.0.2:8786 --out out/all"
+
+@examples(
+    "forefeel diagnose run.csv --out out/run",
+    "forefeel diagnose seal.csv --time ms:t --position mm:laser --force N:load --out out/seal",
+    "forefeel diagnose recordings --jobs 4 --out out/all",
+    "forefeel diagnose recordings --scheduler tcp://10.0.0.2:8786 --out out/all",
 )
-
-
 def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     file: Annotated[
         Path,
@@ -38,9 +37,6 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show what the simulation gets wrong on a recording, name the cause, extend the model, measure the
-    gain.
-    """
     from forefeel.diagnose.run import Wish, run_diagnosis  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column

@@ -1,14 +1,12 @@
-"""`forefeel calibrate`: what stands on the command line."""
+"""`forefeel calibrate`: load cells and stages."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from forefeel.options import AsJson, Quiet
+from forefeel.commands.options import AsJson, Quiet, examples
 from forefeel.terminal import output
-
-calibrate_app = typer.Typer(help="Dated calibration files of load cells and stages.", no_args_is_help=True)
 
 ConfigFile = Annotated[Path, typer.Option("--config", metavar="FILE", help="The slave's YAML file.")]
 Axis = Annotated[str, typer.Option("--axis", metavar="NAME", help="Which axis of it.")]
@@ -18,10 +16,9 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")]
 ValidDays = Annotated[int, typer.Option("--valid-days", metavar="N", help="How long it holds.")]
 
 
-@calibrate_app.command(
-    "load-cell",
-    epilog="Example: forefeel calibrate load-cell --config slave.yaml --axis insertion "
-    "--weights 0,0.05,0.1,0.2 --out load_cell.yaml",
+@examples(
+    "forefeel calibrate load-cell --config slave.yaml --axis insertion --weights 0,0.05,0.1,0.2 "
+    "--out load_cell.yaml",
 )
 def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
     config: ConfigFile,
@@ -49,7 +46,6 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Tare, then every weight up and down; gain and zero by least squares, residual, hysteresis."""
     from forefeel.calibrate.load_cell import Wish, run_load_cell  # noqa: PLC0415 - others start without it
 
     measuring = settle, average, steady, max_residual, valid_days, temperature
@@ -57,10 +53,7 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
         run_load_cell(Wish(config, axis, out, weights, forces, yes, overwrite, *measuring))
 
 
-@calibrate_app.command(
-    "stage",
-    epilog="Example: forefeel calibrate stage --config slave.yaml --axis insertion --out stage.yaml",
-)
+@examples("forefeel calibrate stage --config slave.yaml --axis insertion --out stage.yaml")
 def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
     config: ConfigFile,
     axis: Axis,
@@ -75,7 +68,6 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Home twice and go from end to end; asks before it moves. Take the instrument out."""
     from forefeel.calibrate.stage import Wish, run_stage  # noqa: PLC0415
 
     with output(as_json, quiet):

@@ -1,0 +1,12 @@
+"""`forefeel devices`."""
+
+from forefeel.commands.options import AsJson, Quiet, examples
+from forefeel.terminal import output
+
+
+@examples("forefeel devices", "forefeel devices --json")
+def devices(as_json: AsJson = False, quiet: Quiet = False) -> None:
+    from forefeel.devices.listing import run_devices  # noqa: PLC0415 - other commands start without it
+
+    with output(as_json, quiet):
+        run_devices()

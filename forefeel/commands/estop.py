@@ -1,0 +1,37 @@
+"""`forefeel estop` as typer sees it: for completion and the reference. It is run before typer is imported."""
+
+from collections.abc import Callable
+from inspect import Parameter, Signature
+from optparse import OptionParser
+from typing import Annotated
+
+import typer
+
+from forefeel.commands.options import examples
+from forefeel.local import estop as stops
+
+
+def _typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
+    """`act` as a command of typer with the parser's options."""
+
+    def command(**options: object) -> None:
+        act(**options)
+
+    kinds = {"store": str | None, "append": list[str] | None, "store_true": bool}
+    parameters = [
+        Parameter(
+            each.dest,
+            Parameter.KEYWORD_ONLY,
+            default=parser.defaults[each.dest],
+            annotation=Annotated[
+                kinds[each.action], typer.Option(each.get_opt_string(), metavar=each.metavar, help=each.help)
+            ],
+        )
+        for each in parser.option_list
+        if each.dest
+    ]
+    setattr(command, "__signature__", Signature(parameters))  # noqa: B010 - of no type that has it
+    return command
+
+
+estop = examples(*stops.EXAMPLES)(_typed(stops.PARSER, stops.estop))

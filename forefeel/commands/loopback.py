@@ -1,0 +1,118 @@
+"""`forefeel loopback`."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from forefeel.commands.options import AsJson, Duration, Quiet, among, examples
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.units import Mapping
+from forefeel.common.transport.settings import PRESETS
+from forefeel.terminal import output
+
+
+def _instruments() -> Iterable[str]:
+    from forefeel.slave.plant.presets import PRESETS as WORLDS  # noqa: PLC0415 - only when a shell asks
+
+    return WORLDS
+
+
+def _hardware() -> Iterable[str]:
+    from forefeel.loopback.hardware import HARDWARE  # noqa: PLC0415 - only when a shell asks
+
+    return HARDWARE
+
+
+@examples(
+    "forefeel loopback --impairment paper --duration 20 --out out/run",
+    "forefeel loopback --recording seal_o_ring_1bar.csv --impairment paper",
+    "forefeel loopback --slave-model world.yaml --hide friction.yaml --hide-at 5 --out out/run",
+)
+def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
+    recording: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Play this recording (CSV, Parquet, MCAP).")
+    ] = None,
+    impairment: Annotated[
+        str,
+        typer.Option(
+            metavar="PRESET", help=f"One of {', '.join(PRESETS)}.", autocompletion=among(lambda: PRESETS)
+        ),
+    ] = "none",
+    duration: Duration = None,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**31 - 1, help="Seed of operator, world and impairment.")
+    ] = 0,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Results; default out/run-DATE.")] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace the results of an earlier run in DIR.")] = False,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            help="Simulated instrument: catheter (default) or guidewire.", autocompletion=among(_instruments)
+        ),
+    ] = None,
+    virtual_time: Annotated[
+        bool, typer.Option("--virtual-time", help="One process, as fast as it can, repeatable.")
+    ] = False,
+    slave_model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="model.yaml of the simulated world.")
+    ] = None,
+    master_model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="model.yaml of the predictor.")
+    ] = None,
+    hide: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="model.yaml of effects that are added to the simulated world."),
+    ] = None,
+    hide_at: Annotated[
+        float, typer.Option(metavar="S", help="When they are switched on, by the world's time.")
+    ] = 0.0,
+    hardware: Annotated[
+        str,
+        typer.Option(
+            help="simulated, emulated-serial or emulated-can: devices as their bytes.",
+            autocompletion=among(_hardware),
+        ),
+    ] = "simulated",
+    dashboard: Annotated[
+        bool, typer.Option("--dashboard/--no-dashboard", help="Serve the live view while it runs.")
+    ] = False,
+    opens: Annotated[bool, typer.Option("--open", help="Open the live view in the browser.")] = False,
+    time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
+    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
+    force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    from forefeel.loopback.plan import Wish  # noqa: PLC0415
+    from forefeel.loopback.run import How, run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
+
+    wish = Wish(
+        seed=seed,
+        impairment=impairment,
+        preset=preset,
+        duration_s=duration,
+        recording=recording,
+        columns=_columns(recording, time_column, position_column, force_column),
+        slave_model=slave_model,
+        master_model=master_model,
+        hide=hide,
+        hide_at_s=hide_at,
+        hardware=hardware,
+    )
+    with output(as_json, quiet):
+        run_loopback(wish, out, How(overwrite, virtual_time, dashboard or opens, opens))
+
+
+def _columns(
+    recording: Path | None, time_column: str | None, position: str | None, force: str | None
+) -> Mapping | None:
+    """A column mapping when the user named any column."""
+    named = {"--time": time_column, "--position": position, "--force": force}
+    first = next((f"{option} {column}" for option, column in named.items() if column is not None), None)
+    if first is None:
+        return None
+    if recording is None:
+        raise ConfigurationError(f"{first}: expected only with --recording, whose column it names")
+    return Mapping(time_column or "s:time_s", position or "m:position_m", force)

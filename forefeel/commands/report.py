@@ -1,0 +1,23 @@
+"""`forefeel report`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from forefeel.commands.options import AsJson, Quiet, examples
+from forefeel.terminal import output
+
+
+@examples("forefeel report run.mcap --out out/report")
+def report(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recorded run (MCAP).")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="For report.html and report.json.")],
+    overwrite: Annotated[bool, typer.Option(help="Replace an earlier report in DIR.")] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    from forefeel.report.run import run_report  # noqa: PLC0415 - other commands start without it
+
+    with output(as_json, quiet):
+        run_report(file, out, overwrite)

@@ -1,0 +1,26 @@
+"""`forefeel view`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from forefeel.commands.dashboard import PACKAGES, Address, Open, Port
+from forefeel.commands.options import Duration, Quiet, examples
+from forefeel.extras import extra
+from forefeel.terminal import output
+
+
+@examples("forefeel view out/demo/recording.mcap --open")
+def view(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recorded run (MCAP).")],
+    address: Address = "127.0.0.1",
+    port: Port = 8600,
+    opens: Open = False,
+    duration: Duration = None,
+    quiet: Quiet = False,
+) -> None:
+    with extra("dashboard", *PACKAGES, command="view"):
+        from forefeel.dashboard.server import run_view  # noqa: PLC0415
+    with output(quiet=quiet):
+        run_view(file, address, port, duration, opens)
