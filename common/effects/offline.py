@@ -24,7 +24,7 @@ def lazy_kernel(function: F) -> F:
 
     @cache
     def compiled() -> Callable[..., Any]:
-        from forefeel.common.estimation.jit import kernel  # noqa: PLC0415 - loads numba
+        from forefeel.common.jit import kernel  # noqa: PLC0415 - loads numba
 
         return kernel(function)
 

@@ -10,7 +10,7 @@ Euler: Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2
 import numpy as np
 
 from forefeel.common.error_size import Floats
-from forefeel.common.estimation.jit import kernel
+from forefeel.common.jit import kernel
 
 SMOOTH = ("quadratic", "cubic", "penetration_damping", "drag", "asymmetric", "change", "change_time")
 """Of the vector `smooth`: coefficients of x^2, x^3, max(x, 0) v, v |v|, |v|, and of x from a time on."""

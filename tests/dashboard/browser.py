@@ -145,7 +145,7 @@ class Shown:
         return str(self.page.locator(f'[data-field="{field}"]').first.inner_text())
 
     def light(self, name: str) -> str:
-        return str(self.page.locator(f'[data-light="{name}"]').inner_text(timeout=10_000))
+        return str(self.page.locator(f'[data-light="{name}"]').inner_text(timeout=60_000))
 
     def ask(self, script: str) -> Any:  # noqa: ANN401 - whatever the script gives
         return self.page.evaluate(script)

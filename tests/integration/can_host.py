@@ -9,12 +9,15 @@ from forefeel.slave.stages import drive_cycle
 from forefeel.slave.stages.cia402 import Cia402Stage
 from tests.hardware.can_rig import START_M, stage_settings
 
+HEARTBEAT_S = 0.3
+"""A busy machine is silent for a tenth of a second and more."""
+
 
 def main() -> None:
     """Arguments: the adapter's path."""
     drive_cycle.SILENT_S = 1.0  # only the drive has to notice a silence, and a busy machine makes some
     settings = CanSettings(interface="slcan", channel=sys.argv[1])
-    stage = Cia402Stage(stage_settings(settings))
+    stage = Cia402Stage(stage_settings(settings, heartbeat_s=HEARTBEAT_S))
     stage.open()
     start_s, clock = time.monotonic(), MonotonicClock()
     print("moving", flush=True)

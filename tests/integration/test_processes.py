@@ -203,9 +203,10 @@ def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(
         assert names == ["session_opened", "engage", "engaged", "release", "at_rest"]
     for trace in (MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT):
         chunks = list(run.messages("insertion", trace))
-        assert chunks[0].first_index == 0
         planned = [delays_ns for chunk in chunks for delays_ns in chunk.delays_ns]
-        assert sum(not delays_ns for delays_ns in planned) / len(planned) == pytest.approx(0.01, abs=0.01)
+        with witness_of_daemons.timely(WATCHDOG_S):  # a late machine drops what comes once a second
+            assert [chunk.first_index for chunk in chunks][:1] == [0]
+            assert sum(not delay_ns for delay_ns in planned) / len(planned) == pytest.approx(0.01, abs=0.01)
     with witness.timely(1.0):  # this process has no priority, and daemons of other tests may take both cores
         assert {"starting", "armed"} <= {what for _, what in shown}
         assert max(done_s for done_s, _ in shown) == pytest.approx(4.0, abs=1.0)

@@ -76,11 +76,16 @@ def run_all(
     port: int,
     folder: Path,
     tell: Callable[[Trial, Ended], None] = lambda *_: None,
+    nice: int = 0,
 ) -> list[tuple[Trial, Ended]]:
-    """All of them, some at the same time; `tell` is called with each that has ended."""
+    """All of them, some at the same time; `tell` is called with each that has ended.
+
+    Args:
+        nice: of the commands, so that other tests beside them have the processor.
+    """
 
     def one(trial: Trial) -> tuple[Trial, Ended]:
-        ended = run(trial, ready, port, folder / str(trial.number))
+        ended = run(trial, ready, port, folder / str(trial.number), nice)
         tell(trial, ended)
         return trial, ended
 
@@ -101,7 +106,7 @@ def _end(ends: Sequence[Future[tuple[Trial, Ended]]]) -> None:
         time.sleep(0.05)
 
 
-def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
+def run(trial: Trial, ready: Path, port: int, here: Path, nice: int) -> Ended:
     """Starts the command, sends the signal as a terminal or a service manager does, looks at what is left."""
     here.mkdir()
     places = {"HERE": str(here), "READY": str(ready), "CELL": str(port), "PORT": str(free_port())}
@@ -110,9 +115,9 @@ def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
     mark = f"{os.getpid()}.{here}."
     with (here / "stderr").open("wb") as said, (here / "stdout").open("wb") as out:
         process = subprocess.Popen(
-            [*COMMAND, *_placed(trial.case.line, places).split()],
+            ["nice", "-n", str(nice), *COMMAND, *_placed(trial.case.line, places).split()],
             env={**environment(here), _MARK: mark},
-            stdin=subprocess.DEVNULL, stdout=out, stderr=said, start_new_session=True,
+            stdin=subprocess.DEVNULL, stdout=out, stderr=said, process_group=0,
         )  # fmt: skip
         try:
             _begun(process, trial.at_work)

@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.jit import kernel
 from forefeel.common.estimation.record import floats, record
+from forefeel.common.jit import kernel
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ import math
 from typing import Protocol
 
 from forefeel.common.estimation.forecast.bank import Array
-from forefeel.common.estimation.jit import kernel
 from forefeel.common.estimation.record import floats, record
+from forefeel.common.jit import kernel
 
 _BINS, _ZERO_BIN = 96, 60
 _MEMORY_S = 5.0

@@ -30,7 +30,7 @@ from forefeel.common.estimation.forecast.bank import (
     Array,
     Bank,
 )
-from forefeel.common.estimation.jit import kernel
+from forefeel.common.jit import kernel
 
 _RELAXATION_STOP = 5
 """The stop whose hysteresis relaxes and meets the nonlinear terms: radius 1/32 to 1/64 of the range."""

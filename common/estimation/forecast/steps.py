@@ -15,7 +15,7 @@ from forefeel.common.estimation.forecast import trial as trials
 from forefeel.common.estimation.forecast.bank import RING, Array
 from forefeel.common.estimation.forecast.regressors import fill
 from forefeel.common.estimation.forecast.state import Memory, State
-from forefeel.common.estimation.jit import kernel
+from forefeel.common.jit import kernel
 
 _RATE_MEMORY_S = 60.0
 _RATE_MARGIN = 1.2

@@ -1,0 +1,80 @@
+"""Compilation of numeric kernels to machine code by numba, kept beside the source between runs.
+
+A kernel holds the interpreter lock from its first to its last instruction, so that for every other thread
+one call is one indivisible step. With `FOREFEEL_JIT=0` in the environment (or numba's own
+`NUMBA_DISABLE_JIT=1`) every kernel is plain Python, which a debugger can enter. It gives the same results
+some 20 times as slowly.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache, wraps
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+COMPILED = os.environ.get("FOREFEEL_JIT", "1") != "0" and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
+_KEPT = "*.nbi", "*.nbc"
+"""What numba keeps in `__pycache__`: an index and the code of each kernel."""
+_WITH_KERNELS = "common/estimation", "common/effects", "diagnosis/diagnose"
+_STAMP = "common/__pycache__/kernels.sha256"
+
+
+def kernel(function: F) -> F:
+    """Compiles at the first call; later processes load the result. Rounding stays that of Python's floats."""
+    return _compiled(function, fastmath=False)
+
+
+def fast_kernel(function: F) -> F:
+    """As `kernel`; sums may be reordered, so that they use the processor's wide registers."""
+    return _compiled(function, fastmath={"reassoc", "contract", "nsz"})
+
+
+def _compiled(function: F, fastmath: bool | set[str]) -> F:
+    if not COMPILED:
+        return _plain(function)
+    import numba  # noqa: PLC0415 - not needed for plain Python
+
+    _forget_what_is_old()
+    return cast(F, numba.njit(cache=True, fastmath=fastmath)(function))
+
+
+def _plain(function: F) -> F:
+    """Records have attributes in numba; in numpy only as `recarray`."""
+
+    @wraps(function)
+    def call(*arguments: object) -> object:
+        return function(*map(_with_attributes, arguments))
+
+    return cast(F, call)
+
+
+def _with_attributes(argument: object) -> object:
+    if isinstance(argument, np.ndarray) and argument.dtype.names is not None:
+        return argument.view(np.recarray)
+    return argument
+
+
+@cache
+def _forget_what_is_old() -> None:
+    """Removes all that numba has kept when any of the sources has changed.
+
+    Numba takes what it kept for fresh as long as the kernel's own file is unchanged, though the code of every
+    kernel that it calls is in there. Where the folder can not be written, as in a container, nothing changes.
+    """
+    package = Path(__file__).resolve().parents[1]
+    folders = [package / name for name in _WITH_KERNELS]
+    sources = b"\0".join(path.read_bytes() for folder in folders for path in sorted(folder.rglob("*.py")))
+    found, stamp = hashlib.sha256(sources).hexdigest(), package / _STAMP
+    with suppress(OSError):
+        if stamp.exists() and stamp.read_text(encoding="ascii") == found:
+            return
+        for path in (each for folder in folders for kept in _KEPT for each in folder.rglob(kept)):
+            path.unlink(missing_ok=True)
+        stamp.parent.mkdir(exist_ok=True)
+        stamp.write_text(found, encoding="ascii")
