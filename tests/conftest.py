@@ -15,6 +15,7 @@ import pytest
 from hypothesis import settings
 
 from forefeel.__main__ import main
+from tests.witness import go_ahead
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # of which that import has made the system's
 
@@ -22,8 +23,6 @@ settings.register_profile("repeatable", deadline=None, derandomize=True, max_exa
 settings.load_profile("repeatable")
 
 _GRACE_S = 1.0
-_DEVICE_PRIORITY = 1
-"""Of SCHED_RR: ahead of all work without a priority, behind the daemons."""
 _states = count()
 
 
@@ -58,11 +57,7 @@ def ahead_of_other_work() -> Iterator[None]:
 
     Where it is not granted the machine has to be idle enough.
     """
-    try:
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_DEVICE_PRIORITY))
-    except PermissionError:
-        yield
-        return
+    go_ahead()
     yield
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 

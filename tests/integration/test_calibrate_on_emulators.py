@@ -42,6 +42,7 @@ from tests.hardware.can_rig import (
 from tests.hardware.pty_thread import PtyThread
 from tests.waiting import wait_until
 
+pytestmark = pytest.mark.usefixtures("ahead_of_other_work")
 Run = Callable[[Sequence[str]], int]
 QUICK = ["--forces", "4", "--settle", "0.1"]
 WALK = [0.0, 4.0, 0.0]

@@ -36,7 +36,7 @@ def predicted() -> list[float]:
 
 def forces() -> list[float]:
     """What effects with a loop over time make of a motion."""
-    t = np.arange(500) * 1e-3
+    t = np.linspace(0.0, 0.499, 500)
     x, v, a = (5e-3 * np.sin(2.0 * np.pi * 2.0 * t + phase) for phase in (0.0, 0.5 * np.pi, np.pi))
     effects = [effect_class(name) for name in EFFECTS]
     made = [kind(**{p.name: max(p.default, p.lower, 1e-3) for p in kind.parameters}) for kind in effects]
