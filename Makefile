@@ -2,25 +2,33 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# two stages: what runs the demo, and what the tests and checks need beyond it; versions and hashes are pinned
+DEMO := $(VENV)/.demo
 READY := $(VENV)/.ready
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 # one thread for linear algebra in each of two test processes; bytecode is kept, or each start compiles anew
 test soak faults signals: export OPENBLAS_NUM_THREADS := 1
 test soak faults signals: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test check docs bench hidden-effects faults soak signals fuzz format clean
+.PHONY: help demo test check docs bench hidden-effects faults soak signals fuzz format lock clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
-$(READY): pyproject.toml
+$(DEMO): deploy/lock/demo.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(PIP) --require-hashes -r deploy/lock/demo.txt
+	$(PIP) --no-deps --no-build-isolation --editable .
 	$(BIN)/python -c 'from forefeel.common.estimation.forecast import compile_kernels; compile_kernels()'
 	$(BIN)/python -c 'from forefeel.common.effects.registry import compile_kernels; compile_kernels()'
 	@touch $@
 
-demo: $(READY) ## two daemons over Zenoh on this machine for 20 s, report in out/demo; live at 127.0.0.1:8600
+$(READY): $(DEMO) deploy/lock/dev.txt
+	$(PIP) --require-hashes -r deploy/lock/dev.txt
+	@touch $@
+
+demo: $(DEMO) ## two daemons over Zenoh on this machine for 20 s, report in out/demo; live at 127.0.0.1:8600
 	$(BIN)/forefeel loopback --dashboard --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
 test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
@@ -34,12 +42,11 @@ check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/lint-imports
 
 docs: $(READY) ## the documentation as pages in site/, its reference from the code; any dead link fails
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	$(PIP) --editable '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # sysidentpy asks for an older numpy than the product's and works with this one
-PEERS = $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]' \
-	&& $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'sysidentpy>=0.9'
+PEERS = $(PIP) --editable '.[bench]' && $(PIP) --no-deps 'sysidentpy>=0.9'
 
 bench: $(READY) ## everything beside its peers, in one run: benchmarks/RESULTS.md (an hour, quiet machine, root)
 	$(PEERS)
@@ -71,6 +78,13 @@ fuzz: $(READY) ## 100,000 byte strings for every parser
 format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+LOCK = $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes --upgrade \
+	--no-emit-index-url --no-header --no-annotate --quiet
+lock: $(READY) ## new versions of all packages with their hashes, deploy/lock
+	$(PIP) uv
+	$(LOCK) --extra demo -o deploy/lock/demo.txt
+	$(LOCK) --extra dev -c deploy/lock/demo.txt -o deploy/lock/dev.txt
 
 clean: ## remove the environment and results
 	rm -rf $(VENV) out build site *.egg-info
