@@ -1,0 +1,66 @@
+"""What a force sample passes on its way: `python -m benchmarks.modules`.
+
+One cell runs in virtual time with the simulated world. In half a second of it, while the stage follows, every
+call of a function of ours is counted: how many modules a reader of that way has before him, their lines, and
+the calls of a tick. Compiled kernels and the network's library have no calls of Python.
+"""
+
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+import forefeel
+from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.virtual import VirtualLoopback
+
+_FROM_S, _TO_S = 3.0, 3.5
+_TICKS = round((_TO_S - _FROM_S) * 1e3)
+"""Of each loop: both run at 1 kHz."""
+_FOLDERS = "common", "slave", "master"
+_PACKAGE = Path(forefeel.__file__).parent
+_HARNESS = {"common/runtime/virtual.py", "common/transport/memory.py"}
+"""Take the place of the operating system and the network in virtual time."""
+
+
+def main() -> None:
+    """Prints modules by folder, lines, calls a tick; then each module."""
+    calls = counted()
+    lines = {name: len((_PACKAGE / name).read_text(encoding="utf-8").splitlines()) for name in calls}
+    for folder in _FOLDERS:
+        names = [name for name in calls if name.startswith(folder)]
+        print(f"{folder:>7}: {len(names):3} modules, {sum(lines[each] for each in names):5} lines")
+    total = sum(calls.values()) / _TICKS
+    print(
+        f"    all: {len(calls):3} modules, {sum(lines.values()):5} lines, {total:.0f} calls of both loops a tick\n"
+    )
+    for name, count in calls.most_common():
+        print(f"{count / _TICKS:8.2f} calls a tick  {lines[name]:4} lines  {name}")
+
+
+def counted() -> Counter[str]:
+    """Calls by module in the time looked at."""
+    calls = Counter[str]()
+    loop = VirtualLoopback(make_plan(Wish(seed=1, duration_s=_TO_S + 0.1)), seed=1)
+    loop.run(_looking(calls))
+    return calls
+
+
+def _looking(calls: Counter[str]) -> Callable[[float], None]:
+    def note(frame: FrameType, event: str, _argument: object) -> None:
+        if event == "call":
+            path = Path(frame.f_code.co_filename)
+            if path.is_relative_to(_PACKAGE) and not frame.f_code.co_name.startswith("<"):
+                name = str(path.relative_to(_PACKAGE))
+                if name.startswith(_FOLDERS) and name not in _HARNESS:
+                    calls[name] += 1
+
+    def look(done_s: float) -> None:
+        sys.setprofile(note if _FROM_S <= done_s < _TO_S else None)
+
+    return look
+
+
+if __name__ == "__main__":
+    main()
