@@ -82,18 +82,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks")
     parser.add_argument("--only", action="append", choices=[each.module for each in ALL])
     parser.add_argument("--out", type=Path, default=Path("benchmarks/RESULTS.md"))
-    wish = parser.parse_args()
+    options = parser.parse_args()
     _install()
     machine = _machine()
-    parts = _parts(wish.out.with_suffix(".json"), machine) if wish.only else {}
-    chosen = [each for each in ALL if not wish.only or each.module in wish.only]
+    parts = _parts(options.out.with_suffix(".json"), machine) if options.only else {}
+    chosen = [each for each in ALL if not options.only or each.module in options.only]
     for each in chosen:
         print(f"== {each.module}: {each.question}", flush=True)
         parts[each.module] = _run(each)
         shown = [parts[known.module] for known in ALL if known.module in parts]
-        wish.out.write_text("\n".join([_head(machine), *map(_section, shown)]))
+        options.out.write_text("\n".join([_head(machine), *map(_section, shown)]))
         document = {"machine": machine, "parts": [asdict(part) for part in shown]}
-        wish.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
+        options.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
     return int(any(parts[each.module].code for each in chosen))
 
 

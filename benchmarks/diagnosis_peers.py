@@ -32,14 +32,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.diagnosis_peers")
     parser.add_argument("--each", type=int, default=2)
     parser.add_argument("--json", type=Path, help="the figures, too")
-    wish = parser.parse_args()
-    cases = [Case("single", name, _SEED + i) for name in VOCABULARY for i in range(wish.each)]
-    cases += [Case("nothing", "nothing", _SEED + 300 + i) for i in range(len(VOCABULARY) * wish.each)]
+    options = parser.parse_args()
+    cases = [Case("single", name, _SEED + i) for name in VOCABULARY for i in range(options.each)]
+    cases += [Case("nothing", "nothing", _SEED + 300 + i) for i in range(len(VOCABULARY) * options.each)]
     rows = [row(name, title, [scored(case, method) for case in cases])
             for name, (title, method) in METHODS.items()]  # fmt: skip
     print(text(rows))
-    if wish.json is not None:
-        wish.json.write_text(json.dumps({"rows": rows}, indent=2))
+    if options.json is not None:
+        options.json.write_text(json.dumps({"rows": rows}, indent=2))
 
 
 def row(name: str, title: str, outcomes: Sequence[Outcome]) -> dict[str, object]:

@@ -14,7 +14,7 @@ from random import Random
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.hardware.coil import PROTOCOL, CoilCommand, Identify, encode
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.emulate.coil import CoilDevice
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults, Wire
@@ -131,7 +131,7 @@ def _raw_echo(port: Path) -> float:
 def _lost_frames() -> None:
     """In virtual time: one wrong byte in one of a hundred frames, both ways."""
     faults = Faults(corrupt=0.01)
-    device, link = CoilDevice(), Link("handle")
+    device, link = CoilDevice(), DeviceLink("handle")
     talk = CoilTalk(_settings(Path("memory")), link)
     clean, broken = Wire(_BAUD, Faults(), ""), [Wire(_BAUD, faults, way) for way in ("out", "in")]
     link.advance(LinkState.OPEN)
@@ -153,7 +153,7 @@ def _lost_frames() -> None:
     print(f"link {link.state.name}, {link.counters['faults']} faults; dropped by the host: {_dropped(link)}")
 
 
-def _dropped(link: Link) -> str:
+def _dropped(link: DeviceLink) -> str:
     return ", ".join(f"{name} {number}" for name, number in link.counters.items() if name.startswith("bad_"))
 
 

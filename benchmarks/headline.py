@@ -19,9 +19,9 @@ from forefeel.common.config import checked
 from forefeel.common.errors import RunError
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.transport.settings import ImpairmentSettings
-from forefeel.loopback.plan import DEFAULT_DURATION_S, Wish, make_plan
+from forefeel.loopback.plan import DEFAULT_DURATION_S, LoopbackOptions, make_plan
 from forefeel.loopback.real import run_real
-from forefeel.report.score import Comparison
+from forefeel.report.score import PredictionComparison
 from forefeel.report.summary import RunReport, summarise
 from tests.net.links import LINKS, Route, link_run
 
@@ -31,7 +31,7 @@ COLUMNS = (
 )  # fmt: skip
 _IMPAIRMENT = "paper"
 """150 +- 10 ms one way: that of `make demo`, here without its loss."""
-_PARTS: dict[str, Callable[[RunReport], Comparison | RunReport]] = {
+_PARTS: dict[str, Callable[[RunReport], PredictionComparison | RunReport]] = {
     "prediction / hold": lambda report: report,
     "settled": lambda report: report.settled,
 }
@@ -63,7 +63,7 @@ def main(words: Sequence[str]) -> None:
 
 def run_injected(loss: float, seconds: float, seed: int) -> RunReport:
     """Two daemons on this host, as `forefeel loopback` runs them; `loss` is a share, one way."""
-    plan = make_plan(Wish(seed=seed, duration_s=seconds))
+    plan = make_plan(LoopbackOptions(seed=seed, duration_s=seconds))
     link = {"impairment": {"inbound": {"preset": _IMPAIRMENT, "loss": loss}, "seed": seed}}
     plan = replace(plan, slave=plan.slave | link, master=plan.master | link)
     with TemporaryDirectory(prefix="ff-") as folder:

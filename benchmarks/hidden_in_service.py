@@ -22,7 +22,7 @@ from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.extended import extended_model
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise
 
@@ -72,11 +72,14 @@ def in_service(effect: str, folder: Path) -> Row:
     _write(world, "mass_damper_spring", WALL)
     _write(hidden, effect, HIDDEN[effect])
     first = _run(
-        Wish(SEED, "paper", duration_s=DURATION_S, slave_model=world, hide=hidden), folder / "1.mcap"
+        LoopbackOptions(SEED, "paper", duration_s=DURATION_S, slave_model=world, hide=hidden),
+        folder / "1.mcap",
     )
     diagnosed = diagnose(first.to_recording())
     found.write_text(dump_mapping(extended_model(diagnosed.analysis, "found").to_mapping()), encoding="utf-8")
-    again = Wish(SEED, "paper", duration_s=DURATION_S, slave_model=world, hide=hidden, master_model=found)
+    again = LoopbackOptions(
+        SEED, "paper", duration_s=DURATION_S, slave_model=world, hide=hidden, master_model=found
+    )
     second = _run(again, folder / "2.mcap")
     names = ", ".join(cause.name for cause in diagnosed.diagnosis.causes)
     before, after = summarise(first), summarise(second)
@@ -93,8 +96,8 @@ def _write(path: Path, effect: str, parameters: dict[str, float]) -> None:
     path.write_text(yaml.safe_dump({"schema": SCHEMA, "name": effect, "effects": [entry]}), encoding="utf-8")
 
 
-def _run(wish: Wish, path: Path) -> Run:
-    loop = VirtualLoopback(make_plan(wish), wish.seed)
+def _run(options: LoopbackOptions, path: Path) -> Run:
+    loop = VirtualLoopback(make_plan(options), options.seed)
     loop.run(lambda _done_s: None)
     loop.write(path)
     return read_run(path)

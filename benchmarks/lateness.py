@@ -35,17 +35,17 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=_ROUNDS)
     parser.add_argument("--seconds", type=float, default=_SECONDS)
     parser.add_argument("--json", type=Path, help="the figures, too")
-    wish = parser.parse_args()
+    options = parser.parse_args()
     if shutil.which("cyclictest") is None:
         sys.exit("benchmarks.lateness: cyclictest is not installed; expected Debian's rt-tests")
     rows = []
     for neighbour in (False, True):
         with busy(neighbour):
-            rounds = [measured(wish.seconds) for _ in range(wish.rounds)]
+            rounds = [measured(options.seconds) for _ in range(options.rounds)]
         rows += table("busy neighbour" if neighbour else "quiet", rounds)
     print(text(rows))
-    if wish.json is not None:
-        wish.json.write_text(json.dumps({"rows": rows}, indent=2))
+    if options.json is not None:
+        options.json.write_text(json.dumps({"rows": rows}, indent=2))
 
 
 def measured(seconds: float) -> dict[str, Late]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 
 import forefeel
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 
 _FROM_S, _TO_S = 3.0, 3.5
@@ -32,9 +32,8 @@ def main() -> None:
         names = [name for name in calls if name.startswith(folder)]
         print(f"{folder:>7}: {len(names):3} modules, {sum(lines[each] for each in names):5} lines")
     total = sum(calls.values()) / _TICKS
-    print(
-        f"    all: {len(calls):3} modules, {sum(lines.values()):5} lines, {total:.0f} calls of both loops a tick\n"
-    )
+    print(f"    all: {len(calls):3} modules, {sum(lines.values()):5} lines")
+    print(f"{total:.0f} calls a tick of both loops together\n")
     for name, count in calls.most_common():
         print(f"{count / _TICKS:8.2f} calls a tick  {lines[name]:4} lines  {name}")
 
@@ -42,7 +41,7 @@ def main() -> None:
 def counted() -> Counter[str]:
     """Calls by module in the time looked at."""
     calls = Counter[str]()
-    loop = VirtualLoopback(make_plan(Wish(seed=1, duration_s=_TO_S + 0.1)), seed=1)
+    loop = VirtualLoopback(make_plan(LoopbackOptions(seed=1, duration_s=_TO_S + 0.1)), seed=1)
     loop.run(_looking(calls))
     return calls
 

@@ -26,12 +26,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.recording")
     parser.add_argument("--minutes", default="1,4,16")
     parser.add_argument("--json", type=Path, help="the figures, too")
-    wish = parser.parse_args()
+    options = parser.parse_args()
     with TemporaryDirectory() as folder:
-        rows = [row(Path(folder), float(minutes)) for minutes in wish.minutes.split(",")]
+        rows = [row(Path(folder), float(minutes)) for minutes in options.minutes.split(",")]
     print(text(rows))
-    if wish.json is not None:
-        wish.json.write_text(json.dumps({"rows": rows}, indent=2))
+    if options.json is not None:
+        options.json.write_text(json.dumps({"rows": rows}, indent=2))
 
 
 def row(folder: Path, minutes: float) -> dict[str, float]:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import with_state
 from forefeel.loopback.virtual import VirtualLoopback
 
@@ -23,7 +23,7 @@ _READY = {"slave": "waiting for a master", "master": "session open"}
 
 def main() -> None:
     """Prints one line a figure."""
-    plan = make_plan(Wish(seed=1, impairment="paper"))
+    plan = make_plan(LoopbackOptions(seed=1, impairment="paper"))
     _daemons(plan)
     _virtual(plan)
 

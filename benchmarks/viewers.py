@@ -29,15 +29,15 @@ def main() -> None:
     parser.add_argument("--viewers", default="0,1,2,4,8")
     parser.add_argument("--seconds", type=float, default=15.0)
     parser.add_argument("--json", type=Path, help="the figures, too")
-    wish = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         laboratory = Laboratory(Path(folder), [_CELL], secured=False, realtime=os.geteuid() == 0)
         with laboratory.running():
             time.sleep(_SETTLE_S)
-            rows = [row(laboratory, int(number), wish.seconds) for number in wish.viewers.split(",")]
+            rows = [row(laboratory, int(number), options.seconds) for number in options.viewers.split(",")]
     print(text(rows))
-    if wish.json is not None:
-        wish.json.write_text(json.dumps({"rows": rows}, indent=2))
+    if options.json is not None:
+        options.json.write_text(json.dumps({"rows": rows}, indent=2))
 
 
 def row(laboratory: Laboratory, number: int, seconds: float) -> dict[str, float]:

@@ -52,7 +52,7 @@ class Entry(NamedTuple):
     hash: str
 
 
-class Link(NamedTuple):
+class ChainEnd(NamedTuple):
     """The end of a chain, to which the next entry is tied."""
 
     number: int = 0
@@ -96,11 +96,11 @@ class Verdict:
         return self.flaw is None
 
 
-def seal(noted: Noted, after: Link) -> tuple[bytes, Link]:
+def seal(noted: Noted, after: ChainEnd) -> tuple[bytes, ChainEnd]:
     """The line of the next entry with its end, and the chain's new end."""
     fields = {**noted._asdict(), "number": after.number + 1, "previous": after.hash}
     digest = hashlib.sha256(_canonical(fields)).hexdigest()
-    return _canonical({**fields, "hash": digest}) + b"\n", Link(after.number + 1, digest)
+    return _canonical({**fields, "hash": digest}) + b"\n", ChainEnd(after.number + 1, digest)
 
 
 def parse(line: bytes) -> Entry:

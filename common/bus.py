@@ -25,7 +25,7 @@ class Header(TypedDict):
     stamp_ns: int
 
 
-class Outlet:
+class Publisher:
     """Publishes one topic of one axis. Stamps and numbers are given by `header`, so that a message is built
     once.
     """
@@ -35,7 +35,7 @@ class Outlet:
         self._sequence = numbers(1)
 
     def header(self, session_id: int, now_ns: int) -> Header:
-        """The fields that every message carries, with the next sequence number of this outlet."""
+        """The fields that every message carries, with the next sequence number of this publisher."""
         return {"session_id": session_id, "sequence": next(self._sequence), "stamp_ns": now_ns}
 
     def send(self, message: Message) -> None:
@@ -58,10 +58,10 @@ class Bus:
         self.malformed: Counter[str] = Counter()
         self.counters: Counter[str] = Counter()
 
-    def outlet(self, topic: Topic[Message]) -> Outlet:
+    def publisher(self, topic: Topic[Message]) -> Publisher:
         """Declares the publisher of a topic."""
         assert topic.published, topic.name
-        return Outlet(self._transport.publisher(topic.key(self._cell, self._axis), topic.qos))
+        return Publisher(self._transport.publisher(topic.key(self._cell, self._axis), topic.qos))
 
     def subscribe(
         self,

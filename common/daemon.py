@@ -4,10 +4,10 @@ of the audit logs.
 
 from collections.abc import Callable
 
-from forefeel.common.audit import PEER_LOG, Link
+from forefeel.common.audit import PEER_LOG, ChainEnd
+from forefeel.common.audit_sink import AuditSink
 from forefeel.common.bus import Bus
 from forefeel.common.errors import RecordingError
-from forefeel.common.journal import Journal
 from forefeel.common.lateness import EDGES_US, Lateness
 from forefeel.common.messages import AuditHead, ImpairmentTrace, LoopTiming
 from forefeel.common.recording.mcap_reader import Run, read_run
@@ -16,8 +16,7 @@ from forefeel.common.settings import LinkImpairment
 from forefeel.common.slots import LatestValue
 from forefeel.common.topics import BY_NAME, MASTER_AUDIT, SLAVE_AUDIT, Role
 from forefeel.common.transport.impaired import ImpairedTransport
-from forefeel.common.transport.impairment import Impairment, ReplayedImpairment
-from forefeel.common.transport.impairment import Link as ImpairedLink
+from forefeel.common.transport.impairment import ImpairedLink, Impairment, ReplayedImpairment
 from forefeel.common.transport.port import Transport
 from forefeel.common.transport.settings import ImpairmentSettings
 
@@ -68,8 +67,8 @@ class Reports:
         self._transport = transport
         self._runtime = runtime
         self._since_ns: int | None = None
-        self._timing = bus.outlet(BY_NAME[f"{role}/timing"])
-        self._trace = bus.outlet(BY_NAME[f"{role}/impairment"])
+        self._timing = bus.publisher(BY_NAME[f"{role}/timing"])
+        self._trace = bus.publisher(BY_NAME[f"{role}/impairment"])
         runtime.task(f"{role} timing", SECOND_NS, self.timing)
         runtime.task(f"{role} impairment trace", SECOND_NS // 10, self.impairment)
 
@@ -120,24 +119,26 @@ class AuditHeads:
     """Tells the other end once a second where our audit log ends, and notes in ours where its log does."""
 
     def __init__(
-        self, bus: Bus, role: Role, session: Callable[[int], int], journal: Journal, runtime: Runtime
+        self, bus: Bus, role: Role, session: Callable[[int], int], audit_sink: AuditSink, runtime: Runtime
     ) -> None:
         """`session`: the id of the one that is open at a time in ns, or 0."""
         own, other = (MASTER_AUDIT, SLAVE_AUDIT) if role == "master" else (SLAVE_AUDIT, MASTER_AUDIT)
-        self._journal, self._session = journal, session
-        self._outlet = bus.outlet(own)
+        self._audit_sink, self._session = audit_sink, session
+        self._publisher = bus.publisher(own)
         self._heard: LatestValue[AuditHead] = LatestValue()
-        self._noted = Link()
+        self._noted = ChainEnd()
         bus.subscribe(other, lambda head, _: self._heard.put(head))
         runtime.task(f"{role} audit heads", SECOND_NS, self._exchange)
 
     def _exchange(self, now_ns: int) -> None:
         session, heard = self._session(now_ns), self._heard.take()
-        if session and (head := self._journal.head()) is not None:
+        if session and (head := self._audit_sink.head()) is not None:
             number, digest = head
-            self._outlet.send(AuditHead(**self._outlet.header(session, now_ns), number=number, hash=digest))
+            self._publisher.send(
+                AuditHead(**self._publisher.header(session, now_ns), number=number, hash=digest)
+            )
         if session and heard is not None and heard.session_id == session:
-            told = Link(heard.number, heard.hash)
+            told = ChainEnd(heard.number, heard.hash)
             if told != self._noted:
-                self._journal.note(PEER_LOG, now_ns, number=told.number, head=told.hash)
+                self._audit_sink.note(PEER_LOG, now_ns, number=told.number, head=told.hash)
                 self._noted = told

@@ -24,7 +24,7 @@ Row = tuple[Any, ...]
 _RETRIES = 8
 
 
-class Ring:
+class FlightRing:
     """The newest rows of one key.
 
     Attributes:
@@ -57,17 +57,17 @@ class Rings:
     """All rings of a daemon by key."""
 
     def __init__(self) -> None:
-        self._rings: dict[str, Ring] = {}
+        self._rings: dict[str, FlightRing] = {}
 
-    def ring(self, key: str) -> Ring:
+    def ring(self, key: str) -> FlightRing:
         """The ring of a key of the topic table, made where there is none."""
         if key not in self._rings:
             parsed = parse_key(key)
             assert parsed is not None, key
-            self._rings[key] = Ring(key, parsed[2])
+            self._rings[key] = FlightRing(key, parsed[2])
         return self._rings[key]
 
-    def all(self) -> list[Ring]:
+    def all(self) -> list[FlightRing]:
         """Every ring."""
         return list(self._rings.values())
 

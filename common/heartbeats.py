@@ -1,6 +1,6 @@
 """Heartbeats of one session: each keeps the lease and carries the four stamps that compare the clocks."""
 
-from forefeel.common.bus import Outlet
+from forefeel.common.bus import Publisher
 from forefeel.common.clock_offset import ClockOffset, OffsetEstimate
 from forefeel.common.messages import Heartbeat
 
@@ -10,8 +10,8 @@ _REMEMBERED = 256  # beats: 13 s of them, more than any round trip that a sessio
 class Heartbeats:
     """One end of the exchange. `heard` runs where the transport delivers, `beat` on asyncio."""
 
-    def __init__(self, outlet: Outlet) -> None:
-        self._outlet = outlet
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
         self.restart()
 
     def restart(self) -> None:
@@ -51,8 +51,10 @@ class Heartbeats:
         """Sends one, echoing the peer's newest."""
         stamp_ns, receive_ns = self._newest or (None, None)
         self._sent_ns = (*self._sent_ns[1 - _REMEMBERED :], now_ns)
-        self._outlet.send(
+        self._publisher.send(
             Heartbeat(
-                **self._outlet.header(session_id, now_ns), echo_stamp_ns=stamp_ns, echo_receive_ns=receive_ns
+                **self._publisher.header(session_id, now_ns),
+                echo_stamp_ns=stamp_ns,
+                echo_receive_ns=receive_ns,
             )
         )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from forefeel.common.runtime.real import RealRuntime
 from forefeel.common.runtime.realtime import prepare_process, prepare_thread
-from forefeel.common.runtime.service_manager import Attendance, ServiceManager
+from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatchdog
 from forefeel.common.settings import DaemonSettings
 from forefeel.interrupt import Stop, heeded
 from forefeel.linking import (
@@ -79,13 +79,13 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
         if transport is None:
             return
         with closed_on_failure(transport):
-            daemon = SlaveDaemon(settings, transport, runtime, _new_id, state.journal)
+            daemon = SlaveDaemon(settings, transport, runtime, _new_id, state.audit_sink)
         with _closing(daemon, runtime):
             speaker = Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
             runtime.task("notices", _SPEAK_NS, speaker.speak)
             warn_of_latency("slave", settings)
             attendance = _attendance(runtime, daemon.axes)
-            acts = SlaveActs(daemon, state.journal, runtime.clock)
+            acts = SlaveActs(daemon, state.audit_sink, runtime.clock)
             async with runtime, local.serving(acts):
                 say(f"slave: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for a master")
                 await _until(runtime, duration_s, connecting(settings, transport, found))
@@ -114,7 +114,7 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
         if transport is None:
             return
         with closed_on_failure(transport):
-            daemon = MasterDaemon(settings, transport, runtime, _new_id, state.journal)
+            daemon = MasterDaemon(settings, transport, runtime, _new_id, state.audit_sink)
         with _closing(daemon, runtime):
             speaker = Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
             runtime.task("notices", _SPEAK_NS, speaker.speak)
@@ -162,14 +162,14 @@ def _runtime(settings: DaemonSettings) -> Iterator[tuple[RealRuntime, Stop]]:
         yield runtime, stop
 
 
-def _attendance(runtime: RealRuntime, axes: "Sequence[SlaveAxis | MasterAxis]") -> Attendance:
+def _attendance(runtime: RealRuntime, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
     """Tells systemd, where it started this process, how the daemon does."""
 
     def status(now_ns: int) -> str:
         return "; ".join(f"axis {axis.name}: {axis.status(now_ns)}" for axis in axes)
 
     manager = ServiceManager(os.environ, os.getpid())
-    attendance = Attendance(manager, lambda: runtime.ticks, status)
+    attendance = ServiceWatchdog(manager, lambda: runtime.ticks, status)
     runtime.task("attendance", attendance.period_ns, attendance.look)
     return attendance
 

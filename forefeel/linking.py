@@ -14,7 +14,7 @@ from forefeel.common.settings import DaemonSettings
 from forefeel.common.topics import Role
 from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.common.transport.security import Party
-from forefeel.master.session import Link
+from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterSettings
 from forefeel.terminal import say
 from forefeel.waiting import Obstacles, Waiting, unheard
@@ -158,7 +158,7 @@ class MasterLink:
             self._waiting.over()
             return True
         first = missing[0]
-        if first.session.link is Link.MISMATCH:
+        if first.session.link is SessionState.MISMATCH:
             raise ConfigurationError(f"axis {first.name}: the slave refuses: {first.session.cause(now_ns)}")
         if self._open:
             say(f"master: axis {first.name}: {first.session.cause(now_ns)}; waiting for the slave")
@@ -175,8 +175,8 @@ class MasterLink:
         return known or await _cause(self._waiting, now_ns)
 
     def _missing(self) -> "list[MasterAxis]":
-        missing = [axis for axis in self._axes if axis.session.link is not Link.OPEN]
-        return sorted(missing, key=lambda axis: axis.session.link is not Link.MISMATCH)
+        missing = [axis for axis in self._axes if axis.session.link is not SessionState.OPEN]
+        return sorted(missing, key=lambda axis: axis.session.link is not SessionState.MISMATCH)
 
     def _known(self, axis: "MasterAxis", now_ns: int) -> str:
         """The cause where it is known without a trial. Whom a master that listens is connected to is not."""

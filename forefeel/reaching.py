@@ -16,7 +16,7 @@ from typing import NamedTuple
 from forefeel.common.clock import now_utc
 from forefeel.common.errors import EndpointError
 from forefeel.common.transport.endpoints import address, parts
-from forefeel.common.transport.security import Identity
+from forefeel.common.transport.security import PartyFiles
 
 TIMEOUT_S = 2.0
 """Each step of a probe takes at most as long: an end that needs more counts as silent."""
@@ -51,7 +51,7 @@ class Reached:
     obstacle: Obstacle | None = None
 
 
-def reach(endpoint: str, identity: Identity | None, other: str, timeout_s: float = TIMEOUT_S) -> Reached:
+def reach(endpoint: str, identity: PartyFiles | None, other: str, timeout_s: float = TIMEOUT_S) -> Reached:
     """Blocks for some seconds at most, and never raises for what the network does.
 
     Args:
@@ -81,7 +81,7 @@ def reach(endpoint: str, identity: Identity | None, other: str, timeout_s: float
         return Reached(endpoint, connect_s=connect_s, obstacle=_obstacle(error, endpoint, other, connect_s))
 
 
-def _trusting(identity: Identity) -> ssl.SSLContext:
+def _trusting(identity: PartyFiles) -> ssl.SSLContext:
     """What Zenoh asks for: our authority, the name under which we connect, and our certificate to show."""
     context = ssl.create_default_context(cafile=str(identity.authority))
     context.load_cert_chain(str(identity.certificate), str(identity.key))
@@ -101,7 +101,7 @@ def _shake_hands(plain: socket.socket, host: str, context: ssl.SSLContext, round
     return handshake_s
 
 
-def _expiry(host: str, port: int, identity: Identity | None, timeout_s: float) -> datetime | None:
+def _expiry(host: str, port: int, identity: PartyFiles | None, timeout_s: float) -> datetime | None:
     """When the certificate expired that was not accepted. Only a connection that takes any one shows it."""
     from cryptography import x509  # noqa: PLC0415 - only then
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
-from forefeel.common.runtime.service_manager import attended
+from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.transport.endpoints import address
 from forefeel.common.transport.security import Party
 from forefeel.interrupt import Stop, at_last, ends_in_order, heeded
@@ -59,7 +59,7 @@ def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | No
     obstacles = Obstacles(transport, Party(settings.role, (cell,)), other)
     waiting = Waiting(obstacles, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
     clock, start_s = MonotonicClock(), time.monotonic()
-    attend = attended(
+    attend = service_watchdog(
         lambda: "recording" if recorder.newest else f"nobody heard yet: {waiting.found}",
         lambda: recorder.rounds,
     )

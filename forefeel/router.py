@@ -7,7 +7,7 @@ import zenoh
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.runtime.realtime import prepare_thread
-from forefeel.common.runtime.service_manager import attended
+from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import open_session, pending_connections
 from forefeel.interrupt import Stop, heeded
@@ -56,7 +56,7 @@ def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop, faults:
     start_s = time.monotonic()
     channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_EVENTS)
     looks = count(1)
-    attend = attended(lambda: "routing", lambda: next(looks))
+    attend = service_watchdog(lambda: "routing", lambda: next(looks))
     with session.info.declare_link_events_listener(channel, history=True) as links:
         while not stop.wanted() and (duration_s is None or time.monotonic() - start_s < duration_s):
             while (event := links.handler.try_recv()) is not None:

@@ -12,7 +12,7 @@ from forefeel.common.notices import span
 from forefeel.common.runtime.threads import in_thread
 from forefeel.common.transport.endpoints import address
 from forefeel.common.transport.pki import read_certificate, read_identity, renewal
-from forefeel.common.transport.security import Identity, Party
+from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.reaching import Obstacle, reach, when
 
@@ -34,7 +34,7 @@ class Obstacles:
 
     def __init__(self, transport: TransportSettings, party: Party, other: str) -> None:
         self._transport, self._party, self._other = transport, party, other
-        self._identity: Identity | None = None
+        self._identity: PartyFiles | None = None
         self._ends: dict[Path, datetime] = {}
         if transport.pki is not None:
             self._identity = read_identity(transport.pki, party, now_utc()).identity

@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Callable
 
 from forefeel.common import topics
-from forefeel.common.bus import Bus, Outlet
+from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
+from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
 from forefeel.common.heartbeats import Heartbeats
-from forefeel.common.journal import NOTHING_KEPT, Journal
 from forefeel.common.messages import (
     MOST_POSITION_M,
     EmergencyStop,
@@ -24,17 +24,17 @@ from forefeel.common.messages import (
 )
 from forefeel.common.notices import printable
 from forefeel.common.settings import differences, settings_hash, shared_text
-from forefeel.master.diary import AxisDiary
+from forefeel.master.axis_audit import MasterAxisAudit
 from forefeel.master.handles.port import Handle, Indication
 from forefeel.master.handles.watch import HandleWatch
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.identification import IdentificationTask
 from forefeel.master.own_events import OwnEvents, Standing
 from forefeel.master.samples import haptic_sample, model_parameters
-from forefeel.master.session import Link, Session
+from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterAxisSettings
 from forefeel.master.slave_events import SlaveEvents
-from forefeel.master.stop import StopWish
+from forefeel.master.stop import StopRequest
 
 
 class MasterAxis:
@@ -52,7 +52,7 @@ class MasterAxis:
         identification: IdentificationTask,
         bus: Bus,
         new_id: Callable[[], int],
-        journal: Journal = NOTHING_KEPT,
+        audit_sink: AuditSink = NULL_AUDIT_SINK,
     ) -> None:
         self.name = settings.name
         self.counters: Counter[str] = Counter()
@@ -63,18 +63,18 @@ class MasterAxis:
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._loop = loop
         self._bus = bus
-        self._heartbeats = Heartbeats(bus.outlet(topics.MASTER_HEARTBEAT))
+        self._heartbeats = Heartbeats(bus.publisher(topics.MASTER_HEARTBEAT))
         self._force: NewestForce | None = None
         self._force_stamp_ns: int | None = None
         self._full_scale_n = 0.0
         self._stage_position_m: float | None = None
         self._slave_state: SlaveState | None = None
         self._state_heard_ns = 0
-        self.stop = StopWish()
-        self.diary = AxisDiary(journal, settings.name)
-        self.events = SlaveEvents(bus, self.diary)
+        self.stop = StopRequest()
+        self.axis_audit = MasterAxisAudit(audit_sink, settings.name)
+        self.events = SlaveEvents(bus, self.axis_audit)
         self._own = OwnEvents(bus)
-        self._hand = HandleWatch(handle, self.events.notices, loop.let_go)
+        self._hand = HandleWatch(handle, self.events.notices, loop.release)
         self._deadman = False
         self._identifiable: tuple[str, ...] = ()
         self.stopping = False
@@ -82,12 +82,12 @@ class MasterAxis:
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
-        self._command: Outlet = bus.outlet(topics.COMMAND)
-        self._haptics: Outlet = bus.outlet(topics.HAPTICS)
-        self._parameters: Outlet = bus.outlet(topics.PARAMETERS)
-        self._state: Outlet = bus.outlet(topics.MASTER_STATE)
-        self._handshake: Outlet = bus.outlet(topics.MASTER_HANDSHAKE)
-        self._estop: Outlet = bus.outlet(topics.EMERGENCY_STOP)
+        self._command: Publisher = bus.publisher(topics.COMMAND)
+        self._haptics: Publisher = bus.publisher(topics.HAPTICS)
+        self._parameters: Publisher = bus.publisher(topics.PARAMETERS)
+        self._state: Publisher = bus.publisher(topics.MASTER_STATE)
+        self._handshake: Publisher = bus.publisher(topics.MASTER_HANDSHAKE)
+        self._estop: Publisher = bus.publisher(topics.EMERGENCY_STOP)
         bus.subscribe(topics.FORCE, self._on_force)
         bus.subscribe(topics.SLAVE_STATE, self._on_state)
         bus.subscribe(topics.SLAVE_HANDSHAKE, self._on_handshake)
@@ -123,8 +123,8 @@ class MasterAxis:
         if accepted and handshake.settings_hash != settings_hash(self._shared):
             accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
         self.session.answered(handshake.session_id, accepted, reason, handshake.answers_stamp_ns, receive_ns)
-        opened = before is not Link.OPEN and self.session.link is Link.OPEN
-        self.diary.answered(handshake, opened, accepted, reason, receive_ns)
+        opened = before is not SessionState.OPEN and self.session.link is SessionState.OPEN
+        self.axis_audit.answered(handshake, opened, accepted, reason, receive_ns)
         if opened:
             self._heartbeats.restart()
             self._force = self._force_stamp_ns = self._slave_state = None
@@ -152,7 +152,7 @@ class MasterAxis:
         self._own.limited(outputs.hits)
         held = outputs.deadman and not self.stopping and self._hand.fault is None
         self._deadman = held and not self.stop.wanted
-        if self.session.link is Link.OPEN:
+        if self.session.link is SessionState.OPEN:
             self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
 
     def _standing(self, now_ns: int) -> tuple[Standing, str]:
@@ -161,7 +161,7 @@ class MasterAxis:
             return "failed", "a fault of the master"
         if self._hand.fault is not None:
             return "handle_fault", self._hand.fault
-        return "linked" if self.session.link is Link.OPEN else "no_link", self.session.cause(now_ns)
+        return "linked" if self.session.link is SessionState.OPEN else "no_link", self.session.cause(now_ns)
 
     def _shown_state(self, now_ns: int) -> SafetyState | None:
         """The slave's state; None without a session or when the slave has been silent."""
@@ -205,13 +205,15 @@ class MasterAxis:
 
     def serve(self, now_ns: int) -> None:
         """Asks for a session when there is none; about every 50 ms."""
-        self.diary.serve(now_ns, self._bus, self._hand.fault, self.events.notices)
+        self.axis_audit.serve(now_ns, self._bus, self._hand.fault, self.events.notices)
         self._own.serve(now_ns, self.session.session_id, *self._standing(now_ns))
         asks = (
-            not self.stopping and self.session.link is not Link.MISMATCH and self.session.should_ask(now_ns)
+            not self.stopping
+            and self.session.link is not SessionState.MISMATCH
+            and self.session.should_ask(now_ns)
         )
-        if self.session.link is not Link.OPEN:
-            self.diary.session_lost(now_ns, self.session.cause(now_ns))
+        if self.session.link is not SessionState.OPEN:
+            self.axis_audit.session_lost(now_ns, self.session.cause(now_ns))
         if not asks:
             return
         self._handshake.send(
@@ -230,11 +232,11 @@ class MasterAxis:
         try:
             self._own.serve(now_ns, self.session.session_id, *self._standing(now_ns), last=True)
         finally:  # a link that is broken keeps nothing out of the audit log
-            self.diary.last_words(now_ns)
+            self.axis_audit.last_words(now_ns)
 
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz."""
-        if self.session.link is not Link.OPEN:
+        if self.session.link is not SessionState.OPEN:
             return
         self._heartbeats.beat(self.session.session_id, now_ns)
 
@@ -275,7 +277,7 @@ class MasterAxis:
     def emergency_stop(self, reason: str, now_ns: int, by: str = "master") -> None:
         """The deadman counts as released at once, and the slave is told to stop until its state shows it."""
         if self.stop.ask(reason, now_ns):
-            self.diary.stop_asked(now_ns, by, reason)
+            self.axis_audit.stop_asked(now_ns, by, reason)
             self.events.notices.add(f"emergency stop asked for by {by}: {reason}")
         self.say_stop(now_ns)
 

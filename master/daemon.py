@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 
+from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
@@ -13,7 +14,6 @@ from forefeel.common.estimation.forecast import compile_kernels
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
 from forefeel.common.estimation.transfer import lasting
 from forefeel.common.flight import TappedTransport
-from forefeel.common.journal import NOTHING_KEPT, Journal
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.runtime.port import Runtime
@@ -55,7 +55,7 @@ class MasterDaemon:
         inner: Transport,
         runtime: Runtime,
         new_id: Callable[[], int],
-        journal: Journal = NOTHING_KEPT,
+        audit_sink: AuditSink = NULL_AUDIT_SINK,
     ) -> None:
         """Registers loops and tasks.
 
@@ -66,12 +66,12 @@ class MasterDaemon:
         compile_kernels()  # before a loop runs: the first call must not be a late one
         self.transport = impaired(inner, settings.impairment, "master", runtime)
         seen: Transport = self.transport
-        if journal.rings is not None:
-            seen = TappedTransport(self.transport, journal.rings, runtime.clock.now_ns)
-        self._journal, self._now_ns = journal, runtime.clock.now_ns
+        if audit_sink.rings is not None:
+            seen = TappedTransport(self.transport, audit_sink.rings, runtime.clock.now_ns)
+        self._audit_sink, self._now_ns = audit_sink, runtime.clock.now_ns
         buses = [Bus(seen, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
         self.axes = [
-            _axis(settings.cell, axis, bus, new_id, runtime.clock, journal)
+            _axis(settings.cell, axis, bus, new_id, runtime.clock, audit_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when the daemon can not be composed
@@ -98,7 +98,7 @@ class MasterDaemon:
         runtime.task("state", SECOND_NS // 10, self._report)
         self._reports = Reports(bus, "master", lateness, self.transport, runtime)
         session = self.axes[0].session
-        AuditHeads(bus, "master", lambda _: session.open_id, self._journal, runtime)
+        AuditHeads(bus, "master", lambda _: session.open_id, self._audit_sink, runtime)
 
     @property
     def finished(self) -> bool:
@@ -119,8 +119,8 @@ class MasterDaemon:
 
     def _note_fault(self, reason: str) -> None:
         now_ns = self._now_ns()
-        self._journal.note("thread_fault", now_ns, reason=reason)
-        self._journal.flight(self.axes[0].name, "thread_fault", reason, now_ns)
+        self._audit_sink.note("thread_fault", now_ns, reason=reason)
+        self._audit_sink.flight(self.axes[0].name, "thread_fault", reason, now_ns)
 
     def shut_down(self) -> None:
         """Releases the deadman and fades the force out; the loop tells the slave so until it ends."""
@@ -155,7 +155,7 @@ def _axis(
     bus: Bus,
     new_id: Callable[[], int],
     clock: Clock,
-    journal: Journal,
+    audit_sink: AuditSink,
 ) -> MasterAxis:
     wanted = settings.prediction
     model = None if wanted.model is None else load_model(wanted.model)
@@ -166,7 +166,7 @@ def _axis(
     identification = IdentificationTask(identifier, prediction.learn)
     loop = HapticLoop(prediction, settings.rendering)
     handle = make_handle(settings.handle, clock)
-    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, journal)
+    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, audit_sink)
 
 
 def _identifier(model: ContactModel, wanted: PredictionSettings) -> ContactIdentifier:

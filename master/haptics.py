@@ -86,9 +86,9 @@ class HapticLoop:
             energy_j=rendered.energy_j,
         )
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """The hand felt nothing up to now, whatever was rendered: the force begins at zero."""
-        self._renderer.let_go()
+        self._renderer.release()
 
     def _predict(self, now_ns: int, position_m: float, inputs: HapticInputs) -> Estimate | None:
         """None while the fixture is open: the instrument is not held, and closing it is a new contact."""

@@ -6,7 +6,7 @@ from typing import Literal
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus
-from forefeel.common.limit_log import LimitLog
+from forefeel.common.limit_coalescer import LimitCoalescer
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import LimitEvent, MasterEvent
 
@@ -26,9 +26,9 @@ class OwnEvents:
     """
 
     def __init__(self, bus: Bus) -> None:
-        self._limits = LimitLog()
-        self._limit = bus.outlet(topics.MASTER_LIMIT)
-        self._event = bus.outlet(topics.MASTER_EVENT)
+        self._limits = LimitCoalescer()
+        self._limit = bus.publisher(topics.MASTER_LIMIT)
+        self._event = bus.publisher(topics.MASTER_EVENT)
         self._standing: Standing = "no_link"
 
     def limited(self, hits: Iterable[LimitHit]) -> None:

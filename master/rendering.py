@@ -68,7 +68,7 @@ class ForceRenderer:
             hits += (LimitHit("rendered_step", wanted_n, self.force_n, "N"),)
         return Rendered(self.force_n, hits, energy_j)
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Nothing was applied: fades in from zero."""
         self._fade = self.force_n = 0.0
 

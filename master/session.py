@@ -17,7 +17,7 @@ _SILENT_AFTER_S = SLAVE_STATE.stale_after_s or 0.5
 """What the slave said is no cause any more when nothing was heard of it for so long."""
 
 
-class Link(Enum):
+class SessionState(Enum):
     """What the master knows of its session."""
 
     ASKING = "asking for a session"
@@ -39,7 +39,7 @@ class Session:
     def __init__(self, new_id: Callable[[], int]) -> None:
         self._new_id = new_id
         self.session_id = new_id()
-        self.link = Link.ASKING
+        self.link = SessionState.ASKING
         self.heard_ns: int | None = None
         self.obstacle = ""
         self._word = ""
@@ -50,10 +50,12 @@ class Session:
 
     def should_ask(self, now_ns: int) -> bool:
         """Whether a handshake is to be sent now."""
-        if self.link is Link.OPEN and now_ns - self._mine_ns > _LOST_AFTER_NS:
+        if self.link is SessionState.OPEN and now_ns - self._mine_ns > _LOST_AFTER_NS:
             ended = {0: "the slave has ended the session", self.session_id: ""}
             self._start_again(ended.get(self._named, "the slave serves another master"))
-        if self.link is Link.OPEN or (self._asked_ns is not None and now_ns - self._asked_ns < _RETRY_NS):
+        if self.link is SessionState.OPEN or (
+            self._asked_ns is not None and now_ns - self._asked_ns < _RETRY_NS
+        ):
             return False
         self._asked_ns = now_ns
         if self._asking_since_ns is None:
@@ -69,16 +71,16 @@ class Session:
         has a new id, so that no later answer to the old one does.
         """
         self.heard_ns, self.obstacle = now_ns, ""
-        if session_id != self.session_id or self.link is not Link.ASKING or asked_ns is None:
+        if session_id != self.session_id or self.link is not SessionState.ASKING or asked_ns is None:
             return
         took_s = (now_ns - asked_ns) * 1e-9
         if took_s > LONGEST_ROUND_TRIP_S:
             self._start_again(f"no answer within {LONGEST_ROUND_TRIP_S:g} s: it takes {took_s:.1f} s")
         elif accepted:
-            self.link, self._mine_ns = Link.OPEN, now_ns
+            self.link, self._mine_ns = SessionState.OPEN, now_ns
             self._word = f"the slave accepted the session within {took_s * 1e3:.0f} ms"
         elif reason.startswith("settings differ"):
-            self.link, self._word = Link.MISMATCH, reason
+            self.link, self._word = SessionState.MISMATCH, reason
         elif "used before" in reason:
             self._start_again(f"the slave refuses: {reason}")
         else:
@@ -87,7 +89,7 @@ class Session:
     @property
     def open_id(self) -> int:
         """`session_id` while the session is open, else 0."""
-        return self.session_id if self.link is Link.OPEN else 0
+        return self.session_id if self.link is SessionState.OPEN else 0
 
     def heard_state(self, session_id: int, now_ns: int) -> None:
         """A state of the slave that names the holder of the lease."""
@@ -101,7 +103,7 @@ class Session:
 
     def cause(self, now_ns: int) -> str:
         """Why the session is open, or why it is not, as of now."""
-        if self.link is Link.MISMATCH:
+        if self.link is SessionState.MISMATCH:
             return self._word
         since_ns = now_ns if self._asking_since_ns is None else self._asking_since_ns
         if self.heard(now_ns):
@@ -113,5 +115,5 @@ class Session:
         return f"no state from the slave for {span((now_ns - self.heard_ns) * 1e-9)}"
 
     def _start_again(self, word: str) -> None:
-        self.session_id, self.link, self._word = self._new_id(), Link.ASKING, word
+        self.session_id, self.link, self._word = self._new_id(), SessionState.ASKING, word
         self._asking_since_ns = None

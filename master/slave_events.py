@@ -8,7 +8,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.messages import LimitEvent, SafetyEvent
 from forefeel.common.notices import Lasting, Notices, in_words, long_round_trip
-from forefeel.master.diary import AxisDiary
+from forefeel.master.axis_audit import MasterAxisAudit
 
 _REMEMBERED = 64
 
@@ -21,10 +21,10 @@ class SlaveEvents:
         notices: the transitions in words, and why the slave does not arm over this link.
     """
 
-    def __init__(self, bus: Bus, diary: AxisDiary) -> None:
+    def __init__(self, bus: Bus, axis_audit: MasterAxisAudit) -> None:
         self.counters: Counter[str] = Counter()
         self.notices = Notices()
-        self._diary = diary
+        self._axis_audit = axis_audit
         self._round_trip = Lasting()
         self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED)
         bus.subscribe(topics.LIMIT_EVENT, self._on_limit)
@@ -34,14 +34,14 @@ class SlaveEvents:
         if not self._is_new(event):
             return
         self.counters[f"limit_{event.rule}"] += event.count
-        self._diary.slave_limit(event)
+        self._axis_audit.slave_limit(event)
         if event.rule == "round_trip" and self._round_trip.due(receive_ns):
             self.notices.add(f"slave does not arm: {long_round_trip(event.requested, event.applied)}")
 
     def _on_safety(self, event: SafetyEvent, receive_ns: int) -> None:
         if self._is_new(event):
             self.notices.add(f"slave {in_words(event)}")
-            self._diary.slave_event(event, receive_ns)
+            self._axis_audit.slave_event(event, receive_ns)
 
     def _is_new(self, event: LimitEvent | SafetyEvent) -> bool:
         key = (type(event) is LimitEvent, event.sequence, event.stamp_ns)

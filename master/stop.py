@@ -7,7 +7,7 @@ _FOR_NS = 2_000_000_000
 _SELDOM_NS = 250_000_000
 
 
-class StopWish:
+class StopRequest:
     """Every 20 ms for 2 s, then four times a second: a link that comes back must not have lost it.
 
     Attributes:

@@ -4,7 +4,7 @@ from bisect import bisect_left
 from collections import deque
 from typing import NamedTuple
 
-from forefeel.common.bus import Outlet
+from forefeel.common.bus import Publisher
 from forefeel.common.clock_offset import OffsetEstimate
 from forefeel.common.messages import ForceSample, Grip, MotionCommand
 from forefeel.slave.load_cells.port import LoadCellReading
@@ -27,8 +27,8 @@ class ForceAnswers:
     its own.
     """
 
-    def __init__(self, outlet: Outlet) -> None:
-        self._outlet = outlet
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
         self._instants: deque[Instant] = deque(maxlen=_KEPT)
 
     def note(self, instant: Instant) -> None:
@@ -40,9 +40,9 @@ class ForceAnswers:
         newest = self._instants[-1]
         at = newest if reading.stamp_ns is None else self._at(reading.stamp_ns)
         executing = at.executing
-        self._outlet.send(
+        self._publisher.send(
             ForceSample(
-                **self._outlet.header(holder, at.stamp_ns),
+                **self._publisher.header(holder, at.stamp_ns),
                 position_m=at.stage.position_m,
                 velocity_m_s=at.stage.velocity_m_s,
                 force_n=reading.force_n,

@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Iterable
 
 from forefeel.common import topics
-from forefeel.common.bus import Bus, Outlet
+from forefeel.common.audit_sink import HALTED, NULL_AUDIT_SINK, AuditSink
+from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
-from forefeel.common.journal import HALTED, NOTHING_KEPT, Journal
-from forefeel.common.limit_log import LimitLog
+from forefeel.common.limit_coalescer import LimitCoalescer
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import (
     EmergencyStop,
@@ -24,10 +24,10 @@ from forefeel.common.messages import (
 from forefeel.common.notices import Lasting, Notices, in_words, long_round_trip
 from forefeel.common.slots import BoundedQueue, LatestValue
 from forefeel.slave.answers import ForceAnswers, Instant
+from forefeel.slave.axis_audit import SlaveAxisAudit
 from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
 from forefeel.slave.device_reports import DeviceReports
 from forefeel.slave.devices import Devices, DeviceWatch
-from forefeel.slave.diary import AxisDiary
 from forefeel.slave.intake import CommandIntake
 from forefeel.slave.link import SlaveLink
 from forefeel.slave.settings import SlaveAxisSettings
@@ -49,7 +49,7 @@ class SlaveAxis:
         devices: Devices,
         bus: Bus,
         instance_id: int,
-        journal: Journal = NOTHING_KEPT,
+        audit_sink: AuditSink = NULL_AUDIT_SINK,
     ) -> None:
         self.name = settings.name
         self.settings = settings
@@ -57,13 +57,15 @@ class SlaveAxis:
         self.notices = Notices()
         self.shutdown = False
         self._devices = devices
-        self._journal = journal
-        self._diary = AxisDiary(journal, cell, settings.name)
+        self._audit_sink = audit_sink
+        self._axis_audit = SlaveAxisAudit(audit_sink, cell, settings.name)
         self._watch = DeviceWatch(devices, self._device_failed)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
-        self._link = SlaveLink(cell, settings, devices.load_cell.full_scale_n, bus, instance_id, self._diary)
+        self._link = SlaveLink(
+            cell, settings, devices.load_cell.full_scale_n, bus, instance_id, self._axis_audit
+        )
         self._transitions: BoundedQueue[tuple[int, Transition]] = BoundedQueue(256)
-        self._limits = LimitLog()
+        self._limits = LimitCoalescer()
         self._intake = CommandIntake(settings, self._link, self._limits)
         self._estop: LatestValue[str] = LatestValue()
         self._fault: LatestValue[str] = LatestValue()
@@ -77,10 +79,10 @@ class SlaveAxis:
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
-        self._answers = ForceAnswers(bus.outlet(topics.FORCE))
-        self._state: Outlet = bus.outlet(topics.SLAVE_STATE)
-        self._limit_event: Outlet = bus.outlet(topics.LIMIT_EVENT)
-        self._safety_event: Outlet = bus.outlet(topics.SAFETY_EVENT)
+        self._answers = ForceAnswers(bus.publisher(topics.FORCE))
+        self._state: Publisher = bus.publisher(topics.SLAVE_STATE)
+        self._limit_event: Publisher = bus.publisher(topics.LIMIT_EVENT)
+        self._safety_event: Publisher = bus.publisher(topics.SAFETY_EVENT)
         bus.subscribe(topics.COMMAND, self._intake.heard)
         bus.subscribe(topics.EMERGENCY_STOP, self._on_estop, self._on_garbled_estop)
 
@@ -88,7 +90,7 @@ class SlaveAxis:
 
     def _on_estop(self, stop: EmergencyStop, receive_ns: int) -> None:
         del receive_ns
-        self._diary.stop_asked(stop.source, stop.reason)
+        self._axis_audit.stop_asked(stop.source, stop.reason)
         self._estop.put(f"{stop.source}: {stop.reason}")
 
     def _on_garbled_estop(self) -> None:
@@ -99,7 +101,7 @@ class SlaveAxis:
 
     def emergency_stop(self, reason: str, by: str = "slave") -> None:
         """Latches the stop; idempotent, heeded at the next tick whatever else waits."""
-        self._diary.stop_asked(by, reason)
+        self._axis_audit.stop_asked(by, reason)
         self._estop.put(reason or "emergency stop")
 
     def clear(self) -> None:
@@ -151,10 +153,10 @@ class SlaveAxis:
     @property
     def latch_persisted(self) -> bool:
         """Whether what is latched is on the disk, so that a new start finds it."""
-        return self._journal.kept(self.name)
+        return self._audit_sink.kept(self.name)
 
     def _device_failed(self, device: str, reason: str) -> None:
-        self._diary.device_fault(device, reason)
+        self._axis_audit.device_fault(device, reason)
         self._fault.put(reason)
 
     def status(self, now_ns: int) -> str:
@@ -172,7 +174,7 @@ class SlaveAxis:
         """
         self._watch.open(now_ns)
         self._control = AxisControl(self.settings.limits, self.settings.gate, self._watch.stage.position_m)
-        latched = self._journal.latched.get(self.name, self._journal.latched.get(""))
+        latched = self._audit_sink.latched.get(self.name, self._audit_sink.latched.get(""))
         if latched is not None:
             self._estop.put(f"{_LATCHED}{latched.removeprefix(_LATCHED)}")
 
@@ -194,7 +196,7 @@ class SlaveAxis:
             self._answers.send(reading, holder, self._link.offset)
         self._executing = outputs.executing
         self._apply(outputs, now_ns)
-        self._diary.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
+        self._axis_audit.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
         self._changed(now_ns, outputs.transitions)
         for hit in outputs.limits:
             self._limits.add(hit)
@@ -207,7 +209,7 @@ class SlaveAxis:
     def _changed(self, now_ns: int, transitions: Iterable[Transition]) -> None:
         for transition in transitions:
             self._transitions.put((now_ns, transition))
-            self._diary.transition(now_ns, transition, self._link.holder)
+            self._axis_audit.transition(now_ns, transition, self._link.holder)
 
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
         command, released = self._intake.slot.take()
@@ -222,7 +224,7 @@ class SlaveAxis:
             lost_reason=conflict or self._link.lost_reason,
             clock=self._link.offset,
             estop=self._estop.take(),
-            fault=self._fault.take() or self._journal.problem(now_ns) or self._link.clock_fault(now_ns),
+            fault=self._fault.take() or self._audit_sink.problem(now_ns) or self._link.clock_fault(now_ns),
             shutdown=self.shutdown,
             clear=cleared,
         )
@@ -253,13 +255,13 @@ class SlaveAxis:
                 self._unheard = unheard
                 self.notices.add(f"session lost: {unheard}")
             self._link.serve(now_ns, self.at_rest, self._opened)
-            reason = self._intake.hopeless(now_ns, self.at_rest)
+            reason = self._intake.should_drop_session(now_ns, self.at_rest)
             if reason is not None:
-                self._link.let_go(now_ns, reason)
+                self._link.release(now_ns, reason)
             self._publish(now_ns, last)
         finally:  # what can not be published is written down all the same
             lost = "" if self._link.live(now_ns) else self._link.lost_reason
-            self._diary.serve(now_ns, self._bus, self._link.holder, lost, last)
+            self._axis_audit.serve(now_ns, self._bus, self._link.holder, lost, last)
 
     def _publish(self, now_ns: int, last: bool) -> None:
         for stamp_ns, (before, event, after, reason) in self._transitions.drain():
@@ -268,7 +270,7 @@ class SlaveAxis:
             self._safety_event.send(said)
             self.notices.add(in_words(said))
         for hit, count in self._limits.due(now_ns, last):
-            self._diary.limits(hit, count)
+            self._axis_audit.limits(hit, count)
             if hit.rule == "round_trip" and self._round_trip.due(now_ns):
                 self.notices.add(f"not armed: {long_round_trip(hit.requested, hit.applied)}")
             header = self._limit_event.header(self._link.holder, now_ns)

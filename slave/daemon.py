@@ -4,11 +4,11 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
 
+from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus
 from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
 from forefeel.common.errors import RecordingError
 from forefeel.common.flight import TappedTransport
-from forefeel.common.journal import NOTHING_KEPT, Journal
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.runtime.port import Runtime
 from forefeel.common.settings import TICK_NS
@@ -53,7 +53,7 @@ class SlaveDaemon:
         inner: Transport,
         runtime: Runtime,
         new_id: Callable[[], int],
-        journal: Journal = NOTHING_KEPT,
+        audit_sink: AuditSink = NULL_AUDIT_SINK,
     ) -> None:
         """Registers loops and tasks; nothing moves before the runtime starts.
 
@@ -63,13 +63,13 @@ class SlaveDaemon:
         """
         self.transport = impaired(inner, settings.impairment, "slave", runtime)
         seen: Transport = self.transport
-        if journal.rings is not None:
-            seen = TappedTransport(self.transport, journal.rings, runtime.clock.now_ns)
+        if audit_sink.rings is not None:
+            seen = TappedTransport(self.transport, audit_sink.rings, runtime.clock.now_ns)
         buses = [Bus(seen, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
-        self._journal, self._now_ns = journal, runtime.clock.now_ns
+        self._audit_sink, self._now_ns = audit_sink, runtime.clock.now_ns
         self._clear: BoundedQueue[ClearRequest] = BoundedQueue(_CLEARINGS)
         self.axes = [
-            SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id(), journal)
+            SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id(), audit_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when the daemon can not be composed
@@ -88,7 +88,7 @@ class SlaveDaemon:
         runtime.task("state", SECOND_NS // 50, self._report)
         runtime.task("calibration", _ANNOUNCE_NS, self._announce)
         self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
-        AuditHeads(bus, "slave", self.axes[0].session, self._journal, runtime)
+        AuditHeads(bus, "slave", self.axes[0].session, self._audit_sink, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
@@ -131,8 +131,8 @@ class SlaveDaemon:
 
     def _note_fault(self, reason: str) -> None:
         now_ns = self._now_ns()
-        self._journal.note("thread_fault", now_ns, reason=reason)
-        self._journal.flight(self.axes[0].name, "thread_fault", reason, now_ns)
+        self._audit_sink.note("thread_fault", now_ns, reason=reason)
+        self._audit_sink.flight(self.axes[0].name, "thread_fault", reason, now_ns)
 
     def shut_down(self) -> None:
         """Asks every axis to come to rest and to arm no more; see `at_rest`."""

@@ -3,9 +3,9 @@
 from typing import Any, Literal
 
 from forefeel.common import topics
-from forefeel.common.bus import Bus, Outlet
+from forefeel.common.bus import Bus, Publisher
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
-from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.messages import Calibration
 from forefeel.slave.load_cells.port import LoadCell
 from forefeel.slave.stages.port import Stage
@@ -16,13 +16,13 @@ class DeviceReports:
 
     def __init__(self, stage: Stage, load_cell: LoadCell, bus: Bus) -> None:
         self._stage, self._load_cell = stage, load_cell
-        self._outlet: Outlet = bus.outlet(topics.CALIBRATION)
+        self._publisher: Publisher = bus.publisher(topics.CALIBRATION)
 
     def calibrations(self, session_id: int, now_ns: int) -> None:
         """Publishes each one that is loaded."""
         for found in (getattr(device, "calibration", None) for device in (self._stage, self._load_cell)):
             if isinstance(found, StageCalibration | LoadCellCalibration):
-                self._outlet.send(_message(found, self._outlet, session_id, now_ns))
+                self._publisher.send(_message(found, self._publisher, session_id, now_ns))
 
     def counts(self) -> dict[str, int]:
         """What the drivers have counted, `stage_...` and `load_cell_...`."""
@@ -30,7 +30,7 @@ class DeviceReports:
 
 
 def _message(
-    found: StageCalibration | LoadCellCalibration, outlet: Outlet, session_id: int, now_ns: int
+    found: StageCalibration | LoadCellCalibration, publisher: Publisher, session_id: int, now_ns: int
 ) -> Calibration:
     slot: Literal["stage", "load_cell"] = "stage"
     rest: dict[str, Any]
@@ -40,7 +40,7 @@ def _message(
         slot = "load_cell"
         rest = {name: getattr(found, name) for name in ("gain_n", "residual_n", "hysteresis_n")}
     return Calibration(
-        **outlet.header(session_id, now_ns),
+        **publisher.header(session_id, now_ns),
         slot=slot,
         driver=found.driver[:256],
         serial=found.serial[:256],
@@ -52,7 +52,7 @@ def _message(
 
 def _counts(slot: str, device: Stage | LoadCell) -> dict[str, int]:
     link = getattr(device, "link", None)
-    if not isinstance(link, Link):
+    if not isinstance(link, DeviceLink):
         return {}
     counted = list(link.counters.items())  # at once: the driver's thread goes on counting
     return {f"{slot}_{name}": number for name, number in counted if number}

@@ -4,7 +4,7 @@ from collections import Counter
 from threading import Lock
 from typing import NamedTuple
 
-from forefeel.common.limit_log import LimitLog
+from forefeel.common.limit_coalescer import LimitCoalescer
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import MotionCommand
 from forefeel.slave.gate import SECOND_WRITER, CommandGate, GateLimits, Refusal
@@ -66,7 +66,7 @@ class CommandIntake:
         conflict: that two command in the session; one of them is not the master, and nobody can say which.
     """
 
-    def __init__(self, settings: SlaveAxisSettings, link: SlaveLink, limits: LimitLog) -> None:
+    def __init__(self, settings: SlaveAxisSettings, link: SlaveLink, limits: LimitCoalescer) -> None:
         self.counters: Counter[str] = Counter()
         self.slot = CommandSlot()
         self._late_ns: tuple[int, int] | None = None
@@ -82,7 +82,7 @@ class CommandIntake:
         self.conflict = None
         self._gate.open(session_id)
 
-    def hopeless(self, now_ns: int, at_rest: bool) -> str | None:
+    def should_drop_session(self, now_ns: int, at_rest: bool) -> str | None:
         """Why the session is to be let go, if it is; asked many times a second.
 
         At once where there is a conflict. Else once the stage is at rest, when for some seconds nothing but

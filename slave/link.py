@@ -11,7 +11,7 @@ from forefeel.common.messages import Handshake, Heartbeat
 from forefeel.common.notices import span
 from forefeel.common.settings import LONGEST_ROUND_TRIP_S, differences, settings_hash, shared_text
 from forefeel.common.slots import BoundedQueue
-from forefeel.slave.diary import AxisDiary
+from forefeel.slave.axis_audit import SlaveAxisAudit
 from forefeel.slave.session import Lease
 from forefeel.slave.settings import SlaveAxisSettings
 
@@ -32,18 +32,18 @@ class SlaveLink:
         full_scale_n: float,
         bus: Bus,
         instance_id: int,
-        diary: AxisDiary,
+        axis_audit: SlaveAxisAudit,
     ) -> None:
         self.counters: Counter[str] = Counter()
         self._ended = ""
         self._awaited = False
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._instance_id, self._full_scale_n = instance_id, full_scale_n
-        self._diary = diary
+        self._axis_audit = axis_audit
         self._lease = Lease(int(settings.gate.lease_s * 1e9), int(LONGEST_ROUND_TRIP_S * 1e9))
         self._handshakes: BoundedQueue[tuple[Handshake, int]] = BoundedQueue(16)
-        self._heartbeats = Heartbeats(bus.outlet(topics.SLAVE_HEARTBEAT))
-        self._answer = bus.outlet(topics.SLAVE_HANDSHAKE)
+        self._heartbeats = Heartbeats(bus.publisher(topics.SLAVE_HEARTBEAT))
+        self._answer = bus.publisher(topics.SLAVE_HANDSHAKE)
         bus.subscribe(topics.MASTER_HANDSHAKE, self._on_handshake)
         bus.subscribe(topics.MASTER_HEARTBEAT, self._on_heartbeat)
 
@@ -93,7 +93,7 @@ class SlaveLink:
         for handshake, receive_ns in self._handshakes.drain():
             before = self._lease.holder
             reason = self._open(handshake, receive_ns, at_rest, opened)
-            self._diary.answered(now_ns, handshake, reason, before)
+            self._axis_audit.answered(now_ns, handshake, reason, before)
             self.counters["handshakes_refused" if reason else "handshakes_accepted"] += 1
             self._answer.send(
                 Handshake(
@@ -117,11 +117,11 @@ class SlaveLink:
         self._awaited = False
         return "" if self._lease.renewed else self.lost_reason
 
-    def let_go(self, now_ns: int, reason: str) -> None:
+    def release(self, now_ns: int, reason: str) -> None:
         """Ends the session, so that the master asks for a new one."""
         if self._lease.live(now_ns):
             self._ended = reason
-            self._lease.let_go(now_ns)
+            self._lease.release(now_ns)
             self.counters["sessions_let_go"] += 1
 
     def beat(self, now_ns: int) -> None:

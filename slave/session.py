@@ -48,7 +48,7 @@ class Lease:
         self._expires_ns = now_ns + self._first_ns
         return None
 
-    def let_go(self, now_ns: int) -> None:
+    def release(self, now_ns: int) -> None:
         """Ends the lease before its time: whoever held it asks anew, with a new id."""
         self._expires_ns = min(self._expires_ns, now_ns)
 

@@ -12,7 +12,7 @@ import zenoh
 
 from forefeel.common.clock import MonotonicClock, now_utc
 from forefeel.common.transport.pki import AUTHORITY
-from forefeel.common.transport.security import Identity, Party, PartyRole, secured
+from forefeel.common.transport.security import Party, PartyFiles, PartyRole, secured
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport, open_session
 from forefeel.common.transport.zenoh_config import FIXED
@@ -43,9 +43,9 @@ def free_endpoint(protocol: str = "tls") -> str:
         return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def identity(pki: Path, role: PartyRole, authority: Path | None = None) -> Identity:
+def identity(pki: Path, role: PartyRole, authority: Path | None = None) -> PartyFiles:
     """The files of a role; `authority`: whom it trusts, where that is not its own."""
-    return Identity(authority or pki / AUTHORITY, pki / f"{role}.crt", pki / f"{role}.key")
+    return PartyFiles(authority or pki / AUTHORITY, pki / f"{role}.crt", pki / f"{role}.key")
 
 
 @contextmanager

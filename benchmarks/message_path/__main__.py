@@ -38,10 +38,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.message_path")
     parser.add_argument("--rounds", type=int, default=_ROUNDS)
     parser.add_argument("--json", type=Path, help="the figures, too")
-    wish = parser.parse_args()
+    options = parser.parse_args()
     found: dict[str, list[Times]] = {}
     missing: dict[str, str] = {}
-    for number in range(wish.rounds):
+    for number in range(options.rounds):
         for name in reversed(WAYS) if number % 2 else WAYS:
             try:
                 found.setdefault(name, []).append(_measured(name))
@@ -49,8 +49,8 @@ def main() -> None:
                 missing[name] = str(error)
     rows = table(found)
     print(text(rows, missing))
-    if wish.json is not None:
-        wish.json.write_text(json.dumps({"rows": rows, "missing": missing}, indent=2))
+    if options.json is not None:
+        options.json.write_text(json.dumps({"rows": rows, "missing": missing}, indent=2))
 
 
 def table(found: dict[str, list[Times]]) -> list[dict[str, object]]:

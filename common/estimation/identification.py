@@ -21,7 +21,7 @@ from forefeel.common.estimation.identifiability import (
 )
 from forefeel.common.estimation.rls import RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import StateFilter
-from forefeel.common.estimation.transfer import Sensor
+from forefeel.common.estimation.transfer import SensorModel
 
 _NOISE_BANDWIDTH = (pi / 6.0) / sin(pi / 6.0)
 """Noise bandwidth of a third-order Butterworth low-pass, in units of its cutoff."""
@@ -107,7 +107,7 @@ class ContactIdentifier:
         )
         self._position = StateFilter(settings.cutoff_hz)
         self._force = StateFilter(settings.cutoff_hz)
-        self._sensor = Sensor(model)
+        self._sensor = SensorModel(model)
         self._lines = self._sensor.lines(len(self.names) if self._sensor.delays else 0)
         self._settling_s = _SETTLING_PERIODS / settings.cutoff_hz
         self.samples = self.ignored = self.refused = 0

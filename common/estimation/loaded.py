@@ -22,7 +22,7 @@ import numpy as np
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.estimation.state_filter import StateFilter
-from forefeel.common.estimation.transfer import Sensor, TimeColumns, lasting
+from forefeel.common.estimation.transfer import SensorModel, TimeColumns, lasting
 
 _RING = 8192
 _TICK_NS = 1_000_000
@@ -64,7 +64,7 @@ class LoadedContact:
     """
 
     def __init__(self, model: ContactModel, cutoff_hz: float) -> None:
-        self._columns, self._sensor = TimeColumns(model), Sensor(model)
+        self._columns, self._sensor = TimeColumns(model), SensorModel(model)
         self._runtime = lasting(model).runtime()
         self._velocity = StateFilter(cutoff_hz)
         self._lead_s = 2.0 / (2.0 * pi * cutoff_hz)

@@ -72,7 +72,7 @@ def _omegas(effect: str, values: Mapping[str, float]) -> Iterator[float]:
             yield order * w
 
 
-class Sensor:
+class SensorModel:
     """What of a model's sensor can be foretold: its lags and delays, and the end of its range.
 
     Attributes:

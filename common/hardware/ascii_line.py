@@ -25,7 +25,7 @@ _LINE = re.compile(
 )
 
 
-class Line(NamedTuple):
+class AsciiReading(NamedTuple):
     """A number in the unit of the cell, and how many bytes its line had, the end (CR LF) included."""
 
     number: float
@@ -52,12 +52,14 @@ class LineParser:
         self._buffer.clear()
         self._skipping = False
 
-    def feed(self, data: bytes) -> list[Line]:
+    def feed(self, data: bytes) -> list[AsciiReading]:
         """The numbers of the lines that are complete now, oldest first; never raises."""
         self._buffer += data
         *lines, rest = _ENDS.split(self._buffer)
         found = [
-            Line(number, len(line) + 2) for line in lines if (number := self._number(bytes(line))) is not None
+            AsciiReading(number, len(line) + 2)
+            for line in lines
+            if (number := self._number(bytes(line))) is not None
         ]
         if len(rest) > _MAX_LINE:
             self.counters["junk_bytes"] += len(rest)

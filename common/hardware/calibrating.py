@@ -34,7 +34,7 @@ class Step(NamedTuple):
     level: Level
 
 
-class Fit(NamedTuple):
+class CalibrationFit(NamedTuple):
     """`F = gain_n (native - zero)`; rms of what it leaves, largest difference of one load met twice; N."""
 
     gain_n: float
@@ -128,7 +128,7 @@ def range_of(forces: Sequence[float]) -> tuple[float, float]:
     return min(0.0, *forces), max(0.0, *forces)
 
 
-def fit(steps: Sequence[Step]) -> Fit:
+def fit(steps: Sequence[Step]) -> CalibrationFit:
     """The line of least squares through the steps: native = zero + F / gain_n, for the weights are exact and
     the readings are not.
 
@@ -145,10 +145,10 @@ def fit(steps: Sequence[Step]) -> Fit:
     slope = sum((step.force_n - mean_n) * (step.level.mean - mean) for step in steps) / spread
     gain_n, zero = 1.0 / slope, mean - slope * mean_n
     left = [step.force_n - gain_n * (step.level.mean - zero) for step in steps]
-    return Fit(gain_n, zero, hypot(*left) / sqrt(n), abs(gain_n) * _largest_difference(steps))
+    return CalibrationFit(gain_n, zero, hypot(*left) / sqrt(n), abs(gain_n) * _largest_difference(steps))
 
 
-def require_line(found: Fit, range_n: float, residual_share: float = RESIDUAL_SHARE) -> None:
+def require_line(found: CalibrationFit, range_n: float, residual_share: float = RESIDUAL_SHARE) -> None:
     """Refuses a cell that is not linear enough.
 
     Raises:

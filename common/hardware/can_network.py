@@ -9,7 +9,7 @@ import canopen
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.can_bus import SlcanBus, open_bus
-from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.hardware.settings import CanSettings
 
 HOST_NODE = 127
@@ -37,7 +37,7 @@ class SharedNetwork:
         self.failed: str | None = None
         self.counters: Counter[str] = Counter()
         self.users = 1
-        self._told: dict[Link, dict[str, int]] = {}
+        self._told: dict[DeviceLink, dict[str, int]] = {}
         self._bus = open_bus(settings)
         self.network = canopen.Network(self._bus)
         self._sync: tuple[object, int] | None = None
@@ -92,7 +92,7 @@ class SharedNetwork:
         kept = {key: count for key, count in parser.items() if key != "frames" and count}
         return {**kept, **self.counters}
 
-    def tell(self, link: Link) -> None:
+    def tell(self, link: DeviceLink) -> None:
         """Adds what has been counted, since this link was told last, to its counters, as `bus_...`."""
         counts, told = self.counts(), self._told.get(link, {})
         if counts != told:

@@ -16,7 +16,7 @@ _EMERGENCY = struct.Struct("<HB5s")
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ObjectEntry:
     """An entry of an object dictionary; `kind`: the letter of its type in `struct`."""
 
     index: int
@@ -48,12 +48,12 @@ class Entry:
         return f"{self.index:04X}:{self.sub:02X}"
 
 
-DEVICE_TYPE = Entry(0x1000, 0, "I")
-ERROR_REGISTER = Entry(0x1001, 0, "B")
-SYNC_PERIOD_US = Entry(0x1006, 0, "I")
-HEARTBEAT_CONSUMER = Entry(0x1016, 1, "I")
-HEARTBEAT_PRODUCER_MS = Entry(0x1017, 0, "H")
-VENDOR, PRODUCT, REVISION, SERIAL = (Entry(0x1018, sub, "I") for sub in (1, 2, 3, 4))
+DEVICE_TYPE = ObjectEntry(0x1000, 0, "I")
+ERROR_REGISTER = ObjectEntry(0x1001, 0, "B")
+SYNC_PERIOD_US = ObjectEntry(0x1006, 0, "I")
+HEARTBEAT_CONSUMER = ObjectEntry(0x1016, 1, "I")
+HEARTBEAT_PRODUCER_MS = ObjectEntry(0x1017, 0, "H")
+VENDOR, PRODUCT, REVISION, SERIAL = (ObjectEntry(0x1018, sub, "I") for sub in (1, 2, 3, 4))
 
 
 def profile(device_type: int) -> int:
@@ -73,24 +73,24 @@ class Pdo(NamedTuple):
     number: int
     can_id: int
     kind: int
-    entries: Sequence[Entry]
+    entries: Sequence[ObjectEntry]
 
     @property
     def size(self) -> int:
         """Bytes."""
         return sum(entry.size for entry in self.entries)
 
-    def parameters(self) -> list[tuple[Entry, int]]:
+    def parameters(self) -> list[tuple[ObjectEntry, int]]:
         """What to write, in this order: off, transmission type, mapping, on."""
         communication, mapping = pdo_objects(self.transmit, self.number)
         can_id = self.can_id | (_NO_REMOTE if self.transmit else 0)
         return [
-            (Entry(communication, 1, "I"), can_id | _PDO_OFF),
-            (Entry(communication, 2, "B"), self.kind),
-            (Entry(mapping, 0, "B"), 0),
-            *((Entry(mapping, i, "I"), entry.mapping) for i, entry in enumerate(self.entries, start=1)),
-            (Entry(mapping, 0, "B"), len(self.entries)),
-            (Entry(communication, 1, "I"), can_id),
+            (ObjectEntry(communication, 1, "I"), can_id | _PDO_OFF),
+            (ObjectEntry(communication, 2, "B"), self.kind),
+            (ObjectEntry(mapping, 0, "B"), 0),
+            *((ObjectEntry(mapping, i, "I"), entry.mapping) for i, entry in enumerate(self.entries, start=1)),
+            (ObjectEntry(mapping, 0, "B"), len(self.entries)),
+            (ObjectEntry(communication, 1, "I"), can_id),
         ]
 
     def pack(self, *values: float) -> bytes:
@@ -114,10 +114,10 @@ def pdo_objects(transmit: bool, number: int) -> tuple[int, int]:
     return base + number - 1, base + 0x200 + number - 1
 
 
-def pdo_off(transmit: bool, number: int, node: int) -> tuple[Entry, int]:
+def pdo_off(transmit: bool, number: int, node: int) -> tuple[ObjectEntry, int]:
     """What switches one of the first four PDOs off."""
     can_id = (TPDO1 if transmit else RPDO1) + 0x100 * (number - 1) + node
-    return Entry(pdo_objects(transmit, number)[0], 1, "I"), can_id | _PDO_OFF
+    return ObjectEntry(pdo_objects(transmit, number)[0], 1, "I"), can_id | _PDO_OFF
 
 
 def emergency(data: bytes | bytearray) -> int | None:

@@ -5,7 +5,7 @@ from enum import Enum
 from types import MappingProxyType
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware.cia301 import Entry
+from forefeel.common.hardware.cia301 import ObjectEntry
 
 PROFILE = 402
 CSP = 8
@@ -15,25 +15,25 @@ HOMING = 6
 """Mode of operation: homing."""
 HOMING_SUPPORTED = 1 << (HOMING - 1)
 
-ABORT_OPTION = Entry(0x6007, 0, "h")
-ERROR_CODE = Entry(0x603F, 0, "H")
-CONTROLWORD = Entry(0x6040, 0, "H")
-STATUSWORD = Entry(0x6041, 0, "H")
-QUICK_STOP_OPTION = Entry(0x605A, 0, "h")
-MODE, MODE_DISPLAY = Entry(0x6060, 0, "b"), Entry(0x6061, 0, "b")
-POSITION_ACTUAL = Entry(0x6064, 0, "i")
-FOLLOWING_WINDOW, FOLLOWING_TIMEOUT_MS = Entry(0x6065, 0, "I"), Entry(0x6066, 0, "H")
-VELOCITY_ACTUAL = Entry(0x606C, 0, "i")
-TARGET_POSITION = Entry(0x607A, 0, "i")
-HOME_OFFSET = Entry(0x607C, 0, "i")
-SOFT_LIMIT_LOW, SOFT_LIMIT_HIGH = Entry(0x607D, 1, "i"), Entry(0x607D, 2, "i")
-QUICK_STOP_DECELERATION = Entry(0x6085, 0, "I")
-PERIOD_VALUE, PERIOD_EXPONENT = Entry(0x60C2, 1, "B"), Entry(0x60C2, 2, "b")
-HOMING_METHOD = Entry(0x6098, 0, "b")
-HOMING_SEARCH_SPEED, HOMING_ZERO_SPEED = Entry(0x6099, 1, "I"), Entry(0x6099, 2, "I")
-HOMING_ACCELERATION = Entry(0x609A, 0, "I")
-FOLLOWING_ERROR = Entry(0x60F4, 0, "i")
-SUPPORTED_MODES = Entry(0x6502, 0, "I")
+ABORT_OPTION = ObjectEntry(0x6007, 0, "h")
+ERROR_CODE = ObjectEntry(0x603F, 0, "H")
+CONTROLWORD = ObjectEntry(0x6040, 0, "H")
+STATUSWORD = ObjectEntry(0x6041, 0, "H")
+QUICK_STOP_OPTION = ObjectEntry(0x605A, 0, "h")
+MODE, MODE_DISPLAY = ObjectEntry(0x6060, 0, "b"), ObjectEntry(0x6061, 0, "b")
+POSITION_ACTUAL = ObjectEntry(0x6064, 0, "i")
+FOLLOWING_WINDOW, FOLLOWING_TIMEOUT_MS = ObjectEntry(0x6065, 0, "I"), ObjectEntry(0x6066, 0, "H")
+VELOCITY_ACTUAL = ObjectEntry(0x606C, 0, "i")
+TARGET_POSITION = ObjectEntry(0x607A, 0, "i")
+HOME_OFFSET = ObjectEntry(0x607C, 0, "i")
+SOFT_LIMIT_LOW, SOFT_LIMIT_HIGH = ObjectEntry(0x607D, 1, "i"), ObjectEntry(0x607D, 2, "i")
+QUICK_STOP_DECELERATION = ObjectEntry(0x6085, 0, "I")
+PERIOD_VALUE, PERIOD_EXPONENT = ObjectEntry(0x60C2, 1, "B"), ObjectEntry(0x60C2, 2, "b")
+HOMING_METHOD = ObjectEntry(0x6098, 0, "b")
+HOMING_SEARCH_SPEED, HOMING_ZERO_SPEED = ObjectEntry(0x6099, 1, "I"), ObjectEntry(0x6099, 2, "I")
+HOMING_ACCELERATION = ObjectEntry(0x609A, 0, "I")
+FOLLOWING_ERROR = ObjectEntry(0x60F4, 0, "i")
+SUPPORTED_MODES = ObjectEntry(0x6502, 0, "I")
 
 ABORT_QUICK_STOP = 3
 """6007: a lost heartbeat is a quick stop; the drive needs no fault reset after it."""

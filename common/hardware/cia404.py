@@ -16,16 +16,16 @@ So nothing but 0 is a valid status: a bit that is not in the table is a flaw of 
 from math import isfinite
 from typing import NamedTuple
 
-from forefeel.common.hardware.cia301 import TPDO1, Entry, Pdo
+from forefeel.common.hardware.cia301 import TPDO1, ObjectEntry, Pdo
 
 PROFILE = 404
-SENSOR_TYPE = Entry(0x6110, 1, "H")
-OPERATING_MODE = Entry(0x6112, 1, "B")
-AUTOZERO = Entry(0x6125, 1, "I")
-PROCESS_VALUE = Entry(0x6130, 1, "f")
-UNIT = Entry(0x6131, 1, "I")
-DIGITS = Entry(0x6132, 1, "B")
-STATUS = Entry(0x6150, 1, "B")
+SENSOR_TYPE = ObjectEntry(0x6110, 1, "H")
+OPERATING_MODE = ObjectEntry(0x6112, 1, "B")
+AUTOZERO = ObjectEntry(0x6125, 1, "I")
+PROCESS_VALUE = ObjectEntry(0x6130, 1, "f")
+UNIT = ObjectEntry(0x6131, 1, "I")
+DIGITS = ObjectEntry(0x6132, 1, "B")
+STATUS = ObjectEntry(0x6150, 1, "B")
 
 ZERO = int.from_bytes(b"zero", "little")
 """What 6125 takes: the device tares itself. Wears its flash, may time out; the product tares in software."""

@@ -100,7 +100,7 @@ class Identify(NamedTuple):
     limit_ma: int
 
 
-class Identity(NamedTuple):
+class CoilIdentity(NamedTuple):
     """The answer; `watchdog_ms`, `limit_ma`: what the device made of the wishes."""
 
     protocol: int
@@ -111,7 +111,7 @@ class Identity(NamedTuple):
     firmware: str
 
 
-Frame = CoilState | CoilCommand | Identify | Identity
+Frame = CoilState | CoilCommand | Identify | CoilIdentity
 
 
 def encode(frame: Frame) -> bytes:
@@ -132,7 +132,7 @@ def encode(frame: Frame) -> bytes:
             kind = _Kind.COMMAND
         case Identify():
             body, kind = _identify(frame), _Kind.IDENTIFY
-        case Identity():
+        case CoilIdentity():
             texts = b"".join(_text(text) for text in (frame.name, frame.serial, frame.firmware))
             body, kind = _identify(frame) + texts, _Kind.IDENTITY
     payload = bytes([kind]) + body
@@ -203,7 +203,7 @@ def _command(body: bytes) -> CoilCommand:
     return CoilCommand(sequence, current_ma, _LAMPS[lamp], where, bool(enabled))
 
 
-def _identity(body: bytes) -> Identity:
+def _identity(body: bytes) -> CoilIdentity:
     texts, at = [], _IDENTIFY.size
     for _ in range(3):
         end = at + 1 + body[at]
@@ -211,7 +211,7 @@ def _identity(body: bytes) -> Identity:
         at = end
     if at != len(body):
         raise ValueError("a length that is not the body's")
-    return Identity(*_IDENTIFY.unpack_from(body), *texts)
+    return CoilIdentity(*_IDENTIFY.unpack_from(body), *texts)
 
 
 _DECODERS: dict[int, Callable[[bytes], Frame]] = {
@@ -222,7 +222,7 @@ _DECODERS: dict[int, Callable[[bytes], Frame]] = {
 }
 
 
-def _identify(frame: Identify | Identity) -> bytes:
+def _identify(frame: Identify | CoilIdentity) -> bytes:
     return _IDENTIFY.pack(frame.protocol & 0xFF, min(frame.watchdog_ms, _U16), min(frame.limit_ma, _U16))
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
 from forefeel.common.errors import DeviceError, InputError
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.runtime.realtime import go_before
 
 T = TypeVar("T")
@@ -29,13 +29,13 @@ class Timed(NamedTuple, Generic[T]):
 class Conversation:
     """Runs `converse` in a thread of its own until `stop`.
 
-    `converse` opens the device, advances the link to READY (CONFIGURED after a fault: `Link.advance` knows),
-    and exchanges until `stopping`; whatever it raises is a fault of the link, and it is called again after
-    a pause. It closes what it opened.
+    `converse` opens the device, advances the link to READY (CONFIGURED after a fault: `DeviceLink.advance`
+    knows), and exchanges until `stopping`; whatever it raises is a fault of the link, and it is called again
+    after a pause. It closes what it opened.
     """
 
     def __init__(
-        self, link: Link, converse: Callable[["Conversation"], None], retry_s: float = RETRY_S
+        self, link: DeviceLink, converse: Callable[["Conversation"], None], retry_s: float = RETRY_S
     ) -> None:
         self.link = link
         self._converse, self._retry_s = converse, retry_s

@@ -26,7 +26,7 @@ class LinkState(IntEnum):
     READY = 4
 
 
-class Link:
+class DeviceLink:
     """One device's link: every step of the handshake in turn, every fault counted.
 
     Attributes:

@@ -17,10 +17,10 @@ from forefeel.common.hardware.cia301 import (
     REVISION,
     SERIAL,
     VENDOR,
-    Entry,
+    ObjectEntry,
     profile,
 )
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.hardware.settings import CanSettings
 
 _TRIES = 3
@@ -28,7 +28,7 @@ _TRIES = 3
 
 @contextmanager
 def talking_to(
-    settings: CanSettings, node: int, link: Link
+    settings: CanSettings, node: int, link: DeviceLink
 ) -> Iterator[tuple[SharedNetwork, "RemoteDevice"]]:
     """The bus and a device on it, for the length of a conversation: the link is OPEN."""
     shared = acquire(settings)
@@ -44,15 +44,15 @@ def talking_to(
         release(shared)
 
 
-def can_link(slot: str, driver: str, settings: CanSettings, node: int) -> Link:
+def can_link(slot: str, driver: str, settings: CanSettings, node: int) -> DeviceLink:
     """A link that is named after its node and bus."""
-    return Link(f"{slot} {driver} node {node} on {settings.interface} {settings.channel}")
+    return DeviceLink(f"{slot} {driver} node {node} on {settings.interface} {settings.channel}")
 
 
 class RemoteDevice:
     """The node of a device on a shared network, from here to `forget`."""
 
-    def __init__(self, shared: SharedNetwork, node: int, link: Link) -> None:
+    def __init__(self, shared: SharedNetwork, node: int, link: DeviceLink) -> None:
         self.name = f"node {node} on {shared.name}"
         self.node = node
         self._shared, self._link = shared, link
@@ -94,7 +94,7 @@ class RemoteDevice:
         asked = {"vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": SERIAL}
         return {name: int(self.read(entry, 0)) for name, entry in asked.items()}
 
-    def read(self, entry: Entry, otherwise: float | None = None) -> float:
+    def read(self, entry: ObjectEntry, otherwise: float | None = None) -> float:
         """The value of an entry, `otherwise` when the device has none.
 
         Raises:
@@ -109,7 +109,7 @@ class RemoteDevice:
                 raise
             return otherwise
 
-    def write(self, entry: Entry, value: float) -> None:
+    def write(self, entry: ObjectEntry, value: float) -> None:
         """Writes, and reads it back.
 
         Raises:
@@ -124,12 +124,12 @@ class RemoteDevice:
         if found != value:
             raise DeviceSetupError(f"{self.name}: {entry} = {found:g} after {value:g} was written")
 
-    def write_all(self, values: Iterable[tuple[Entry, float]]) -> None:
+    def write_all(self, values: Iterable[tuple[ObjectEntry, float]]) -> None:
         """`write`, one after the other."""
         for entry, value in values:
             self.write(entry, value)
 
-    def offer(self, entry: Entry, value: float) -> bool:
+    def offer(self, entry: ObjectEntry, value: float) -> bool:
         """Writes what a device need not have, and need not keep as it is; whether it has it."""
         try:
             self._try("writing", entry, entry.pack(value))
@@ -137,7 +137,7 @@ class RemoteDevice:
             return False
         return True
 
-    def _try(self, what: str, entry: Entry, data: bytes | None) -> bytes:
+    def _try(self, what: str, entry: ObjectEntry, data: bytes | None) -> bytes:
         for left in reversed(range(_TRIES)):
             self._shared.check()
             self._shared.tell(self._link)  # a handshake over a bad wire takes its time, too

@@ -115,7 +115,7 @@ def in_words(flag: str) -> str:
     return f"{flag} ({WARNINGS[flag]})" if flag in WARNINGS else flag
 
 
-class Encoder:
+class CommandEncoder:
     """Commands to one device, with rolling message ids 00 to 99."""
 
     def __init__(self, device: int) -> None:

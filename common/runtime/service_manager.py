@@ -50,7 +50,7 @@ class ServiceManager:
             sender.sendto(text.encode(), self._address)
 
 
-class Attendance:
+class ServiceWatchdog:
     """Tells the manager how a daemon does. A sign of life is sent only where every 1 kHz loop has ticked
     since the one before; `look` is an asyncio task, so that it stops when the tasks stand, too.
 
@@ -102,13 +102,13 @@ class Attendance:
             self._manager.tell(f"STATUS={_line(status)}")
 
 
-def attended(status: Callable[[], str], steps: Callable[[], int]) -> Callable[[], None]:
+def service_watchdog(status: Callable[[], str], steps: Callable[[], int]) -> Callable[[], None]:
     """Tells systemd how a process without 1 kHz loops does, whenever what it returns is called: a few times a
     second, from its main thread. `steps`: counts its progress.
     """
     clock = MonotonicClock()
     manager = ServiceManager(os.environ, os.getpid())
-    attendance = Attendance(manager, lambda: (steps(),), lambda _now_ns: status())
+    attendance = ServiceWatchdog(manager, lambda: (steps(),), lambda _now_ns: status())
     return lambda: attendance.look(clock.now_ns())
 
 

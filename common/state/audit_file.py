@@ -12,7 +12,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from forefeel.common.audit import CONTINUED, Detail, Entry, Link, Noted, parse, seal
+from forefeel.common.audit import CONTINUED, ChainEnd, Detail, Entry, Noted, parse, seal
 from forefeel.common.runtime.descriptors import DESCRIPTORS
 from forefeel.common.state.folder import own_file, sync_folder
 
@@ -49,7 +49,7 @@ class AuditFile:
     def __init__(self, path: Path) -> None:
         self.path, self.last_event = path, ""
         self.recovery: Recovery | None = None
-        self.end = Link()
+        self.end = ChainEnd()
         self.largest = _LARGEST
         self._part = path.with_name(f".{path.name}.part")
         self._grows = False
@@ -84,7 +84,7 @@ class AuditFile:
             last = tail[tail.rfind(b"\n", 0, whole - 1) + 1 : whole - 1]
             try:
                 entry = parse(last)
-                self.end = Link(entry.number, entry.hash)
+                self.end = ChainEnd(entry.number, entry.hash)
                 self.last_event = entry.noted.event
             except ValueError as error:
                 damaged = f"the last line {error}"
@@ -214,7 +214,7 @@ def _beside(noted: Noted, event: str, **details: Detail) -> Noted:
     return Noted(noted.utc, noted.monotonic_ns, event, "", details)
 
 
-def _sealed(notes: Sequence[Noted], end: Link) -> tuple[bytes, Link]:
+def _sealed(notes: Sequence[Noted], end: ChainEnd) -> tuple[bytes, ChainEnd]:
     """Their lines behind that end, and the end then."""
     lines = []
     for noted in notes:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from forefeel.common.audit import CLOSING, PEER_LOG, Detail, Link, Noted
+from forefeel.common.audit import CLOSING, PEER_LOG, ChainEnd, Detail, Noted
 from forefeel.common.clock import WallClock
 from forefeel.common.state.audit_file import AuditFile
 
@@ -77,7 +77,7 @@ class AuditWriter:
         return None
 
     @property
-    def end(self) -> Link:
+    def end(self) -> ChainEnd:
         """Of the chain as it is on the disk."""
         return self._file.end
 

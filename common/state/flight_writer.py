@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from forefeel.common.audit import Detail
 from forefeel.common.clock import Clock, WallClock
 from forefeel.common.errors import InputError, RunError
-from forefeel.common.flight import AFTER_NS, BEFORE_NS, Ring, Rings, Row, cycle_message
+from forefeel.common.flight import AFTER_NS, BEFORE_NS, FlightRing, Rings, Row, cycle_message
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.descriptors import DESCRIPTORS
 from forefeel.common.topics import CONTROL_CYCLE
@@ -141,7 +141,9 @@ class FlightWriter:
         self._note("flight_record", self._clock.now_ns(), request.axis, **details)
         self._prune()
 
-    def _write(self, part: Path, request: _Request, rings: list[tuple[Ring, list[Row]]]) -> dict[str, Detail]:
+    def _write(
+        self, part: Path, request: _Request, rings: list[tuple[FlightRing, list[Row]]]
+    ) -> dict[str, Detail]:
         with DESCRIPTORS.reserve():
             opened = RunWriter(part)
         with opened as writer:
@@ -159,7 +161,7 @@ class FlightWriter:
                 old.unlink()
 
 
-def _write_ring(writer: RunWriter, ring: Ring, rows: list[Row]) -> None:
+def _write_ring(writer: RunWriter, ring: FlightRing, rows: list[Row]) -> None:
     cycles = ring.key.endswith(f"/{CONTROL_CYCLE.name}")
     for number, row in enumerate(rows):
         if number % _BLOCK == _BLOCK - 1:

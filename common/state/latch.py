@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from forefeel.common.audit import Detail
-from forefeel.common.journal import HALTED
+from forefeel.common.audit_sink import HALTED
 from forefeel.common.messages import FOLLOWING, SafetyState
 from forefeel.common.state.folder import own_file, sync_folder
 

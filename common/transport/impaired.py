@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from forefeel.common.clock import Clock
 from forefeel.common.topics import Qos, parse_key
-from forefeel.common.transport.impairment import Link
+from forefeel.common.transport.impairment import ImpairedLink
 from forefeel.common.transport.port import Handler, KeyedHandler, Put, Timers, Transport
 
 _TRACE_CAPACITY = 65_536
@@ -30,7 +30,7 @@ def crosses(key: str) -> bool:
 
 
 class ImpairedTransport:
-    """A transport with a link in each direction: payloads are lost, delayed, duplicated as its `Link` plans.
+    """A transport whose payloads are lost, delayed, duplicated as an `ImpairedLink` of each direction plans.
 
     One state per direction, for all keys that cross to the other end. Outbound payloads are put late,
     inbound ones are handed over late, on the timers' thread, and stamped then. A direction whose link is
@@ -42,7 +42,12 @@ class ImpairedTransport:
     """
 
     def __init__(
-        self, inner: Transport, timers: Timers, clock: Clock, inbound: Link | None, outbound: Link | None
+        self,
+        inner: Transport,
+        timers: Timers,
+        clock: Clock,
+        inbound: ImpairedLink | None,
+        outbound: ImpairedLink | None,
     ) -> None:
         self._inner = inner
         self._now_ns = clock.now_ns
@@ -105,7 +110,7 @@ class ImpairedTransport:
 class _Lane:
     """One direction: its link behind a lock, for payloads come from several threads, and its trace."""
 
-    def __init__(self, name: str, link: Link, timers: Timers, clock: Clock) -> None:
+    def __init__(self, name: str, link: ImpairedLink, timers: Timers, clock: Clock) -> None:
         self._name = name
         self._link = link
         self._call_at = timers.call_at

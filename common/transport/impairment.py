@@ -15,7 +15,7 @@ _NS = 1e9
 _NEVER_S = 1e9
 
 
-class Link(Protocol):
+class ImpairedLink(Protocol):
     """Decides what becomes of each message of one direction."""
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
@@ -49,7 +49,7 @@ class Impairment:
         self._stall: tuple[int, int] | None = None
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
-        """See `Link.plan`."""
+        """See `ImpairedLink.plan`."""
         entry_ns = self._after_stall(now_ns) if self._settings.stalls_per_s else now_ns
         if self._lost():
             return ()
@@ -119,7 +119,7 @@ class ReplayedImpairment:
         self._index = 0
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
-        """See `Link.plan`; the time changes nothing."""
+        """See `ImpairedLink.plan`; the time changes nothing."""
         del now_ns
         delays_ns = self._trace[self._index]
         self._index = (self._index + 1) % len(self._trace)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.transport.security import Identity, Party
+from forefeel.common.transport.security import Party, PartyFiles
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -22,7 +22,7 @@ AUTHORITY = "ca.crt"
 class Certified:
     """A party's files, found to belong together and to be valid now; `expires`: when the first is not."""
 
-    identity: Identity
+    identity: PartyFiles
     expires: datetime
 
 
@@ -34,7 +34,7 @@ def read_identity(folder: Path, party: Party, now: datetime) -> Certified:
     """
     if not folder.is_dir():
         raise _wrong(folder, "no such folder", _made_by(folder, party))
-    files = Identity(folder / AUTHORITY, folder / f"{party.role}.crt", folder / f"{party.role}.key")
+    files = PartyFiles(folder / AUTHORITY, folder / f"{party.role}.crt", folder / f"{party.role}.key")
     authority, certificate = (
         read_certificate(Path(path), folder, party) for path in (files.authority, files.certificate)
     )

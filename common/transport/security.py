@@ -34,7 +34,7 @@ class Party:
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class PartyFiles:
     """The files of a party: the authority that it trusts, its certificate, its key."""
 
     authority: PurePath
@@ -59,7 +59,7 @@ def hears(role: PartyRole, topic: Topic[Message]) -> bool:
     return role in {"slave", "master"} and topic.crosses and topic.publisher != role
 
 
-def secured(party: Party, identity: Identity) -> dict[str, object]:
+def secured(party: Party, identity: PartyFiles) -> dict[str, object]:
     """Everything that a session with that identity adds to its Zenoh configuration, by path."""
     return {
         "transport/link/protocols": ["tls", "quic"],

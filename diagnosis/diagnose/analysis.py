@@ -10,7 +10,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
 from forefeel.diagnosis.diagnose.faults import Cleaned, Fault, clean
 from forefeel.diagnosis.diagnose.noise import Noise, autoregression
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.search import Search
 from forefeel.diagnosis.diagnose.signals import Signals
 from forefeel.diagnosis.diagnose.structure import noise_cap_n
@@ -25,11 +25,11 @@ class Analysis:
     """What was found before it is judged."""
 
     cleaned: Cleaned
-    regression: Regression
+    regression: RecordingRegression
     search: Search
-    fit: Fit
+    fit: ModelFit
     recording: Recording
-    narrower: tuple[Regression, Fit] | None
+    narrower: tuple[RecordingRegression, ModelFit] | None
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -73,7 +73,7 @@ def analyse(recording: Recording, progress: Callable[[str], None] = lambda stage
     cutoff = cutoff_hz(recording, cleaned.force_n)
     signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
     reach_hz = min(2.0 * cutoff, signals.motion_reach_hz)
-    regression = Regression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
+    regression = RecordingRegression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
     search = Search(regression)
     progress("search")
     cap = noise_cap_n(recording, cleaned.force_n)
@@ -91,15 +91,15 @@ def analyse(recording: Recording, progress: Callable[[str], None] = lambda stage
 
 
 def _in_narrower_band(
-    recording: Recording, cleaned: Cleaned, regression: Regression, fit: Fit
-) -> tuple[Regression, Fit] | None:
+    recording: Recording, cleaned: Cleaned, regression: RecordingRegression, fit: ModelFit
+) -> tuple[RecordingRegression, ModelFit] | None:
     """The same model fitted below a lower cutoff: how much of the answer rests on the choice of the band."""
     cutoff = _NARROWER * regression.signals.cutoff_hz
     try:
         signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
     except ValueError:
         return None
-    other = Regression(signals, regression.extent.speed_band)
+    other = RecordingRegression(signals, regression.extent.speed_band)
     residual = other.residual(other.fit(fit.model))
     other.whiten_by(noise_of(residual, signals))
     return other, Search(other).refined(other.fit(fit.model), most=_TRIALS)

@@ -8,9 +8,9 @@ from scipy.interpolate import CubicSpline
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.blocks import Gain, gain_over, held_out_prediction, numbers_at
+from forefeel.diagnosis.diagnose.blocks import RmsGain, gain_over, held_out_prediction, numbers_at
 from forefeel.diagnosis.diagnose.faults import Cleaned
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 
 class AsRecorded:
@@ -20,7 +20,7 @@ class AsRecorded:
     model knows of spikes the sample is replaced by the median of its neighbours, elsewhere it is an error.
     """
 
-    def __init__(self, regression: Regression, recording: Recording, cleaned: Cleaned) -> None:
+    def __init__(self, regression: RecordingRegression, recording: Recording, cleaned: Cleaned) -> None:
         assert recording.force_n is not None
         self.regression, self.cleaned, self.raw_n = regression, cleaned, recording.force_n
         self.t = recording.time_s - regression.signals.origin_s
@@ -29,13 +29,13 @@ class AsRecorded:
         inside = (self.t >= own[0]) & (self.t <= own[-1])
         self.rows: NDArray[np.int64] = np.flatnonzero(inside)
 
-    def gain(self, before: Fit, after: Fit, known: Collection[str]) -> Gain:
+    def gain(self, before: ModelFit, after: ModelFit, known: Collection[str]) -> RmsGain:
         """From a fit and a perfect sensor to a fit and the sensor with its known faults."""
         numbers = numbers_at(self.regression, self.t[self.rows])
         errors = self.errors(before, ()), self.errors(after, known)
         return gain_over(numbers, *errors)
 
-    def errors(self, fit: Fit, known: Collection[str]) -> Floats:
+    def errors(self, fit: ModelFit, known: Collection[str]) -> Floats:
         """In N at the recorded stamps, from the first to the last that counts."""
         coarse = held_out_prediction(self.regression, fit)
         said = np.empty(len(self.t))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 _BLOCKS = 16
 _LEAST_S = 1.0
@@ -20,7 +20,7 @@ _SEEN = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Gain:
+class RmsGain:
     """rms before and after in N; `gain` = 1 - after / before with its 95 % interval."""
 
     before_n: float
@@ -30,12 +30,12 @@ class Gain:
     high: float
 
 
-def block_numbers(regression: Regression) -> NDArray[np.int64]:
+def block_numbers(regression: RecordingRegression) -> NDArray[np.int64]:
     """The block of each row that counts."""
     return numbers_at(regression, regression.signals.t[regression.rows])
 
 
-def numbers_at(regression: Regression, t: Floats) -> NDArray[np.int64]:
+def numbers_at(regression: RecordingRegression, t: Floats) -> NDArray[np.int64]:
     """The block of each time in s since the start."""
     own = regression.signals.t[regression.rows]
     start, end = float(own[0]), float(own[-1])
@@ -43,25 +43,29 @@ def numbers_at(regression: Regression, t: Floats) -> NDArray[np.int64]:
     return np.asarray(np.clip((t - start) / (end - start) * count, 0, count - 1).astype(np.int64))
 
 
-def held_out_errors(regression: Regression, fit: Fit) -> Floats:
+def held_out_errors(regression: RecordingRegression, fit: ModelFit) -> Floats:
     """Error in N at the rows that count, each block predicted by the fit, at its shapes, to all others."""
     return held_out(regression, *columns(regression, fit))
 
 
-def columns(regression: Regression, fit: Fit) -> tuple[Floats, Floats]:
+def columns(regression: RecordingRegression, fit: ModelFit) -> tuple[Floats, Floats]:
     """(whitened, plain) columns of a model at the rows that count."""
     plain = [regression.block(fit.model, name, shape) for name, shape in [("", ()), *fit.model.items()]]
     return regression.design(fit.model)[0], np.hstack(plain)[regression.rows]
 
 
-def held_out(regression: Regression, white: Floats, plain: Floats, ridge: Floats | float = 1e-10) -> Floats:
+def held_out(
+    regression: RecordingRegression, white: Floats, plain: Floats, ridge: Floats | float = 1e-10
+) -> Floats:
     """As `held_out_errors` for any columns, with a ridge on them in units of their own size."""
     theta = held_out_coefficients(regression, white, ridge)
     force, numbers = regression.signals.force[regression.rows], block_numbers(regression)
     return np.asarray(force - np.einsum("ij,ij->i", plain, theta[numbers]))
 
 
-def held_out_coefficients(regression: Regression, white: Floats, ridge: Floats | float = 1e-10) -> Floats:
+def held_out_coefficients(
+    regression: RecordingRegression, white: Floats, ridge: Floats | float = 1e-10
+) -> Floats:
     """Of whitened columns, a row for each block: least squares on all other blocks."""
     scale = np.sqrt(np.mean(white**2, axis=0))
     scale[scale == 0.0] = 1.0
@@ -82,7 +86,7 @@ def held_out_coefficients(regression: Regression, white: Floats, ridge: Floats |
     return np.asarray(found / scale)
 
 
-def held_out_prediction(regression: Regression, fit: Fit) -> Floats:
+def held_out_prediction(regression: RecordingRegression, fit: ModelFit) -> Floats:
     """Force in N on the whole coarse grid, each block by the fit to all others."""
     theta = held_out_coefficients(regression, regression.design(fit.model)[0])
     plain = [regression.block(fit.model, name, shape) for name, shape in [("", ()), *fit.model.items()]]
@@ -90,12 +94,12 @@ def held_out_prediction(regression: Regression, fit: Fit) -> Floats:
     return np.asarray(np.einsum("ij,ij->i", np.hstack(plain), theta[numbers]))
 
 
-def gain(regression: Regression, before: Floats, after: Floats) -> Gain:
+def gain(regression: RecordingRegression, before: Floats, after: Floats) -> RmsGain:
     """Of two series of held-out errors at the rows that count."""
     return gain_over(block_numbers(regression), before, after)
 
 
-def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> Gain:
+def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> RmsGain:
     """Of two series of errors in numbered blocks."""
     sums = np.array([[np.sum(e[numbers == k] ** 2) for e in (before, after)] for k in np.unique(numbers)])
     rng = np.random.default_rng(0)
@@ -103,4 +107,4 @@ def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> Gain
     ratios = 1.0 - np.sqrt(drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300))
     low, high = np.quantile(ratios, (0.025, 0.975))
     rms = [float(np.sqrt(np.mean(e**2))) for e in (before, after)]
-    return Gain(rms[0], rms[1], 1.0 - rms[1] / max(rms[0], 1e-300), float(low), float(high))
+    return RmsGain(rms[0], rms[1], 1.0 - rms[1] / max(rms[0], 1e-300), float(low), float(high))

@@ -29,7 +29,7 @@ Model = Mapping[str, Shape]
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionGrid:
     """The instrument's motion on the fine grid; `touching` is 1 in contact; `speed_band` where v is noise."""
 
     t: Floats
@@ -82,7 +82,7 @@ class Extent:
         )
 
 
-Columns = Callable[[Motion, Shape], list[Floats]]
+Columns = Callable[[MotionGrid, Shape], list[Floats]]
 Grid = Callable[[Extent], list[Shape]]
 
 
@@ -109,28 +109,28 @@ def log_grid(low: float, high: float, count: int) -> list[Shape]:
     return [(float(value),) for value in np.geomspace(low, max(high, low * 1.01), count)]
 
 
-def _stribeck(motion: Motion, shape: Shape) -> list[Floats]:
+def _stribeck(motion: MotionGrid, shape: Shape) -> list[Floats]:
     s = motion.direction
     return [s, s * np.exp(-((motion.v / shape[0]) ** 2))]
 
 
-def _stribeck_exponential(motion: Motion, shape: Shape) -> list[Floats]:
+def _stribeck_exponential(motion: MotionGrid, shape: Shape) -> list[Floats]:
     s = motion.direction
     return [s, s * np.exp(-np.abs(motion.v) / shape[0])]
 
 
-def _exponential(motion: Motion, shape: Shape) -> list[Floats]:
+def _exponential(motion: MotionGrid, shape: Shape) -> list[Floats]:
     """Fung's wall without its linear part."""
     depth = np.clip(motion.x / shape[0], -_STEEPEST, _STEEPEST)
     return [np.expm1(depth) - depth]
 
 
-def _both_directions(motion: Motion, shape: Shape) -> list[Floats]:
+def _both_directions(motion: MotionGrid, shape: Shape) -> list[Floats]:
     s = motion.direction
     return [np.maximum(s, 0.0), np.minimum(s, 0.0)]
 
 
-def _presliding(motion: Motion, shape: Shape) -> list[Floats]:
+def _presliding(motion: MotionGrid, shape: Shape) -> list[Floats]:
     effect = PreslidingHysteresis(force_n=1.0, stiffness_n_m=1.0 / shape[0])
     u = np.empty_like(motion.x)
     for piece in motion.pieces:
@@ -140,14 +140,14 @@ def _presliding(motion: Motion, shape: Shape) -> list[Floats]:
     return [u]
 
 
-def _bristles(motion: Motion, shape: Shape) -> list[Floats]:
+def _bristles(motion: MotionGrid, shape: Shape) -> list[Floats]:
     """LuGre: the bristles' deflection and its rate."""
     (u,) = _presliding(motion, shape)
     rate = np.concatenate([np.gradient(u[p], motion.t[p]) for p in motion.pieces])
     return [u, rate]
 
 
-def _two_lengths(motion: Motion, shape: Shape) -> list[Floats]:
+def _two_lengths(motion: MotionGrid, shape: Shape) -> list[Floats]:
     """Two elements of a generalised Maxwell slip (Al-Bender, Lampaert, Swevers, IEEE T-AC 50(11), 2005)."""
     return _presliding(motion, shape[:1]) + _presliding(motion, shape[1:])
 
@@ -157,7 +157,7 @@ def _two(grid: list[Shape]) -> list[Shape]:
     return [(short, long) for i, short in enumerate(single) for long in single[i + 1 :]]
 
 
-def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
+def _relaxation(motion: MotionGrid, shape: Shape) -> list[Floats]:
     """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left,
     exp(-t/tau).
     """
@@ -175,33 +175,33 @@ def _relaxation(motion: Motion, shape: Shape) -> list[Floats]:
     return [q, first]
 
 
-def _two_branches(motion: Motion, shape: Shape) -> list[Floats]:
+def _two_branches(motion: MotionGrid, shape: Shape) -> list[Floats]:
     return _relaxation(motion, shape[:1]) + _relaxation(motion, shape[1:])
 
 
-def _creep(motion: Motion, shape: Shape) -> list[Floats]:
+def _creep(motion: MotionGrid, shape: Shape) -> list[Floats]:
     return [1.0 - np.exp(-motion.t / shape[0])]
 
 
-def _depth(motion: Motion) -> Floats:
+def _depth(motion: MotionGrid) -> Floats:
     """Penetration: the position where it is positive; all of it where the recording has no such origin."""
     return np.maximum(motion.x, 0.0)
 
 
-def play(motion: Motion, width_m: float) -> Motion:
+def play(motion: MotionGrid, width_m: float) -> MotionGrid:
     """The instrument's motion behind a play of that width."""
     effect = Backlash(width_m=width_m)
     parts = [effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces]
     x, v, a = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Motion(motion.t, x, v, a, motion.touching, motion.pieces, motion.speed_band, motion.decimated)
+    return MotionGrid(motion.t, x, v, a, motion.touching, motion.pieces, motion.speed_band, motion.decimated)
 
 
-def touch(motion: Motion, contact_m: float) -> Motion:
+def touch(motion: MotionGrid, contact_m: float) -> MotionGrid:
     """The motion as depth beyond the contact position; nothing before it."""
     instants = np.asarray(motion.x > contact_m, dtype=np.float64)
     touching = kinks.beyond(motion.x, contact_m) if motion.decimated else instants
     depth = np.maximum(motion.x - contact_m, 0.0)
-    return Motion(
+    return MotionGrid(
         motion.t, depth, motion.v, motion.a, touching, motion.pieces, motion.speed_band, motion.decimated
     )
 

@@ -14,9 +14,9 @@ from forefeel.diagnosis.diagnose.analysis import Analysis, analyse
 from forefeel.diagnosis.diagnose.driven import with_driving
 from forefeel.diagnosis.diagnose.judge import Judge
 from forefeel.diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
-from forefeel.diagnosis.diagnose.structure import foretold_share
-from forefeel.diagnosis.diagnose.third_party import take_in
-from forefeel.diagnosis.diagnose.verdict import Diagnosis, Stage
+from forefeel.diagnosis.diagnose.structure import predictable_share
+from forefeel.diagnosis.diagnose.third_party import register_plugins
+from forefeel.diagnosis.diagnose.verdict import Diagnosis, ModelError
 
 LEAST_S = 3.0
 _LIKE_NOISE = 0.3
@@ -47,7 +47,7 @@ def diagnose(
         RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row.
     """
     check(recording)
-    take_in()
+    register_plugins()
     with threadpool_limits(1):  # thousands of small products: threads only wait for each other
         return _diagnosed(recording, progress, given)
 
@@ -84,7 +84,7 @@ def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagno
     said = regression.sense * regression.signals.column(regression.signals.spectrum(np.concatenate(forces)))
     error = (regression.signals.force - said)[regression.signals.rows]
     parameters = {f"{e.effect}.{key}": value for e in given.effects for key, value in e.parameters}
-    return replace(found, baseline=Stage(float(np.sqrt(np.mean(error**2))), parameters))
+    return replace(found, baseline=ModelError(float(np.sqrt(np.mean(error**2))), parameters))
 
 
 def check(recording: Recording) -> None:
@@ -118,4 +118,4 @@ def _says_nothing(analysis: Analysis) -> bool:
     left = regression.fit({"bias": ()})
     share = float(np.var(regression.residual(left)[rows]) / np.var(regression.signals.force[rows]))
     named = set(analysis.fit.model) - {"bias"} or analysis.faults
-    return not named and share > _NO_ANSWER and foretold_share(regression, left) < _LIKE_NOISE
+    return not named and share > _NO_ANSWER and predictable_share(regression, left) < _LIKE_NOISE

@@ -26,7 +26,7 @@ from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.forward import even, forward_rmse
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.reversals import Jump, jump_at_reversals
 from forefeel.diagnosis.diagnose.transfer import alignment
 from forefeel.diagnosis.diagnose.verdict import Diagnosis
@@ -62,8 +62,8 @@ class Bands:
         )  # fmt: skip
 
 
-def signs_of_driving(
-    recording: Recording, force_n: Floats, regression: Regression, fit: Fit
+def force_driven_excitation(
+    recording: Recording, force_n: Floats, regression: RecordingRegression, fit: ModelFit
 ) -> tuple[str, ...]:
     """What speaks for a motion that the force drives, in words; empty: nothing does.
 
@@ -90,7 +90,7 @@ def signs_of_driving(
 def with_driving(found: Diagnosis, analysis: Analysis) -> Diagnosis:
     """With flag, words and forward simulation where the force drives the motion; else as it is."""
     force_n = analysis.cleaned.force_n
-    signs = signs_of_driving(analysis.recording, force_n, analysis.regression, analysis.fit)
+    signs = force_driven_excitation(analysis.recording, force_n, analysis.regression, analysis.fit)
     if not signs:
         return found
     words = (*found.words, *lowered_trust(signs))
@@ -179,7 +179,7 @@ def _broad_band(every: Bands) -> str | None:
     return f"up to {top:.3g} Hz the force's spectrum is a straight line, the motion's is bent by its inertia"
 
 
-def _active(every: Bands, linear: Bands, fit: Fit) -> str | None:
+def _active(every: Bands, linear: Bands, fit: ModelFit) -> str | None:
     """Power that the force gives at frequencies where both cohere, with what bends taken out and without.
 
     Likewise with a named delay, lag or fixture taken out and without: neither a late force nor a wrong name
@@ -212,7 +212,7 @@ def _excited(every: Bands, least: float) -> NDArray[np.bool_]:
     return rows
 
 
-def _bent_n(regression: Regression, fit: Fit, time_s: Floats) -> Floats:
+def _bent_n(regression: RecordingRegression, fit: ModelFit, time_s: Floats) -> Floats:
     """What the fit explains beside mass, damper and spring, in N at these stamps."""
     signals = regression.signals
     linear = regression.block(fit.model, "", ()) @ fit.of("")

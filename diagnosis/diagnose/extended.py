@@ -17,7 +17,7 @@ from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.candidates import Shape
 from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.diagnosis.diagnose.regression import Fit
+from forefeel.diagnosis.diagnose.regression import ModelFit
 
 Entry = dict[str, object]
 Make = Callable[[Floats, Shape, Floats, float], list[Entry]]
@@ -161,7 +161,7 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
     return ContactModel.from_mapping({"schema": SCHEMA, "name": name, "effects": entries})
 
 
-def _base(fit: Fit, sense: float) -> list[Entry]:
+def _base(fit: ModelFit, sense: float) -> list[Entry]:
     m, b, k = fit.coefficients[:3] * sense
     extra: list[Entry] = []
     if "asymmetric_damping" in fit.model:

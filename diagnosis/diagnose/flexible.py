@@ -9,16 +9,16 @@ is there that no named cause explains.
 import numpy as np
 
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.blocks import Gain, columns, gain, held_out
-from forefeel.diagnosis.diagnose.candidates import Motion
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.blocks import RmsGain, columns, gain, held_out
+from forefeel.diagnosis.diagnose.candidates import MotionGrid
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.transfer import alignment
 
 _RIDGES = 1e-4, 1e-2
 _LAGS_S = 0.03, 0.1, 0.3, 1.0
 
 
-def flexible_gain(regression: Regression, fit: Fit) -> Gain:
+def flexible_gain(regression: RecordingRegression, fit: ModelFit) -> RmsGain:
     """Held-out gain of the named causes and bumps over the named causes alone; the best ridge of two."""
     white, plain = columns(regression, fit)
     alone = held_out(regression, white, plain)
@@ -36,7 +36,7 @@ def flexible_gain(regression: Regression, fit: Fit) -> Gain:
     return max(trials, key=lambda trial: trial.gain)
 
 
-def modulation_gain(regression: Regression, fit: Fit) -> Gain | None:
+def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> RmsGain | None:
     """Held-out gain of a stiffness that pulses with the found frequency; None without a pulsation.
 
     The vocabulary's pulsation is a force of its own: one that grows with the depth is something else.
@@ -54,7 +54,7 @@ def modulation_gain(regression: Regression, fit: Fit) -> Gain | None:
     return gain(regression, held_out(regression, white, plain), held_out(regression, *both))
 
 
-def _features(regression: Regression, fit: Fit) -> Floats:
+def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
     motion, signals = regression.motion(fit.model), regression.signals
     moving = _moving(motion)
     factor = alignment(signals.omega, fit.model)
@@ -66,7 +66,7 @@ def _features(regression: Regression, fit: Fit) -> Floats:
     return np.column_stack([*late, *over_time])
 
 
-def _moving(motion: Motion) -> list[Floats]:
+def _moving(motion: MotionGrid) -> list[Floats]:
     x, v, a = motion.x, motion.v, motion.a
     s = motion.direction
     found = _bumps(x, _knots(x, 10)) + _bumps(v, _knots(v, 10)) + _bumps(a, _knots(a, 8))
@@ -98,7 +98,7 @@ def _bumps(values: Floats, knots: Floats) -> list[Floats]:
     return [np.interp(values, knots, row) for row in np.eye(len(knots))]
 
 
-def since_reversal(motion: Motion) -> Floats:
+def since_reversal(motion: MotionGrid) -> Floats:
     """Distance travelled since the direction last changed, in m."""
     away = np.empty_like(motion.x)
     for piece in motion.pieces:
@@ -111,7 +111,7 @@ def since_reversal(motion: Motion) -> Floats:
     return away
 
 
-def _smoothed(motion: Motion, values: Floats, tau_s: float) -> Floats:
+def _smoothed(motion: MotionGrid, values: Floats, tau_s: float) -> Floats:
     from scipy.signal import lfilter  # noqa: PLC0415
 
     out = np.empty_like(values)

@@ -20,7 +20,7 @@ from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.forward_model import ForwardModel
-from forefeel.diagnosis.diagnose.regression import Fit
+from forefeel.diagnosis.diagnose.regression import ModelFit
 
 Between = Literal["band_limited", "straight", "held"]
 """What the force does between two of its samples."""
@@ -168,7 +168,7 @@ def forward_rmse(analysis: Analysis, driven: bool) -> dict[str, float | None]:
     return {key: None if m is None else rmse_m(refined(m, over), over) for key, m in models.items()}
 
 
-def _model(analysis: Analysis, fit: Fit) -> ForwardModel | None:
+def _model(analysis: Analysis, fit: ModelFit) -> ForwardModel | None:
     clipped = bool(analysis.cleaned.clipped.any())
     return None if clipped else ForwardModel.of(analysis.regression, fit)
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Motion, Shape, base_name
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, MotionGrid, Shape, base_name
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.transfer import harmonics
 
 _SETTLED = 1e-3
@@ -43,7 +43,7 @@ class ForwardModel:
     band: float
 
     @classmethod
-    def of(cls, regression: Regression, fit: Fit) -> "ForwardModel | None":
+    def of(cls, regression: RecordingRegression, fit: ModelFit) -> "ForwardModel | None":
         """The model of a fit; None when it can not be turned round.
 
         That is: a mass that is not positive or less than twice its standard error, a stiffness that pushes
@@ -140,7 +140,7 @@ class ForwardModel:
         """Forces that are known beforehand, in N at the times t."""
         total = np.zeros(len(t))
         nothing = np.empty(0)
-        motion = Motion(t, nothing, nothing, nothing, nothing, (), 1.0, decimated=False)
+        motion = MotionGrid(t, nothing, nothing, nothing, nothing, (), 1.0, decimated=False)
         for name, shape in self.model.items():
             if name == "pulsation":
                 total += harmonics(t, shape[0]) @ self.coefficients(name)
@@ -196,7 +196,7 @@ def first_order_hold(a: Floats, b: Floats, step_s: float) -> tuple[Floats, Float
     return np.ascontiguousarray(e[:n, :n]), e[:n, n] - ramp, np.ascontiguousarray(ramp)
 
 
-def _mass_error(regression: Regression, fit: Fit) -> float:
+def _mass_error(regression: RecordingRegression, fit: ModelFit) -> float:
     """Standard error of the mass in N s^2/m, from the whitened normal equations."""
     design, _ = regression.design(fit.model)
     scale = np.sqrt(np.sum(design**2, axis=0))

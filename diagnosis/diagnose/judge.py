@@ -8,7 +8,7 @@ import numpy as np
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.as_recorded import AsRecorded
 from forefeel.diagnosis.diagnose.band import acceleration_noise_m_s2
-from forefeel.diagnosis.diagnose.blocks import Gain, gain, gain_over, held_out_errors, numbers_at
+from forefeel.diagnosis.diagnose.blocks import RmsGain, gain, gain_over, held_out_errors, numbers_at
 from forefeel.diagnosis.diagnose.candidates import base_name
 from forefeel.diagnosis.diagnose.faults import Fault
 from forefeel.diagnosis.diagnose.flexible import flexible_gain, modulation_gain
@@ -20,10 +20,10 @@ from forefeel.diagnosis.diagnose.identifiability import (
     separating_motion,
 )
 from forefeel.diagnosis.diagnose.parameters import intervals, told
-from forefeel.diagnosis.diagnose.regression import Fit
-from forefeel.diagnosis.diagnose.structure import foretold_share, noise_cap_n
+from forefeel.diagnosis.diagnose.regression import ModelFit
+from forefeel.diagnosis.diagnose.structure import noise_cap_n, predictable_share
 from forefeel.diagnosis.diagnose.third_party import fingerprint
-from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
+from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, ModelError
 
 _LEAST_GAIN_OF_FLOOR = 0.01
 _RIVAL = 6.0
@@ -38,7 +38,7 @@ _NONE_AT_ZERO = {"time_delay": "delay_s", "sensor_lag": "time_constant_s", "back
 """At zero of this parameter there is no such cause: with zero in its interval it is not named."""
 
 
-Everywhere = Callable[[Fit], Fit]
+Everywhere = Callable[[ModelFit], ModelFit]
 """A model of the analysis, fitted to all of the recording that the analysis is a part of."""
 
 
@@ -57,7 +57,7 @@ class Judge:
         self.residual_n = float(np.sqrt(np.mean(self.after**2)))
         self.floor_n = analysis.noise_floor_n()
 
-    def _gain(self) -> Gain:
+    def _gain(self) -> RmsGain:
         """In the compared band; on the force as recorded when the sensor has faults."""
         if not self.faults:
             return gain(self.regression, self.before, self.after)
@@ -104,7 +104,7 @@ class Judge:
 
     def _structured_share(self) -> float:
         """Share of what is left that is no noise: by its memory, by a flexible model, by its size."""
-        foretold = foretold_share(self.regression, self.fit)
+        foretold = predictable_share(self.regression, self.fit)
         flexible = flexible_gain(self.regression, self.fit)
         shares = [foretold if foretold > _FORETOLD else 0.0]
         if flexible.low > _FLEXIBLE and flexible.gain > 2.0 * _FLEXIBLE:
@@ -132,7 +132,7 @@ class Judge:
                 groups.append((base_name(name), *sorted(equals)))
         return tuple(groups)
 
-    def _as_good(self, rest: Fit, other: str) -> bool:
+    def _as_good(self, rest: ModelFit, other: str) -> bool:
         worst = self.fit.score + _RIVAL + _NEAR * abs(rest.score - self.fit.score)
         trial = self.search.best_with(rest, other, worst)
         if trial is None or trial.score >= self.fit.score + _RIVAL:
@@ -212,8 +212,8 @@ class Judge:
             motion,
             self.analysis.flags(),
             self.floor_n,
-            Stage(self.held_out.before_n, base),
-            Stage(self.held_out.after_n, {**linear, **extended}),
+            ModelError(self.held_out.before_n, base),
+            ModelError(self.held_out.after_n, {**linear, **extended}),
             {"before_m": None, "after_m": None},
             held,
             (),
@@ -221,7 +221,7 @@ class Judge:
         )
 
 
-def _evidence(name: str, likelihood: float, own: Gain) -> Evidence:
+def _evidence(name: str, likelihood: float, own: RmsGain) -> Evidence:
     words = (
         f"without it the penalised -2 log likelihood is {likelihood:.0f} worse; it lessens the error on "
         f"held-out blocks by {100 * own.gain:.0f} % ({100 * own.low:.0f} to {100 * own.high:.0f} %)"

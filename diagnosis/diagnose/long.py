@@ -20,13 +20,13 @@ import numpy as np
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.analysis import Analysis, analyse, residual_rms_n
 from forefeel.diagnosis.diagnose.band import cutoff_hz
-from forefeel.diagnosis.diagnose.blocks import Gain
+from forefeel.diagnosis.diagnose.blocks import RmsGain
 from forefeel.diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
 from forefeel.diagnosis.diagnose.parameters import told
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.search import Search
 from forefeel.diagnosis.diagnose.signals import Mask
-from forefeel.diagnosis.diagnose.verdict import Diagnosis, HeldOut, Stage
+from forefeel.diagnosis.diagnose.verdict import Diagnosis, HeldOut, ModelError
 from forefeel.diagnosis.diagnose.whole import Fitted, Whole, cut, fitted, gain_of
 
 FLAG = "searched_on_stretches"
@@ -44,7 +44,7 @@ _NOTHING = 1e-3
 """A cause stays when it lets the held-out error fall by more than this share."""
 _HALF = 0.15
 
-Judge = Callable[[Analysis, Callable[[Fit], Fit]], Diagnosis]
+Judge = Callable[[Analysis, Callable[[ModelFit], ModelFit]], Diagnosis]
 Progress = Callable[[str], None]
 
 
@@ -61,7 +61,7 @@ class Everywhere:
     before: Fitted
     after: Fitted
 
-    def fit(self, fit: Fit) -> Fit:
+    def fit(self, fit: ModelFit) -> ModelFit:
         """A model of the stretches, fitted to all chunks."""
         return self.after.fit if fit.model == self.after.fit.model else fitted(self.whole, fit).fit
 
@@ -144,7 +144,7 @@ def diagnose_long(found: Everywhere, judge: Judge) -> tuple[Diagnosis, Analysis]
     base = dict(zip(intervals[""], map(float, found.before.fit.coefficients * sense), strict=True))
     whole = replace(
         judged, causes=causes, flags=_flags(judged, found), held_out=_held_out(gain),
-        baseline=Stage(gain.before_n, base), extended=Stage(gain.after_n, named),
+        baseline=ModelError(gain.before_n, base), extended=ModelError(gain.after_n, named),
     )  # fmt: skip
     return whole, replace(analysis, fit=found.after.fit)
 
@@ -172,7 +172,7 @@ def _since_start(analysis: Analysis, start_s: float) -> Analysis:
     old = analysis.regression
     late_s = old.signals.origin_s - start_s
     old.signals.moved_to(start_s)
-    new = Regression(old.signals, old.extent.speed_band)
+    new = RecordingRegression(old.signals, old.extent.speed_band)
     new.extent, new.sense = old.extent, old.sense
     new.whiten_by(old.noise)
     model = dict(analysis.fit.model)
@@ -181,7 +181,7 @@ def _since_start(analysis: Analysis, start_s: float) -> Analysis:
     return replace(analysis, regression=new, search=Search(new), fit=new.fit(model))
 
 
-def _in_phase(whole: Whole, fit: Fit) -> Fit:
+def _in_phase(whole: Whole, fit: ModelFit) -> ModelFit:
     """The frequency of pulses by how their phase runs from chunk to chunk; of its half there is no trace."""
     owners = np.array(fit.owners)
     own, rest = np.flatnonzero(owners == "pulsation"), np.flatnonzero(owners != "pulsation")
@@ -204,7 +204,7 @@ def _in_phase(whole: Whole, fit: Fit) -> Fit:
     return replace(fit, model={**fit.model, "pulsation": (twice * (fit.model["pulsation"][0] + off_hz),)})
 
 
-def _changed_when(whole: Whole, fit: Fit) -> Fit:
+def _changed_when(whole: Whole, fit: ModelFit) -> ModelFit:
     """The instant of a change that leaves least: errors unchanged before it, changed after it."""
     total, least, best_s = 0.0, 0.0, 0.0
     for _, regression in whole.regressions():
@@ -250,5 +250,5 @@ def _flags(judged: Diagnosis, found: Everywhere) -> tuple[str, ...]:
     return (*kept, *(["gaps"] if found.gaps else []), FLAG)
 
 
-def _held_out(gain: Gain) -> HeldOut:
+def _held_out(gain: RmsGain) -> HeldOut:
     return HeldOut(gain.before_n, gain.after_n, gain.gain, gain.low, gain.high)

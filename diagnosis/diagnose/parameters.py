@@ -6,7 +6,7 @@ import numpy as np
 
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Shape, base_name
-from forefeel.diagnosis.diagnose.regression import BASE, Fit, Regression
+from forefeel.diagnosis.diagnose.regression import BASE, ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.verdict import Interval
 
 _DRAWS = 2000
@@ -81,7 +81,9 @@ NAMINGS: dict[str, Naming] = {
 
 
 def intervals(
-    regression: Regression, fit: Fit, elsewhere: tuple[Regression, Fit] | None = None
+    regression: RecordingRegression,
+    fit: ModelFit,
+    elsewhere: tuple[RecordingRegression, ModelFit] | None = None,
 ) -> dict[str, dict[str, Interval]]:
     """95 % intervals of each cause's parameters, and of mass, damping, stiffness under "".
 
@@ -105,7 +107,7 @@ def told(parameters: dict[str, Interval]) -> dict[str, Interval]:
 
 
 def intervals_by(
-    fit: Fit, covariance: Floats, start: float, sense: float, moved: dict[str, Values] | None = None
+    fit: ModelFit, covariance: Floats, start: float, sense: float, moved: dict[str, Values] | None = None
 ) -> dict[str, dict[str, Interval]]:
     """As `intervals`, by a known covariance of coefficients and shapes; `start`: stamp of the start.
 
@@ -142,19 +144,19 @@ def _interval(value: float, drawn: Floats, moved: float, least: float) -> Interv
     return Interval(float(value), float(max(value - below, min(least, value))), float(value + above))
 
 
-def _named_by(regression: Regression, fit: Fit) -> dict[str, Values]:
+def _named_by(regression: RecordingRegression, fit: ModelFit) -> dict[str, Values]:
     theta, sizes = _point(fit)
     return _named(fit, theta, sizes, regression.signals.origin_s, regression.sense)
 
 
-def _point(fit: Fit) -> tuple[Floats, list[tuple[str, int]]]:
+def _point(fit: ModelFit) -> tuple[Floats, list[tuple[str, int]]]:
     shapes = [(name, len(shape)) for name, shape in fit.model.items()]
     flat = [value for shape in fit.model.values() for value in shape]
     return np.concatenate([fit.coefficients, flat]), shapes
 
 
 def _named(
-    fit: Fit, theta: Floats, sizes: list[tuple[str, int]], start: float, sense: float
+    fit: ModelFit, theta: Floats, sizes: list[tuple[str, int]], start: float, sense: float
 ) -> dict[str, Values]:
     count = len(fit.owners)
     linear, at = theta[:count] * sense, count
@@ -168,7 +170,7 @@ def _named(
     return named
 
 
-def _covariance(regression: Regression, fit: Fit) -> Floats:
+def _covariance(regression: RecordingRegression, fit: ModelFit) -> Floats:
     jacobian = jacobian_of(regression, fit)
     design = jacobian[:, : len(fit.coefficients)]
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
@@ -194,7 +196,7 @@ def _robust(jacobian: Floats, residual: Floats, inverse: Floats) -> Floats:
     return np.asarray(np.sum(moved**2, axis=0) * _BLOCKS / (_BLOCKS - 1))
 
 
-def jacobian_of(regression: Regression, fit: Fit) -> Floats:
+def jacobian_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
     """Derivatives of the whitened prediction by coefficients and shapes, at the rows that count."""
     design, _ = regression.design(fit.model)
     slopes = [
@@ -203,7 +205,7 @@ def jacobian_of(regression: Regression, fit: Fit) -> Floats:
     return np.column_stack([design, *slopes])
 
 
-def _slope(regression: Regression, fit: Fit, name: str, index: int) -> Floats:
+def _slope(regression: RecordingRegression, fit: ModelFit, name: str, index: int) -> Floats:
     """Derivative of the whitened prediction by one shape parameter, by a central difference."""
     shape = fit.model[name]
     grid = [point[index] for point in CANDIDATES[name].grid(regression.extent)] if name != "pulsation" else []

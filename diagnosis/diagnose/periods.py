@@ -7,7 +7,7 @@ from scipy.fft import rfft, rfftfreq
 
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.candidates import Shape, base_name
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 PULSATION_HZ = 0.12, 4.0
 _ALIKE = 0.9
@@ -18,10 +18,10 @@ _SEEN_FROM_BELOW = 2.5
 class Periods:
     """Of one regression's recording."""
 
-    def __init__(self, regression: Regression) -> None:
+    def __init__(self, regression: RecordingRegression) -> None:
         self.regression = regression
 
-    def lines(self, fit: Fit, count: int = 4) -> list[Shape]:
+    def lines(self, fit: ModelFit, count: int = 4) -> list[Shape]:
         """The strongest lines of the whitened residual where pulses can be, and their halves."""
         regression = self.regression
         design, _ = regression.design(fit.model)
@@ -77,7 +77,7 @@ class Periods:
         first = likeness[again[0] : again[0] + max(2, int(again[0]) // 4)]  # the whole of the first peak
         return float(again[0] + int(np.argmax(first))) / rate
 
-    def echo(self, fit: Fit) -> bool:
+    def echo(self, fit: ModelFit) -> bool:
         """Whether most of the pulses' power is at harmonics of a motion that repeats."""
         period_s, (frequency_hz,) = self._motion_period_s, fit.model["pulsation"]
         if period_s is None or self.regression.extent.duration_s < _MANY * period_s:

@@ -7,7 +7,7 @@ import numpy as np
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.estimation.default_model import linear_model
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import prepare
 from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.diagnosis.evaluation.replay import replay
@@ -47,7 +47,7 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
             recording.force_n[cut],
             recording.source,
         )
-    prepared = prepare(recording, Link(DELAY_S, 0.0, 0.0, 0))
+    prepared = prepare(recording, DelayedLink(DELAY_S, 0.0, 0.0, 0))
     errors = []
     for model in (linear_model(), extended):
         trace = replay(recording, prepared.arrivals, METHODS["forefeel"](model))

@@ -6,7 +6,7 @@ from scipy.optimize import minimize, minimize_scalar
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Candidate, Model
 from forefeel.diagnosis.diagnose.periods import Periods
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 _BEYOND = 1.2
 
@@ -14,16 +14,16 @@ _BEYOND = 1.2
 class Refiner:
     """Fits models to one regression and refines their shapes; `evaluations` counts the least squares."""
 
-    def __init__(self, regression: Regression) -> None:
+    def __init__(self, regression: RecordingRegression) -> None:
         self.regression, self.periods = regression, Periods(regression)
         self.evaluations = 0
 
-    def fit(self, model: Model) -> Fit:
+    def fit(self, model: Model) -> ModelFit:
         """One least squares."""
         self.evaluations += 1
         return self.regression.fit(model)
 
-    def refined(self, fit: Fit, only: str | None = None, sweeps: int = 2, most: int = 70) -> Fit:
+    def refined(self, fit: ModelFit, only: str | None = None, sweeps: int = 2, most: int = 70) -> ModelFit:
         """Shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes of one
         cause jointly, in at most `most` trials.
         """
@@ -36,12 +36,12 @@ class Refiner:
                 break
         return fit
 
-    def _refine_one(self, fit: Fit, name: str, wide: bool, most: int) -> Fit:
+    def _refine_one(self, fit: ModelFit, name: str, wide: bool, most: int) -> ModelFit:
         if len(fit.model[name]) > 1:
             return self._refine_jointly(fit, name, most)
         return self._refine_alone(fit, name, wide)
 
-    def _refine_jointly(self, fit: Fit, name: str, most: int) -> Fit:
+    def _refine_jointly(self, fit: ModelFit, name: str, most: int) -> ModelFit:
         """Shapes of one cause that trade against each other: a simplex on their logarithms."""
         best = lowest = fit
         grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
@@ -67,7 +67,7 @@ class Refiner:
         )
         return best if best.score < lowest.score + 1.0 else lowest
 
-    def _refine_alone(self, fit: Fit, name: str, wide: bool) -> Fit:
+    def _refine_alone(self, fit: ModelFit, name: str, wide: bool) -> ModelFit:
         """The one shape of a cause."""
         low, high, logarithmic = self._bracket(CANDIDATES[name], fit.model[name][0], wide)
         best = fit

@@ -18,7 +18,7 @@ from forefeel.diagnosis.diagnose.candidates import (
     Candidate,
     Extent,
     Model,
-    Motion,
+    MotionGrid,
     Shape,
     play,
     touch,
@@ -36,7 +36,7 @@ _CANCELLED = 1e-9  # of the target's power: less can not be told by inner produc
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class ModelFit:
     """A model's linear parameters and what it leaves.
 
     `rss` is that of the whitened residual over `n` rows, in units of the noise's innovation; `owners` names
@@ -70,7 +70,7 @@ class Block:
     number: int
 
 
-class Regression:
+class RecordingRegression:
     """Fits models to one conditioned recording.
 
     Attributes:
@@ -83,11 +83,11 @@ class Regression:
         self.signals = signals
         self.extent = Extent.of(signals, speed_band)
         s = signals
-        self._motion = Motion(
+        self._motion = MotionGrid(
             s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band,
             s.decimated,
         )  # fmt: skip
-        self._motions: OrderedDict[object, Motion] = OrderedDict()
+        self._motions: OrderedDict[object, MotionGrid] = OrderedDict()
         self._spectra: OrderedDict[object, list[Spectrum]] = OrderedDict()
         self._whitened: OrderedDict[object, Block] = OrderedDict()
         self._made = 0
@@ -116,7 +116,7 @@ class Regression:
         self._whitened.clear()
         self._products: dict[tuple[int, int], Floats] = {}
 
-    def fit(self, model: Model) -> Fit:
+    def fit(self, model: Model) -> ModelFit:
         """Least squares at these shapes, by inner products that are remembered."""
         blocks = [self._white_block(model, name, shape) for name, shape in [("", ()), *model.items()]]
         owners = self._owners(model, blocks)
@@ -128,7 +128,7 @@ class Regression:
             coefficients[kept], rss = solve(self.design(model)[0][:, kept], self.target)
         n = len(self.target)
         penalty = penalty_of(owners, model, n)
-        return Fit(
+        return ModelFit(
             model,
             coefficients,
             owners,
@@ -200,7 +200,7 @@ class Regression:
             self._aligning = key, alignment(self.signals.omega, model)
         return self._aligning[1]
 
-    def predicted(self, fit: Fit, leave: str | None = None) -> Floats:
+    def predicted(self, fit: ModelFit, leave: str | None = None) -> Floats:
         """The model's force on the coarse grid, without the share of the cause `leave`."""
         total = np.zeros(len(self.signals.t))
         for name, shape in [("", ()), *fit.model.items()]:
@@ -209,11 +209,11 @@ class Regression:
                 total += block @ fit.of(name)
         return total
 
-    def residual(self, fit: Fit) -> Floats:
+    def residual(self, fit: ModelFit) -> Floats:
         """Force less the model's, on the coarse grid."""
         return np.asarray(self.signals.force - self.predicted(fit))
 
-    def motion(self, model: Model) -> Motion:
+    def motion(self, model: Model) -> MotionGrid:
         """The motion that the wall sees in this model."""
         key = frame(model, ("motion", "contact"))
         if key not in self._motions:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.regression import RecordingRegression
 
 _HALF_S = 0.08
 _ORDER = 3
@@ -28,7 +28,7 @@ class Jump:
     of_acceleration: bool
 
 
-def jump_at_reversals(regression: Regression) -> Jump | None:
+def jump_at_reversals(regression: RecordingRegression) -> Jump | None:
     """Both jumps over all reversals; None where there are too few, or no dry friction.
 
     Around each reversal force, acceleration and direction, all through the same filter, lose a cubic in time;
@@ -57,7 +57,7 @@ def jump_at_reversals(regression: Regression) -> Jump | None:
     return Jump(len(at), of_force, of_inertia, float(low), float(high), driven)
 
 
-def _reversals(regression: Regression, speed: Floats, direction: Floats, half: int) -> list[int]:
+def _reversals(regression: RecordingRegression, speed: Floats, direction: Floats, half: int) -> list[int]:
     """Coarse indices where the speed changes its sign and the direction really turns, apart by `half`."""
     found: list[int] = []
     rows = regression.signals.rows

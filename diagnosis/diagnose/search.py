@@ -8,7 +8,7 @@ import numpy as np
 
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES, DRY, Model, Shape, base_name
 from forefeel.diagnosis.diagnose.refine import Refiner
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for one more cause."""
@@ -43,11 +43,11 @@ class Search(Refiner):
         names: the candidates that may be used; by default all that are known now.
     """
 
-    def __init__(self, regression: Regression, names: Iterable[str] | None = None) -> None:
+    def __init__(self, regression: RecordingRegression, names: Iterable[str] | None = None) -> None:
         super().__init__(regression)
         self.names = [name for name in (CANDIDATES if names is None else names) if name in CANDIDATES]
 
-    def run(self, start: Model, passed: dict[frozenset[str], float] | None = None) -> Fit:
+    def run(self, start: Model, passed: dict[frozenset[str], float] | None = None) -> ModelFit:
         """The model that no single step betters, from `start` on.
 
         `passed`: names and scores of the models that earlier runs went on from; a run that meets one of them
@@ -66,7 +66,7 @@ class Search(Refiner):
             best = step
         return self._symmetric(best)
 
-    def _sound(self, fit: Fit) -> Fit:
+    def _sound(self, fit: ModelFit) -> ModelFit:
         """Without causes that the data ask to be something that they can not be."""
         while not fit.feasible and fit.model:
             fit = min(
@@ -74,7 +74,7 @@ class Search(Refiner):
             )
         return fit
 
-    def _symmetric(self, fit: Fit) -> Fit:
+    def _symmetric(self, fit: ModelFit) -> ModelFit:
         """Levels that differ by direction are an offset of the cell where the recording can not tell them
         apart.
         """
@@ -86,7 +86,7 @@ class Search(Refiner):
             return fit
         return self._backward(offset) or offset
 
-    def run_from_several(self, enough_n: float | None) -> Fit:
+    def run_from_several(self, enough_n: float | None) -> ModelFit:
         """As `run` from nothing; again from the runner-up of the first step, with one more cause, and from
         others while more than `enough_n` is left.
 
@@ -115,7 +115,7 @@ class Search(Refiner):
                 best = other
         return best
 
-    def best_with(self, fit: Fit, name: str, near: float = np.inf) -> Fit | None:
+    def best_with(self, fit: ModelFit, name: str, near: float = np.inf) -> ModelFit | None:
         """The model with one more cause, its shape refined; None when no shape is feasible, or the score on
         the grid is not below `near`.
         """
@@ -123,9 +123,9 @@ class Search(Refiner):
         best = None if coarse is None or coarse.score > near else self.refined(coarse, only=name)
         return None if best is None or not best.feasible else best
 
-    def _scan(self, fit: Fit, name: str) -> Fit | None:
+    def _scan(self, fit: ModelFit, name: str) -> ModelFit | None:
         """The best shape on the grid."""
-        found: Fit | None = None
+        found: ModelFit | None = None
         for shape in self._shapes(fit, name):
             trial = self._quick(fit, name, shape)
             margin = 0.0 if found is None or name != "pulsation" else _SUBHARMONIC
@@ -134,10 +134,10 @@ class Search(Refiner):
                 found = trial
         return found
 
-    def _quick(self, fit: Fit, name: str, shape: Shape) -> Fit:
+    def _quick(self, fit: ModelFit, name: str, shape: Shape) -> ModelFit:
         return self.fit({**fit.model, name: shape})
 
-    def _shapes(self, fit: Fit, name: str) -> list[Shape]:
+    def _shapes(self, fit: ModelFit, name: str) -> list[Shape]:
         if name == "pulsation":
             return self.periods.lines(fit)
         if base_name(name) == "unmodelled_resonance":
@@ -148,7 +148,7 @@ class Search(Refiner):
             return [fit.model[name], *CANDIDATES[name].grid(self.regression.extent)]
         return CANDIDATES[name].grid(self.regression.extent)
 
-    def _forward(self, fit: Fit) -> Fit | None:
+    def _forward(self, fit: ModelFit) -> ModelFit | None:
         """The best of all models with one more cause, when it is worth it."""
         if len(fit.model) >= MOST_CAUSES:
             return None
@@ -164,14 +164,14 @@ class Search(Refiner):
         best = self.refined(min(refined, key=lambda trial: trial.score))
         return best if best.feasible and self.worth(best, fit) else None
 
-    def _open(self, fit: Fit, name: str) -> bool:
+    def _open(self, fit: ModelFit, name: str) -> bool:
         """Whether neither a form of that name nor another description of the same contact is in the model
         yet.
         """
         taken = {base_name(other) for other in fit.model}
         return base_name(name) not in taken and not (base_name(name) in DRY and taken & DRY)
 
-    def worth(self, more: Fit, less: Fit) -> bool:
+    def worth(self, more: ModelFit, less: ModelFit) -> bool:
         """Whether the larger model is better by likelihood and in size."""
         names = {base_name(name) for name in set(more.model) - set(less.model)}
         # every load cell has a bias: it is named when it is there, however small beside the rest
@@ -180,32 +180,32 @@ class Search(Refiner):
         ratio = PRACTICAL_OF.get(next(iter(names)) if len(names) == 1 else "", PRACTICAL)
         return less.rss > more.rss * ratio**2 or self.plain_rms(less) > self.plain_rms(more) * ratio
 
-    def plain_rms(self, fit: Fit) -> float:
+    def plain_rms(self, fit: ModelFit) -> float:
         """Of the residual in N, not whitened."""
         return float(np.sqrt(np.mean(self.regression.residual(fit)[self.regression.rows] ** 2)))
 
-    def _backward(self, fit: Fit) -> Fit | None:
+    def _backward(self, fit: ModelFit) -> ModelFit | None:
         """The model without its least useful cause, when that is not worth its place."""
         smaller = [self.without(fit, name) for name in fit.model]
         smaller = [trial for trial in smaller if trial.feasible and not self.worth(fit, trial)]
         return min(smaller, key=lambda trial: trial.score) if smaller else None
 
-    def without(self, fit: Fit, name: str) -> Fit:
+    def without(self, fit: ModelFit, name: str) -> ModelFit:
         """The rest refitted."""
         rest = {n: shape for n, shape in fit.model.items() if n != name}
         return self.refined(self.fit(rest), sweeps=1)
 
-    def _clearly(self, fit: Fit) -> float:
+    def _clearly(self, fit: ModelFit) -> float:
         """By how much an exchange must better the score; while the noise is taken for white, which overstates
         it, the residual's power must fall by a hundredth, too.
         """
         return 2.0 if self.regression.coloured else max(2.0, 0.01 * fit.n)
 
-    def _exchange(self, fit: Fit) -> Fit | None:
+    def _exchange(self, fit: ModelFit) -> ModelFit | None:
         """The best model in which one cause gave way to another."""
         if not fit.model:
             return None
-        best: Fit | None = None
+        best: ModelFit | None = None
         for name in fit.model:
             rest = self.fit({n: shape for n, shape in fit.model.items() if n != name})
             scanned = [

@@ -34,7 +34,7 @@ _LEAST_SEGMENT = 3.0  # in edges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
+class SignalPiece:
     """One gapless stretch: lengths of its grids, raw, fine and coarse, padding included."""
 
     start_s: float
@@ -72,8 +72,8 @@ class Signals:
     def __init__(self, recording: Recording, force_n: Floats, cutoff_hz: float, unusable: Mask) -> None:
         self.cutoff_hz = cutoff_hz
         self.origin_s = float(recording.time_s[0])
-        self.pieces: list[Piece] = []
-        self._gains: dict[Piece, Floats] = {}
+        self.pieces: list[SignalPiece] = []
+        self._gains: dict[SignalPiece, Floats] = {}
         self.motion_reach_hz, self.even_hz = 0.0, 1.0
         self.even_m: Floats = np.empty(0)
         self._raw: list[tuple[Spectrum, Spectrum]] = []
@@ -164,19 +164,19 @@ class Signals:
         """Of the first piece; they differ by rounding."""
         return self.pieces[0].coarse / self.pieces[0].span_s
 
-    def _gain(self, grid: Piece) -> Floats:
+    def _gain(self, grid: SignalPiece) -> Floats:
         """Of the low-pass at each bin of the coarse grid."""
         frequency_hz = np.asarray(np.arange(grid.coarse // 2 + 1) / grid.span_s, dtype=np.float64)
         return response(frequency_hz, self.cutoff_hz)
 
-    def _cut(self, grid: Piece, spectrum: Spectrum, length: int, derivative: int) -> Spectrum:
+    def _cut(self, grid: SignalPiece, spectrum: Spectrum, length: int, derivative: int) -> Spectrum:
         bins = grid.coarse // 2 + 1
         cut = spectrum[:bins] * (self._gains[grid] * (grid.coarse / length))
         if derivative:
             cut *= (2j * np.pi * np.arange(bins) / grid.span_s) ** derivative
         return np.asarray(cut)
 
-    def _motion(self, grid: Piece, x_spec: Spectrum) -> tuple[Floats, ...]:
+    def _motion(self, grid: SignalPiece, x_spec: Spectrum) -> tuple[Floats, ...]:
         bins = min(grid.fine // 2 + 1, len(x_spec))
         frequency = np.asarray(np.arange(bins) / grid.span_s, dtype=np.float64)
         wide = response(frequency, 2.0 * self.cutoff_hz)
@@ -191,7 +191,7 @@ class Signals:
         x, v, a = (irfft(row, grid.fine) for row in full)
         return t, x, v, a
 
-    def _coarse(self, grid: Piece, f_spec: Spectrum, bad: Mask) -> tuple[Floats, Floats, Mask]:
+    def _coarse(self, grid: SignalPiece, f_spec: Spectrum, bad: Mask) -> tuple[Floats, Floats, Mask]:
         t = np.asarray(np.arange(grid.coarse) * (grid.span_s / grid.coarse), dtype=np.float64)
         edge_s = _EDGE / self.cutoff_hz
         length_s = (grid.samples - 1) * grid.period_s
@@ -211,7 +211,7 @@ def _gap_s(recording: Recording) -> float:
     return max(0.1, 3.5 / recording.rate_hz)
 
 
-def _grid(time_s: Floats, cutoff_hz: float) -> Piece | None:
+def _grid(time_s: Floats, cutoff_hz: float) -> SignalPiece | None:
     edge_s = _EDGE / cutoff_hz
     if len(time_s) < 16 or time_s[-1] - time_s[0] < _LEAST_SEGMENT * edge_s:
         return None
@@ -225,10 +225,12 @@ def _grid(time_s: Floats, cutoff_hz: float) -> Piece | None:
     fine = min(next_fast_len(int(_FINE_PER_BAND * cutoff_hz * span_s), real=True), max(padded, 2 * coarse))
     fine = max(fine, coarse)
     fine += fine % 2
-    return Piece(float(time_s[0]), period_s, samples, padded, fine, coarse)
+    return SignalPiece(float(time_s[0]), period_s, samples, padded, fine, coarse)
 
 
-def _uniform(time_s: Floats, grid: Piece, x: Floats, f: Floats, bad: Mask) -> tuple[Floats, Floats, Mask]:
+def _uniform(
+    time_s: Floats, grid: SignalPiece, x: Floats, f: Floats, bad: Mask
+) -> tuple[Floats, Floats, Mask]:
     """Onto an even grid; even stamps, up to their rounding, are taken as they are."""
     even = np.asarray(grid.start_s + np.arange(grid.samples) * grid.period_s, dtype=np.float64)
     if len(even) == len(time_s) and np.max(np.abs(even - time_s)) < 0.05 * grid.period_s:
@@ -256,7 +258,7 @@ def _padded(values: Floats, length: int) -> Floats:
     return np.concatenate([values, fade * after + (1.0 - fade) * before])
 
 
-def _above_noise(x: Floats, grid: Piece, bins: int) -> Floats:
+def _above_noise(x: Floats, grid: SignalPiece, bins: int) -> Floats:
     """One up to where the position's spectrum sinks into the encoder's noise, zero beyond: no noise is
     derived.
 

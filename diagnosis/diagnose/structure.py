@@ -5,7 +5,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 HORIZON_S = 0.04
 _TAPS = 12
@@ -16,7 +16,7 @@ _MOST_SAMPLES = 600_000
 _SPREAD_S = 0.5
 
 
-def foretold_share(regression: Regression, fit: Fit) -> float:
+def predictable_share(regression: RecordingRegression, fit: ModelFit) -> float:
     """Share of the residual's variance that its own past, at least 40 ms old, tells on the held-out half.
 
     First-order noise with a corner of 5 Hz or more leaves at most exp(-4 pi 5 0.04) = 8 %.
@@ -53,7 +53,7 @@ def noise_cap_n(recording: Recording, force_n: Floats) -> float | None:
     return size / float(np.sqrt(1.0 - np.exp(-4.0 * np.pi * _CORNER_HZ / recording.rate_hz)))
 
 
-def _pairs(residual: Floats, rows: Floats, regression: Regression) -> tuple[Floats, Floats]:
+def _pairs(residual: Floats, rows: Floats, regression: RecordingRegression) -> tuple[Floats, Floats]:
     rate = regression.signals.coarse_rate_hz
     first = max(1, int(np.ceil(HORIZON_S * rate)))
     lags = np.unique(

@@ -17,7 +17,7 @@ import numpy as np
 from forefeel.common.effects.base import Effect, ForceEffect, Parameter
 from forefeel.common.effects.registry import OWN, effect_class, effect_names
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Candidate, Extent, Motion, Shape
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Candidate, Extent, MotionGrid, Shape
 from forefeel.diagnosis.diagnose.extended import MAKERS, Entry
 from forefeel.diagnosis.diagnose.parameters import NAMINGS
 
@@ -47,7 +47,7 @@ class ThirdParty:
             self.kind.name, "force", self._signs(), self.columns, self.grid, logarithmic=True, at_wall=at_wall
         )
 
-    def columns(self, motion: Motion, shape: Shape) -> list[Floats]:
+    def columns(self, motion: MotionGrid, shape: Shape) -> list[Floats]:
         """Its span over the motion, each stretch from rest."""
         if self.kind.site == "sensor":
             motion = replace(motion, touching=np.ones_like(motion.t))
@@ -106,7 +106,7 @@ def third_party_candidates(said: Callable[[str], None] = lambda line: None) -> M
     return {name: effect.candidate() for name, effect in _searchable(said).items()}
 
 
-def take_in(said: Callable[[str], None] = lambda line: None) -> None:
+def register_plugins(said: Callable[[str], None] = lambda line: None) -> None:
     """Lets CANDIDATES, NAMINGS and MAKERS know what is installed now, and nothing that no longer is."""
     found = _searchable(said)
     for known in (CANDIDATES, NAMINGS, MAKERS):

@@ -42,7 +42,7 @@ class Cause:
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class ModelError:
     """rms of the residual in N of a model, and its parameters."""
 
     rmse_n: float
@@ -72,8 +72,8 @@ class Diagnosis:
     suggested_motion: str | None
     flags: tuple[str, ...]
     noise_floor_n: float
-    baseline: Stage
-    extended: Stage
+    baseline: ModelError
+    extended: ModelError
     forward_rmse: dict[str, float | None]
     held_out: HeldOut
     words: tuple[str, ...] = ()

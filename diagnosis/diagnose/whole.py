@@ -13,10 +13,10 @@ import numpy as np
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.blocks import Gain
+from forefeel.diagnosis.diagnose.blocks import RmsGain
 from forefeel.diagnosis.diagnose.candidates import Shape
 from forefeel.diagnosis.diagnose.parameters import intervals_by, jacobian_of
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.signals import Mask, Signals
 from forefeel.diagnosis.diagnose.verdict import Interval
 
@@ -56,9 +56,9 @@ class Whole:
     recording: Recording
     unusable: Mask
     chunks: Sequence[slice]
-    like: Regression
+    like: RecordingRegression
 
-    def regressions(self) -> Iterator[tuple[int, Regression]]:
+    def regressions(self) -> Iterator[tuple[int, RecordingRegression]]:
         """Number and regression of every chunk that is long enough, times since the recording's start."""
         for number, chunk in enumerate(self.chunks):
             part = cut(self.recording, chunk)
@@ -70,12 +70,12 @@ class Whole:
             if np.count_nonzero(signals.rows) < 50:
                 continue
             signals.moved_to(float(self.recording.time_s[0]))
-            regression = Regression(signals, self.like.extent.speed_band)
+            regression = RecordingRegression(signals, self.like.extent.speed_band)
             regression.extent, regression.sense = self.like.extent, self.like.sense
             regression.whiten_by(self.like.noise)
             yield number, regression
 
-    def sums(self, fit: Fit) -> dict[int, Sums]:
+    def sums(self, fit: ModelFit) -> dict[int, Sums]:
         """Of every chunk, at the shapes of the fit."""
         return {number: _sums(regression, fit) for number, regression in self.regressions()}
 
@@ -93,7 +93,7 @@ def cut(recording: Recording, part: slice) -> Recording:
 class Fitted:
     """A fit to all chunks and the sums that it rests on."""
 
-    fit: Fit
+    fit: ModelFit
     sums: dict[int, Sums]
 
     def rms_n(self) -> dict[int, float]:
@@ -140,7 +140,7 @@ class Fitted:
         return theta
 
 
-def fitted(whole: Whole, fit: Fit, steps: int = 2) -> Fitted:
+def fitted(whole: Whole, fit: ModelFit, steps: int = 2) -> Fitted:
     """The fit to all chunks: coefficients, and up to `steps` Gauss-Newton steps of the shapes that help."""
     best = _at(fit, whole.sums(fit))
     for _ in range(steps if any(fit.model.values()) else 0):
@@ -152,17 +152,17 @@ def fitted(whole: Whole, fit: Fit, steps: int = 2) -> Fitted:
     return best
 
 
-def gain_of(before: Fitted, after: Fitted, blocks: int = 16) -> Gain:
+def gain_of(before: Fitted, after: Fitted, blocks: int = 16) -> RmsGain:
     """Held-out gain with its interval by drawing blocks of chunks."""
     (first, rows), (second, _) = before.held_out(blocks), after.held_out(blocks)
     drawn = np.random.default_rng(0).integers(len(rows), size=(_DRAWS, len(rows)))
     ratios = 1.0 - np.sqrt(second[drawn].sum(axis=1) / np.maximum(first[drawn].sum(axis=1), 1e-300))
     low, high = np.quantile(ratios, (0.025, 0.975))
     sizes = [float(np.sqrt(np.sum(e) / np.sum(rows))) for e in (first, second)]
-    return Gain(sizes[0], sizes[1], 1.0 - sizes[1] / max(sizes[0], 1e-300), float(low), float(high))
+    return RmsGain(sizes[0], sizes[1], 1.0 - sizes[1] / max(sizes[0], 1e-300), float(low), float(high))
 
 
-def _sums(regression: Regression, fit: Fit) -> Sums:
+def _sums(regression: RecordingRegression, fit: ModelFit) -> Sums:
     jacobian, y = jacobian_of(regression, fit), regression.target
     plain = np.hstack([regression.block(fit.model, n, s) for n, s in [("", ()), *fit.model.items()]])
     plain, force = plain[regression.rows], regression.signals.force[regression.rows]
@@ -172,7 +172,7 @@ def _sums(regression: Regression, fit: Fit) -> Sums:
     )  # fmt: skip
 
 
-def _at(fit: Fit, sums: dict[int, Sums]) -> Fitted:
+def _at(fit: ModelFit, sums: dict[int, Sums]) -> Fitted:
     """Coefficients and what they leave, at the shapes that the sums were made for."""
     count = len(fit.owners)
     gram = np.sum([s.gram for s in sums.values()], axis=0)[:count, :count]
@@ -183,7 +183,7 @@ def _at(fit: Fit, sums: dict[int, Sums]) -> Fitted:
     return Fitted(replace(fit, coefficients=theta, rss=rss, n=n), sums)
 
 
-def _stepped(at: Fitted) -> Fit:
+def _stepped(at: Fitted) -> ModelFit:
     """One Gauss-Newton step of coefficients and shapes together, no shape by more than a fifth."""
     fit, count = at.fit, len(at.fit.owners)
     gram = np.sum([s.gram for s in at.sums.values()], axis=0)

@@ -15,7 +15,7 @@ LONGEST_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class DelayedLink:
     """The way of a force to the master.
 
     Attributes:
@@ -62,7 +62,7 @@ class Arrivals:
         return [order[start:stop] for start, stop in pairwise(edges)]
 
 
-def arrivals(time_s: Floats, link: Link) -> Arrivals:
+def arrivals(time_s: Floats, link: DelayedLink) -> Arrivals:
     """The arrivals of the forces stamped `time_s` (increasing).
 
     Sample i has arrived at the stamp t if time_s[i] <= t - latency_i, computed so: without jitter that is the

@@ -9,10 +9,10 @@ from forefeel.common.effects.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.recording.recording import GAP_S, Recording
-from forefeel.diagnosis.evaluation.arrivals import Arrivals, Link, arrivals
+from forefeel.diagnosis.evaluation.arrivals import Arrivals, DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.describe import gap_count, notes
 from forefeel.diagnosis.evaluation.methods import METHODS, Hold
-from forefeel.diagnosis.evaluation.replay import Mask, Trace, replay
+from forefeel.diagnosis.evaluation.replay import Mask, MethodTrace, replay
 from forefeel.diagnosis.evaluation.score import (
     RUNAWAY,
     SETTLING_S,
@@ -33,7 +33,7 @@ class Prepared:
     recording: Recording
     force_n: Floats
     arrivals: Arrivals
-    held: Trace
+    held: MethodTrace
     rows: Mask
 
 
@@ -47,7 +47,7 @@ class Evaluated:
     notes: tuple[str, ...]
     scores: Mapping[str, Score]
     said_n: Mapping[str, Floats]
-    traces: Mapping[str, Trace]
+    traces: Mapping[str, MethodTrace]
 
     @property
     def gaps(self) -> int:
@@ -55,7 +55,7 @@ class Evaluated:
         return gap_count(self.prepared.recording)
 
 
-def prepare(recording: Recording, link: Link) -> Prepared:
+def prepare(recording: Recording, link: DelayedLink) -> Prepared:
     """The arrivals of a recording, and the stamps to score.
 
     Raises:
@@ -91,7 +91,7 @@ def evaluate(
     """
     recording, held = prepared.recording, prepared.held
     seen_n = largest_seen(prepared.force_n, prepared.arrivals)
-    traces: dict[str, Trace] = {}
+    traces: dict[str, MethodTrace] = {}
     for name, make in METHODS.items():
         progress(name)
         traces[name] = held if name == "hold" else replay(recording, prepared.arrivals, make(model))
@@ -113,7 +113,7 @@ def _notes(prepared: Prepared) -> tuple[str, ...]:
     return (*notes(prepared.recording), f"{np.count_nonzero(rows)} samples scored, from {start_s:.3f} s on")
 
 
-def rules(link: Link, model: ContactModel | None) -> tuple[str, ...]:
+def rules(link: DelayedLink, model: ContactModel | None) -> tuple[str, ...]:
     """What makes the numbers honest, in plain words."""
     return (
         "At a stamp t a method knows its own motion up to t and the forces that have arrived: "

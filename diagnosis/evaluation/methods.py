@@ -29,7 +29,7 @@ _AMPLITUDE_M = 1e-6, 1e3  # beyond it the default is kept
 _IDENTIFICATION = IdentificationSettings(memory_s=2.0, cutoff_hz=15.0, bounded=False)
 
 
-class Estimate(NamedTuple):
+class MethodEstimate(NamedTuple):
     """The force now in N; its 95 % band where the method has one; the name of the expert that led."""
 
     force_n: float
@@ -57,7 +57,7 @@ class Method(Protocol):
         """
         ...
 
-    def predict(self) -> Estimate | None:
+    def predict(self) -> MethodEstimate | None:
         """The force at the stamp of the newest `move`; None while there is nothing to say."""
         ...
 
@@ -115,9 +115,9 @@ class Hold:
         if stamp_s > self._stamp_s:
             self._stamp_s, self._force_n = stamp_s, force_n
 
-    def predict(self) -> Estimate | None:
+    def predict(self) -> MethodEstimate | None:
         """The force that is held."""
-        return None if self._force_n is None else Estimate(self._force_n)
+        return None if self._force_n is None else MethodEstimate(self._force_n)
 
     def restart(self) -> None:
         """A force is held across a gap."""
@@ -169,13 +169,13 @@ class PaperMethod:
         """Waits for the next `move`."""
         self._pairs.arrived(stamp_s, force_n)
 
-    def predict(self) -> Estimate | None:
+    def predict(self) -> MethodEstimate | None:
         """phi(t) theta; infinity or NaN once the recursion has overflowed."""
         if self._phi is None:
             return None
         if self._theta is None:
             self._theta = self._rls.theta.tolist()
-        return Estimate(sum(map(mul, self._phi, self._theta)))
+        return MethodEstimate(sum(map(mul, self._phi, self._theta)))
 
 
 class ContactMethod:
@@ -241,9 +241,9 @@ class ContactMethod:
         """Waits for the next `move`."""
         self._pairs.arrived(stamp_s, force_n)
 
-    def predict(self) -> Estimate | None:
+    def predict(self) -> MethodEstimate | None:
         """The model's force, once its estimate is valid."""
-        return None if self._force_n is None else Estimate(self._force_n, leading="model")
+        return None if self._force_n is None else MethodEstimate(self._force_n, leading="model")
 
 
 def _ns(t_s: float) -> int:
@@ -274,10 +274,10 @@ class Forefeel:
             self._model.observe(stamp_s, force_n)
         self._forecaster.observe(stamp_s, force_n)
 
-    def predict(self) -> Estimate | None:
+    def predict(self) -> MethodEstimate | None:
         """The force with its band."""
         said = self._forecaster.predict()
-        return None if said is None else Estimate(*said)
+        return None if said is None else MethodEstimate(*said)
 
     def restart(self) -> None:
         """Both begin a new piece of motion."""

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import Arrivals
-from forefeel.diagnosis.evaluation.methods import Estimate, Method
+from forefeel.diagnosis.evaluation.methods import Method, MethodEstimate
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trace:
+class MethodTrace:
     """What a method said at each of n stamps.
 
     Attributes:
@@ -29,7 +29,7 @@ class Trace:
     leading: tuple[str | None, ...]
 
 
-def replay(recording: Recording, arrivals: Arrivals, method: Method) -> Trace:
+def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTrace:
     """At each stamp: the forces that have arrived since the last one, the own motion, then the prediction.
 
     After a gap the method is restarted, between the forces that arrived in the gap and the next motion.
@@ -43,7 +43,7 @@ def replay(recording: Recording, arrivals: Arrivals, method: Method) -> Trace:
         column.tolist() for column in (recording.time_s, recording.position_m, recording.force_n)
     )
     starts = {piece.start for piece in recording.segments()[1:]}
-    said: list[Estimate | None] = []
+    said: list[MethodEstimate | None] = []
     for k, batch in enumerate(arrivals.batches()):
         for i in batch:
             method.observe(time_s[i], force_n[i])
@@ -54,11 +54,11 @@ def replay(recording: Recording, arrivals: Arrivals, method: Method) -> Trace:
     return _trace(said)
 
 
-def _trace(said: list[Estimate | None]) -> Trace:
-    nothing = Estimate(np.nan)
+def _trace(said: list[MethodEstimate | None]) -> MethodTrace:
+    nothing = MethodEstimate(np.nan)
     known = [estimate or nothing for estimate in said]
     columns = np.array([estimate[:3] for estimate in known], dtype=np.float64)  # None becomes NaN
-    return Trace(
+    return MethodTrace(
         answered=np.array([estimate is not None for estimate in said]),
         force_n=columns[:, 0],
         low_n=columns[:, 1],

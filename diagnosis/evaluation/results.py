@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.score import Score
 
@@ -13,7 +13,7 @@ _WITH_BAND = "forefeel"
 
 
 def to_json(
-    link: Link, rules: Sequence[str], recordings: Mapping[str, Evaluated], skipped: Mapping[str, str]
+    link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated], skipped: Mapping[str, str]
 ) -> str:
     """The text of evaluation.json; recordings and skipped files by their stem."""
     document = {

@@ -7,14 +7,14 @@ import numpy as np
 
 from forefeel.common.error_size import ErrorSize, Floats, error_size
 from forefeel.diagnosis.evaluation.arrivals import Arrivals
-from forefeel.diagnosis.evaluation.replay import Mask, Trace
+from forefeel.diagnosis.evaluation.replay import Mask, MethodTrace
 
 SETTLING_S = 3.0
 RUNAWAY = 1e6
 
 
 @dataclass(frozen=True, slots=True)
-class Band:
+class BandScore:
     """How the 95 % band did.
 
     Attributes:
@@ -33,10 +33,10 @@ class Score:
 
     size: ErrorSize
     diverged_at_s: float | None = None
-    band: Band = Band()
+    band: BandScore = BandScore()
 
 
-def scored_stamps(time_s: Floats, delay_s: float, held: Trace) -> Mask:
+def scored_stamps(time_s: Floats, delay_s: float, held: MethodTrace) -> Mask:
     """From 3 s + delay after the first stamp on, as soon as there is a force to hold."""
     return np.asarray((time_s - time_s[0] >= SETTLING_S + delay_s) & held.answered)
 
@@ -47,12 +47,14 @@ def largest_seen(force_n: Floats, arrivals: Arrivals) -> Floats:
     return np.asarray(largest[arrivals.edges[1:]], dtype=np.float64)
 
 
-def completed(trace: Trace, held: Trace) -> Floats:
+def completed(trace: MethodTrace, held: MethodTrace) -> Floats:
     """What counts as the method's prediction: the hold's where it said nothing."""
     return np.where(trace.answered, trace.force_n, held.force_n)
 
 
-def score(time_s: Floats, force_n: Floats, trace: Trace, held: Trace, rows: Mask, seen_n: Floats) -> Score:
+def score(
+    time_s: Floats, force_n: Floats, trace: MethodTrace, held: MethodTrace, rows: Mask, seen_n: Floats
+) -> Score:
     """The score of one method over the scored stamps `rows`; all arrays have shape (n,).
 
     It diverged when it said, at one of them, something that is not finite or beyond 1e6 times the largest
@@ -69,12 +71,12 @@ def score(time_s: Floats, force_n: Floats, trace: Trace, held: Trace, rows: Mask
     return Score(size, band=_band(force_n, trace, rows))
 
 
-def _band(force_n: Floats, trace: Trace, rows: Mask) -> Band:
+def _band(force_n: Floats, trace: MethodTrace, rows: Mask) -> BandScore:
     known = rows & np.isfinite(trace.low_n) & np.isfinite(trace.high_n)
     leading = Counter(trace.leading[k] for k in np.flatnonzero(rows) if trace.leading[k] is not None)
     most = leading.most_common(1)[0][0] if leading else None
     if not known.any():
-        return Band(leading=most)
+        return BandScore(leading=most)
     low_n, high_n, true_n = trace.low_n[known], trace.high_n[known], force_n[known]
     inside = (low_n <= true_n) & (true_n <= high_n)
-    return Band(float(np.mean(inside)), float(np.mean(high_n - low_n)), most)
+    return BandScore(float(np.mean(inside)), float(np.mean(high_n - low_n)), most)

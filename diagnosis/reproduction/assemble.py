@@ -8,10 +8,10 @@ from forefeel.diagnosis.reproduction.comparison import comparisons
 from forefeel.diagnosis.reproduction.identifiability import AmplitudeTraces, unidentifiable
 from forefeel.diagnosis.reproduction.memory import MemoryTraces, memory
 from forefeel.diagnosis.reproduction.pairing import pairing
-from forefeel.diagnosis.reproduction.replay import Replay, Run, baseline_row, replay
+from forefeel.diagnosis.reproduction.replay import ReplayedRun, RunPredictions, baseline_row, replay
 from forefeel.diagnosis.reproduction.results import (
     Baseline,
-    ErrorSize,
+    ErrorSummary,
     Flaws,
     Reproduction,
     ThresholdRow,
@@ -55,11 +55,11 @@ class Traces:
     windup: WindupTraces
     memory: list[MemoryTraces]
     unmodelled: list[UnmodelledTraces]
-    replays: list[Replay]
+    replays: list[RunPredictions]
 
 
 def assemble(
-    runs: Sequence[Run],
+    runs: Sequence[ReplayedRun],
     skipped: Mapping[str, str] | None,
     styles: Mapping[str, Mapping[str, float]],
     seed: int,
@@ -118,23 +118,23 @@ def assemble(
     )
 
 
-def _of(replays: list[Replay], instrument: str) -> Replay:
+def _of(replays: list[RunPredictions], instrument: str) -> RunPredictions:
     return next(one for one in replays if one.run.instrument == instrument and one.run.style == NORMAL)
 
 
-def _hold(traces: SimulatedTraces) -> ErrorSize:
+def _hold(traces: SimulatedTraces) -> ErrorSummary:
     late = traces.time_s >= SCORED_FROM_S
     return error_size(traces.arrived_n[late], traces.force_n[late])
 
 
-def _baseline(replays: list[Replay], skipped: Mapping[str, str] | None) -> Baseline:
+def _baseline(replays: list[RunPredictions], skipped: Mapping[str, str] | None) -> Baseline:
     rows = tuple(baseline_row(one) for one in replays)
     return Baseline(
         delay_s=DELAY_S, rows=rows, recordings_given=skipped is not None, skipped=dict(skipped or {})
     )
 
 
-def _thresholds(replays: list[Replay], styles: Mapping[str, Mapping[str, float]]) -> Thresholds:
+def _thresholds(replays: list[RunPredictions], styles: Mapping[str, Mapping[str, float]]) -> Thresholds:
     rows: list[ThresholdRow] = []
     for one in replays:
         if one.run.bench:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from forefeel.diagnosis.reproduction.contact import Array, rms
 from forefeel.diagnosis.reproduction.online import learn_paper
-from forefeel.diagnosis.reproduction.replay import SCORED_FROM_S, Replay, motion_rows, thinned
+from forefeel.diagnosis.reproduction.replay import SCORED_FROM_S, RunPredictions, motion_rows, thinned
 from forefeel.diagnosis.reproduction.results import BenchFigure, BoundedError, error_size
 
 FIGURES = {"catheter": (7, 8), "guidewire": (9, 10)}
@@ -29,7 +29,7 @@ class BenchTraces:
     scored: NDArray[np.bool_]
 
 
-def bench_figure(made: Replay, delay_s: float) -> tuple[BenchFigure, BenchTraces]:
+def bench_figure(made: RunPredictions, delay_s: float) -> tuple[BenchFigure, BenchTraces]:
     """The numbers of one instrument's two figures and their traces."""
     run, rows = made.run, made.scored
     recording, bound_n = run.recording, STATED_BOUND_N[run.instrument]
@@ -64,7 +64,7 @@ def bench_figure(made: Replay, delay_s: float) -> tuple[BenchFigure, BenchTraces
     )
 
 
-def _rms_at(made: Replay, rate_hz: float, delay_s: float) -> float | None:
+def _rms_at(made: RunPredictions, rate_hz: float, delay_s: float) -> float | None:
     """rms of the paper's delayed prediction when it is given that many samples a second."""
     few = thinned(made.run.recording, rate_hz)
     assert few.force_n is not None

@@ -4,8 +4,8 @@ from forefeel.diagnosis.reproduction.bench import FIGURES
 from forefeel.diagnosis.reproduction.results import (
     BenchFigure,
     BoundedError,
-    Comparison,
-    ErrorSize,
+    ErrorSummary,
+    PaperComparison,
     SimulatedFigure,
     Unidentifiable,
     Windup,
@@ -21,7 +21,7 @@ def comparisons(
     bench: tuple[BenchFigure, ...],
     unidentifiable: Unidentifiable,
     windup: Windup,
-) -> tuple[Comparison, ...]:
+) -> tuple[PaperComparison, ...]:
     """One line for each thing that the paper states."""
     prompt, delayed = simulated
     return (
@@ -33,9 +33,9 @@ def comparisons(
     )
 
 
-def _coincides(figure: SimulatedFigure) -> Comparison:
+def _coincides(figure: SimulatedFigure) -> PaperComparison:
     size = figure.error.max_n
-    return Comparison(
+    return PaperComparison(
         subject="Figure 4: x = sin t, no delay",
         paper="prediction and measurement basically coincide",
         ours=f"largest error {_newton(size)} after one period",
@@ -43,10 +43,10 @@ def _coincides(figure: SimulatedFigure) -> Comparison:
     )
 
 
-def _parameters(found: Unidentifiable) -> Comparison:
+def _parameters(found: Unidentifiable) -> PaperComparison:
     true, ours = _named(found.true), _named(found.paper)
     close = max(abs(a - b) for a, b in zip(found.paper, found.true, strict=True)) < _COINCIDES
-    return Comparison(
+    return PaperComparison(
         subject="Figure 4: parameters",
         paper=f"simulated with {true}; recursion until the parameters converge",
         ours=f"converge to {ours}: only k - m ω² = {found.paper_combination_n_m:.3g} N/m is right",
@@ -58,13 +58,13 @@ def _named(theta: tuple[float, ...]) -> str:
     return ", ".join(f"{name} {value:.3g}" for name, value in zip("mbk", theta, strict=True))
 
 
-def _leads(figure: SimulatedFigure) -> Comparison:
+def _leads(figure: SimulatedFigure) -> PaperComparison:
     leads = [abs(lead - figure.delay_s) < _LEAD_WITHIN_S for lead in (figure.lead_s, figure.newest_lead_s)]
     verdict = {
         (True, True): "reproduced",
         (True, False): "reproduced only when paired by stamps",
     }.get((leads[0], leads[1]), "not reproduced")
-    return Comparison(
+    return PaperComparison(
         subject=f"Figure 5: the same, {1e3 * figure.delay_s:.0f} ms delay",
         paper="the prediction leads the measured force",
         ours=f"leads by {1e3 * figure.lead_s:.0f} ms when paired by the slave's stamps; by "
@@ -74,7 +74,7 @@ def _leads(figure: SimulatedFigure) -> Comparison:
     )
 
 
-def _bounded(figure: BenchFigure) -> Comparison:
+def _bounded(figure: BenchFigure) -> PaperComparison:
     first, second = FIGURES[figure.instrument]
     prompt, late = figure.without_delay, figure.delayed
     stable = [
@@ -87,7 +87,7 @@ def _bounded(figure: BenchFigure) -> Comparison:
         (stable[0], stable[1], stable[2]),
         "reproduced without a delay only" if stable[0] else "not reproduced",
     )
-    return Comparison(
+    return PaperComparison(
         subject=f"Figures {first}, {second}: {figure.instrument}, simulated bench",
         paper=f"error stable within 0-{1e3 * figure.stated_bound_n:.0f} mN",
         ours=f"without delay {_bound(prompt)}; {1e3 * figure.delay_s:.0f} ms late {_bound(late)}; "
@@ -97,13 +97,13 @@ def _bounded(figure: BenchFigure) -> Comparison:
     )
 
 
-def _forgetting(windup: Windup) -> Comparison:
+def _forgetting(windup: Windup) -> PaperComparison:
     times = ", ".join(
         f"{row.forgetting_factor:g}: {'never' if row.overflow_s is None else f'{row.overflow_s:.3g} s'}"
         for row in windup.rows
     )
     ends = any(row.overflow_s is not None for row in windup.rows)
-    return Comparison(
+    return PaperComparison(
         subject="Forgetting factor",
         paper="0.95 to 0.99 recommended",
         ours=f"at {windup.rate_hz / 1e3:g} kHz on x = sin t the update overflows after ({times})",
@@ -117,7 +117,7 @@ def _bound(one: BoundedError) -> str:
     return f"{100 * one.share_within:.0f} % of the time within, {_spread(one.error)}"
 
 
-def _spread(error: ErrorSize) -> str:
+def _spread(error: ErrorSummary) -> str:
     return f"rms {_newton(error.rms_n)}, max {_newton(error.max_n)}"
 
 

@@ -23,7 +23,7 @@ PAPER_MOTION: tuple[Sine, ...] = ((AMPLITUDE_M, OMEGA_RAD_S),)
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class SampledMotion:
     """A motion at n stamps: s, m, m/s, m/s^2; shape (n,)."""
 
     time_s: Array
@@ -36,7 +36,7 @@ class Motion:
         return np.column_stack([self.acceleration_m_s2, self.velocity_m_s, self.position_m])
 
 
-def sines(rate_hz: float, duration_s: float, parts: Sequence[Sine] = PAPER_MOTION) -> Motion:
+def sines(rate_hz: float, duration_s: float, parts: Sequence[Sine] = PAPER_MOTION) -> SampledMotion:
     """x = sum of A sin(w t), sampled from t = 0."""
     time_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     x, v, a = (np.zeros_like(time_s) for _ in range(3))
@@ -44,7 +44,7 @@ def sines(rate_hz: float, duration_s: float, parts: Sequence[Sine] = PAPER_MOTIO
         x += amplitude_m * np.sin(w * time_s)
         v += amplitude_m * w * np.cos(w * time_s)
         a -= amplitude_m * w * w * np.sin(w * time_s)
-    return Motion(time_s, x, v, a)
+    return SampledMotion(time_s, x, v, a)
 
 
 def noise_n(size: int, deviation_n: float, seed: int) -> Array:

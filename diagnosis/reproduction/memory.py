@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from forefeel.diagnosis.reproduction.contact import MASS_KG, THETA, Array, noise_n, rms, sines
 from forefeel.diagnosis.reproduction.online import PAPER_LAMBDA, SAFE_MEMORY_S, learn_paper, learn_safe
-from forefeel.diagnosis.reproduction.results import Memory, MemoryRow
+from forefeel.diagnosis.reproduction.results import MemoryResult, MemoryRow
 
 RATES_HZ = 1000.0, 100.0, 10.0
 NOISE_N = 0.005
@@ -33,10 +33,10 @@ def memory_s(rate_hz: float, lam: float = PAPER_LAMBDA) -> float:
     return -1.0 / (rate_hz * log(lam))
 
 
-def memory(delay_s: float) -> tuple[Memory, list[MemoryTraces]]:
+def memory(delay_s: float) -> tuple[MemoryResult, list[MemoryTraces]]:
     """The paper's simulation with noise and a delay, at three sample rates."""
     made = [_at(rate_hz, delay_s) for rate_hz in RATES_HZ]
-    numbers = Memory(
+    numbers = MemoryResult(
         noise_n=NOISE_N,
         delay_s=delay_s,
         duration_s=DURATION_S,

@@ -4,7 +4,7 @@ from math import sin, sqrt
 
 from forefeel.diagnosis.reproduction.contact import OMEGA_RAD_S, THETA, force_amplitude_n, rms, sines
 from forefeel.diagnosis.reproduction.online import learn_safe
-from forefeel.diagnosis.reproduction.results import ErrorSize, Pairing, SimulatedFigure
+from forefeel.diagnosis.reproduction.results import ErrorSummary, Pairing, SimulatedFigure
 from forefeel.diagnosis.reproduction.simulated import DURATION_S, RATE_HZ, SCORED_FROM_S
 
 
@@ -13,7 +13,7 @@ def expected_rms_n(delay_s: float) -> float:
     return sqrt(2.0) * force_amplitude_n(THETA, OMEGA_RAD_S) * abs(sin(0.5 * OMEGA_RAD_S * delay_s))
 
 
-def pairing(figure: SimulatedFigure, hold: ErrorSize) -> Pairing:
+def pairing(figure: SimulatedFigure, hold: ErrorSummary) -> Pairing:
     """The two pairings on x = sin t, beside the hold and the product there."""
     motion = sines(RATE_HZ, DURATION_S)
     force_n = motion.rows() @ THETA

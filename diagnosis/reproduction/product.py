@@ -3,7 +3,7 @@
 import numpy as np
 
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.methods import Forefeel
 from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.diagnosis.reproduction.contact import Array
@@ -13,5 +13,5 @@ from forefeel.diagnosis.reproduction.online import held
 def product_prediction(recording: Recording, delay_s: float) -> Array:
     """The force predicted for each sample, shape (n,); before anything has arrived the held one."""
     assert recording.force_n is not None
-    trace = replay(recording, arrivals(recording.time_s, Link(delay_s)), Forefeel(None))
+    trace = replay(recording, arrivals(recording.time_s, DelayedLink(delay_s)), Forefeel(None))
     return np.where(trace.answered, trace.force_n, held(recording.time_s, recording.force_n, delay_s))

@@ -9,7 +9,7 @@ from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.reproduction.contact import Array, rms
 from forefeel.diagnosis.reproduction.online import held, learn_paper
-from forefeel.diagnosis.reproduction.results import BaselineRow, ErrorSize, error_size, ratio
+from forefeel.diagnosis.reproduction.results import BaselineRow, ErrorSummary, error_size, ratio
 
 CUTOFF_HZ = 20.0
 SCORED_FROM_S = 3.0
@@ -17,7 +17,7 @@ SCORED_FROM_S = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Run:
+class ReplayedRun:
     """A recording with what the product predicted for each of its samples, NaN for none, shape (n,).
 
     `bench`: of the simulated bench; then `style` is the operator's, `force_scale` what the hand is shown, and
@@ -41,10 +41,10 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class RunPredictions:
     """Predictions for every sample of a run, shape (n,); `scored`: where they are compared."""
 
-    run: Run
+    run: ReplayedRun
     hold_n: Array
     paper_n: Array
     newest_n: Array
@@ -58,7 +58,7 @@ class Replay:
         product = self.run.product_n if self.run.product_n is not None else nothing
         return known.get(name, product)
 
-    def error(self, name: str) -> ErrorSize:
+    def error(self, name: str) -> ErrorSummary:
         """The error of a method on what is scored."""
         return error_size(self.method(name)[self.scored], self.run.force_n[self.scored])
 
@@ -68,7 +68,7 @@ class Replay:
         return float(np.count_nonzero(self.scored)) / self.run.recording.rate_hz
 
 
-def replay(run: Run, delay_s: float) -> Replay:
+def replay(run: ReplayedRun, delay_s: float) -> RunPredictions:
     """Hold and the paper's algorithm in both pairings, and tared; cold start.
 
     Scored from 3 s and the delay on, and only the samples for which the product has a prediction.
@@ -79,7 +79,7 @@ def replay(run: Run, delay_s: float) -> Replay:
     scored = time_s >= time_s[0] + SCORED_FROM_S + delay_s
     if run.product_n is not None:
         scored = scored & np.isfinite(run.product_n)
-    return Replay(
+    return RunPredictions(
         run,
         held(time_s, force_n, delay_s),
         learn_paper(time_s, rows, force_n, delay_s).predicted_n,
@@ -119,7 +119,7 @@ def thinned(recording: Recording, rate_hz: float) -> Recording:
     )
 
 
-def baseline_row(made: Replay) -> BaselineRow:
+def baseline_row(made: RunPredictions) -> BaselineRow:
     """One run's errors side by side."""
     names = "hold", "paper", "newest", "tared", "product"
     hold, paper, newest, tared, product = (made.error(name) for name in names)

@@ -14,7 +14,7 @@ class Part(BaseModel):
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class ErrorSize(Part):
+class ErrorSummary(Part):
     """Root mean square, 95 % quantile and maximum of an error; None: nothing scored, or it diverged."""
 
     rms_n: float | None = None
@@ -38,17 +38,17 @@ class SimulatedFigure(Part):
     mass_kg: float
     damping_n_s_m: float
     stiffness_n_m: float
-    error: ErrorSize
+    error: ErrorSummary
     lead_s: float
-    newest_error: ErrorSize
+    newest_error: ErrorSummary
     newest_lead_s: float
-    siso_error: ErrorSize
+    siso_error: ErrorSummary
 
 
 class BoundedError(Part):
     """An error and the share of the time in which it is within the bound that the paper states."""
 
-    error: ErrorSize
+    error: ErrorSummary
     share_within: float | None
 
 
@@ -87,7 +87,7 @@ class Unidentifiable(Part):
     duration_s: float
     true: tuple[float, ...]
     paper: tuple[float, ...]
-    paper_error: ErrorSize
+    paper_error: ErrorSummary
     true_combination_n_m: float
     paper_combination_n_m: float
     amplitudes: tuple[AmplitudeRow, ...]
@@ -144,7 +144,7 @@ class MemoryRow(Part):
     product_rms_n: float
 
 
-class Memory(Part):
+class MemoryResult(Part):
     """(c) A forgetting factor is a memory in samples, whatever the rate."""
 
     noise_n: float
@@ -191,11 +191,11 @@ class BaselineRow(Part):
     scored: int
     scored_s: float
     force_rms_n: float | None
-    hold: ErrorSize
-    paper: ErrorSize
-    newest: ErrorSize
-    tared: ErrorSize
-    product: ErrorSize
+    hold: ErrorSummary
+    paper: ErrorSummary
+    newest: ErrorSummary
+    tared: ErrorSummary
+    product: ErrorSummary
     paper_over_hold: float | None
     newest_over_hold: float | None
     tared_over_hold: float | None
@@ -237,7 +237,7 @@ class ThresholdRow(Part):
     method: Literal["hold", "paper", "product"]
     force_scale: float
     scored_s: float
-    error_at_hand: ErrorSize
+    error_at_hand: ErrorSummary
     strict_share: float | None
     lenient_share: float | None
     absolute_share: float | None
@@ -258,13 +258,13 @@ class Flaws(Part):
 
     unidentifiable: Unidentifiable
     windup: Windup
-    memory: Memory
+    memory: MemoryResult
     unmodelled: Unmodelled
     baseline: Baseline
     pairing: Pairing
 
 
-class Comparison(Part):
+class PaperComparison(Part):
     """One line of "paper says / we get"."""
 
     subject: str
@@ -279,7 +279,7 @@ class Reproduction(Part):
     format: Annotated[Literal["forefeel.reproduction/1"], Field(alias="schema")] = "forefeel.reproduction/1"
     delay_s: float
     seed: int
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[PaperComparison, ...]
     simulated: tuple[SimulatedFigure, ...]
     bench: tuple[BenchFigure, ...]
     flaws: Flaws
@@ -291,16 +291,16 @@ class Reproduction(Part):
         return self.model_dump_json(by_alias=True, indent=2) + "\n"
 
 
-def error_size(predicted_n: Array, force_n: Array) -> ErrorSize:
+def error_size(predicted_n: Array, force_n: Array) -> ErrorSummary:
     """Size of `predicted_n - force_n`; None when there is nothing, or when it is not finite throughout."""
     size = np.abs(predicted_n - force_n)
     total = rms(size)
     if total is None:
-        return ErrorSize()
-    return ErrorSize(rms_n=total, p95_n=float(np.quantile(size, 0.95)), max_n=float(size.max()))
+        return ErrorSummary()
+    return ErrorSummary(rms_n=total, p95_n=float(np.quantile(size, 0.95)), max_n=float(size.max()))
 
 
-def ratio(part: ErrorSize, whole: ErrorSize) -> float | None:
+def ratio(part: ErrorSummary, whole: ErrorSummary) -> float | None:
     """rms over rms; None where either is missing, the second is 0, or no float holds it."""
     if part.rms_n is None or not whole.rms_n:
         return None

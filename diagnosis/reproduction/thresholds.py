@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from forefeel.diagnosis.reproduction.contact import Array
-from forefeel.diagnosis.reproduction.replay import Replay
+from forefeel.diagnosis.reproduction.replay import RunPredictions
 from forefeel.diagnosis.reproduction.results import ThresholdRow, error_size
 
 RELATIVE = 0.07, 0.10
@@ -26,12 +26,12 @@ def share_unfelt(error_n: Array, force_n: Array, absolute_n: float, relative: fl
     return float(np.mean(np.abs(error_n) < np.maximum(absolute_n, relative * np.abs(force_n))))
 
 
-def threshold_rows(made: Replay) -> list[ThresholdRow]:
+def threshold_rows(made: RunPredictions) -> list[ThresholdRow]:
     """One row per method of a run on the simulated bench."""
     return [_row(made, method) for method in METHODS]
 
 
-def _row(made: Replay, method: Method) -> ThresholdRow:
+def _row(made: RunPredictions, method: Method) -> ThresholdRow:
     run, rows = made.run, made.scored
     force_n = run.force_scale * run.force_n[rows]
     shown_n = run.force_scale * made.method(method)[rows]

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from forefeel.calibrate.person import Person
+from forefeel.calibrate.prompt import Prompt
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
 from forefeel.common.hardware.calibrating import (
     LEAST_READINGS,
     STANDARD_GRAVITY_M_S2,
-    Fit,
+    CalibrationFit,
     Level,
     Step,
     fit,
@@ -24,8 +24,8 @@ from forefeel.common.hardware.calibrating import (
     walk_of,
 )
 from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration
-from forefeel.common.hardware.link import Link
-from forefeel.devices.configured import Configured, device_of
+from forefeel.common.hardware.link import DeviceLink
+from forefeel.devices.configured import ConfiguredDevice, device_of
 from forefeel.devices.probe import SleepingClock
 from forefeel.interrupt import breakable, heeded
 from forefeel.slave.load_cells.port import NativeLoadCell, NativeReading
@@ -36,7 +36,7 @@ _SLOWEST_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class LoadCellCalibrationOptions:
     """What the user asked for. `average_s`: how long each load is read, `settle_s`: after it was changed;
     `steady_share`, `residual_share`: of the range, see `forefeel.common.hardware.calibrating`.
     """
@@ -56,37 +56,39 @@ class Wish:
     temperature_c: float | None = None
 
 
-def run_load_cell(wish: Wish, clock: SleepingClock | None = None, today: date | None = None) -> None:
+def run_load_cell(
+    options: LoadCellCalibrationOptions, clock: SleepingClock | None = None, today: date | None = None
+) -> None:
     """Calibrates and writes the file.
 
     Raises:
-        InputError: the wish, the configuration or the device is not as expected; nothing was written.
+        InputError: the options, the configuration or the device is not as expected; nothing was written.
         RunError: refused for what was measured, interrupted; nothing was written.
         DeviceError: the cell failed.
     """
-    forces = _checked(wish)
-    device = device_of(wish.config, wish.axis, "load_cell")
+    forces = _checked(options)
+    device = device_of(options.config, options.axis, "load_cell")
     _require_range(forces, device)
     cell: NativeLoadCell = device.driver.make(device.settings, clock or MonotonicClock())
-    person = Person(wish.yes)
+    person = Prompt(options.yes)
     with heeded(), breakable():
         try:
             cell.open_native()
             serial = require_serial(cell.link.serial, device)
             say(introduced(device, cell.link))
-            steps = _Walk(wish, cell, person, clock or MonotonicClock()).run(forces)
+            steps = _Walk(options, cell, person, clock or MonotonicClock()).run(forces)
         except KeyboardInterrupt:
             raise RunError("calibration interrupted; nothing was written") from None
         finally:
             cell.close()
     low_n, high_n = range_of(forces)
     found = fit(_signed(steps, device.settings.sign))
-    require_line(found, high_n - low_n, wish.residual_share)
+    require_line(found, high_n - low_n, options.residual_share)
     _require_scale(found, cell.scale, device.settings.sign)
-    _write(wish, device, serial, found, steps, today or date.today())
+    _write(options, device, serial, found, steps, today or date.today())
 
 
-def require_serial(serial: str, device: Configured) -> str:
+def require_serial(serial: str, device: ConfiguredDevice) -> str:
     """The serial number that the calibration is bound to.
 
     Raises:
@@ -101,25 +103,25 @@ def require_serial(serial: str, device: Configured) -> str:
     return serial
 
 
-def introduced(device: Configured, link: Link) -> str:
+def introduced(device: ConfiguredDevice, link: DeviceLink) -> str:
     """Who has answered, in a line."""
     who = link.identity or device.driver.name
     return f"{device.name}: {who}" + ("" if link.serial in who else f", serial {link.serial}")
 
 
-def _checked(wish: Wish) -> list[float]:
+def _checked(options: LoadCellCalibrationOptions) -> list[float]:
     """The loads in N; everything that can be refused without a device is."""
-    check_target(wish.out, wish.overwrite)
-    if (wish.weights is None) is (wish.forces is None):
+    check_target(options.out, options.overwrite)
+    if (options.weights is None) is (options.forces is None):
         raise ConfigurationError("--weights, --forces: expected one of them")
-    _within("--average", wish.average_s, 0.5, 60.0, "s")
-    _within("--settle", wish.settle_s, 0.0, 60.0, "s")
-    _within("--steady", wish.steady_share, 1e-6, 0.1, "of the range")
-    _within("--max-residual", wish.residual_share, 1e-6, 0.1, "of the range")
-    _within("--valid-days", wish.valid_days, 1, 3650, "days")
-    if wish.forces is not None:
-        return forces_of(wish.forces, 1.0, "--forces")
-    weights = wish.weights or ""
+    _within("--average", options.average_s, 0.5, 60.0, "s")
+    _within("--settle", options.settle_s, 0.0, 60.0, "s")
+    _within("--steady", options.steady_share, 1e-6, 0.1, "of the range")
+    _within("--max-residual", options.residual_share, 1e-6, 0.1, "of the range")
+    _within("--valid-days", options.valid_days, 1, 3650, "days")
+    if options.forces is not None:
+        return forces_of(options.forces, 1.0, "--forces")
+    weights = options.weights or ""
     forces = forces_of(weights, STANDARD_GRAVITY_M_S2, "--weights")
     if min(forces) < 0.0:
         raise ConfigurationError(f"--weights {weights}: a weight below 0; expected kg, or --forces in N")
@@ -131,7 +133,7 @@ def _within(option: str, value: float, low: float, high: float, unit: str) -> No
         raise ConfigurationError(f"{option} {value:g}: expected {low:g} to {high:g} {unit}")
 
 
-def _require_range(forces: Sequence[float], device: Configured) -> None:
+def _require_range(forces: Sequence[float], device: ConfiguredDevice) -> None:
     full_scale_n, largest_n = device.settings.full_scale_n, max(map(abs, forces))
     if largest_n > full_scale_n:
         raise ConfigurationError(
@@ -144,7 +146,7 @@ def _signed(steps: Sequence[Step], sign: int) -> list[Step]:
     return [Step(sign * step.force_n, step.level) for step in steps]
 
 
-def _require_scale(found: Fit, scale: CellScale, sign: int) -> None:
+def _require_scale(found: CalibrationFit, scale: CellScale, sign: int) -> None:
     """Refuses what would be refused when it is loaded."""
     if found.gain_n < 0.0:
         raise RunError(
@@ -158,8 +160,10 @@ def _require_scale(found: Fit, scale: CellScale, sign: int) -> None:
 class _Walk:
     """The loads one after the other; each is refused at once when its reading moves."""
 
-    def __init__(self, wish: Wish, cell: NativeLoadCell, person: Person, clock: SleepingClock) -> None:
-        self._wish, self._cell, self._person, self._clock = wish, cell, person, clock
+    def __init__(
+        self, options: LoadCellCalibrationOptions, cell: NativeLoadCell, person: Prompt, clock: SleepingClock
+    ) -> None:
+        self._options, self._cell, self._person, self._clock = options, cell, person, clock
 
     def run(self, forces: Sequence[float]) -> list[Step]:
         """Every step."""
@@ -168,14 +172,16 @@ class _Walk:
         steps: list[Step] = []
         for force_n in walk_of(forces):
             level = self._level(force_n)
-            require_steady(level, newton_per_native, high_n - low_n, _load(force_n), self._wish.steady_share)
+            require_steady(
+                level, newton_per_native, high_n - low_n, _load(force_n), self._options.steady_share
+            )
             steps.append(Step(force_n, level))
             say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
         return steps
 
     def _level(self, force_n: float) -> Level:
         self._person.wait(f"{'Unload the cell' if force_n == 0.0 else f'Apply {_load(force_n)}'}")
-        self._sleep(self._wish.settle_s)
+        self._sleep(self._options.settle_s)
         self._cell.read_native(self._clock.now_ns())  # what was measured meanwhile
         found: list[NativeReading] = []
         start_ns = self._clock.now_ns()
@@ -197,7 +203,7 @@ class _Walk:
             )
         if len(found) < LEAST_READINGS:
             return False
-        return found[-1].stamp_ns - found[0].stamp_ns >= self._wish.average_s * 1e9
+        return found[-1].stamp_ns - found[0].stamp_ns >= self._options.average_s * 1e9
 
     def _sleep(self, seconds: float) -> None:
         """Reads on, so that a cell that fails is noticed and no queue runs over."""
@@ -212,28 +218,33 @@ def _load(force_n: float) -> str:
 
 
 def _write(
-    wish: Wish, device: Configured, serial: str, found: Fit, steps: Sequence[Step], today: date
+    options: LoadCellCalibrationOptions,
+    device: ConfiguredDevice,
+    serial: str,
+    found: CalibrationFit,
+    steps: Sequence[Step],
+    today: date,
 ) -> None:
     calibration = LoadCellCalibration(
         format="forefeel.load_cell_calibration/1",
         driver=device.driver.name,
         serial=serial,
         date=today,
-        valid_days=wish.valid_days,
+        valid_days=options.valid_days,
         gain_n=found.gain_n,
         zero=found.zero,
         residual_n=found.residual_n,
         hysteresis_n=found.hysteresis_n,
         range_n=range_of([step.force_n for step in steps]),
-        temperature_c=wish.temperature_c,
+        temperature_c=options.temperature_c,
         points=tuple((step.level.mean, step.force_n) for step in steps),
     )
-    write_calibration(wish.out, calibration)
+    write_calibration(options.out, calibration)
     share = found.residual_n / (calibration.range_n[1] - calibration.range_n[0])
     answer(
         f"Gain        {found.gain_n:.6g} N per native unit, zero {found.zero:.6g}, {len(steps)} steps",
         f"Residual    {found.residual_n:.3g} N rms, {share:.2%} of the range",
         f"Hysteresis  {found.hysteresis_n:.3g} N, the largest difference between up and down",
-        f"{wish.out}: serial {serial}, {today}, valid {wish.valid_days} days",
+        f"{options.out}: serial {serial}, {today}, valid {options.valid_days} days",
         document=lambda: calibration.model_dump(mode="json"),
     )

@@ -5,7 +5,7 @@ from datetime import date
 from pathlib import Path
 
 from forefeel.calibrate.load_cell import introduced, require_serial
-from forefeel.calibrate.person import Person
+from forefeel.calibrate.prompt import Prompt
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import ConfigurationError, RunError
@@ -13,7 +13,7 @@ from forefeel.common.hardware.calibrating import Travel, require_travel, travel_
 from forefeel.common.hardware.calibration import StageCalibration
 from forefeel.common.hardware.cia402 import HERE
 from forefeel.common.runtime.realtime import prepare_thread
-from forefeel.devices.configured import Configured, device_of
+from forefeel.devices.configured import ConfiguredDevice, device_of
 from forefeel.interrupt import breakable, heeded
 from forefeel.local.exclusive import no_slave_beside
 from forefeel.slave.stages.port import Homing
@@ -24,7 +24,7 @@ _PRIORITY = 50
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class StageCalibrationOptions:
     """What the user asked for."""
 
     config: Path
@@ -37,55 +37,57 @@ class Wish:
     valid_days: int = 365
 
 
-def run_stage(wish: Wish, clock: Clock | None = None, today: date | None = None) -> None:
+def run_stage(
+    options: StageCalibrationOptions, clock: Clock | None = None, today: date | None = None
+) -> None:
     """Calibrates and writes the file.
 
     Raises:
-        InputError: the wish, the configuration or the device is not as expected; nothing moved.
+        InputError: the options, the configuration or the device is not as expected; nothing moved.
         RunError: an emergency stop is latched, it was refused for what was found, or interrupted (the stage
             is stopped); nothing was written.
         DeviceError: the stage failed.
     """
-    _check(wish)
-    device = device_of(wish.config, wish.axis, "stage")
+    _check(options)
+    device = device_of(options.config, options.axis, "stage")
     settings = device.settings
-    if wish.velocity_m_s > settings.max_velocity_m_s:
+    if options.velocity_m_s > settings.max_velocity_m_s:
         raise ConfigurationError(
-            f"--velocity {wish.velocity_m_s:g}: expected at most stage.max_velocity_m_s = "
+            f"--velocity {options.velocity_m_s:g}: expected at most stage.max_velocity_m_s = "
             f"{settings.max_velocity_m_s:g}"
         )
-    person = Person(wish.yes)
-    with heeded(lambda: None), breakable(), no_slave_beside(wish.config):
+    person = Prompt(options.yes)
+    with heeded(lambda: None), breakable(), no_slave_beside(options.config):
         try:
             with device.driver.make_homing(settings, clock or MonotonicClock()) as stage:
                 serial = require_serial(stage.link.serial, device)
                 say(introduced(device, stage.link))
-                person.agree(_intent(wish, settings))
+                person.agree(_intent(options, settings))
                 prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
-                zero, travel = _moved(stage, settings, wish)
+                zero, travel = _moved(stage, settings, options)
         except KeyboardInterrupt:
             raise RunError("calibration interrupted; the stage was stopped, nothing was written") from None
-    require_travel(travel, settings.travel_m, wish.repeatability_m)
-    _write(wish, device, serial, zero, travel, today or date.today())
+    require_travel(travel, settings.travel_m, options.repeatability_m)
+    _write(options, device, serial, zero, travel, today or date.today())
 
 
-def _check(wish: Wish) -> None:
-    check_target(wish.out, wish.overwrite)
+def _check(options: StageCalibrationOptions) -> None:
+    check_target(options.out, options.overwrite)
     for option, value, low, high in (
-        ("--velocity", wish.velocity_m_s, 1e-4, 0.05),
-        ("--max-repeatability", wish.repeatability_m, 1e-9, 0.01),
-        ("--valid-days", wish.valid_days, 1, 3650),
+        ("--velocity", options.velocity_m_s, 1e-4, 0.05),
+        ("--max-repeatability", options.repeatability_m, 1e-9, 0.01),
+        ("--valid-days", options.valid_days, 1, 3650),
     ):
         if not low <= value <= high:
             raise ConfigurationError(f"{option} {value:g}: expected {low:g} to {high:g}")
 
 
-def _intent(wish: Wish, settings: ZaberSettings | Cia402Settings) -> str:
+def _intent(options: StageCalibrationOptions, settings: ZaberSettings | Cia402Settings) -> str:
     length_m = settings.travel_m[1] - settings.travel_m[0]
     return (
         f"The stage will home twice{_in_words(settings)} and go its whole travel, {1e3 * length_m:.4g} mm by "
-        f"its settings, at {1e3 * wish.velocity_m_s:.3g} mm/s: take out the instrument, clear the way, keep "
-        "the stop at hand"
+        f"its settings, at {1e3 * options.velocity_m_s:.3g} mm/s: take out the instrument, clear the way, "
+        "keep the stop at hand"
     )
 
 
@@ -98,36 +100,45 @@ def _in_words(settings: ZaberSettings | Cia402Settings) -> str:
     return f" (method {homing.method}, at {1e3 * homing.search_velocity_m_s:g} mm/s)"
 
 
-def _moved(stage: Homing, settings: ZaberSettings | Cia402Settings, wish: Wish) -> tuple[float, Travel]:
+def _moved(
+    stage: Homing, settings: ZaberSettings | Cia402Settings, options: StageCalibrationOptions
+) -> tuple[float, Travel]:
     """Zero in native units and the travel in m."""
     say("homing")
     stage.home()
     say("travelling from end to end")
-    ends = stage.travel_ends(wish.velocity_m_s)
+    ends = stage.travel_ends(options.velocity_m_s)
     say("homing again")
     again = stage.home()
     return again.native, travel_of(again.native, ends, again.shift, settings.native_per_m, settings.sign)
 
 
-def _write(wish: Wish, device: Configured, serial: str, zero: float, travel: Travel, today: date) -> None:
+def _write(
+    options: StageCalibrationOptions,
+    device: ConfiguredDevice,
+    serial: str,
+    zero: float,
+    travel: Travel,
+    today: date,
+) -> None:
     calibration = StageCalibration(
         format="forefeel.stage_calibration/1",
         driver=device.driver.name,
         serial=serial,
         date=today,
-        valid_days=wish.valid_days,
+        valid_days=options.valid_days,
         zero=zero,
         native_per_m=device.settings.native_per_m,
         travel_m=travel.ends_m,
         repeatability_m=travel.repeatability_m,
     )
-    write_calibration(wish.out, calibration)
+    write_calibration(options.out, calibration)
     low_mm, high_mm = (1e3 * end_m for end_m in travel.ends_m)
     again = travel.repeatability_m
     home = "not told by the device" if again is None else f"found again within {1e6 * again:.3g} um"
     answer(
         f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm",
         f"Home        {home}",
-        f"{wish.out}: serial {serial}, {today}, valid {wish.valid_days} days",
+        f"{options.out}: serial {serial}, {today}, valid {options.valid_days} days",
         document=lambda: calibration.model_dump(mode="json"),
     )

@@ -46,11 +46,13 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.calibrate.load_cell import Wish, run_load_cell  # noqa: PLC0415 - others start without it
+    from forefeel.calibrate.load_cell import LoadCellCalibrationOptions, run_load_cell  # noqa: PLC0415 - others start without it
 
     measuring = settle, average, steady, max_residual, valid_days, temperature
     with output(as_json, quiet):
-        run_load_cell(Wish(config, axis, out, weights, forces, yes, overwrite, *measuring))
+        run_load_cell(
+            LoadCellCalibrationOptions(config, axis, out, weights, forces, yes, overwrite, *measuring)
+        )
 
 
 @examples("forefeel calibrate stage --config slave.yaml --axis insertion --out stage.yaml")
@@ -68,7 +70,11 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.calibrate.stage import Wish, run_stage  # noqa: PLC0415
+    from forefeel.calibrate.stage import StageCalibrationOptions, run_stage  # noqa: PLC0415
 
     with output(as_json, quiet):
-        run_stage(Wish(config, axis, out, yes, overwrite, velocity, max_repeatability, valid_days))
+        run_stage(
+            StageCalibrationOptions(
+                config, axis, out, yes, overwrite, velocity, max_repeatability, valid_days
+            )
+        )

@@ -37,8 +37,8 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.diagnose.run import Wish, run_diagnosis  # noqa: PLC0415 - other commands start without it
+    from forefeel.diagnose.run import DiagnosisOptions, run_diagnosis  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column
     with output(as_json, quiet):
-        run_diagnosis(Wish(file, out, model, jobs, scheduler, overwrite, columns, axis))
+        run_diagnosis(DiagnosisOptions(file, out, model, jobs, scheduler, overwrite, columns, axis))

@@ -34,8 +34,10 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.evaluate.run import Wish, run_evaluation  # noqa: PLC0415 - other commands start without it
+    from forefeel.evaluate.run import EvaluationOptions, run_evaluation  # noqa: PLC0415 - other commands start without it
 
     columns = time_column, position_column, force_column
     with output(as_json, quiet):
-        run_evaluation(Wish(tuple(files), delay, jitter, loss, seed, model, columns), out, overwrite)
+        run_evaluation(
+            EvaluationOptions(tuple(files), delay, jitter, loss, seed, model, columns), out, overwrite
+        )

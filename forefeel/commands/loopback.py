@@ -85,10 +85,10 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.loopback.plan import Wish  # noqa: PLC0415
+    from forefeel.loopback.plan import LoopbackOptions  # noqa: PLC0415
     from forefeel.loopback.run import How, run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
 
-    wish = Wish(
+    options = LoopbackOptions(
         seed=seed,
         impairment=impairment,
         preset=preset,
@@ -102,7 +102,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         hardware=hardware,
     )
     with output(as_json, quiet):
-        run_loopback(wish, out, How(overwrite, virtual_time, dashboard or opens, opens))
+        run_loopback(options, out, How(overwrite, virtual_time, dashboard or opens, opens))
 
 
 def _columns(

@@ -56,11 +56,11 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.simulate.run import Wish, run_simulation  # noqa: PLC0415 - other commands start without it
-    from forefeel.simulate.sensor import SensorWish  # noqa: PLC0415
+    from forefeel.simulate.run import SimulationOptions, run_simulation  # noqa: PLC0415 - other commands start without it
+    from forefeel.simulate.sensor import SensorOptions  # noqa: PLC0415
 
-    sensor = SensorWish(noise, noise_corner, full_scale, encoder_step)
+    sensor = SensorOptions(noise, noise_corner, full_scale, encoder_step)
     columns = time_column, position_column
-    wish = Wish(model, motion, duration, rate, seed, start, depth, frequency, sensor, columns)
+    options = SimulationOptions(model, motion, duration, rate, seed, start, depth, frequency, sensor, columns)
     with output(quiet=quiet):
-        run_simulation(wish, out, overwrite)
+        run_simulation(options, out, overwrite)

@@ -54,14 +54,14 @@ class Admission:
         return answer
 
 
-class Link(NamedTuple):
+class PageAddress(NamedTuple):
     """Where the page is. `secret`: it holds the token."""
 
     url: str
     secret: bool
 
 
-def guard(app: FastAPI, listening: socket.socket, address: str) -> Link:
+def guard(app: FastAPI, listening: socket.socket, address: str) -> PageAddress:
     """Puts the checks before the application; beyond loopback with a new token.
 
     Args:
@@ -76,7 +76,7 @@ def guard(app: FastAPI, listening: socket.socket, address: str) -> Link:
     # added last, it is asked first: a name that somebody else has pointed at this host (DNS rebinding)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)
     url = f"http://{socket.gethostname() if own.is_unspecified else _in_url(bound)}:{port}/"
-    return Link(url if token is None else f"{url}?token={token}", token is not None)
+    return PageAddress(url if token is None else f"{url}?token={token}", token is not None)
 
 
 def _same(given: str | None, token: str) -> bool:

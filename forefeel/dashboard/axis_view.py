@@ -15,9 +15,9 @@ from forefeel.common.messages import (
 from forefeel.common.topics import MASTER_TIMING, Topic
 from forefeel.dashboard.detector import ModelWatch
 from forefeel.dashboard.happened import Happened
-from forefeel.dashboard.rings import Ring
+from forefeel.dashboard.rings import SampleRing
 from forefeel.dashboard.timeline import RESTART_NS, Timeline
-from forefeel.dashboard.trace import SPAN_S, Trace
+from forefeel.dashboard.trace import SPAN_S, MinMaxTrace
 
 _REMEMBERED = 8192
 _RATE_HZ = 1000
@@ -25,7 +25,7 @@ _AHEAD_S = 1.0
 _ENERGY_BIN_S = 0.2
 
 
-class Said(NamedTuple):
+class CommandPrediction(NamedTuple):
     """What the master said when it sent a command."""
 
     session_id: int
@@ -47,21 +47,21 @@ class Newest:
         self.heard_ns: dict[str, int] = {}
 
 
-def new_traces() -> dict[str, Trace]:
+def new_traces() -> dict[str, MinMaxTrace]:
     """Those of the charts; predicted: force, low and high end of the band."""
     return {
-        "felt": Trace(),
-        "predicted": Trace(3),
-        "measured": Trace(),
-        "commanded": Trace(),
-        "readback": Trace(),
-        "energy": Trace(bin_s=_ENERGY_BIN_S),
+        "felt": MinMaxTrace(),
+        "predicted": MinMaxTrace(3),
+        "measured": MinMaxTrace(),
+        "commanded": MinMaxTrace(),
+        "readback": MinMaxTrace(),
+        "energy": MinMaxTrace(bin_s=_ENERGY_BIN_S),
     }
 
 
-def new_samples() -> Ring:
+def new_samples() -> SampleRing:
     """Of the last minute: stamp in s, position in m, force in N."""
-    return Ring(round(SPAN_S * _RATE_HZ), 3)
+    return SampleRing(round(SPAN_S * _RATE_HZ), 3)
 
 
 class AxisView:
@@ -84,9 +84,9 @@ class AxisView:
         self.watch = ModelWatch()
         self.happened = Happened()
         self.samples = new_samples()
-        self.delays = Ring(round(SPAN_S * _RATE_HZ), 2)
+        self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
-        self._said: list[Said | None] = [None] * _REMEMBERED
+        self._said: list[CommandPrediction | None] = [None] * _REMEMBERED
         self._answered: tuple[int, int] | None = None
         self._sampled_ns: int | None = None
 
@@ -122,7 +122,7 @@ class AxisView:
         low_n, high_n = (nan if end is None else end for end in (sample.low_n, sample.high_n))
         if sample.predicted_n is not None:
             traces["predicted"].add(t_s, sample.predicted_n, low_n, high_n)
-        said = Said(sample.session_id, sample.sequence, low_n, high_n)
+        said = CommandPrediction(sample.session_id, sample.sequence, low_n, high_n)
         self._said[sample.sequence % _REMEMBERED] = said
         answered = None if sample.answered_sequence is None else (sample.session_id, sample.answered_sequence)
         if sample.delay_s is not None and answered not in (None, self._answered):
@@ -157,7 +157,7 @@ class AxisView:
         t_s = self.timeline.stamp_s(stamp_ns)
         return t_s if now_s - SPAN_S < t_s < now_s + _AHEAD_S else now_s
 
-    def _said_with(self, sample: ForceSample) -> Said | None:
+    def _said_with(self, sample: ForceSample) -> CommandPrediction | None:
         """What was said with the command that a force answers, where a band was drawn for it."""
         if sample.answers_sequence is None:
             return None

@@ -13,7 +13,7 @@ import numpy as np
 from forefeel.common.error_size import Floats
 from forefeel.common.notices import printable
 from forefeel.dashboard.cell_view import CellView
-from forefeel.dashboard.finding import Finding, wanted_s
+from forefeel.dashboard.finding import LiveDiagnosis, wanted_s
 from forefeel.parent import child_environment
 
 _TIMEOUT_S = 120.0
@@ -42,7 +42,7 @@ class Diagnosing:
     """
 
     def __init__(self, look: "Look") -> None:
-        self.findings: dict[str, Finding] = {}
+        self.findings: dict[str, LiveDiagnosis] = {}
         self._look = look
 
     async def run(self) -> None:
@@ -67,7 +67,7 @@ class Diagnosing:
         return None
 
     async def _diagnose(self, stretch: Stretch) -> None:
-        at_work = Finding(stretch.since_s, stretch.span_s, stretch.until_s)
+        at_work = LiveDiagnosis(stretch.since_s, stretch.span_s, stretch.until_s)
         self.findings[stretch.axis] = at_work
         said = await _ask(stretch.rows)
         self.findings[stretch.axis] = replace(
@@ -78,7 +78,7 @@ class Diagnosing:
 Look = Callable[[Callable[[CellView, int], Stretch | None]], Stretch | None]
 
 
-class Said(TypedDict):
+class WorkerAnswer(TypedDict):
     """What a worker answers."""
 
     headline: str
@@ -86,7 +86,7 @@ class Said(TypedDict):
     final: bool
 
 
-async def _ask(rows: Floats) -> Said:
+async def _ask(rows: Floats) -> WorkerAnswer:
     """The worker's answer, or why there is none."""
     packed = BytesIO()
     np.save(packed, rows, allow_pickle=False)
@@ -103,7 +103,7 @@ async def _ask(rows: Floats) -> Said:
             process.kill()
             await process.wait()
     try:
-        answer: Said = json.loads(out)
+        answer: WorkerAnswer = json.loads(out)
     except ValueError:
         last = said.decode(errors="replace").strip().rpartition("\n")[2]
         return _failed(printable(last) or "it ended without an answer")
@@ -121,5 +121,5 @@ async def _worker() -> asyncio.subprocess.Process:
     )  # fmt: skip
 
 
-def _failed(why: str) -> Said:
+def _failed(why: str) -> WorkerAnswer:
     return {"headline": f"The diagnosis failed: {why}.", "causes": [], "final": False}

@@ -13,7 +13,7 @@ import numpy as np
 from forefeel.dashboard import cards
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import CellView
-from forefeel.dashboard.finding import Finding, watch_card
+from forefeel.dashboard.finding import LiveDiagnosis, watch_card
 from forefeel.dashboard.trace import Points
 
 Answer = dict[str, Any]
@@ -32,7 +32,11 @@ class Feed:
         self._due_ns: dict[str, int] = {}
 
     def answer(
-        self, cell: CellView, wanted: str | None, now_ns: int, findings: dict[str, Finding] | None = None
+        self,
+        cell: CellView,
+        wanted: str | None,
+        now_ns: int,
+        findings: dict[str, LiveDiagnosis] | None = None,
     ) -> Answer:
         """What has changed. `wanted`: an axis; in place of one that is not there the first that was heard."""
         axis = wanted if wanted in cell.axes else next(iter(cell.axes), None)
@@ -62,7 +66,7 @@ class Feed:
         rows = np.round(points.rows, _DECIMALS).tolist()
         return [[value if value == value else None for value in row] for row in rows]  # noqa: PLR0124 - NaN
 
-    def _cards(self, cell: CellView, view: AxisView, finding: Finding | None, now_ns: int) -> Answer:
+    def _cards(self, cell: CellView, view: AxisView, finding: LiveDiagnosis | None, now_ns: int) -> Answer:
         made: dict[str, tuple[int, Callable[[], Any]]] = {
             "numbers": (_QUICK_NS, lambda: cards.numbers(view, now_ns)),
             "standing": (_QUICK_NS, lambda: cards.standing(view, now_ns)),

@@ -24,7 +24,7 @@ _ASK = "forefeel diagnose FILE names the cause."
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class LiveDiagnosis:
     """The last diagnosis of an axis, of the `span_s` seconds up to `until_s`.
 
     `since_s`: when the model went wrong. `headline` empty: it is at work. `causes`: one line each.
@@ -39,7 +39,7 @@ class Finding:
     final: bool = False
 
 
-def wanted_s(alarm: Alarm | None, last: Finding | None, now_s: float) -> float | None:
+def wanted_s(alarm: Alarm | None, last: LiveDiagnosis | None, now_s: float) -> float | None:
     """How many of the last seconds are to be diagnosed now; None: nothing is.
 
     What came before the model went wrong is left out, for a diagnosis explains its stretch as a whole. It is
@@ -55,7 +55,9 @@ def wanted_s(alarm: Alarm | None, last: Finding | None, now_s: float) -> float |
     return None if last.final or now_s - last.until_s < last.span_s else span_s
 
 
-def watch_card(view: AxisView, finding: Finding | None, now_ns: int, past: Past = "live") -> dict[str, Any]:
+def watch_card(
+    view: AxisView, finding: LiveDiagnosis | None, now_ns: int, past: Past = "live"
+) -> dict[str, Any]:
     """The card of the live diagnosis; `since_s` on the clock of who listens.
 
     `past`: what came before; of a recording nothing is diagnosed, and what is usual may not be known.
@@ -77,7 +79,7 @@ def watch_card(view: AxisView, finding: Finding | None, now_ns: int, past: Past 
     }
 
 
-def _calm(signs: Signs, finding: Finding | None) -> dict[str, Any]:
+def _calm(signs: Signs, finding: LiveDiagnosis | None) -> dict[str, Any]:
     known = signs.innovation_ratio is not None
     before = "" if finding is None or not finding.headline else f"Before: {_in_one(finding)}"
     return {
@@ -95,7 +97,7 @@ def _heard(view: AxisView, now_ns: int) -> bool:
     return heard_ns is not None and now_ns - heard_ns <= SILENT_NS
 
 
-def _in_one(finding: Finding) -> str:
+def _in_one(finding: LiveDiagnosis) -> str:
     return " ".join([finding.headline, "; ".join(finding.causes)]).strip()
 
 
@@ -109,7 +111,7 @@ def _signs(signs: Signs, how: str) -> str:
     return " · ".join(parts)
 
 
-def _stage(known: Finding | None, elapsed_s: float) -> str:
+def _stage(known: LiveDiagnosis | None, elapsed_s: float) -> str:
     if known is None:
         left_s = LEAST_S + _SETTLING_S - elapsed_s
         return f"The cause is looked for in {left_s:.0f} s." if left_s > 0.5 else "The cause is looked for."

@@ -33,7 +33,7 @@ _AFTER: dict[str, Level] = {
 }
 
 
-class Line(NamedTuple):
+class EventLine(NamedTuple):
     """`number` grows by one from line to line; `receive_ns`: when it was heard."""
 
     number: int
@@ -48,9 +48,9 @@ class Happened:
 
     def __init__(self) -> None:
         self.count = 0
-        self._lines: deque[Line] = deque(maxlen=MOST)
+        self._lines: deque[EventLine] = deque(maxlen=MOST)
 
-    def __iter__(self) -> Iterator[Line]:
+    def __iter__(self) -> Iterator[EventLine]:
         return iter(self._lines)
 
     def hear(self, message: Message, role: str, receive_ns: int) -> None:
@@ -60,7 +60,7 @@ class Happened:
             return
         self.count += 1
         level, text = said
-        self._lines.append(Line(self.count, receive_ns, level, role, printable(text)))
+        self._lines.append(EventLine(self.count, receive_ns, level, role, printable(text)))
 
 
 def _said(message: Message) -> tuple[Level, str] | None:

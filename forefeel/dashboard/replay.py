@@ -8,7 +8,7 @@ LEAD_S = 20.0
 _TOPICS = [topic for name, topic in BY_NAME.items() if name not in UNREAD]
 
 
-class Replay:
+class ReplayClock:
     """One viewer's place in a recording. The time goes on where it is asked for a little later than before.
 
     Elsewhere it begins `LEAD_S` earlier, so that traces, states and the usual size of errors are known.

@@ -5,7 +5,7 @@ import numpy as np
 from forefeel.common.error_size import Floats
 
 
-class Ring:
+class SampleRing:
     """The newest `most` rows of `width` numbers."""
 
     def __init__(self, most: int, width: int) -> None:

@@ -22,7 +22,7 @@ from forefeel.dashboard.admission import guard
 from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.page import build, serve_files
-from forefeel.dashboard.sources import LiveCell, Recorded, Source
+from forefeel.dashboard.sources import LiveCell, RecordedSource, Source
 from forefeel.interrupt import Stop, heeded
 from forefeel.listening import listening_at
 from forefeel.network_settings import ObserverSettings
@@ -76,7 +76,7 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
         InputError: the file or the port can not be used.
         RunError: what the page is made of failed.
     """
-    recorded = Recorded(file)
+    recorded = RecordedSource(file)
     _step_back()
     with heeded() as stop, listening_at(address, port) as listening:
         page = Page(listening, recorded, str(file), [], address)

@@ -14,8 +14,8 @@ from forefeel.common.notices import span
 from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Answer, Feed
-from forefeel.dashboard.finding import Finding
-from forefeel.dashboard.replay import Replay
+from forefeel.dashboard.finding import LiveDiagnosis
+from forefeel.dashboard.replay import ReplayClock
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.dashboard.words import silent_s
 
@@ -60,7 +60,7 @@ class LiveCell:
     """
 
     def __init__(self, name: str, where: str, clock: Clock) -> None:
-        self.findings: dict[str, Finding] = {}
+        self.findings: dict[str, LiveDiagnosis] = {}
         self._name, self._where, self._clock = name, where, clock
         self._cell, self._lock = CellView(), threading.Lock()
         self._since_ns = clock.now_ns()
@@ -112,7 +112,7 @@ class LiveViewer:
         return answer | {"silence": self._live.silence(cell, now_ns)}
 
 
-class Recorded:
+class RecordedSource:
     """A recording, for any number of pages, each at its own time."""
 
     def __init__(self, path: Path) -> None:
@@ -138,7 +138,7 @@ class RecordedViewer:
     """One page on a recording."""
 
     def __init__(self, spans: RunSpans) -> None:
-        self._replay, self._feed = Replay(spans), Feed()
+        self._replay, self._feed = ReplayClock(spans), Feed()
 
     async def answer(self, ask: Ask) -> Answer:
         """See `Viewer`; reads on a thread, so that other pages go on."""

@@ -18,7 +18,7 @@ MOST = 80
 NOTHING: Mapping[str, int] = MappingProxyType({})
 
 
-class Tally(NamedTuple):
+class CounterRow(NamedTuple):
     """One counter: kind (or empty), who counts, its name in words, its count."""
 
     kind: str
@@ -29,7 +29,7 @@ class Tally(NamedTuple):
 
 def tallies(
     states: Iterable[MasterState | SlaveState | None], own: Mapping[str, int] = NOTHING
-) -> list[Tally]:
+) -> list[CounterRow]:
     """The counters of both ends, and those of who listens, that have counted anything: by kind, the largest
     first.
     """
@@ -39,7 +39,7 @@ def tallies(
     return sorted(found, key=lambda each: (order[each.kind], -each.total, each.name))[:MOST]
 
 
-def totals(found: Iterable[Tally]) -> dict[str, int]:
+def totals(found: Iterable[CounterRow]) -> dict[str, int]:
     """The sum of each kind."""
     sums = dict.fromkeys(KINDS, 0)
     for each in found:
@@ -52,10 +52,10 @@ def _who(state: MasterState | SlaveState) -> str:
     return "master" if isinstance(state, MasterState) else "slave"
 
 
-def _of(who: str, counters: Mapping[str, int]) -> Iterator[Tally]:
+def _of(who: str, counters: Mapping[str, int]) -> Iterator[CounterRow]:
     for name, count in counters.items():
         if count:
-            yield Tally(_kind(name), who, printable(name).replace("_", " "), count)
+            yield CounterRow(_kind(name), who, printable(name).replace("_", " "), count)
 
 
 def _kind(name: str) -> str:

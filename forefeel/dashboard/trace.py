@@ -22,7 +22,7 @@ class Points(NamedTuple):
     rows: Floats
 
 
-class Trace:
+class MinMaxTrace:
     """Of each bin of time the lowest and the highest sample, at their own times; of the last `span_s`.
 
     Samples come in the order of their time; one that belongs into a bin which is closed is left out. After a

@@ -14,7 +14,7 @@ _BY_SETTINGS = {driver.settings: driver for driver in DRIVERS}
 _SLOTS: tuple[Slot, ...] = ("stage", "gripper", "load_cell", "handle")
 
 
-class Configured(NamedTuple):
+class ConfiguredDevice(NamedTuple):
     """One device of one axis."""
 
     axis: str
@@ -43,18 +43,18 @@ class Configured(NamedTuple):
         return self.settings.port if isinstance(self.settings, SerialSettings) else None
 
 
-def configured(settings: DaemonSettings) -> list[Configured]:
+def configured(settings: DaemonSettings) -> list[ConfiguredDevice]:
     """The devices of a slave or master, axis by axis."""
     found = []
     for axis in getattr(settings, "axes", ()):
         for slot in _SLOTS:
             section: Settings | None = getattr(axis, slot, None)
             if section is not None:
-                found.append(Configured(axis.name, section, _BY_SETTINGS[type(section)]))
+                found.append(ConfiguredDevice(axis.name, section, _BY_SETTINGS[type(section)]))
     return found
 
 
-def device_of(config: Path, axis: str, slot: Slot) -> Configured:
+def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
     """The device in that slot of an axis of a slave's YAML file.
 
     Raises:

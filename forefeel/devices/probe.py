@@ -7,8 +7,8 @@ from typing import Any, Literal, Protocol
 
 from forefeel.common.clock import Clock
 from forefeel.common.errors import DeviceError, ForefeelError, InputError
-from forefeel.common.hardware.link import Link
-from forefeel.devices.configured import Configured
+from forefeel.common.hardware.link import DeviceLink
+from forefeel.devices.configured import ConfiguredDevice
 
 _PERIOD_NS = 1_000_000
 Verdict = Literal["ready", "simulated", "refused", "failed"]
@@ -53,7 +53,7 @@ class Probed:
     counters: dict[str, int] = field(default_factory=dict)
 
 
-def probe(device: Configured, seconds: float, clock: SleepingClock) -> Probed:
+def probe(device: ConfiguredDevice, seconds: float, clock: SleepingClock) -> Probed:
     """Opens a device, reads it at 1 kHz for that time and closes it; never raises for a device's fault."""
     about = (device.axis, device.driver.slot, device.driver.name, device.where)
     if device.driver.place is None:
@@ -66,7 +66,7 @@ def probe(device: Configured, seconds: float, clock: SleepingClock) -> Probed:
         tally.run(driver, device.driver.slot == "load_cell", round(seconds * 1e9), clock)
     except ForefeelError as caught:
         verdict, error = ("refused" if isinstance(caught, InputError) else "failed"), str(caught)
-    link: Link = driver.link if driver is not None else Link("")
+    link: DeviceLink = driver.link if driver is not None else DeviceLink("")
     return Probed(
         *about,
         verdict,
@@ -98,7 +98,7 @@ class _Tally:
         """Raises what the driver does, and DeviceError for a load cell without a reading."""
         try:
             driver.open()
-            link: Link = driver.link  # a driver may begin a new one when it is opened
+            link: DeviceLink = driver.link  # a driver may begin a new one when it is opened
             link.round_trips_ns.drain()
             if is_load_cell:
                 driver.read(clock.now_ns(), None)  # what has queued since it is ready

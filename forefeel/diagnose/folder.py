@@ -13,7 +13,7 @@ from rich.text import Text
 
 from forefeel.common.errors import ConfigurationError, InputError, RunError
 from forefeel.diagnose.examine import FILES, JSON, Task
-from forefeel.diagnose.parallel import Outcome, outcomes
+from forefeel.diagnose.parallel import TaskOutcome, outcomes
 from forefeel.diagnose.words import named
 from forefeel.diagnosis.diagnose.verdict import Diagnosis
 from forefeel.files import results_folder, write_all
@@ -111,7 +111,7 @@ def _skip(file: Path, reason: str, summary: Summary) -> None:
     say(f"skipped: {reason}")
 
 
-def _take(outcome: Outcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
+def _take(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
     """Writes what was found, or says why there is nothing."""
     file = outcome.task.file
     if outcome.result is None:
@@ -132,7 +132,7 @@ def _take(outcome: Outcome, out: Path, overwrite: bool, summary: Summary, writte
     summary.diagnosed[file.stem] = outcome.result.diagnosis
 
 
-def _shown(found: Iterable[Outcome], total: int, name: str) -> Iterator[Outcome]:
+def _shown(found: Iterable[TaskOutcome], total: int, name: str) -> Iterator[TaskOutcome]:
     """A bar on a terminal, elsewhere a line for each recording that is done."""
     columns = (
         TextColumn(name, markup=False),

@@ -48,7 +48,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ParameterRow:
     """One parameter of the two models, in words."""
 
     owner: str
@@ -141,7 +141,7 @@ def _evidence(evidence: Evidence, probability: float) -> list[tuple[str, str]]:
     ]
 
 
-def _rows(diagnosis: Diagnosis) -> list[Row]:
+def _rows(diagnosis: Diagnosis) -> list[ParameterRow]:
     """The simulation's first, then those of the causes as they are listed."""
     before, after = (_owned(stage.parameters) for stage in (diagnosis.baseline, diagnosis.extended))
     intervals = {
@@ -157,7 +157,7 @@ def _rows(diagnosis: Diagnosis) -> list[Row]:
             of = shown(name, intervals[key])
             said = " ".join(f"{of.value} {of.unit} ({of.interval})".split())
         old = plain_value(name, before[key]) if key in before else ""
-        rows.append(Row(owner, split_unit(name)[0], old, said))
+        rows.append(ParameterRow(owner, split_unit(name)[0], old, said))
     return rows
 
 

@@ -26,7 +26,7 @@ _EXPECTED = "expected the address of a dask scheduler, such as tcp://10.0.0.2:87
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TaskOutcome:
     """What became of a task: its result, or in one line why it was skipped or failed."""
 
     task: Task
@@ -37,7 +37,7 @@ class Outcome:
 
 def outcomes(
     tasks: Sequence[Task], jobs: int, scheduler: str | None, check: Callable[[], None]
-) -> Generator[Outcome, None, None]:
+) -> Generator[TaskOutcome, None, None]:
     """Each outcome as soon as it is there, in any order; what still runs ends with the iterator.
 
     Workers read the recordings and hand the texts back: only this process writes. `check` is called many
@@ -53,7 +53,7 @@ def outcomes(
     else:
         workers, tasks = _cluster(scheduler), [replace(task, file=task.file.resolve()) for task in tasks]
     with workers as (executor, count):
-        waiting, running = iter(tasks), set[Future[Outcome]]()
+        waiting, running = iter(tasks), set[Future[TaskOutcome]]()
         try:
             while True:
                 with _deaf_workers():
@@ -71,14 +71,14 @@ def outcomes(
             ) from error
 
 
-def attempt(task: Task) -> Outcome:
+def attempt(task: Task) -> TaskOutcome:
     """A task that never raises what belongs to its recording only."""
     try:
-        return Outcome(task, examine(task))
+        return TaskOutcome(task, examine(task))
     except InputError as error:
-        return Outcome(task, skipped=" ".join(str(error).split()))
+        return TaskOutcome(task, skipped=" ".join(str(error).split()))
     except RunError as error:
-        return Outcome(task, failed=" ".join(str(error).split()))
+        return TaskOutcome(task, failed=" ".join(str(error).split()))
 
 
 @contextmanager

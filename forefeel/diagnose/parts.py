@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Motion
+from forefeel.diagnosis.diagnose.candidates import CANDIDATES, MotionGrid
 from forefeel.diagnosis.diagnose.flexible import since_reversal
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 Rows = NDArray[np.intp]
 
@@ -72,7 +72,7 @@ class Parts:
         )
 
 
-def _force_of(given: ContactModel, regression: Regression, motion: Motion) -> Floats:
+def _force_of(given: ContactModel, regression: RecordingRegression, motion: MotionGrid) -> Floats:
     """The given model's force along the recorded motion; a model's positive force resists."""
     signals = regression.signals
     forces = [
@@ -82,7 +82,7 @@ def _force_of(given: ContactModel, regression: Regression, motion: Motion) -> Fl
     return regression.sense * signals.column(signals.spectrum(np.concatenate(forces)))
 
 
-def share_of(regression: Regression, fit: Fit, name: str) -> Floats:
+def share_of(regression: RecordingRegression, fit: ModelFit, name: str) -> Floats:
     """What a cause adds to the model's force in N, the other parameters as they are; on the coarse grid."""
     whole = regression.predicted(fit)
     if CANDIDATES[name].kind not in _OF_ALL_COLUMNS:

@@ -8,7 +8,7 @@ from scipy.signal import csd, welch
 from forefeel.common.error_size import Floats
 from forefeel.diagnose.drawing import common_legend, drawn, finish
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.transfer import alignment
 from forefeel.report.svg import BLUE, ORANGE, Drawing, new_figure
 
@@ -22,7 +22,7 @@ _CAPTIONS = {
 }
 
 
-def phase(stem: str, regression: Regression, fit: Fit, name: str) -> Drawing:
+def phase(stem: str, regression: RecordingRegression, fit: ModelFit, name: str) -> Drawing:
     """Phase and ratio of the measured force to the model's without `name`, where both go together."""
     frequency, ratio = response(regression, fit, name)
     figure = new_figure(3.1, 6.2)
@@ -45,7 +45,7 @@ def phase(stem: str, regression: Regression, fit: Fit, name: str) -> Drawing:
     return drawn(figure, stem, "Phase and size over the frequency", _CAPTIONS[name])
 
 
-def response(regression: Regression, fit: Fit, name: str) -> tuple[Floats, Floats]:
+def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple[Floats, Floats]:
     """(Hz, measured force over that of the model without `name`), where their coherence is high."""
     rest = {other: shape for other, shape in fit.model.items() if other != name}
     signals = regression.signals

@@ -13,7 +13,7 @@ from forefeel.diagnose.parts import Parts, rms, share_of, strokes
 from forefeel.diagnose.phase import phase
 from forefeel.diagnose.units import plain_value
 from forefeel.diagnosis.diagnose.candidates import Shape, base_name
-from forefeel.diagnosis.diagnose.regression import Fit, Regression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.signals import Mask
 from forefeel.report.svg import BLUE, GREY, ORANGE, VERMILION, Drawing, new_figure, plot, styled
 
@@ -222,8 +222,8 @@ def _peak(stem: str, of: Component) -> Drawing:
 
 
 def _phase(stem: str, of: Component) -> Drawing:
-    regression: Regression = of.parts.analysis.regression
-    fit: Fit = of.parts.analysis.fit
+    regression: RecordingRegression = of.parts.analysis.regression
+    fit: ModelFit = of.parts.analysis.fit
     return phase(stem, regression, fit, of.name)
 
 

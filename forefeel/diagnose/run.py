@@ -1,4 +1,4 @@
-"""One diagnosis from the wish to the answer."""
+"""One diagnosis from its options to the answer."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from forefeel.terminal import answer
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class DiagnosisOptions:
     """What the user asked for. `columns`: time, position, force as `unit:column`; `axis` of an MCAP file."""
 
     source: Path
@@ -28,26 +28,28 @@ class Wish:
     axis: str | None = None
 
 
-def run_diagnosis(wish: Wish) -> None:
+def run_diagnosis(options: DiagnosisOptions) -> None:
     """Diagnoses a file, or every recording of a folder; prints the answer.
 
     Raises:
         InputError: the file can not be diagnosed, or none of the folder; nothing was written.
         RunError: interrupted, or the results can not be written.
     """
-    given = None if wish.model is None else load_model(wish.model)
-    task = Task(wish.source, wish.columns, wish.axis, given)
-    if wish.source.is_dir():
-        run_folder(task, wish.out, wish.jobs, wish.scheduler, wish.overwrite)
+    given = None if options.model is None else load_model(options.model)
+    task = Task(options.source, options.columns, options.axis, given)
+    if options.source.is_dir():
+        run_folder(task, options.out, options.jobs, options.scheduler, options.overwrite)
         return
-    if wish.scheduler is not None:
-        raise ConfigurationError(f"--scheduler: {wish.source} is no folder; expected a folder of recordings")
+    if options.scheduler is not None:
+        raise ConfigurationError(
+            f"--scheduler: {options.source} is no folder; expected a folder of recordings"
+        )
     with (
-        ends_in_order("diagnosis", wish.out) as written,
-        results_folder(wish.out, FILES, EARLIER, wish.overwrite),
+        ends_in_order("diagnosis", options.out) as written,
+        results_folder(options.out, FILES, EARLIER, options.overwrite),
     ):
-        with diagnosing(wish.source.stem) as tell:
+        with diagnosing(options.source.stem) as tell:
             result = examine(task, tell)
-        write_all(wish.out, result.texts, written)
-    where = f"{', '.join(sorted(FILES, reverse=True))} in {wish.out}"
+        write_all(options.out, result.texts, written)
+    where = f"{', '.join(sorted(FILES, reverse=True))} in {options.out}"
     answer(*result.lines, where, document=lambda: result.texts[JSON])

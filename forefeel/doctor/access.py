@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import zenoh
 
 from forefeel.common.topics import COMMAND, FORCE, Role
-from forefeel.common.transport.security import Identity, Party, secured
+from forefeel.common.transport.security import Party, PartyFiles, secured
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_config import configuration
 from forefeel.doctor.findings import Finding
@@ -38,7 +38,7 @@ class Tried:
     error: str = ""
 
 
-def try_access(role: Role, cell: str, identity: Identity) -> Tried:
+def try_access(role: Role, cell: str, identity: PartyFiles) -> Tried:
     """Tries it; about a second; never raises for what Zenoh does."""
     other = _OTHER[role]
     allowed, forbidden = (_OWN[each].key(cell, _AXIS) for each in (role, other))
@@ -65,7 +65,7 @@ class _Say:
 
 @contextmanager
 def _heard(
-    rules: Mapping[str, object], identity: Identity, cell: str
+    rules: Mapping[str, object], identity: PartyFiles, cell: str
 ) -> Iterator[tuple[_Say, "queue.SimpleQueue[str]"]]:
     """A listening session with those rules, and one that is connected with our certificate and none."""
     with socket.create_server(("127.0.0.1", 0)) as probe:

@@ -11,7 +11,7 @@ from forefeel.common.hardware.calibration import (
     load_cell_calibration,
     stage_calibration,
 )
-from forefeel.devices.configured import Configured
+from forefeel.devices.configured import ConfiguredDevice
 from forefeel.doctor.findings import Finding
 
 GROUP = "calibration"
@@ -31,7 +31,7 @@ class Calibrated:
     error: str = ""
 
 
-def read_calibration(device: Configured, today: date) -> Calibrated | None:
+def read_calibration(device: ConfiguredDevice, today: date) -> Calibrated | None:
     """The calibration that the settings name, as the daemon would take it; None for what needs none."""
     command, settings = _COMMANDS.get(device.driver.slot), device.settings
     if command is None or device.driver.place is None:

@@ -11,7 +11,7 @@ from forefeel.common.settings import DaemonSettings
 from forefeel.common.topics import Role
 from forefeel.common.transport.exposure import check_exposure
 from forefeel.common.transport.pki import AUTHORITY, read_identity
-from forefeel.common.transport.security import Identity, Party
+from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.zenoh_config import secured_by_file
 from forefeel.doctor.findings import Finding, Level
 
@@ -37,7 +37,7 @@ class Certificate:
     signs: bool = False
 
 
-def find_identity(settings: DaemonSettings, role: Role) -> Identity | None:
+def find_identity(settings: DaemonSettings, role: Role) -> PartyFiles | None:
     """The files of the role that can be used; None where there are none."""
     folder = settings.transport.pki
     if folder is None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.hardware.streams import latency_warning
-from forefeel.devices.configured import Configured
+from forefeel.devices.configured import ConfiguredDevice
 from forefeel.devices.ports import CanInterface, can_interfaces
 from forefeel.devices.probe import Probed, probe
 from forefeel.doctor.findings import Finding
@@ -74,7 +74,7 @@ def judge_port(port: Port) -> list[Finding]:
     return [Finding(GROUP, port.path, "green", "may be opened")]
 
 
-def can_buses(devices: Sequence[Configured]) -> list[CanBus]:
+def can_buses(devices: Sequence[ConfiguredDevice]) -> list[CanBus]:
     """The SocketCAN interfaces that the devices need."""
     wanted = {
         str(can.channel): int(can.bitrate)
@@ -117,7 +117,7 @@ def judge_can(bus: CanBus) -> Finding:
     return Finding(GROUP, bus.name, "green", f"up, bitrate {bus.bitrate}")
 
 
-def probe_devices(devices: Sequence[Configured]) -> list[Probed]:
+def probe_devices(devices: Sequence[ConfiguredDevice]) -> list[Probed]:
     """Talks to each of them for a moment."""
     return [probe(device, PROBE_S, MonotonicClock()) for device in devices]
 

@@ -11,7 +11,7 @@ from forefeel.common.state.folder import holder, state_path
 from forefeel.common.topics import Role
 from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.devices.configured import Configured, configured
+from forefeel.devices.configured import ConfiguredDevice, configured
 from forefeel.doctor import (
     access,
     calibrations,
@@ -152,7 +152,7 @@ def _devices(end: End) -> Iterator[Finding]:
             yield calibrations.judge_calibration(calibration, today)
 
 
-def _probed(end: End, found: Sequence[Configured]) -> Iterator[Finding]:
+def _probed(end: End, found: Sequence[ConfiguredDevice]) -> Iterator[Finding]:
     real = [device for device in found if device.driver.place is not None]
     if not real:
         yield Finding(devices.GROUP, f"{end.role}'s devices", "green", "all simulated")

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from math import floor, nan
 
 from forefeel.common.hardware.bota import OVERRANGE, BotaFrame, encode
-from forefeel.emulate.sensing import FAULTS, Sensing, Sensor
+from forefeel.emulate.sensing import FAULTS, EmulatedSensor, Sensing
 
 RATE_HZ = 800.0
 _US = 1_000_000
@@ -30,9 +30,9 @@ class EmulatedBota:
     ) -> None:
         self.sensing = sensing or Sensing(RATE_HZ)
         self.status = status
-        self._sensor = Sensor(self.sensing, feel)
+        self._sensor = EmulatedSensor(self.sensing, feel)
         quiet = Sensing(self.sensing.rate_hz, noise_n=self.sensing.noise_n, seed=self.sensing.seed + 1)
-        self._others = Sensor(quiet, lambda _: 0.0)
+        self._others = EmulatedSensor(quiet, lambda _: 0.0)
         self._field = f"{component}_n"
         self._start_us, self._pace = start_us, 1.0 + drift_ppm * 1e-6
         self._broken = False

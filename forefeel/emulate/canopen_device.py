@@ -10,7 +10,7 @@ from canopen.objectdictionary import datatypes
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware import cia301
-from forefeel.common.hardware.cia301 import Entry
+from forefeel.common.hardware.cia301 import ObjectEntry
 
 _TYPES = {
     "b": datatypes.INTEGER8,
@@ -24,7 +24,7 @@ _TYPES = {
 _MOST_SYNCHRONOUS = 240
 _PDO_OFF = 1 << 31
 _AT_ONCE = 200
-Contents = Mapping[Entry, float]
+Contents = Mapping[ObjectEntry, float]
 
 
 def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
@@ -45,18 +45,18 @@ def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
     return dictionary
 
 
-def pdo_contents(node: int, pdos: int = 4, entries: int = 4) -> dict[Entry, float]:
+def pdo_contents(node: int, pdos: int = 4, entries: int = 4) -> dict[ObjectEntry, float]:
     """Parameters of so many receive and transmit PDOs, all off, of the predefined identifiers."""
-    found: dict[Entry, float] = {}
+    found: dict[ObjectEntry, float] = {}
     for transmit in (False, True):
         base = cia301.TPDO1 if transmit else cia301.RPDO1
         for number in range(1, pdos + 1):
             communication, mapping = cia301.pdo_objects(transmit, number)
-            found[Entry(communication, 0, "B")] = 2
-            found[Entry(communication, 1, "I")] = (base + 0x100 * (number - 1) + node) | _PDO_OFF
-            found[Entry(communication, 2, "B")] = 255
-            found[Entry(mapping, 0, "B")] = 0
-            found.update({Entry(mapping, i, "I"): 0 for i in range(1, entries + 1)})
+            found[ObjectEntry(communication, 0, "B")] = 2
+            found[ObjectEntry(communication, 1, "I")] = (base + 0x100 * (number - 1) + node) | _PDO_OFF
+            found[ObjectEntry(communication, 2, "B")] = 255
+            found[ObjectEntry(mapping, 0, "B")] = 0
+            found.update({ObjectEntry(mapping, i, "I"): 0 for i in range(1, entries + 1)})
     return found
 
 
@@ -227,7 +227,7 @@ class CanopenDevice:
         del od
         return self.shown(index, subindex)
 
-    def value(self, entry: Entry) -> float:
+    def value(self, entry: ObjectEntry) -> float:
         """As a client would read it."""
         return entry.unpack(self._node.get_data(entry.index, entry.sub))
 
@@ -243,17 +243,17 @@ class CanopenDevice:
                 communication, mapping = cia301.pdo_objects(transmit, number)
                 if communication not in self._node.object_dictionary:
                     continue
-                can_id = int(self.value(Entry(communication, 1, "I")))
+                can_id = int(self.value(ObjectEntry(communication, 1, "I")))
                 if can_id & _PDO_OFF:
                     continue
-                kind = int(self.value(Entry(communication, 2, "B")))
+                kind = int(self.value(ObjectEntry(communication, 2, "B")))
                 self._pdos.append((transmit, can_id & 0x7FF, kind, self._mapped(mapping)))
         return self._pdos
 
     def _mapped(self, mapping: int) -> tuple[tuple[int, int], ...]:
         """(index and sub-index as in the mapping, bytes) of each."""
-        count = int(self.value(Entry(mapping, 0, "B")))
-        words = [int(self.value(Entry(mapping, i, "I"))) for i in range(1, count + 1)]
+        count = int(self.value(ObjectEntry(mapping, 0, "B")))
+        words = [int(self.value(ObjectEntry(mapping, i, "I"))) for i in range(1, count + 1)]
         return tuple((word >> 8, (word & 0xFF) // 8) for word in words)
 
     def take(self, can_id: int, data: bytes, t_s: float) -> None:
@@ -290,6 +290,6 @@ class CanopenDevice:
             start += size
 
 
-def unpacked(entry: Entry, data: bytes) -> int:
+def unpacked(entry: ObjectEntry, data: bytes) -> int:
     """An integer that was written."""
     return int(struct.unpack_from("<" + entry.kind, data)[0])

@@ -10,11 +10,11 @@ from forefeel.common.hardware.coil import (
     PROTOCOL,
     Button,
     CoilCommand,
+    CoilIdentity,
     CoilParser,
     CoilState,
     Flag,
     Identify,
-    Identity,
     encode,
 )
 from forefeel.common.hardware.settings import Sign
@@ -50,7 +50,7 @@ class CoilHardware:
     firmware: str = "1.0"
 
 
-class Encoder:
+class QuadratureEncoder:
     """Counts, and their rate from the times of the edges, between which the motion is a straight line."""
 
     def __init__(self, counts_per_m: float) -> None:
@@ -103,7 +103,7 @@ class CoilDevice:
         self.counters: Counter[str] = Counter()
         self.current_a = 0.0
         self.person = person if person is not None else _operator(seed)
-        self._parser, self._encoder = CoilParser(self.counters), Encoder(self.hardware.counts_per_m)
+        self._parser, self._encoder = CoilParser(self.counters), QuadratureEncoder(self.hardware.counts_per_m)
         self._watchdog_s, self._limit_a = 0.0, 0.0
         self._heat, self._next = 0.0, 0
         self._found_s, self._hangs_until_s = -inf, -inf
@@ -153,16 +153,16 @@ class CoilDevice:
                     f"{fault}: expected stuck, overrange or drive_fault for a coil handle"
                 )
 
-    def _identify(self, wish: Identify, t_s: float) -> None:
+    def _identify(self, request: Identify, t_s: float) -> None:
         hardware = self.hardware
-        watchdog_ms = min(wish.watchdog_ms, hardware.longest_watchdog_ms)
-        limit_ma = min(wish.limit_ma, round(hardware.peak_a * 1e3))
+        watchdog_ms = min(request.watchdog_ms, hardware.longest_watchdog_ms)
+        limit_ma = min(request.limit_ma, round(hardware.peak_a * 1e3))
         self._watchdog_s, self._limit_a = watchdog_ms * 1e-3, limit_ma * 1e-3
         self._flags &= ~(Flag.WATCHDOG | Flag.OVERCURRENT)
         self._identified = True
         self._command, self._command_s = _NO_COMMAND, t_s
         texts = hardware.name, hardware.serial, hardware.firmware
-        self._answer += encode(Identity(hardware.protocol, watchdog_ms, limit_ma, *texts))
+        self._answer += encode(CoilIdentity(hardware.protocol, watchdog_ms, limit_ma, *texts))
 
     def _step(self, t_s: float) -> bytes:
         reading = self._live(t_s)

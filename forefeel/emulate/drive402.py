@@ -7,7 +7,7 @@ import can
 import canopen
 
 from forefeel.common.hardware import cia301, cia402
-from forefeel.common.hardware.cia301 import Entry
+from forefeel.common.hardware.cia301 import ObjectEntry
 from forefeel.emulate.canopen_device import CanopenDevice, pdo_contents, unpacked
 from forefeel.emulate.drive402_homing import METHODS
 from forefeel.emulate.drive402_model import HEARTBEAT_LOST, OVERCURRENT, DriveModel, Moved
@@ -28,16 +28,16 @@ _SIGNED = frozenset(
 )
 
 
-def contents(node: int) -> dict[Entry, float]:
+def contents(node: int) -> dict[ObjectEntry, float]:
     """The object dictionary of the drive."""
     return {
         cia301.DEVICE_TYPE: 0x0002_0000 | cia402.PROFILE,  # a servo drive
         cia301.ERROR_REGISTER: 0,
         cia301.SYNC_PERIOD_US: 0,
-        Entry(0x1016, 0, "B"): 1,
+        ObjectEntry(0x1016, 0, "B"): 1,
         cia301.HEARTBEAT_CONSUMER: 0,
         cia301.HEARTBEAT_PRODUCER_MS: 0,
-        Entry(0x1018, 0, "B"): 4,
+        ObjectEntry(0x1018, 0, "B"): 4,
         cia301.VENDOR: 0x0000_FEE1,
         cia301.PRODUCT: 0x402,
         cia301.REVISION: 0x0001_0000,
@@ -55,16 +55,16 @@ def contents(node: int) -> dict[Entry, float]:
         cia402.FOLLOWING_TIMEOUT_MS: 0,
         cia402.VELOCITY_ACTUAL: 0,
         cia402.TARGET_POSITION: 0,
-        Entry(0x607D, 0, "B"): 2,
+        ObjectEntry(0x607D, 0, "B"): 2,
         cia402.HOME_OFFSET: 0,
         cia402.SOFT_LIMIT_LOW: -(2**31),
         cia402.SOFT_LIMIT_HIGH: 2**31 - 1,
         cia402.QUICK_STOP_DECELERATION: 0,
-        Entry(0x60C2, 0, "B"): 2,
+        ObjectEntry(0x60C2, 0, "B"): 2,
         cia402.PERIOD_VALUE: 4,
         cia402.PERIOD_EXPONENT: -3,
         cia402.HOMING_METHOD: 0,
-        Entry(0x6099, 0, "B"): 2,
+        ObjectEntry(0x6099, 0, "B"): 2,
         cia402.HOMING_SEARCH_SPEED: 0,
         cia402.HOMING_ZERO_SPEED: 0,
         cia402.HOMING_ACCELERATION: 0,

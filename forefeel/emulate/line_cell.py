@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from forefeel.common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, encode_line
-from forefeel.emulate.sensing import FAULTS, Sensing, Sensor
+from forefeel.emulate.sensing import FAULTS, EmulatedSensor, Sensing
 
 LOADSTAR_RATE_HZ, HX711_RATE_HZ = 150.0, 80.0
 _LONGEST_COMMAND = 64
@@ -21,7 +21,7 @@ class EmulatedLoadstar:
         self, feel: Callable[[float], float], sensing: Sensing | None = None, number: str = "001"
     ) -> None:
         self.sensing = sensing or Sensing(LOADSTAR_RATE_HZ, resolution_n=NEWTON_PER_UNIT["millipound_force"])
-        self._sensor = Sensor(self.sensing, feel)
+        self._sensor = EmulatedSensor(self.sensing, feel)
         self._number, self._tare_n = number, 0.0
         self._line, self._out = bytearray(), bytearray()
         self._streaming = False
@@ -88,7 +88,7 @@ class EmulatedHx711:
         label: str = "",
     ) -> None:
         self.sensing = sensing or Sensing(HX711_RATE_HZ)
-        self._sensor = Sensor(self.sensing, feel)
+        self._sensor = EmulatedSensor(self.sensing, feel)
         self._counts_per_n, self._zero_counts = counts_per_n, zero_counts
         self._label = label.encode("ascii")
         self.sent = 0

@@ -23,7 +23,7 @@ class Load:
     force_n: float = 0.0
 
 
-class Orders:
+class OrderReader:
     """Obeys lines: `load 1.5` where there is a load cell, and the names of the device's faults.
 
     Args:
@@ -74,7 +74,7 @@ class OrdersFromStdin:
     would stop the process for it.
     """
 
-    def __init__(self, orders: Orders) -> None:
+    def __init__(self, orders: OrderReader) -> None:
         self._orders = orders
         self._end = _open_stdin()
         self._partial = b""

@@ -1,4 +1,4 @@
-"""One emulated device from the wish to its end."""
+"""One emulated device from its options to its end."""
 
 import json
 import time
@@ -20,7 +20,7 @@ from forefeel.emulate import benches, can_benches
 from forefeel.emulate.benches import SerialBench, Surroundings
 from forefeel.emulate.can_hub import CanHub
 from forefeel.emulate.canopen_device import CanopenDevice
-from forefeel.emulate.orders import Load, Orders, OrdersFromStdin
+from forefeel.emulate.orders import Load, OrderReader, OrdersFromStdin
 from forefeel.emulate.pty import Pty, PtyServer
 from forefeel.emulate.wire import Faults, Timetable
 from forefeel.interrupt import Stop, heeded
@@ -53,7 +53,7 @@ _LOAD_CELLS = "bota_serial", "ascii_line", "cia404"
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class EmulatorOptions:
     """What the user asked for on the command line."""
 
     device: str
@@ -65,25 +65,25 @@ class Wish:
     seed: int
 
 
-def run_emulator(wish: Wish, duration_s: float | None = None) -> None:
+def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> None:
     """Runs until SIGINT, SIGTERM, SIGHUP or the end of the duration; then says what befell the bytes.
 
     Raises:
         InputError: an unknown device or fault, a file or a place for the port that can not be used.
     """
-    if wish.device not in DEVICES:
-        raise ConfigurationError(f"{wish.device!r}: expected one of {', '.join(DEVICES)}")
+    if options.device not in DEVICES:
+        raise ConfigurationError(f"{options.device!r}: expected one of {', '.join(DEVICES)}")
     die_with_parent()
     prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
-    faults = Faults.parse(wish.faults)
+    faults = Faults.parse(options.faults)
     with heeded() as stop, ExitStack() as leave:
-        make = _serial if wish.device in _SERIAL else _hub if wish.device == "can_hub" else _node
-        running = make(wish, faults, leave)
-        orders = OrdersFromStdin(Orders(running.living.faults, running.living.provoke, running.load))
+        make = _serial if options.device in _SERIAL else _hub if options.device == "can_hub" else _node
+        running = make(options, faults, leave)
+        orders = OrdersFromStdin(OrderReader(running.living.faults, running.living.provoke, running.load))
         prepare_process()  # nor for its own collector of garbage
         _run(running.living, orders, duration_s, stop)
         with suppress(OSError):  # of a terminal that is gone
-            print(json.dumps({"device": wish.device, **running.counts()}), flush=True)
+            print(json.dumps({"device": options.device, **running.counts()}), flush=True)
 
 
 def _run(living: "Living", orders: OrdersFromStdin, duration_s: float | None, stop: Stop) -> None:
@@ -118,42 +118,42 @@ class Running(NamedTuple):
     load: Load | None = None
 
 
-def _serial(wish: Wish, faults: Faults, leave: ExitStack) -> Running:
-    kind, defaults, build = _SERIAL[wish.device]
-    settings, world = section(wish, kind, defaults)
-    around = Surroundings(world, wish.feel, wish.seed)
+def _serial(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
+    kind, defaults, build = _SERIAL[options.device]
+    settings, world = section(options, kind, defaults)
+    around = Surroundings(world, options.feel, options.seed)
     bench = build(settings, around, leave)
     faults.require_known(("unplug", "plug", *bench.device.faults))
     port = leave.enter_context(Pty(bench.port))
-    server = PtyServer(bench.device, port, bench.baud, faults, wish.seed)
-    print(f"{wish.device} on {bench.port} at {bench.baud} baud", flush=True)
+    server = PtyServer(bench.device, port, bench.baud, faults, options.seed)
+    print(f"{options.device} on {bench.port} at {bench.baud} baud", flush=True)
 
     def counts() -> dict[str, Any]:
         ways = {"from_host": server.to_device, "to_host": server.to_host}
         return {**{way: dict(wire.counts) for way, wire in ways.items()}, "lost": port.lost}
 
-    return Running(server, counts, around.load if wish.device in _LOAD_CELLS else None)
+    return Running(server, counts, around.load if options.device in _LOAD_CELLS else None)
 
 
-def _hub(wish: Wish, faults: Faults, leave: ExitStack) -> Running:
-    if wish.port is None:
+def _hub(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
+    if options.port is None:
         raise ConfigurationError("emulate can_hub: expected --port LINK,LINK")
     faults.require_known(CanHub.faults)
-    hub = can_benches.hub(wish.port, faults, wish.seed, leave)
-    print(f"can_hub on {wish.port}", flush=True)
+    hub = can_benches.hub(options.port, faults, options.seed, leave)
+    print(f"can_hub on {options.port}", flush=True)
     return Running(hub, hub.counts)
 
 
-def _node(wish: Wish, faults: Faults, leave: ExitStack) -> Running:
+def _node(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
     """A CANopen device on `--port` of an slcan hub, or on the bus of the file."""
-    kind, defaults, build = _NODES[wish.device]
-    settings, world = section(wish, kind, defaults)
-    around = Surroundings(world, wish.feel, wish.seed)
+    kind, defaults, build = _NODES[options.device]
+    settings, world = section(options, kind, defaults)
+    around = Surroundings(world, options.feel, options.seed)
     device = build(settings, around, leave)
     faults.require_known(device.faults)
     place = f"{settings.can.interface} {settings.can.channel}"
-    print(f"{wish.device} node {settings.node_id} on {place}", flush=True)
-    load = around.load if wish.device in _LOAD_CELLS else None
+    print(f"{options.device} node {settings.node_id} on {place}", flush=True)
+    load = around.load if options.device in _LOAD_CELLS else None
     return Running(_OnTimetable(device, faults), lambda: {"node": settings.node_id}, load)
 
 
@@ -171,35 +171,37 @@ class _OnTimetable:
         self._device.step()
 
 
-def section(wish: Wish, kind: type[BaseModel], defaults: dict[str, Any]) -> tuple[Any, WorldSettings]:
+def section(
+    options: EmulatorOptions, kind: type[BaseModel], defaults: dict[str, Any]
+) -> tuple[Any, WorldSettings]:
     """The section of the file that the driver of this device reads, and the world around it.
 
     Raises:
         ConfigurationError: no such axis, or another driver stands there; without a file no port.
     """
-    if wish.config is None:
-        if wish.port is None:
+    if options.config is None:
+        if options.port is None:
             raise ConfigurationError(
-                f"emulate {wish.device}: expected --port LINK, or --config FILE that has it"
+                f"emulate {options.device}: expected --port LINK, or --config FILE that has it"
             )
-        place = {"can": _slcan(wish.port)} if wish.device in _NODES else {"port": wish.port}
-        given = {"driver": wish.device, **place, **defaults}
-        return checked(kind, given, f"emulate {wish.device}"), preset("catheter")
-    daemon = load_daemon(wish.config)
+        place = {"can": _slcan(options.port)} if options.device in _NODES else {"port": options.port}
+        given = {"driver": options.device, **place, **defaults}
+        return checked(kind, given, f"emulate {options.device}"), preset("catheter")
+    daemon = load_daemon(options.config)
     assert isinstance(daemon, SlaveSettings | MasterSettings)
     names = [axis.name for axis in daemon.axes]
-    axis = next((axis for axis in daemon.axes if wish.axis in (None, axis.name)), None)
+    axis = next((axis for axis in daemon.axes if options.axis in (None, axis.name)), None)
     if axis is None:
         raise ConfigurationError(
-            f"--axis {wish.axis}: expected one of {', '.join(names)}, the axes of {wish.config}"
+            f"--axis {options.axis}: expected one of {', '.join(names)}, the axes of {options.config}"
         )
     devices = [device.settings for device in configured(daemon) if device.axis == axis.name]
     found = next((settings for settings in devices if isinstance(settings, kind)), None)
     if found is None:
         raise ConfigurationError(
-            f"{wish.config}: axis {axis.name} has no driver {wish.device!r}; expected one"
+            f"{options.config}: axis {axis.name} has no driver {options.device!r}; expected one"
         )
-    changed = found if wish.port is None else found.model_copy(update=_elsewhere(found, wish.port))
+    changed = found if options.port is None else found.model_copy(update=_elsewhere(found, options.port))
     world = axis.simulation if hasattr(axis, "simulation") else preset("catheter")
     return changed, world
 

@@ -25,7 +25,7 @@ class Sensing:
     seed: int = 0
 
 
-class Sensor:
+class EmulatedSensor:
     """The element itself: `measure` at the instants of the cell's own rate, each in turn.
 
     Attributes:

@@ -8,7 +8,7 @@ import can
 import canopen
 
 from forefeel.common.hardware import cia301, cia404
-from forefeel.common.hardware.cia301 import Entry
+from forefeel.common.hardware.cia301 import ObjectEntry
 from forefeel.emulate.canopen_device import CanopenDevice, pdo_contents, unpacked
 
 SERIAL = 0x0404_0001
@@ -16,13 +16,13 @@ _STRAIN_GAUGE = 70
 _REFUSED = 0x0800_0020  # data can not be transferred
 
 
-def contents(node: int, unit: int, digits: int) -> dict[Entry, float]:
+def contents(node: int, unit: int, digits: int) -> dict[ObjectEntry, float]:
     """The object dictionary of the transducer."""
     return {
         cia301.DEVICE_TYPE: 0x0002_0000 | cia404.PROFILE,  # analogue inputs
         cia301.ERROR_REGISTER: 0,
         cia301.HEARTBEAT_PRODUCER_MS: 0,
-        Entry(0x1018, 0, "B"): 4,
+        ObjectEntry(0x1018, 0, "B"): 4,
         cia301.VENDOR: 0x0000_FEE1,
         cia301.PRODUCT: 0x404,
         cia301.REVISION: 0x0001_0000,

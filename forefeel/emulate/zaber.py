@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.zaber import SPEED_DATA, WARNINGS, is_fault, lrc
-from forefeel.emulate.zaber_axis import STEP_S, Motion, ZaberAxis
-from forefeel.emulate.zaber_settings import RejectedError, ZaberModel, ZaberRegister, whole
+from forefeel.emulate.zaber_axis import STEP_S, AxisMode, ZaberAxis
+from forefeel.emulate.zaber_settings import SettingRejectedError, ZaberModel, ZaberRegister, whole
 
 Moved = Callable[[float, float, float, float], None]
 _ENDS = re.compile(rb"[\r\n]")
@@ -45,7 +45,7 @@ class ZaberDevice:
             "get": self._get,
             "set": self._set,
             "move": self._move,
-            "home": lambda _, args: self._begin(args, Motion.HOME),
+            "home": lambda _, args: self._begin(args, AxisMode.HOME),
             "stop": self._stop,
             "estop": self._estop,
             "warnings": self._warnings,
@@ -114,17 +114,17 @@ class ZaberDevice:
         self.counts["commands"] += 1
         try:
             data, flag = self._do(axis or 0, words), "OK"
-        except RejectedError as reason:
+        except SettingRejectedError as reason:
             self.counts["rejected"] += 1
             data, flag = str(reason), "RJ"
         self._send(f"@{self.model.address:02d} {axis or 0} {message_id}{flag} {self._status()} {data}")
 
     def _do(self, axis: int, words: list[str]) -> str:
         if axis > 1:
-            raise RejectedError("BADAXIS")
+            raise SettingRejectedError("BADAXIS")
         name, *args = words or [""]
         if name not in self._commands:
-            raise RejectedError("BADCOMMAND")
+            raise SettingRejectedError("BADCOMMAND")
         return self._commands[name](axis, args)
 
     def _status(self) -> str:
@@ -156,21 +156,21 @@ class ZaberDevice:
         kind, *rest = args or [""]
         low, high = self.axis.limits
         if kind == "vel":
-            return self._begin([], Motion.VELOCITY, whole(rest) / SPEED_DATA)
+            return self._begin([], AxisMode.VELOCITY, whole(rest) / SPEED_DATA)
         if kind in ("min", "max"):
-            return self._begin(rest, Motion.POSITION, low if kind == "min" else high)
+            return self._begin(rest, AxisMode.POSITION, low if kind == "min" else high)
         if kind not in ("abs", "rel"):
-            raise RejectedError("BADCOMMAND")
+            raise SettingRejectedError("BADCOMMAND")
         goal = whole(rest) + (self.axis.reported if kind == "rel" else 0)
         if not low <= goal <= high:
-            raise RejectedError("BADDATA")
-        return self._begin([], Motion.POSITION, goal)
+            raise SettingRejectedError("BADDATA")
+        return self._begin([], AxisMode.POSITION, goal)
 
-    def _begin(self, args: list[str], motion: Motion, goal: float = 0.0) -> str:
+    def _begin(self, args: list[str], motion: AxisMode, goal: float = 0.0) -> str:
         if args:
-            raise RejectedError("BADDATA")
+            raise SettingRejectedError("BADDATA")
         if not self.axis.enabled:
-            raise RejectedError("DRIVERDISABLED")
+            raise SettingRejectedError("DRIVERDISABLED")
         self.counts["moves"] += 1
         self.axis.begin(motion, goal)
         return "0"
@@ -178,9 +178,9 @@ class ZaberDevice:
     def _stop(self, axis: int, args: list[str]) -> str:
         del axis
         if args:
-            raise RejectedError("BADDATA")
+            raise SettingRejectedError("BADDATA")
         self.counts["stops"] += 1
-        self.axis.begin(Motion.STOP)
+        self.axis.begin(AxisMode.STOP)
         return "0"
 
     def _estop(self, axis: int, args: list[str]) -> str:
@@ -193,7 +193,7 @@ class ZaberDevice:
     def _warnings(self, axis: int, args: list[str]) -> str:
         del axis
         if args not in ([], ["clear"]):
-            raise RejectedError("BADDATA")
+            raise SettingRejectedError("BADDATA")
         flags = sorted(self.axis.flags, key=_GRAVITY.index)
         if args:
             self.axis.flags -= {flag for flag in flags if flag == "FS" or not (is_fault(flag))}
@@ -207,20 +207,20 @@ class ZaberDevice:
             self.axis.enabled = True
             self.axis.flags.discard("FD")
         else:
-            raise RejectedError("BADDATA")
+            raise SettingRejectedError("BADDATA")
         return "0"
 
     def _tools(self, axis: int, args: list[str]) -> str:
         del axis
         if args[:1] != ["echo"]:
-            raise RejectedError("BADCOMMAND")
+            raise SettingRejectedError("BADCOMMAND")
         return " ".join(args[1:]) or "0"
 
     def _system(self, axis: int, args: list[str]) -> str:
         if axis:
-            raise RejectedError("DEVICEONLY")
+            raise SettingRejectedError("DEVICEONLY")
         if args not in (["restart"], ["reset"]):
-            raise RejectedError("BADCOMMAND")
+            raise SettingRejectedError("BADCOMMAND")
         self._restart()
         return "0"
 

@@ -9,7 +9,7 @@ _STALL_S = 0.05
 _NEAR = 1e-6  # microsteps
 
 
-class Motion(Enum):
+class AxisMode(Enum):
     """What the axis is doing."""
 
     IDLE = "idle"
@@ -38,7 +38,7 @@ class ZaberAxis:
         self.stuck = False
         self.enabled = True
         self.ended: Callable[[], None] | None = None
-        self.motion = Motion.IDLE
+        self.motion = AxisMode.IDLE
         self._ends = ends
         self._reference = 0.0
         self._goal = 0.0
@@ -54,12 +54,12 @@ class ZaberAxis:
     @property
     def busy(self) -> bool:
         """Whether it moves or is to move."""
-        return self.motion is not Motion.IDLE
+        return self.motion is not AxisMode.IDLE
 
     def lose_reference(self) -> None:
         """As after power was off: it takes where it is for zero, and says so."""
         self._reference = self.position
-        self.motion, self.velocity = Motion.IDLE, 0.0
+        self.motion, self.velocity = AxisMode.IDLE, 0.0
         self.flags = {"WR"}
         self.enabled = True
 
@@ -68,7 +68,7 @@ class ZaberAxis:
         self._reference = self.position - reported
         self.flags = self.flags - {"WR"} | {"WH"}
 
-    def begin(self, motion: Motion, goal: float = 0.0) -> None:
+    def begin(self, motion: AxisMode, goal: float = 0.0) -> None:
         """A motion: to a reported position, at a velocity, to the home sensor, or to rest."""
         if self.busy:
             self.flags.add("NI")
@@ -81,7 +81,7 @@ class ZaberAxis:
         self.enabled = False
         self.flags.add(flag)
         if self.busy:
-            self.begin(Motion.STOP)
+            self.begin(AxisMode.STOP)
 
     def step(self) -> None:
         """One millisecond."""
@@ -103,11 +103,11 @@ class ZaberAxis:
 
     def _wanted(self) -> float:
         """The velocity that the motion asks for."""
-        if self.motion is Motion.STOP:
+        if self.motion is AxisMode.STOP:
             return 0.0
-        if self.motion is Motion.HOME:
+        if self.motion is AxisMode.HOME:
             return self._towards(-self.position, self.homing_speed)
-        if self.motion is Motion.POSITION:
+        if self.motion is AxisMode.POSITION:
             return self._towards(self._goal - self.reported, self.maximum_speed)
         room = self.limits[1 if self._goal > 0 else 0] - self.reported
         return self._towards(room, abs(self._goal)) if room * self._goal > 0 else 0.0
@@ -134,7 +134,7 @@ class ZaberAxis:
     def _stall(self) -> None:
         self.velocity = 0.0
         self._stalled_s += STEP_S
-        if self.motion is Motion.STOP:
+        if self.motion is AxisMode.STOP:
             self._end()
         elif self._stalled_s >= _STALL_S:
             self.flags.add("FS")
@@ -142,9 +142,9 @@ class ZaberAxis:
             self._end()
 
     def _end(self) -> None:
-        if self.motion is Motion.HOME and "FS" not in self.flags:
+        if self.motion is AxisMode.HOME and "FS" not in self.flags:
             self._reference = 0.0
             self.flags -= {"WR", "WH"}
-        self.motion = Motion.IDLE
+        self.motion = AxisMode.IDLE
         if self.ended is not None:
             self.ended()

@@ -29,7 +29,7 @@ class ZaberModel:
     max_acceleration_m_s2: float = 100.0
 
 
-class RejectedError(Exception):
+class SettingRejectedError(Exception):
     """A command that the device does not take; the text is its reason, BADDATA for example."""
 
 
@@ -72,7 +72,7 @@ class ZaberRegister:
         if args == ["pos"]:
             return f"{round(self._axis.reported)}"
         if len(args) != 1 or args[0] not in self._values:
-            raise RejectedError("BADCOMMAND")
+            raise SettingRejectedError("BADCOMMAND")
         return self._values[args[0]]
 
     def set(self, axis: int, args: list[str]) -> None:
@@ -82,13 +82,13 @@ class ZaberRegister:
             self._axis.place(whole(args[1:]))
             return
         if name not in self._values:
-            raise RejectedError("BADCOMMAND")
+            raise SettingRejectedError("BADCOMMAND")
         if axis and name.startswith(("comm.", "system.")):
-            raise RejectedError("DEVICEONLY")
+            raise SettingRejectedError("DEVICEONLY")
         value = whole(args[1:])
         low, high = self._range(name)
         if not low <= value <= high:
-            raise RejectedError("BADDATA")
+            raise SettingRejectedError("BADDATA")
         self._values[name] = f"{value}"
         self._apply()
 
@@ -122,5 +122,5 @@ class ZaberRegister:
 def whole(args: list[str]) -> int:
     """The one whole number of a command; RejectedError where there is none."""
     if len(args) != 1 or _WHOLE.fullmatch(args[0]) is None:
-        raise RejectedError("BADDATA")
+        raise SettingRejectedError("BADDATA")
     return int(args[0])

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.evaluate.figures import drawings
@@ -11,7 +11,7 @@ from forefeel.report.template import render
 
 
 def render_page(
-    link: Link, rules: Sequence[str], recordings: Mapping[str, Evaluated], skipped: Mapping[str, str]
+    link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated], skipped: Mapping[str, str]
 ) -> str:
     """The evaluation with figures as one HTML file that needs nothing else."""
     return render(

@@ -1,4 +1,4 @@
-"""One evaluation from the wish to the table."""
+"""One evaluation from its options to the table."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import ConfigurationError, InputError, RecordingError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.tabular import load_recording
-from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import (
     Evaluated,
     Prepared,
@@ -32,7 +32,7 @@ _JSON, _PAGE = "evaluation.json", "evaluation.html"
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class EvaluationOptions:
     """What the user asked for on the command line. `columns`: time, position, force as `unit:column`."""
 
     files: tuple[Path, ...]
@@ -44,21 +44,21 @@ class Wish:
     columns: Columns = (None, None, None)
 
 
-def run_evaluation(wish: Wish, out: Path, overwrite: bool) -> dict[str, Evaluated]:
+def run_evaluation(options: EvaluationOptions, out: Path, overwrite: bool) -> dict[str, Evaluated]:
     """Reads, replays, writes evaluation.json and evaluation.html, prints the table.
 
     Raises:
-        InputError: the wish can not be fulfilled, or no file can be evaluated; nothing was written.
+        InputError: the options can not be fulfilled, or no file can be evaluated; nothing was written.
         RunError: interrupted, or the results can not be written.
     """
     with ends_in_order("evaluation", out) as written:
-        return _run(wish, out, overwrite, written)
+        return _run(options, out, overwrite, written)
 
 
-def _run(wish: Wish, out: Path, overwrite: bool, written: list[str]) -> dict[str, Evaluated]:
-    link = Link(wish.delay_s, wish.jitter_s, wish.loss, wish.seed)
-    model = None if wish.model is None else checked_model(load_model(wish.model), str(wish.model))
-    prepared, skipped = _read(wish, link)
+def _run(options: EvaluationOptions, out: Path, overwrite: bool, written: list[str]) -> dict[str, Evaluated]:
+    link = DelayedLink(options.delay_s, options.jitter_s, options.loss, options.seed)
+    model = None if options.model is None else checked_model(load_model(options.model), str(options.model))
+    prepared, skipped = _read(options, link)
     folder = fresh_folder(out, (_JSON, _PAGE), "an earlier evaluation", overwrite)
     for reason in skipped.values():
         say(f"skipped: {reason}")
@@ -71,20 +71,20 @@ def _run(wish: Wish, out: Path, overwrite: bool, written: list[str]) -> dict[str
     return evaluated
 
 
-def _read(wish: Wish, link: Link) -> tuple[dict[str, Prepared], dict[str, str]]:
+def _read(options: EvaluationOptions, link: DelayedLink) -> tuple[dict[str, Prepared], dict[str, str]]:
     """(recordings, reasons for those that were skipped), both by the file's stem.
 
     Raises:
         InputError: two files of one stem, a column that is malformed, or nothing left.
     """
-    stems = Counter(path.stem for path in wish.files)
+    stems = Counter(path.stem for path in options.files)
     for stem, count in stems.items():
         if count > 1:
             raise ConfigurationError(f"{count} files are named {stem!r}; expected one of each name")
-    mapping = mapping_of(wish.columns)
+    mapping = mapping_of(options.columns)
     prepared: dict[str, Prepared] = {}
     skipped: dict[str, str] = {}
-    for path in wish.files:
+    for path in options.files:
         try:
             prepared[path.stem] = prepare(load_recording(path, mapping), link)
         except RecordingError as error:

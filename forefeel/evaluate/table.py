@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.report.text import DISCLAIMER
@@ -28,7 +28,7 @@ def best(evaluated: Evaluated) -> str | None:
 
 
 def in_words(
-    link: Link, rules: Sequence[str], recordings: Mapping[str, Evaluated]
+    link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated]
 ) -> Iterator[RenderableType]:
     """Table, notes and rules."""
     yield _table(link, recordings)
@@ -37,7 +37,7 @@ def in_words(
     yield from ("", *rules, DISCLAIMER)
 
 
-def _table(link: Link, recordings: Mapping[str, Evaluated]) -> Table:
+def _table(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> Table:
     title = f"Error, rms and (its ratio to hold), delay {link.delay_s:g} s; * best"
     numbers = (*METHODS, "95 % band")
     made = table("recording", *numbers, title=title, right=numbers)

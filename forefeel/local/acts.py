@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from forefeel.common.audit_sink import AuditSink
 from forefeel.common.clock import Clock
-from forefeel.common.journal import Journal
 from forefeel.common.messages import SafetyState
 from forefeel.local.protocol import Answer, Request
 
@@ -26,8 +26,8 @@ _HANGS = "perhaps cleared: the control loop hangs in the tick that clears; start
 class SlaveActs:
     """Of the slave: state, stop, clear."""
 
-    def __init__(self, daemon: "SlaveDaemon", journal: Journal, clock: Clock) -> None:
-        self._daemon, self._journal, self._clock = daemon, journal, clock
+    def __init__(self, daemon: "SlaveDaemon", audit_sink: AuditSink, clock: Clock) -> None:
+        self._daemon, self._audit_sink, self._clock = daemon, audit_sink, clock
 
     async def __call__(self, request: Request, by: str) -> Answer:
         """Does what is asked for."""
@@ -77,7 +77,7 @@ class SlaveActs:
         return _ENDED if asked.cancelled() else asked.result()
 
     def _noted(self, by: str, done: bool, *text: str) -> Answer:
-        self._journal.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))
+        self._audit_sink.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))
         return self._answer(done, *text)
 
     def _stopped(self) -> bool:
@@ -85,7 +85,7 @@ class SlaveActs:
         return all(axis.state is SafetyState.ESTOPPED and axis.latch_persisted for axis in self._daemon.axes)
 
     def _lines(self) -> list[str]:
-        lost = self._journal.problem(self._clock.now_ns()) or "it is not written yet"
+        lost = self._audit_sink.problem(self._clock.now_ns()) or "it is not written yet"
         return [
             _line(axis.name, axis.state.value, axis.reason)
             + ("" if axis.latch_persisted else f"; NOT KEPT OVER A NEW START: {lost}")

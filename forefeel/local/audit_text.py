@@ -4,7 +4,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from forefeel.common.audit import PEER_LOG, Entry, Flaw, Link, Verdict, parse, verify
+from forefeel.common.audit import PEER_LOG, ChainEnd, Entry, Flaw, Verdict, parse, verify
 from forefeel.common.errors import ConfigurationError
 
 
@@ -21,17 +21,17 @@ def read_verdict(path: Path, head: str | None = None) -> Verdict:
         raise ConfigurationError(f"{path}: {error.strerror}; expected an audit log") from error
 
 
-def heads_noted_in(path: Path) -> list[Link]:
+def heads_noted_in(path: Path) -> list[ChainEnd]:
     """Where the log of the other end ended each time, by that log's own entries.
 
     Raises:
         ConfigurationError: the file can not be read.
     """
     details = [entry.noted.details for entry in read_entries(path)[0] if entry.noted.event == PEER_LOG]
-    return [Link(int(str(each["number"])), str(each["head"])) for each in details]
+    return [ChainEnd(int(str(each["number"])), str(each["head"])) for each in details]
 
 
-def missing_heads(path: Path, noted: list[Link]) -> list[Link]:
+def missing_heads(path: Path, noted: list[ChainEnd]) -> list[ChainEnd]:
     """Those of the heads that the log does not have, or has with another hash: its end was cut off, or it was
     removed and begun anew. Those before its first entry are of an earlier file of the same log.
 
@@ -79,7 +79,7 @@ def describe(verdict: Verdict, head: str | None) -> list[str]:
     return said
 
 
-def describe_heads(noted: list[Link], missing: list[Link]) -> list[str]:
+def describe_heads(noted: list[ChainEnd], missing: list[ChainEnd]) -> list[str]:
     """Which of the noted heads are here, a line for each thing."""
     if not missing:
         return [f"the other end noted {len(noted)} heads: all of this file's are here"]

@@ -12,19 +12,19 @@ from forefeel.common.clock import Clock
 from forefeel.common.config import dump_yaml
 from forefeel.common.errors import ForefeelError
 from forefeel.common.settings import DaemonSettings
+from forefeel.common.state.audit_sink import StateAuditSink
 from forefeel.common.state.folder import StateFolder, state_path
-from forefeel.common.state.journal import StateJournal
 from forefeel.terminal import say
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 class DaemonState:
-    """Folder and journal of a running daemon."""
+    """Folder and audit sink of a running daemon."""
 
-    def __init__(self, folder: StateFolder, journal: StateJournal) -> None:
+    def __init__(self, folder: StateFolder, audit_sink: StateAuditSink) -> None:
         self.path = folder.path
-        self.journal = journal
+        self.audit_sink = audit_sink
         self._folder = folder
         self._open = True
 
@@ -33,7 +33,7 @@ class DaemonState:
         if not self._open:
             return ""
         self._open = False
-        end, problem = self.journal.close(reason)
+        end, problem = self.audit_sink.close(reason)
         self._folder.close()
         return problem or f"audit log: {end.number} entries, head {end.hash}"
 
@@ -49,14 +49,14 @@ def daemon_state(settings: DaemonSettings, role: str, clock: Clock) -> Iterator[
     try:
         facts = _facts(settings, role)
         axes = [axis["name"] for axis in settings.model_dump(include={"axes"}).get("axes", ())]
-        state = DaemonState(folder, StateJournal(folder, clock, axes, settings.state.flight_records))
+        state = DaemonState(folder, StateAuditSink(folder, clock, axes, settings.state.flight_records))
     except BaseException:
         folder.close()
         raise
-    head = state.journal.head()
+    head = state.audit_sink.head()
     if head.number:  # whoever keeps what we say can compare it later
         say(f"{role}: audit log: goes on behind {head.number} entries, head {head.hash}")
-    state.journal.start(facts)
+    state.audit_sink.start(facts)
     try:
         yield state
     except ForefeelError as error:

@@ -149,7 +149,7 @@ def _stopped_here(config: Path, reason: str) -> bool:
     return True
 
 
-def _confirm(outcome: "stop.Outcome", whom: str) -> None:
+def _confirm(outcome: "stop.StopOutcome", whom: str) -> None:
     """Says what came of a stop over the network.
 
     Raises:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from forefeel.common import topics
-from forefeel.common.bus import Bus, Outlet
+from forefeel.common.bus import Bus, Publisher
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.codec import decode
 from forefeel.common.errors import CodecError, ConfigurationError
@@ -31,7 +31,7 @@ _ANYWHERE = ("0.0.0.0", "[::]", "")
 _NO_NAME = "unknown-host"
 
 
-class Outcome(NamedTuple):
+class StopOutcome(NamedTuple):
     """What the slave said of each axis: its state, `not heard` without a word."""
 
     axes: dict[str, str]
@@ -56,7 +56,7 @@ class Stopper:
     reason: str
     states: dict[str, str] = field(default_factory=dict)
     news: threading.Event = field(default_factory=threading.Event)
-    _outlets: dict[str, Outlet] = field(default_factory=dict)
+    _publishers: dict[str, Publisher] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """What an end may hear is less than what an observer may: its axes are named, and asked for each."""
@@ -83,17 +83,17 @@ class Stopper:
     def say(self, now_ns: int) -> None:
         """Once on each axis."""
         for axis in self.axes or tuple(self.states):
-            if axis not in self._outlets:
+            if axis not in self._publishers:
                 bus = Bus(self.transport, self.cell, axis, MonotonicClock())
-                self._outlets[axis] = bus.outlet(topics.EMERGENCY_STOP)
-            outlet = self._outlets[axis]
-            header = outlet.header(0, now_ns)
-            outlet.send(EmergencyStop(**header, source=self.source, reason=self.reason))
+                self._publishers[axis] = bus.publisher(topics.EMERGENCY_STOP)
+            publisher = self._publishers[axis]
+            header = publisher.header(0, now_ns)
+            publisher.send(EmergencyStop(**header, source=self.source, reason=self.reason))
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> StopOutcome:
         """As it is now; an axis that is only heard counts, too: a stop stops the cell."""
         found: dict[str, str] = dict.fromkeys(self.axes, "not heard")
-        return Outcome({**found, **self.states})
+        return StopOutcome({**found, **self.states})
 
 
 class Caller(NamedTuple):
@@ -108,7 +108,7 @@ class Caller(NamedTuple):
     axes: tuple[str, ...] = ()
 
 
-def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason: str) -> Outcome:
+def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason: str) -> StopOutcome:
     """Says the stop every 20 ms, and with each news, until every axis shows it, or 2 s have gone.
 
     Raises:

@@ -29,7 +29,7 @@ _GUIDEWIRE_SCALE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class LoopbackOptions:
     """What the user asked for on the command line."""
 
     seed: int = 0
@@ -83,55 +83,55 @@ class Plan:
         return paths
 
 
-def make_plan(wish: Wish) -> Plan:
+def make_plan(options: LoopbackOptions) -> Plan:
     """Settings of both ends for what the user asked.
 
     Raises:
         InputError: an unknown preset, or a file that can not be used.
     """
-    _check(wish)
-    slave_axis, master_axis = _axes(wish)
+    _check(options)
+    slave_axis, master_axis = _axes(options)
     duration_s: float | None
-    duration_s = expected_s = wish.duration_s or DEFAULT_DURATION_S
+    duration_s = expected_s = options.duration_s or DEFAULT_DURATION_S
     notes: tuple[str, ...] = ()
-    if wish.recording is not None:
-        recording = load_recording(wish.recording, wish.columns)
+    if options.recording is not None:
+        recording = load_recording(options.recording, options.columns)
         if all(piece.stop - piece.start < 2 for piece in recording.segments(GAP_S)):
-            raise RecordingError(f"{wish.recording}: no two samples within {GAP_S:g} s, nothing to play")
+            raise RecordingError(f"{options.recording}: no two samples within {GAP_S:g} s, nothing to play")
         if recording.force_n is not None:
-            _refuse_world_options(wish)
-        notes = play(recording, _source(wish), slave_axis, master_axis)
-        duration_s = wish.duration_s
+            _refuse_world_options(options)
+        notes = play(recording, _source(options), slave_axis, master_axis)
+        duration_s = options.duration_s
         expected_s = min(duration_s or recording.duration_s, recording.duration_s)
-    _load_models(wish, slave_axis, master_axis)
-    link = {"inbound": wish.impairment, "seed": wish.seed}
+    _load_models(options, slave_axis, master_axis)
+    link = {"inbound": options.impairment, "seed": options.seed}
     return Plan(
         slave={"cell": "loopback", "impairment": link, "axes": [slave_axis]},
         master={"cell": "loopback", "impairment": link, "axes": [master_axis]},
         duration_s=duration_s,
         expected_s=expected_s,
         notes=notes,
-        metadata=_metadata(wish),
+        metadata=_metadata(options),
     )
 
 
-def _check(wish: Wish) -> None:
+def _check(options: LoopbackOptions) -> None:
     """Names and numbers of the command line."""
-    if wish.impairment not in PRESETS:
-        raise ConfigurationError(f"--impairment {wish.impairment!r}: expected one of {', '.join(PRESETS)}")
-    if wish.preset is not None and wish.preset not in WORLDS:
-        raise ConfigurationError(f"--preset {wish.preset!r}: expected one of {', '.join(WORLDS)}")
-    if wish.duration_s is not None and not 0.5 <= wish.duration_s <= 86_400:
-        raise ConfigurationError(f"--duration {wish.duration_s:g}: expected 0.5 to 86400 s")
+    if options.impairment not in PRESETS:
+        raise ConfigurationError(f"--impairment {options.impairment!r}: expected one of {', '.join(PRESETS)}")
+    if options.preset is not None and options.preset not in WORLDS:
+        raise ConfigurationError(f"--preset {options.preset!r}: expected one of {', '.join(WORLDS)}")
+    if options.duration_s is not None and not 0.5 <= options.duration_s <= 86_400:
+        raise ConfigurationError(f"--duration {options.duration_s:g}: expected 0.5 to 86400 s")
 
 
-def _axes(wish: Wish) -> tuple[dict[str, Any], dict[str, Any]]:
+def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
     """The axis of the slave and of the master, in the world of a preset."""
-    preset = wish.preset or _DEFAULT_PRESET
+    preset = options.preset or _DEFAULT_PRESET
     limits = {"max_force_n": _WORLD_MAX_N[preset]}
     slave_axis: dict[str, Any] = {
         "name": AXIS,
-        "seed": wish.seed,
+        "seed": options.seed,
         "limits": limits,
         "simulation": {"preset": preset},
     }
@@ -139,65 +139,65 @@ def _axes(wish: Wish) -> tuple[dict[str, Any], dict[str, Any]]:
     master_axis: dict[str, Any] = {
         "name": AXIS,
         "limits": limits,
-        "handle": {"driver": "operator", "seed": wish.seed},
+        "handle": {"driver": "operator", "seed": options.seed},
         "rendering": {"force_scale": scale, "max_force_n": HAND_MAX_N},
     }
     return slave_axis, master_axis
 
 
-def _metadata(wish: Wish) -> dict[str, str]:
+def _metadata(options: LoopbackOptions) -> dict[str, str]:
     return {
-        "seed": str(wish.seed),
-        "impairment": wish.impairment,
-        "preset": wish.preset or _DEFAULT_PRESET,
-        "recording": wish.recording.name if wish.recording else "none: synthetic operator",
-        "slave_model": wish.slave_model.name if wish.slave_model else "preset",
-        "master_model": wish.master_model.name if wish.master_model else "m, b, k, bias and friction",
-        "hidden": f"{wish.hide.name} from {wish.hide_at_s:g} s on" if wish.hide else "nothing",
+        "seed": str(options.seed),
+        "impairment": options.impairment,
+        "preset": options.preset or _DEFAULT_PRESET,
+        "recording": options.recording.name if options.recording else "none: synthetic operator",
+        "slave_model": options.slave_model.name if options.slave_model else "preset",
+        "master_model": options.master_model.name if options.master_model else "m, b, k, bias and friction",
+        "hidden": f"{options.hide.name} from {options.hide_at_s:g} s on" if options.hide else "nothing",
     }
 
 
-def _load_models(wish: Wish, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
-    if wish.slave_model is not None:
-        load_model(wish.slave_model)  # for an error that names the file and nothing around it
-        slave_axis["simulation"]["model"] = str(wish.slave_model.resolve())
-    _hide(wish, slave_axis)
-    if wish.master_model is not None:
-        if not load_model(wish.master_model).runtime().linear_names:
-            raise ConfigurationError(f"{wish.master_model}: no linear parameter; expected one to identify")
-        master_axis.setdefault("prediction", {})["model"] = str(wish.master_model.resolve())
+def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
+    if options.slave_model is not None:
+        load_model(options.slave_model)  # for an error that names the file and nothing around it
+        slave_axis["simulation"]["model"] = str(options.slave_model.resolve())
+    _hide(options, slave_axis)
+    if options.master_model is not None:
+        if not load_model(options.master_model).runtime().linear_names:
+            raise ConfigurationError(f"{options.master_model}: no linear parameter; expected one to identify")
+        master_axis.setdefault("prediction", {})["model"] = str(options.master_model.resolve())
 
 
-def _hide(wish: Wish, slave_axis: dict[str, Any]) -> None:
+def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:
     """Adds the effects of `--hide` to the simulated world; the master hears nothing of them."""
-    if wish.hide is None:
-        if wish.hide_at_s:
-            raise ConfigurationError(f"--hide-at {wish.hide_at_s:g}: expected only with --hide")
+    if options.hide is None:
+        if options.hide_at_s:
+            raise ConfigurationError(f"--hide-at {options.hide_at_s:g}: expected only with --hide")
         return
-    if not 0.0 <= wish.hide_at_s <= 86_400:
-        raise ConfigurationError(f"--hide-at {wish.hide_at_s:g}: expected 0 to 86400 s")
-    load_model(wish.hide)
-    hidden = {"model": str(wish.hide.resolve()), "from_s": wish.hide_at_s}
+    if not 0.0 <= options.hide_at_s <= 86_400:
+        raise ConfigurationError(f"--hide-at {options.hide_at_s:g}: expected 0 to 86400 s")
+    load_model(options.hide)
+    hidden = {"model": str(options.hide.resolve()), "from_s": options.hide_at_s}
     slave_axis["simulation"]["hidden"] = hidden
 
 
-def _source(wish: Wish) -> dict[str, Any]:
-    source: dict[str, Any] = {"recording": str(Path(wish.recording or "").resolve())}
-    if wish.columns is not None:
+def _source(options: LoopbackOptions) -> dict[str, Any]:
+    source: dict[str, Any] = {"recording": str(Path(options.recording or "").resolve())}
+    if options.columns is not None:
         source["columns"] = {
-            "time": wish.columns.time,
-            "position": wish.columns.position,
-            "force": wish.columns.force,
+            "time": options.columns.time,
+            "position": options.columns.position,
+            "force": options.columns.force,
         }
     return source
 
 
-def _refuse_world_options(wish: Wish) -> None:
+def _refuse_world_options(options: LoopbackOptions) -> None:
     """Recorded forces take the place of the simulated instrument."""
     for option, value in (
-        ("--preset", wish.preset),
-        ("--slave-model", wish.slave_model),
-        ("--hide", wish.hide),
+        ("--preset", options.preset),
+        ("--slave-model", options.slave_model),
+        ("--hide", options.hide),
     ):
         if value is not None:
             raise ConfigurationError(

@@ -1,4 +1,4 @@
-"""One loopback run from the wish to the ten lines."""
+"""One loopback run from its options to the ten lines."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -12,7 +12,7 @@ from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
 from forefeel.loopback.outcome import amber_line, require_armed
-from forefeel.loopback.plan import STATE, Plan, Wish, make_plan
+from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
@@ -39,23 +39,23 @@ class How:
     opens: bool = False
 
 
-def run_loopback(wish: Wish, out: Path | None, how: How) -> RunReport:
+def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> RunReport:
     """Plans, runs, reports, prints the ten lines.
 
     Raises:
-        InputError: the wish can not be fulfilled; nothing was written.
+        InputError: the options can not be fulfilled; nothing was written.
         RunError: the run failed, was interrupted, or was never armed.
     """
     folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
     if how.virtual and how.dashboard:
         raise ConfigurationError("--dashboard: shows what runs in real time; expected no --virtual-time")
     with ends_in_order("loopback", folder) as written:
-        return _run_in(folder, wish, how, written)
+        return _run_in(folder, options, how, written)
 
 
-def _run_in(folder: Path, wish: Wish, how: How, written: list[str]) -> RunReport:
-    check_hardware(wish.hardware, wish.recording is not None, how.virtual)
-    plan = make_plan(wish)
+def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]) -> RunReport:
+    check_hardware(options.hardware, options.recording is not None, how.virtual)
+    plan = make_plan(options)
     plan.slave_settings()
     plan.master_settings()
     fresh_folder(folder, _OURS, "an earlier run", how.overwrite)
@@ -64,7 +64,7 @@ def _run_in(folder: Path, wish: Wish, how: How, written: list[str]) -> RunReport
     watched = Watched(how.opens, say) if how.dashboard else None
     with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
-        _run(plan, wish, folder, how.virtual, written, _shown(bar, task, plan), watched)
+        _run(plan, options, folder, how.virtual, written, _shown(bar, task, plan), watched)
     with stages("loopback", said=()) as tell:
         tell("writing the report")
         report = write_report(folder / _RECORDING, folder)
@@ -84,7 +84,7 @@ def _shown(bar: Progress, task: TaskID, plan: Plan) -> Show:
 
 def _run(
     plan: Plan,
-    wish: Wish,
+    options: LoopbackOptions,
     folder: Path,
     virtual: bool,
     written: list[str],
@@ -92,16 +92,16 @@ def _run(
     watched: Watched | None,
 ) -> None:
     """Leaves the recording, also of a run that was interrupted."""
-    if wish.hardware != SIMULATED:
+    if options.hardware != SIMULATED:
         with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
-            bench = on_bench(plan, wish.hardware, Path(ports), folder, wish.seed)
+            bench = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
             run_real(bench.plan, folder, show, bench.emulators, watched)
         written.append(_RECORDING)
     elif not virtual:
         run_real(plan, folder, show, watched=watched)
         written.append(_RECORDING)
     else:
-        _run_virtual(VirtualLoopback(plan, wish.seed), folder / _RECORDING, written, show)
+        _run_virtual(VirtualLoopback(plan, options.seed), folder / _RECORDING, written, show)
     show(plan.expected_s, "done")
 
 

@@ -22,7 +22,7 @@ from forefeel.pki.layout import (
     members_of,
     parse_hosts,
 )
-from forefeel.pki.show import Row, rows
+from forefeel.pki.show import CertificateRow, rows
 from forefeel.pki.zenoh_files import zenoh_files
 from forefeel.terminal import SHADES, answer, show, table
 
@@ -116,14 +116,14 @@ def run_rules(cells: Sequence[str], folder: Path, out: Path, overwrite: bool) ->
     show(f"{out}: {', '.join(texts)}")
 
 
-def _in_words(found: Sequence[Row]) -> Iterator[RenderableType]:
+def _in_words(found: Sequence[CertificateRow]) -> Iterator[RenderableType]:
     yield _table(found)
     for row in found:
         if row.advice:
             yield f"{row.colour}: {row.advice}"
 
 
-def _table(found: Sequence[Row]) -> Table:
+def _table(found: Sequence[CertificateRow]) -> Table:
     made = table("", "file", "name", "hosts", "expires", "days", right=("days",))
     for row in found:
         cells = row.file, row.name, " ".join(row.hosts), row.expires[:10], str(row.days_left)

@@ -18,7 +18,7 @@ AMBER_DAYS = 30
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CertificateRow:
     """One certificate. `advice` says what is wrong and what to do where it is not green."""
 
     file: str
@@ -30,7 +30,7 @@ class Row:
     advice: str
 
 
-def rows(folder: Path, now: datetime) -> list[Row]:
+def rows(folder: Path, now: datetime) -> list[CertificateRow]:
     """The authority and everyone in the folder, of an authority's or of one host.
 
     Raises:
@@ -44,7 +44,7 @@ def rows(folder: Path, now: datetime) -> list[Row]:
     ]
 
 
-def _authority_row(path: Path, certificate: x509.Certificate, now: datetime) -> Row:
+def _authority_row(path: Path, certificate: x509.Certificate, now: datetime) -> CertificateRow:
     try:
         check_period(path, certificate, now)
     except ConfigurationError as error:
@@ -52,7 +52,7 @@ def _authority_row(path: Path, certificate: x509.Certificate, now: datetime) -> 
     return _judged(AUTHORITY, AUTHORITY_NAME, certificate, now, "")
 
 
-def _row(folder: Path, member: Member, now: datetime) -> Row:
+def _row(folder: Path, member: Member, now: datetime) -> CertificateRow:
     path = member.certificate(folder)
     try:
         read_identity(path.parent, member.party, now)
@@ -63,9 +63,11 @@ def _row(folder: Path, member: Member, now: datetime) -> Row:
     return _judged(name, member.party.name, read_certificate(path), now, wrong)
 
 
-def _judged(file: str, name: str, certificate: x509.Certificate, now: datetime, wrong: str) -> Row:
+def _judged(file: str, name: str, certificate: x509.Certificate, now: datetime, wrong: str) -> CertificateRow:
     end = certificate.not_valid_after_utc
     days_left = (end - now).days
     colour: Colour = "red" if wrong else "amber" if days_left < AMBER_DAYS else "green"
     advice = wrong or ("renew it soon: forefeel pki renew DIR" if colour == "amber" else "")
-    return Row(file, name, hosts_of(certificate), f"{end:%Y-%m-%dT%H:%M:%SZ}", days_left, colour, advice)
+    return CertificateRow(
+        file, name, hosts_of(certificate), f"{end:%Y-%m-%dT%H:%M:%SZ}", days_left, colour, advice
+    )

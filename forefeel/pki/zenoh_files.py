@@ -6,7 +6,7 @@ from pathlib import PurePath
 from typing import Any
 
 from forefeel.common.transport.pki import AUTHORITY
-from forefeel.common.transport.security import CELL_ROLES, Identity, Party, secured
+from forefeel.common.transport.security import CELL_ROLES, Party, PartyFiles, secured
 from forefeel.common.transport.zenoh_config import FIXED
 
 _HEAD = (
@@ -31,7 +31,7 @@ def _file(party: Party, apart: bool) -> str:
 
 
 def _text(party: Party, folder: PurePath, added: Mapping[str, object]) -> str:
-    files = Identity(folder / AUTHORITY, folder / f"{party.role}.crt", folder / f"{party.role}.key")
+    files = PartyFiles(folder / AUTHORITY, folder / f"{party.role}.crt", folder / f"{party.role}.key")
     mode = "router" if party.role == "router" else "peer"
     paths = {"mode": mode, **added, **FIXED, **secured(party, files)}
     return f"{_HEAD}{json.dumps(_nested(paths), indent=2)}\n"

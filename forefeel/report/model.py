@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from forefeel.common.error_size import ErrorSize
-from forefeel.report.score import Comparison, ErrorRatio, Spread
+from forefeel.report.score import ErrorRatio, PredictionComparison, Spread
 
 
 class _Part(BaseModel):
@@ -139,7 +139,7 @@ class AxisReport(_Part):
     prediction: ErrorSize = ErrorSize()
     hold: ErrorSize = ErrorSize()
     ratio: ErrorRatio = ErrorRatio()
-    settled: Comparison = Comparison()
+    settled: PredictionComparison = PredictionComparison()
     predictor: PredictorFigures = PredictorFigures()
     hand: HandFigures = HandFigures()
     delay_s: Spread = Spread()

@@ -27,7 +27,7 @@ class ErrorRatio:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class PredictionComparison:
     """Prediction and hold, both on the same `commands` (their number)."""
 
     commands: int = 0
@@ -115,7 +115,7 @@ def scored(predicted_n: Floats, held_n: Floats, force_n: Floats) -> NDArray[np.b
     return np.isfinite(predicted_n) & np.isfinite(held_n) & np.isfinite(force_n)
 
 
-def compare(predicted_n: Floats, held_n: Floats, force_n: Floats) -> Comparison:
+def compare(predicted_n: Floats, held_n: Floats, force_n: Floats) -> PredictionComparison:
     """Errors of prediction and hold over the commands where both and the answer exist."""
     rows = scored(predicted_n, held_n, force_n)
     prediction = error_size(predicted_n[rows], force_n[rows])
@@ -125,7 +125,7 @@ def compare(predicted_n: Floats, held_n: Floats, force_n: Floats) -> Comparison:
         p95=_ratio(prediction.p95_n, hold.p95_n),
         max=_ratio(prediction.max_n, hold.max_n),
     )
-    return Comparison(int(np.count_nonzero(rows)), prediction, hold, ratio)
+    return PredictionComparison(int(np.count_nonzero(rows)), prediction, hold, ratio)
 
 
 def spread(values: Floats) -> Spread:

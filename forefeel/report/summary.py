@@ -38,7 +38,7 @@ from forefeel.report.model import (
     SafetyNote,
     ScoredCommands,
 )
-from forefeel.report.score import Comparison, compare, scored, spread
+from forefeel.report.score import PredictionComparison, compare, scored, spread
 from forefeel.report.states import armed_share
 from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns, sent_ns
 
@@ -126,12 +126,12 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
     )
 
 
-def _compare(commands: CommandTraces) -> tuple[Comparison, Comparison]:
+def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionComparison]:
     """(all scored commands, those from SETTLING_S after the first of them)."""
     forces = commands.predicted_n, commands.held_n, commands.force_n
     rows = np.flatnonzero(scored(*forces))
     if not len(rows):
-        return Comparison(), Comparison()
+        return PredictionComparison(), PredictionComparison()
     late = commands.time_s - commands.time_s[rows[0]] > SETTLING_S - 1e-6  # stamps are rounded to ns
     return compare(*forces), compare(*(force[late] for force in forces))
 

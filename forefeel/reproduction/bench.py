@@ -12,8 +12,8 @@ from forefeel.common.recording.mcap_reader import Run as RecordedRun
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.diagnosis.reproduction.contact import Array
-from forefeel.diagnosis.reproduction.replay import Run
-from forefeel.loopback.plan import AXIS, Plan, Wish, make_plan
+from forefeel.diagnosis.reproduction.replay import ReplayedRun
+from forefeel.loopback.plan import AXIS, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.score import first_answers
 
@@ -36,7 +36,7 @@ STYLES: dict[str, dict[str, float]] = {
 INSTRUMENTS = "catheter", "guidewire"
 
 
-def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> Run:
+def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> ReplayedRun:
     """One operator with one instrument; what the load cell measured and what the product predicted for it.
 
     Raises:
@@ -55,7 +55,7 @@ def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> Run:
     delay_s = recorded.column(AXIS, HAPTICS, "delay_s").astype(np.float64)
     rendering = plan.master_settings().axes[0].rendering
     name = f"{instrument}, {style}"
-    return Run(
+    return ReplayedRun(
         name=name,
         recording=replace(recorded.to_recording(AXIS), name=name, source=f"simulated bench: {name}"),
         product_n=product_n,
@@ -68,7 +68,9 @@ def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> Run:
 
 
 def _plan(instrument: str, style: str, duration_s: float, seed: int) -> Plan:
-    plan = make_plan(Wish(seed=seed, impairment=IMPAIRMENT, preset=instrument, duration_s=duration_s))
+    plan = make_plan(
+        LoopbackOptions(seed=seed, impairment=IMPAIRMENT, preset=instrument, duration_s=duration_s)
+    )
     axis = deep_merge(plan.master["axes"][0], {"handle": STYLES[style]})
     return replace(plan, master={**plan.master, "axes": [axis]})
 

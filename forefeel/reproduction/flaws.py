@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from forefeel.diagnosis.reproduction.identifiability import AmplitudeTraces
 from forefeel.diagnosis.reproduction.memory import MemoryTraces
-from forefeel.diagnosis.reproduction.results import BaselineRow, Memory, Thresholds, Unidentifiable
+from forefeel.diagnosis.reproduction.results import BaselineRow, MemoryResult, Thresholds, Unidentifiable
 from forefeel.diagnosis.reproduction.simulated import SimulatedTraces
 from forefeel.diagnosis.reproduction.thresholds import METHODS
 from forefeel.diagnosis.reproduction.unmodelled import SHOWN_N, UnmodelledTraces
@@ -80,7 +80,7 @@ def windup_picture(traces: WindupTraces) -> Picture:
     return _made("flaw_b", 3.4, draw)
 
 
-def memory_picture(numbers: Memory, traces: list[MemoryTraces]) -> Picture:
+def memory_picture(numbers: MemoryResult, traces: list[MemoryTraces]) -> Picture:
     """(c) Error by sample rate, and the prediction at 100 Hz."""
 
     def draw(figure: Figure) -> None:

@@ -9,7 +9,7 @@ from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.reproduction.assemble import DELAY_S
 from forefeel.diagnosis.reproduction.product import product_prediction
-from forefeel.diagnosis.reproduction.replay import SCORED_FROM_S, Run
+from forefeel.diagnosis.reproduction.replay import SCORED_FROM_S, ReplayedRun
 from forefeel.loopback.played import resisting_sign
 
 VARIABLE = "FOREFEEL_DATA"
@@ -33,9 +33,9 @@ def folders_to_read(given: Sequence[Path]) -> list[Path]:
 
 def recorded_runs(
     folders: Sequence[Path], progress: Callable[[str], None]
-) -> tuple[list[Run], dict[str, str]]:
+) -> tuple[list[ReplayedRun], dict[str, str]]:
     """The recordings with motion and force, by name; and those that can not be used, with the reason."""
-    runs: dict[str, Run] = {}
+    runs: dict[str, ReplayedRun] = {}
     skipped: dict[str, str] = {}
     for folder in folders:
         for path in sorted(folder.iterdir()):
@@ -50,7 +50,7 @@ def recorded_runs(
     return list(runs.values()), skipped
 
 
-def _run(name: str, path: Path) -> Run:
+def _run(name: str, path: Path) -> ReplayedRun:
     """Raises RecordingError: unreadable, without force, or too short."""
     recording = load_recording(path)
     if recording.force_n is None:
@@ -59,4 +59,4 @@ def _run(name: str, path: Path) -> Run:
     if recording.duration_s < least_s:
         raise RecordingError(f"{recording.duration_s:.3g} s, expected at least {least_s:g} s")
     turned = replace(recording, force_n=resisting_sign(recording) * recording.force_n)
-    return Run(name, turned, product_prediction(turned, DELAY_S))
+    return ReplayedRun(name, turned, product_prediction(turned, DELAY_S))

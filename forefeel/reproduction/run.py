@@ -8,7 +8,7 @@ from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.diagnosis.reproduction.assemble import assemble
-from forefeel.diagnosis.reproduction.replay import Run
+from forefeel.diagnosis.reproduction.replay import ReplayedRun
 from forefeel.diagnosis.reproduction.results import Reproduction
 from forefeel.files import whole
 from forefeel.interrupt import ends_in_order, heeded
@@ -67,7 +67,7 @@ def _worked_out(
     return numbers, files
 
 
-def _bench(duration_s: float, seed: int, tell: Tell) -> list[Run]:
+def _bench(duration_s: float, seed: int, tell: Tell) -> list[ReplayedRun]:
     runs = []
     for instrument in INSTRUMENTS:
         for style in STYLES:

@@ -17,7 +17,7 @@ Course = tuple[Array, Array, Array]
 """Position m, velocity m/s and acceleration m/s^2, each shape (n,)."""
 
 
-class Motion(Protocol):
+class MotionSource(Protocol):
     """Something that moves, asked in the order of time."""
 
     def at(self, t: Array) -> Course:
@@ -25,10 +25,10 @@ class Motion(Protocol):
         ...
 
 
-class Piece(NamedTuple):
+class MotionPiece(NamedTuple):
     """A motion without gaps, and the stamps in s at which it is recorded."""
 
-    motion: Motion
+    motion: MotionSource
     stamps_s: Array
 
 
@@ -108,7 +108,7 @@ class Hand:
         return x, v, a
 
 
-class Recorded:
+class FollowedRecording:
     """The position of a piece of recording without gaps, through a low-pass that gives the derivatives.
 
     What it moves is what the low-pass gives: some 8 ms late and without the encoder's noise.

@@ -1,4 +1,4 @@
-"""One simulated recording from the wish to the file."""
+"""One simulated recording from the options to the file."""
 
 from dataclasses import dataclass, field
 from math import isfinite
@@ -15,8 +15,8 @@ from forefeel.common.recording.recording import Array
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.interrupt import ends_in_order
-from forefeel.simulate.motion import Hand, Piece, Recorded, multisine, sine
-from forefeel.simulate.sensor import SensorWish, counted, encoded, noise
+from forefeel.simulate.motion import FollowedRecording, Hand, MotionPiece, multisine, sine
+from forefeel.simulate.sensor import SensorOptions, counted, encoded, noise
 from forefeel.simulate.world import integrate
 from forefeel.simulate.write import check_target, write_table
 from forefeel.terminal import progress, show
@@ -28,7 +28,7 @@ _MOST_SAMPLES = 40_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class SimulationOptions:
     """What to simulate. `motion`: one of `MOTIONS`, or the path of a recording whose position is followed, by
     its `columns` of time and position, each as `unit:column`.
 
@@ -43,20 +43,20 @@ class Wish:
     start_m: float = 0.0
     depth_m: float = 0.03
     frequency_hz: float = 0.5
-    sensor: SensorWish = field(default_factory=SensorWish)
+    sensor: SensorOptions = field(default_factory=SensorOptions)
     columns: tuple[str | None, str | None] = (None, None)
 
 
-def run_simulation(wish: Wish, out: Path, overwrite: bool) -> None:
+def run_simulation(options: SimulationOptions, out: Path, overwrite: bool) -> None:
     """Checks, integrates, writes, and says what was made.
 
     Raises:
-        InputError: the wish can not be fulfilled; nothing was written.
+        InputError: the options can not be fulfilled; nothing was written.
         RunError: interrupted, or the file can not be written.
     """
-    _check(wish)
+    _check(options)
     check_target(out, overwrite)
-    model = load_model(wish.model)
+    model = load_model(options.model)
     bar = progress(
         TextColumn("simulating"),
         BarColumn(bar_width=40),
@@ -65,71 +65,71 @@ def run_simulation(wish: Wish, out: Path, overwrite: bool) -> None:
     )
     with ends_in_order("simulation", out.parent) as written:
         with bar:
-            columns = _simulated(model, wish, bar)
+            columns = _simulated(model, options, bar)
         write_table(out, columns)
         written.append(out.name)
     force_n = columns["force_n"]
     show(
         f"{out}: {len(force_n)} samples over {np.ptp(columns['time_s']):g} s of {model.name!r}, "
-        f"force {force_n.min():.4g} to {force_n.max():.4g} N, seed {wish.seed}"
+        f"force {force_n.min():.4g} to {force_n.max():.4g} N, seed {options.seed}"
     )
 
 
-def simulate(model: ContactModel, wish: Wish) -> dict[str, Array]:
+def simulate(model: ContactModel, options: SimulationOptions) -> dict[str, Array]:
     """The columns time_s, position_m, force_n of a recording, each shape (n,).
 
     Raises:
         InputError: the recorded motion can not be used, or the force is not finite.
     """
-    return _simulated(model, wish, Progress(disable=True))
+    return _simulated(model, options, Progress(disable=True))
 
 
-def _simulated(model: ContactModel, wish: Wish, bar: Progress) -> dict[str, Array]:
-    random = np.random.default_rng(wish.seed)
-    pieces = _pieces(wish, random)
+def _simulated(model: ContactModel, options: SimulationOptions, bar: Progress) -> dict[str, Array]:
+    random = np.random.default_rng(options.seed)
+    pieces = _pieces(options, random)
     stamps_s = np.concatenate([piece.stamps_s for piece in pieces])
     continuous, converts = at_conversion(model)
     task = bar.add_task("", total=float(np.ptp(stamps_s)))
     position_m, force_n = integrate(
         continuous, pieces, lambda now_s: bar.update(task, completed=now_s - stamps_s[0])
     )
-    force_n = force_n + noise(wish.sensor, stamps_s, random)
+    force_n = force_n + noise(options.sensor, stamps_s, random)
     for effect in converts:
         force_n = effect.readings(stamps_s - stamps_s[0], force_n)
     return {
         "time_s": stamps_s,
-        "position_m": encoded(wish.sensor, position_m),
-        "force_n": counted(wish.sensor, force_n),
+        "position_m": encoded(options.sensor, position_m),
+        "force_n": counted(options.sensor, force_n),
     }
 
 
-def _pieces(wish: Wish, random: np.random.Generator) -> list[Piece]:
+def _pieces(options: SimulationOptions, random: np.random.Generator) -> list[MotionPiece]:
     """The motion and the stamps of the recording; several pieces where a followed recording has gaps."""
-    if wish.motion not in MOTIONS:
-        return _followed(Path(wish.motion), wish)
-    duration_s = 30.0 if wish.duration_s is None else wish.duration_s
-    stamps_s = _grid(0.0, duration_s, wish.rate_hz or 1000.0)
-    if wish.motion == "sine":
-        return [Piece(sine(wish.start_m, wish.depth_m, wish.frequency_hz), stamps_s)]
-    if wish.motion == "multisine":
-        return [Piece(multisine(wish.start_m, wish.depth_m, random), stamps_s)]
-    return [Piece(Hand(wish.start_m, wish.depth_m, duration_s, random), stamps_s)]
+    if options.motion not in MOTIONS:
+        return _followed(Path(options.motion), options)
+    duration_s = 30.0 if options.duration_s is None else options.duration_s
+    stamps_s = _grid(0.0, duration_s, options.rate_hz or 1000.0)
+    if options.motion == "sine":
+        return [MotionPiece(sine(options.start_m, options.depth_m, options.frequency_hz), stamps_s)]
+    if options.motion == "multisine":
+        return [MotionPiece(multisine(options.start_m, options.depth_m, random), stamps_s)]
+    return [MotionPiece(Hand(options.start_m, options.depth_m, duration_s, random), stamps_s)]
 
 
-def _followed(path: Path, wish: Wish) -> list[Piece]:
+def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
     if not path.exists():
         expected = ", ".join(MOTIONS)
         raise ConfigurationError(f"--motion {path}: expected {expected}, or the file of a recording")
-    recording = load_recording(path, _mapping(wish.columns))
-    end_s = float(recording.time_s[0]) + (_LONGEST_S if wish.duration_s is None else wish.duration_s)
+    recording = load_recording(path, _mapping(options.columns))
+    end_s = float(recording.time_s[0]) + (_LONGEST_S if options.duration_s is None else options.duration_s)
     pieces = []
     for part in recording.segments():
         own = recording.time_s[part]
-        if wish.rate_hz is not None:
-            own = _grid(float(own[0]), float(own[-1]), wish.rate_hz)
+        if options.rate_hz is not None:
+            own = _grid(float(own[0]), float(own[-1]), options.rate_hz)
         stamps_s = own[own <= end_s]
         if len(stamps_s):
-            pieces.append(Piece(Recorded(recording, part), stamps_s))
+            pieces.append(MotionPiece(FollowedRecording(recording, part), stamps_s))
     return pieces
 
 
@@ -146,18 +146,18 @@ def _grid(first_s: float, last_s: float, rate_hz: float) -> Array:
     return first_s + np.arange(int((last_s - first_s) * rate_hz * (1.0 + 1e-9)) + 1) / rate_hz
 
 
-def _check(wish: Wish) -> None:
+def _check(options: SimulationOptions) -> None:
     """Raises a ConfigurationError on a number out of its range, or columns of no recording."""
-    named = next((column for column in wish.columns if column is not None), None)
-    if wish.motion in MOTIONS and named is not None:
+    named = next((column for column in options.columns if column is not None), None)
+    if options.motion in MOTIONS and named is not None:
         raise ConfigurationError(f"{named}: expected only with the file of a recording as --motion")
-    sensor = wish.sensor
+    sensor = options.sensor
     ranges: list[tuple[str, float | None, float, float, str]] = [
-        ("--duration", wish.duration_s, 0.01, _LONGEST_S, "s"),
-        ("--rate", wish.rate_hz, *_RATES_HZ, "Hz"),
-        ("--start", wish.start_m, -10.0, 10.0, "m"),
-        ("--depth", wish.depth_m, 1e-6, 10.0, "m"),
-        ("--frequency", wish.frequency_hz, 1e-3, 1000.0, "Hz"),
+        ("--duration", options.duration_s, 0.01, _LONGEST_S, "s"),
+        ("--rate", options.rate_hz, *_RATES_HZ, "Hz"),
+        ("--start", options.start_m, -10.0, 10.0, "m"),
+        ("--depth", options.depth_m, 1e-6, 10.0, "m"),
+        ("--frequency", options.frequency_hz, 1e-3, 1000.0, "Hz"),
         ("--noise", sensor.noise_n, 0.0, 1e3, "N"),
         ("--noise-corner", sensor.noise_corner_hz, 1e-3, 1e4, "Hz"),
         ("--full-scale", sensor.full_scale_n, 1e-6, 1e6, "N"),
@@ -168,10 +168,10 @@ def _check(wish: Wish) -> None:
             raise ConfigurationError(
                 f"{option} {value:g}: expected a number in [{lower:g}, {upper:g}] {unit}"
             )
-    samples = (wish.duration_s or 0.0) * (wish.rate_hz or 1000.0)
+    samples = (options.duration_s or 0.0) * (options.rate_hz or 1000.0)
     if samples > _MOST_SAMPLES:
         raise ConfigurationError(
             f"--duration and --rate: {samples:.3g} samples, expected at most {_MOST_SAMPLES:.0g}"
         )
-    if wish.seed < 0:
-        raise ConfigurationError(f"--seed {wish.seed}: expected 0 or more")
+    if options.seed < 0:
+        raise ConfigurationError(f"--seed {options.seed}: expected 0 or more")

@@ -13,7 +13,7 @@ _COUNTS = 2**15 - 1
 
 
 @dataclass(frozen=True, slots=True)
-class SensorWish:
+class SensorOptions:
     """How force and position are read.
 
     Attributes:
@@ -28,31 +28,31 @@ class SensorWish:
     encoder_step_m: float = 1e-6
 
 
-def noise(wish: SensorWish, time_s: Array, random: np.random.Generator) -> Array:
+def noise(options: SensorOptions, time_s: Array, random: np.random.Generator) -> Array:
     """Gaussian noise in N at the stamps, shape (n,); with a corner an AR(1) process, stationary throughout.
 
     AR(1) at any stamps: a first-order lag of independent numbers, of the variance that each interval needs.
     """
-    white = random.normal(0.0, wish.noise_n, len(time_s))
-    if wish.noise_corner_hz is None:
+    white = random.normal(0.0, options.noise_n, len(time_s))
+    if options.noise_corner_hz is None:
         return white
-    time_constant_s = 1.0 / (2.0 * pi * wish.noise_corner_hz)
+    time_constant_s = 1.0 / (2.0 * pi * options.noise_corner_hz)
     dt = np.diff(time_s)
     decay = np.exp(-dt / time_constant_s)
     fresh = white[1:] * np.sqrt((1.0 + decay) / (1.0 - decay))
     return np.append(white[:1], lagged(fresh, dt, time_constant_s, float(white[0])))
 
 
-def counted(wish: SensorWish, force_n: Array) -> Array:
+def counted(options: SensorOptions, force_n: Array) -> Array:
     """The force in whole counts of the load cell, flat beyond its range."""
-    if wish.full_scale_n is None:
+    if options.full_scale_n is None:
         return force_n
-    step_n = wish.full_scale_n / _COUNTS
+    step_n = options.full_scale_n / _COUNTS
     return np.clip(np.rint(force_n / step_n), -_COUNTS, _COUNTS) * step_n
 
 
-def encoded(wish: SensorWish, position_m: Array) -> Array:
+def encoded(options: SensorOptions, position_m: Array) -> Array:
     """The position in whole steps of the encoder."""
-    if wish.encoder_step_m == 0.0:
+    if options.encoder_step_m == 0.0:
         return position_m
-    return np.rint(position_m / wish.encoder_step_m) * wish.encoder_step_m
+    return np.rint(position_m / options.encoder_step_m) * options.encoder_step_m

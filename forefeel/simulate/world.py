@@ -8,7 +8,7 @@ import numpy as np
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.recording import Array
-from forefeel.simulate.motion import Piece
+from forefeel.simulate.motion import MotionPiece
 
 PHYSICS_HZ = 10_000
 _CHUNK = 1000
@@ -16,7 +16,7 @@ _CHUNK = 1000
 
 
 def integrate(
-    model: ContactModel, pieces: Sequence[Piece], progress: Callable[[float], None]
+    model: ContactModel, pieces: Sequence[MotionPiece], progress: Callable[[float], None]
 ) -> tuple[Array, Array]:
     """(position m of the stage, force N) at the stamps of all pieces, each shape (n,).
 

@@ -9,10 +9,10 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.coil import Button
 from forefeel.common.hardware.conversation import Conversation
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.hardware.streams import ByteStream, SerialStream
 from forefeel.common.messages import Grip
-from forefeel.master.handles.coil_talk import CoilTalk, Wish
+from forefeel.master.handles.coil_talk import CoilTalk, CurrentSetpoint
 from forefeel.master.handles.port import HandleReading, Indication
 from forefeel.master.settings import CoilSettings
 
@@ -42,7 +42,7 @@ class CoilHandle:
         open_stream: Callable[[], ByteStream] | None = None,
     ) -> None:
         self._settings, self._clock = settings, clock or MonotonicClock()
-        self.link = Link(f"handle coil_serial on {settings.port}")
+        self.link = DeviceLink(f"handle coil_serial on {settings.port}")
         self._talk = CoilTalk(settings, self.link)
         self._open_stream = open_stream or self._serial
         self._limit_ma = round(settings.max_current_a * 1e3)
@@ -112,7 +112,7 @@ class CoilHandle:
         per_ampere = self._settings.newton_per_ampere
         asked_ma = round(force_n / per_ampere * 1e3) if isfinite(force_n) else 0
         current_ma = max(-self._limit_ma, min(self._limit_ma, asked_ma))
-        self._talk.wish = Wish(self._settings.sign * current_ma, now_ns)
+        self._talk.setpoint = CurrentSetpoint(self._settings.sign * current_ma, now_ns)
         return current_ma * 1e-3 * per_ampere
 
     def show(self, indication: Indication) -> None:

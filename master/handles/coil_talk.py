@@ -11,14 +11,14 @@ from forefeel.common.hardware.coil import (
     PROTOCOL,
     Button,
     CoilCommand,
+    CoilIdentity,
     CoilParser,
     CoilState,
     Flag,
     Identify,
-    Identity,
     encode,
 )
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.master.handles.port import Indication
 from forefeel.master.settings import CoilSettings
 
@@ -42,14 +42,14 @@ class Stamped(NamedTuple):
     state: CoilState
 
 
-class Wish(NamedTuple):
+class CurrentSetpoint(NamedTuple):
     """The current that the haptic loop wants, and when it wanted it."""
 
     current_ma: int
     stamp_ns: int
 
 
-_NO_CURRENT = Wish(0, 0)
+_NO_CURRENT = CurrentSetpoint(0, 0)
 
 
 class DeviceClock:
@@ -75,21 +75,21 @@ class DeviceClock:
 class CoilTalk:
     """One device after the other on one link; `begin` starts a handshake, `hear` does everything else.
 
-    `hear` runs in one thread. The haptic thread reads `newest` and `pressed_anew`, and sets `wish` and
+    `hear` runs in one thread. The haptic thread reads `newest` and `pressed_anew`, and sets `setpoint` and
     `shown`: each one reference.
 
     Attributes:
         newest: the newest state since the handshake, None before.
-        wish, shown: what the next command carries. A current is only ever sent while the link is READY.
+        setpoint, shown: what the next command carries. A current is only ever sent while the link is READY.
         settled: whether the handshake is done.
         pressed_anew: after a fault: the deadman was let go and pressed since the handshake.
     """
 
-    def __init__(self, settings: CoilSettings, link: Link) -> None:
+    def __init__(self, settings: CoilSettings, link: DeviceLink) -> None:
         self._settings, self._link = settings, link
         self._watchdog_ns = round(settings.watchdog_s * 1e9)
         self._serial: str | None = None
-        self.wish, self.shown = _NO_CURRENT, Indication(None, None)
+        self.setpoint, self.shown = _NO_CURRENT, Indication(None, None)
         self._restart(0)
 
     def _restart(self, now_ns: int) -> None:
@@ -114,7 +114,7 @@ class CoilTalk:
         self._bytes += len(data)
         fresh = False
         for frame in self._parser.feed(data):
-            if isinstance(frame, Identity):
+            if isinstance(frame, CoilIdentity):
                 self._identified(frame)
             elif isinstance(frame, CoilState):
                 fresh |= self._measured(frame, now_ns)
@@ -127,7 +127,7 @@ class CoilTalk:
 
     def forget_wish(self) -> None:
         """No current until the haptic loop wants one again."""
-        self.wish = _NO_CURRENT
+        self.setpoint = _NO_CURRENT
 
     def farewell(self) -> bytes:
         """The last command: no current, nothing shown."""
@@ -140,7 +140,7 @@ class CoilTalk:
         watchdog_ms, limit_ma = round(settings.watchdog_s * 1e3), round(settings.max_current_a * 1e3)
         return encode(Identify(PROTOCOL, watchdog_ms, limit_ma))
 
-    def _identified(self, identity: Identity) -> None:
+    def _identified(self, identity: CoilIdentity) -> None:
         if self._link.state is not LinkState.OPEN:
             self._link.counters["repeated_identity"] += 1
             return
@@ -229,17 +229,17 @@ class CoilTalk:
     def _require_lively(self, now_ns: int) -> None:
         """The device, and the haptic loop, which alone may want a current."""
         assert self.newest is not None
-        wish, age_ns = self.wish, now_ns - self.newest.stamp_ns
+        setpoint, age_ns = self.setpoint, now_ns - self.newest.stamp_ns
         if age_ns > self._watchdog_ns:
             raise DeviceError(f"no state for {age_ns * 1e-6:.0f} ms")
-        late_ns = now_ns - wish.stamp_ns
-        if self._link.state is LinkState.READY and wish.current_ma and late_ns > self._watchdog_ns:
+        late_ns = now_ns - setpoint.stamp_ns
+        if self._link.state is LinkState.READY and setpoint.current_ma and late_ns > self._watchdog_ns:
             raise DeviceError(f"the haptic loop stands still for {late_ns * 1e-6:.0f} ms")
 
     def _command(self) -> bytes:
         ready, shown = self._link.state is LinkState.READY, self.shown
         stage_um = None if shown.stage_position_m is None else round(shown.stage_position_m * 1e6)
-        current_ma = self.wish.current_ma if ready else 0
+        current_ma = self.setpoint.current_ma if ready else 0
         return encode(CoilCommand(self._next(), current_ma, shown.state, stage_um, ready))
 
     def _next(self) -> int:

@@ -6,7 +6,7 @@ from random import Random
 
 from forefeel.common.messages import Grip
 from forefeel.master.handles.motion import Arm, MinimumJerk, Tremor
-from forefeel.master.handles.person import Act
+from forefeel.master.handles.operator_policy import Act
 from forefeel.master.handles.port import HandleReading
 from forefeel.master.handles.simulated import SimulatedHandle
 from forefeel.master.settings import OperatorSettings

@@ -10,12 +10,12 @@ from typing import Protocol
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.master.handles.motion import MinimumJerk
-from forefeel.master.handles.person import Act
+from forefeel.master.handles.operator_policy import Act
 from forefeel.master.handles.port import HandleReading
 from forefeel.master.handles.simulated import SimulatedHandle
 
 
-class Motion(Protocol):
+class PiecewiseMotion(Protocol):
     """A motion over its own time, in pieces; the clutch is opened between two pieces."""
 
     @property
@@ -85,7 +85,7 @@ class Playback(SimulatedHandle):
     it, opens the clutch.
     """
 
-    def __init__(self, motion: Motion, approach_m_s: float) -> None:
+    def __init__(self, motion: PiecewiseMotion, approach_m_s: float) -> None:
         super().__init__()
         self._motion = motion
         self._approach_m_s = approach_m_s
@@ -141,7 +141,7 @@ class Playback(SimulatedHandle):
 
     def _end_piece(self, now_ns: int) -> HandleReading:
         self._piece += 1
-        self.person.let_go(now_ns * 1e-9)
+        self.person.release(now_ns * 1e-9)
         if self._piece == len(self._motion.pieces):
             self.finished = True
         else:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from forefeel.master.handles.person import Person
+from forefeel.master.handles.operator_policy import SimulatedOperatorPolicy
 from forefeel.master.handles.port import Indication
 
 _MAX_STEP_S = 0.05
@@ -17,7 +17,7 @@ class SimulatedHandle:
     """
 
     def __init__(self) -> None:
-        self.person = Person()
+        self.person = SimulatedOperatorPolicy()
         self.finished = False
         self._indication = Indication(None, None)
         self._previous_ns: int | None = None

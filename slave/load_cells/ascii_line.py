@@ -3,9 +3,9 @@
 from collections import Counter, deque
 
 from forefeel.common.errors import DeviceSetupError
-from forefeel.common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, Line, LineParser
+from forefeel.common.hardware.ascii_line import COUNTS_RANGE, NEWTON_PER_UNIT, AsciiReading, LineParser
 from forefeel.common.hardware.calibration import LoadCellCalibration
-from forefeel.slave.load_cells.scale import Native, Scale
+from forefeel.slave.load_cells.scale import ForceScale, Native
 from forefeel.slave.load_cells.serial_cell import Cell, SerialLoadCell
 from forefeel.slave.load_cells.settings import AsciiLineSettings
 from forefeel.slave.load_cells.stuck import StuckWatch
@@ -28,7 +28,7 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
     def _cell(self) -> Cell:
         return AsciiCell(self._settings, self.link.counters)
 
-    def _scale(self, calibration: LoadCellCalibration | None) -> Scale:
+    def _scale(self, calibration: LoadCellCalibration | None) -> ForceScale:
         s = self._settings
         if s.unit == "counts" and calibration is None and not self._native:
             raise DeviceSetupError(
@@ -37,7 +37,7 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
             )
         watch = StuckWatch(noisy=False)
         unit_n = NEWTON_PER_UNIT.get(s.unit)
-        return Scale(s.full_scale_n, s.sign, unit_n, calibration, watch, self.link.counters)
+        return ForceScale(s.full_scale_n, s.sign, unit_n, calibration, watch, self.link.counters)
 
 
 class AsciiCell:
@@ -126,7 +126,7 @@ class AsciiCell:
         """Ends the stream that was asked for."""
         return _RETURN if self._request is not None and self._streams else b""
 
-    def _native(self, line: Line, arrived_ns: int, now_ns: int) -> Native:
+    def _native(self, line: AsciiReading, arrived_ns: int, now_ns: int) -> Native:
         """The line began to arrive before it was complete; lines that came at once are a period apart."""
         self._arrived.append(now_ns)
         stamp_ns = arrived_ns - round(line.size * self._byte_ns)

@@ -7,7 +7,7 @@ from statistics import median
 from forefeel.common.hardware.bota import FRAME_BYTES, BotaFrame, BotaParser
 from forefeel.common.hardware.calibration import LoadCellCalibration
 from forefeel.common.hardware.device_time import DeviceTime
-from forefeel.slave.load_cells.scale import Native, Scale
+from forefeel.slave.load_cells.scale import ForceScale, Native
 from forefeel.slave.load_cells.serial_cell import Cell, SerialLoadCell
 from forefeel.slave.load_cells.settings import BotaSettings
 from forefeel.slave.load_cells.stuck import StuckWatch
@@ -24,9 +24,11 @@ class BotaSerialLoadCell(SerialLoadCell[BotaSettings]):
     def _cell(self) -> Cell:
         return BotaCell(self._settings, self.link.counters)
 
-    def _scale(self, calibration: LoadCellCalibration | None) -> Scale:
+    def _scale(self, calibration: LoadCellCalibration | None) -> ForceScale:
         s = self._settings
-        return Scale(s.full_scale_n, s.sign, 1.0, calibration, StuckWatch(noisy=True), self.link.counters)
+        return ForceScale(
+            s.full_scale_n, s.sign, 1.0, calibration, StuckWatch(noisy=True), self.link.counters
+        )
 
 
 class BotaCell:

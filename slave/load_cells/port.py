@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from forefeel.common.hardware.calibration import CellScale
-from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.link import DeviceLink
 
 VALID_SHARE = 0.95
 """Share of full scale up to which a reading is to be believed: beyond it the cell saturates soon."""
@@ -74,7 +74,7 @@ class NativeLoadCell(Protocol):
     """
 
     scale: CellScale
-    link: Link
+    link: DeviceLink
 
     def open_native(self) -> None:
         """Connects as `LoadCell.open` does, for `read_native` alone: the calibration is not looked at, and a

@@ -20,7 +20,7 @@ class Native(NamedTuple):
     flaws: tuple[str, ...] = ()
 
 
-class Scale:
+class ForceScale:
     """`F = sign (native newton_per_native)`, or the calibration's line instead of the factor.
 
     Raw counts are micro-newtons before sign and calibration; counts, where the cell has no unit.

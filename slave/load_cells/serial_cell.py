@@ -9,13 +9,13 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
 from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
 from forefeel.common.hardware.conversation import Conversation
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.hardware.settings import SerialSettings
 from forefeel.common.hardware.streams import ByteStream, SerialStream
 from forefeel.common.hardware.usb import port_serial
 from forefeel.common.slots import BoundedQueue
 from forefeel.slave.load_cells.port import LoadCellReading, NativeReading
-from forefeel.slave.load_cells.scale import Native, Scale
+from forefeel.slave.load_cells.scale import ForceScale, Native
 from forefeel.slave.load_cells.settings import AsciiLineSettings, BotaSettings
 
 OpenStream = Callable[[SerialSettings, float], ByteStream]
@@ -85,7 +85,7 @@ class SerialLoadCell(Generic[S]):
         open_stream: OpenStream = SerialStream,
         today: Callable[[], date] = date.today,
     ) -> None:
-        self.link = Link(f"load cell {settings.driver} on {settings.port}")
+        self.link = DeviceLink(f"load cell {settings.driver} on {settings.port}")
         self.stale_s = 3.0 / settings.rate_hz + 0.02
         self.full_scale_n = settings.full_scale_n
         self.measured_hz: float | None = None
@@ -105,7 +105,7 @@ class SerialLoadCell(Generic[S]):
     def _cell(self) -> Cell:
         raise NotImplementedError
 
-    def _scale(self, calibration: LoadCellCalibration | None) -> Scale:
+    def _scale(self, calibration: LoadCellCalibration | None) -> ForceScale:
         raise NotImplementedError
 
     # --- the port ---
@@ -173,7 +173,7 @@ class SerialLoadCell(Generic[S]):
         finally:
             stream.close()
 
-    def _calibrated(self) -> Scale:
+    def _calibrated(self) -> ForceScale:
         """The scale, with the calibration of the device that is there now."""
         serial, path = self._serial(), self._settings.calibration
         if self.link.serial not in ("", serial):
@@ -239,7 +239,9 @@ class SerialLoadCell(Generic[S]):
                 )
         return False
 
-    def _exchange(self, conversation: Conversation, stream: ByteStream, cell: Cell, scale: Scale) -> None:
+    def _exchange(
+        self, conversation: Conversation, stream: ByteStream, cell: Cell, scale: ForceScale
+    ) -> None:
         counters, last_ns, since = self.link.counters, self._clock.now_ns(), 0
         while not conversation.stopping:
             silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy finds bytes
@@ -257,7 +259,7 @@ class SerialLoadCell(Generic[S]):
                 self._hand_over(scale, scale.checked(native))
             counters["unread"] = self._queue.dropped + self._native_queue.dropped
 
-    def _hand_over(self, scale: Scale, checked: Native) -> None:
+    def _hand_over(self, scale: ForceScale, checked: Native) -> None:
         if self.link.state is not LinkState.READY:
             self.link.counters["while_inhibited"] += 1
         elif self._native:

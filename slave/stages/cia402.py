@@ -14,7 +14,7 @@ from forefeel.slave.stages.cia402_setup import calibration_of, checked, configur
 from forefeel.slave.stages.drive_cycle import DriveCycle, Readback, Tracker
 from forefeel.slave.stages.drive_wire import DriveEars, DriveVoice
 from forefeel.slave.stages.port import StageReading, require_finite
-from forefeel.slave.stages.scale import Scale
+from forefeel.slave.stages.scale import PositionScale
 from forefeel.slave.stages.setpoint import Setpoint, Wanted
 from forefeel.slave.stages.settings import Cia402Settings
 
@@ -115,9 +115,9 @@ class Cia402Stage:
             return heard
 
         with DriveEars(shared, self._settings.node_id, self.link, self._clock, believe) as ears:
-            _Exchange(self, conversation, ears, voice, scale, actual_m).run()
+            _CyclicExchange(self, conversation, ears, voice, scale, actual_m).run()
 
-    def _scale(self) -> Scale:
+    def _scale(self) -> PositionScale:
         self.calibration = calibration_of(self._settings, self.link.serial)
         return scale_of(self._settings, self.calibration)
 
@@ -135,7 +135,7 @@ class Cia402Stage:
         return asked and self.link.inhibited is None
 
 
-class _Exchange:
+class _CyclicExchange:
     """The cyclic part: from CONFIGURED until the conversation ends or a fault is raised."""
 
     def __init__(
@@ -144,7 +144,7 @@ class _Exchange:
         conversation: Conversation,
         ears: DriveEars,
         voice: DriveVoice,
-        scale: Scale,
+        scale: PositionScale,
         actual_m: float,
     ) -> None:
         settings = stage._settings
@@ -217,4 +217,4 @@ class _Exchange:
 
     def _let_go(self) -> None:
         self._cycle.machine.stop()
-        self._voice.let_go(self._target(), self._stage._clock.now_ns())
+        self._voice.release(self._target(), self._stage._clock.now_ns())

@@ -19,7 +19,7 @@ from forefeel.slave.stages.drive_cycle import DriveCycle, Readback
 from forefeel.slave.stages.drive_wire import DriveEars, DriveVoice
 from forefeel.slave.stages.homing_cycle import HomingCycle
 from forefeel.slave.stages.port import Home
-from forefeel.slave.stages.scale import Scale
+from forefeel.slave.stages.scale import PositionScale
 from forefeel.slave.stages.setpoint import Setpoint
 from forefeel.slave.stages.settings import Cia402Settings
 
@@ -44,7 +44,7 @@ class Cia402Homing:
         self.link = can_link("stage", settings.driver, settings.can, settings.node_id)
         self._bus: SharedNetwork | None = None
         self._per_m = settings.sign * settings.counts_per_m
-        self._scale: Scale | None = None
+        self._scale: PositionScale | None = None
         self._at = 0.0
 
     def __enter__(self) -> "Cia402Homing":
@@ -87,7 +87,7 @@ class Cia402Homing:
             device.order(ENTER_PREOPERATIONAL)
             offset, self._at = device.read(cia402.HOME_OFFSET, 0.0), device.read(cia402.POSITION_ACTUAL)
         self._require_new_count(offset)
-        self._scale = Scale(offset - self._per_m * homing.home_m, self._per_m)
+        self._scale = PositionScale(offset - self._per_m * homing.home_m, self._per_m)
         low_m, high_m = self._settings.travel_m
         inside_m = max(low_m, min(high_m, self._scale.metres(self._at)))
         if self._scale.native(inside_m) != round(self._at):
@@ -131,7 +131,7 @@ class Cia402Homing:
 
     def _run(self, shared: SharedNetwork) -> None:
         """The cycles of homing; quick stop at the end of it, whatever that is."""
-        settings, counts = self._settings, Scale(0.0, self._per_m)
+        settings, counts = self._settings, PositionScale(0.0, self._per_m)
 
         def believe(host_ns: int, statusword: int, native: float) -> Readback:
             return Readback(host_ns, statusword, counts.metres(native), 0.0)
@@ -148,7 +148,7 @@ class Cia402Homing:
             except DeviceError as error:
                 raise DeviceError(f"{self.link.name}: {error}; the stage has been stopped") from error
             finally:
-                voice.let_go(counts.native(cycle.setpoint.position_m), self._clock.now_ns())
+                voice.release(counts.native(cycle.setpoint.position_m), self._clock.now_ns())
 
     def _cycle(self) -> DriveCycle:
         s = self._settings
@@ -201,7 +201,7 @@ class _Travelling(Cia402Stage):
         self,
         settings: Cia402Settings,
         clock: Clock,
-        scale: Scale,
+        scale: PositionScale,
         at: float,
         targets_m: Sequence[float],
         velocity_m_s: float,
@@ -211,5 +211,5 @@ class _Travelling(Cia402Stage):
         super().__init__(settings.model_copy(update=bounds), clock)
         self._found = scale
 
-    def _scale(self) -> Scale:
+    def _scale(self) -> PositionScale:
         return self._found

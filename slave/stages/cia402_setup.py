@@ -20,7 +20,7 @@ from forefeel.common.hardware.cia301 import (
 )
 from forefeel.common.hardware.cia402 import DriveState, drive_state
 from forefeel.common.hardware.sdo import RemoteDevice
-from forefeel.slave.stages.scale import Scale
+from forefeel.slave.stages.scale import PositionScale
 from forefeel.slave.stages.settings import Cia402Settings
 
 _FOLLOWING_PERIODS = 5
@@ -51,11 +51,11 @@ def calibration_of(settings: Cia402Settings, serial: str) -> StageCalibration | 
     )
 
 
-def scale_of(settings: Cia402Settings, calibration: StageCalibration | None) -> Scale:
+def scale_of(settings: Cia402Settings, calibration: StageCalibration | None) -> PositionScale:
     """Of the calibration if there is one, else of the settings."""
     if calibration is None:
-        return Scale(0.0, settings.sign * settings.counts_per_m)
-    return Scale(calibration.zero, settings.sign * calibration.native_per_m)
+        return PositionScale(0.0, settings.sign * settings.counts_per_m)
+    return PositionScale(calibration.zero, settings.sign * calibration.native_per_m)
 
 
 def checked(settings: Cia402Settings) -> None:
@@ -75,7 +75,7 @@ def checked(settings: Cia402Settings) -> None:
 
 
 def configure(
-    device: RemoteDevice, settings: Cia402Settings, scale: Scale, pause: Callable[[float], None]
+    device: RemoteDevice, settings: Cia402Settings, scale: PositionScale, pause: Callable[[float], None]
 ) -> float:
     """Writes and reads back the whole configuration, in PRE-OPERATIONAL, and starts it; where the drive is.
 
@@ -154,7 +154,7 @@ def _timing(device: RemoteDevice, settings: Cia402Settings) -> None:
     device.write(HEARTBEAT_CONSUMER, heartbeat_consumer(HOST_NODE, 3.0 * settings.heartbeat_s))
 
 
-def _protection(device: RemoteDevice, settings: Cia402Settings, scale: Scale) -> None:
+def _protection(device: RemoteDevice, settings: Cia402Settings, scale: PositionScale) -> None:
     low, high = scale.ends(settings.travel_m)
     device.write(cia402.SOFT_LIMIT_LOW, low)
     device.write(cia402.SOFT_LIMIT_HIGH, high)

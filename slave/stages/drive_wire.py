@@ -7,7 +7,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware import cia402
 from forefeel.common.hardware.can_network import HOST_NODE, SharedNetwork
 from forefeel.common.hardware.cia301 import EMERGENCY, HEARTBEAT, OPERATIONAL, SYNC, emergency
-from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.link import DeviceLink
 from forefeel.slave.stages.cia402_setup import command_pdo, state_pdo
 from forefeel.slave.stages.drive_cycle import Readback
 from forefeel.slave.stages.settings import Cia402Settings
@@ -21,7 +21,9 @@ Believe = Callable[[int, int, float], Readback | None]
 class DriveEars:
     """What the receiving thread hears of one drive; every part is taken once. Use: `with ears:`."""
 
-    def __init__(self, shared: SharedNetwork, node: int, link: Link, clock: Clock, believe: Believe) -> None:
+    def __init__(
+        self, shared: SharedNetwork, node: int, link: DeviceLink, clock: Clock, believe: Believe
+    ) -> None:
         self._shared, self._link, self._clock, self._believe = shared, link, clock, believe
         self._pdo = state_pdo(node)
         self._hears = (
@@ -79,7 +81,7 @@ class DriveVoice:
         asked_ns: when the newest SYNC of ours went out.
     """
 
-    def __init__(self, shared: SharedNetwork, settings: Cia402Settings, link: Link) -> None:
+    def __init__(self, shared: SharedNetwork, settings: Cia402Settings, link: DeviceLink) -> None:
         self._shared, self._link = shared, link
         self._pdo = command_pdo(settings.node_id)
         self.period_ns = round(1e9 / settings.sync_hz)
@@ -104,7 +106,7 @@ class DriveVoice:
         """What became of the bus' frames stands in the link's counters."""
         self._shared.tell(self._link)
 
-    def let_go(self, target: int, now_ns: int) -> None:
+    def release(self, target: int, now_ns: int) -> None:
         """Quick stop, as far as the bus still carries it; silence does the same three heartbeats later."""
         try:
             for _ in range(2):

@@ -5,7 +5,7 @@ from types import TracebackType
 from typing import NamedTuple, Protocol, Self
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.link import DeviceLink
 
 _CARRIED_S = 0.020
 
@@ -79,7 +79,7 @@ class Homing(Protocol):
         link: its `serial` is what the calibration is bound to.
     """
 
-    link: Link
+    link: DeviceLink
 
     def __enter__(self) -> Self:
         """Connects and identifies; nothing moves."""

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 
-class Scale(NamedTuple):
+class PositionScale(NamedTuple):
     """`native = zero + per_m * x`, in microsteps or counts; `per_m` has the sign of the axis."""
 
     zero: float

@@ -11,11 +11,11 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.calibration import StageCalibration
 from forefeel.common.hardware.conversation import Conversation
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.hardware.streams import SerialStream
-from forefeel.slave.stages.orders import Orders
 from forefeel.slave.stages.port import StageReading, require_finite
 from forefeel.slave.stages.setpoint import Wanted
+from forefeel.slave.stages.setpoint_mailbox import SetpointMailbox
 from forefeel.slave.stages.settings import ZaberSettings
 from forefeel.slave.stages.zaber_exchange import ZaberExchange
 from forefeel.slave.stages.zaber_setup import OpenStream, connect, link_name, require_homed, require_travel
@@ -36,10 +36,10 @@ class ZaberStage:
         self, settings: ZaberSettings, clock: Clock | None = None, open_stream: OpenStream = SerialStream
     ) -> None:
         self.settings, self._clock = settings, clock or MonotonicClock()
-        self.link = Link(link_name(settings))
+        self.link = DeviceLink(link_name(settings))
         self.calibration: StageCalibration | None = None
         self._open_stream = open_stream
-        self._orders = Orders()
+        self._orders = SetpointMailbox()
         self._conversation: Conversation | None = None
         self._exchange: ZaberExchange | None = None
 

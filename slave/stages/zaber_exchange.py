@@ -5,13 +5,13 @@ from collections import deque
 from forefeel.common.clock import Clock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.conversation import Timed
-from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.hardware.zaber import Reply, in_words, is_fault
-from forefeel.slave.stages.orders import Orders
 from forefeel.slave.stages.port import StageReading
 from forefeel.slave.stages.setpoint import Wanted
+from forefeel.slave.stages.setpoint_mailbox import SetpointMailbox
 from forefeel.slave.stages.settings import ZaberSettings
-from forefeel.slave.stages.zaber_setup import Configured, clear_faults, require_homed
+from forefeel.slave.stages.zaber_setup import ConfiguredStage, clear_faults, require_homed
 
 _CARRIED_S = 0.020
 _REST_NS = 2_000_000_000
@@ -28,7 +28,12 @@ class ZaberExchange:
     """
 
     def __init__(
-        self, device: Configured, settings: ZaberSettings, clock: Clock, link: Link, orders: Orders
+        self,
+        device: ConfiguredStage,
+        settings: ZaberSettings,
+        clock: Clock,
+        link: DeviceLink,
+        orders: SetpointMailbox,
     ) -> None:
         self._talk, self._scale, self._limits = device.talk, device.scale, device.limits
         self._settings, self._clock, self._link, self._orders = settings, clock, link, orders

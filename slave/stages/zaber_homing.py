@@ -6,12 +6,12 @@ from types import TracebackType
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.hardware.streams import ByteStream, SerialStream
 from forefeel.common.hardware.zaber import SPEED_DATA, UNHOMED, Reply, in_words, is_fault
 from forefeel.slave.stages.port import Home
 from forefeel.slave.stages.settings import ZaberSettings
-from forefeel.slave.stages.zaber_setup import Configured, OpenStream, clear_faults, connect, link_name
+from forefeel.slave.stages.zaber_setup import ConfiguredStage, OpenStream, clear_faults, connect, link_name
 
 
 class ZaberHoming:
@@ -29,9 +29,9 @@ class ZaberHoming:
     ) -> None:
         self._settings = settings.model_copy(update={"calibration": None})
         self._clock, self._open_stream = clock or MonotonicClock(), open_stream
-        self.link = Link(link_name(settings))
+        self.link = DeviceLink(link_name(settings))
         self._stream: ByteStream | None = None
-        self._device: Configured | None = None
+        self._device: ConfiguredStage | None = None
         self.native_per_m = 0.0
 
     def __enter__(self) -> "ZaberHoming":
@@ -103,7 +103,7 @@ class ZaberHoming:
             raise DeviceError(f"{self.link.name}: {in_words(flag)} during {text!r}")
         return reply.busy
 
-    def _opened(self) -> Configured:
+    def _opened(self) -> ConfiguredStage:
         if self._device is None:
             raise DeviceError(f"{self.link.name}: used while closed, expected a `with` block")
         return self._device

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from forefeel.common.clock import Clock
 from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
 from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.hardware.settings import SerialSettings
 from forefeel.common.hardware.streams import ByteStream
 from forefeel.common.hardware.zaber import (
@@ -18,7 +18,7 @@ from forefeel.common.hardware.zaber import (
     in_words,
     is_fault,
 )
-from forefeel.slave.stages.scale import Scale
+from forefeel.slave.stages.scale import PositionScale
 from forefeel.slave.stages.settings import ZaberSettings
 from forefeel.slave.stages.zaber_talk import RejectedError, SilenceError, ZaberTalk
 
@@ -26,14 +26,14 @@ OpenStream = Callable[[SerialSettings], ByteStream]
 _ROUNDING = 1.0  # microsteps
 
 
-class Configured(NamedTuple):
+class ConfiguredStage(NamedTuple):
     """A stage that has been identified and set up. `limits`: of the device, in microsteps; `calibration`: as
     it was loaded.
     """
 
     talk: ZaberTalk
     serial: str
-    scale: Scale
+    scale: PositionScale
     limits: tuple[int, int]
     calibration: StageCalibration | None = None
 
@@ -43,7 +43,9 @@ def link_name(settings: ZaberSettings) -> str:
     return f"stage zaber_ascii on {settings.port}"
 
 
-def connect(settings: ZaberSettings, clock: Clock, link: Link, stream: ByteStream, today: date) -> Configured:
+def connect(
+    settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: ByteStream, today: date
+) -> ConfiguredStage:
     """From an open stream to a stage that has been identified and set up; nothing moves.
 
     Raises:
@@ -62,10 +64,10 @@ def connect(settings: ZaberSettings, clock: Clock, link: Link, stream: ByteStrea
         raise
     except DeviceError as error:
         raise DeviceSetupError(f"{error}; expected a stage that takes its settings") from error
-    return Configured(talk, serial, scale, (low, high), calibration)
+    return ConfiguredStage(talk, serial, scale, (low, high), calibration)
 
 
-def require_travel(device: Configured, settings: ZaberSettings) -> None:
+def require_travel(device: ConfiguredStage, settings: ZaberSettings) -> None:
     """Raises DeviceSetupError unless the device's own limits let it go wherever it may be sent."""
     low, high = device.scale.ends(settings.travel_m)
     lowest, highest = device.limits
@@ -77,7 +79,7 @@ def require_travel(device: Configured, settings: ZaberSettings) -> None:
         )
 
 
-def require_homed(talk: ZaberTalk, link: Link) -> None:
+def require_homed(talk: ZaberTalk, link: DeviceLink) -> None:
     """Raises DeviceSetupError for a stage that does not know where it is: absolute targets mean nothing."""
     unhomed = sorted(UNHOMED & set(flags(talk)))
     if unhomed:
@@ -86,7 +88,7 @@ def require_homed(talk: ZaberTalk, link: Link) -> None:
         )
 
 
-def clear_faults(talk: ZaberTalk, link: Link) -> None:
+def clear_faults(talk: ZaberTalk, link: DeviceLink) -> None:
     """Acknowledges old faults; to be called on an explicit act only.
 
     Raises:
@@ -105,7 +107,7 @@ def flags(talk: ZaberTalk) -> list[str]:
     return talk.ask("warnings").split()[1:]
 
 
-def _identify(talk: ZaberTalk, settings: ZaberSettings, link: Link) -> str:
+def _identify(talk: ZaberTalk, settings: ZaberSettings, link: DeviceLink) -> str:
     """The serial number; read with checksums, as everything but the first answer is."""
     try:
         device_id = _device_id(talk)
@@ -135,10 +137,10 @@ def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
     return f"{link_name(settings)}: {found}; {expected}"
 
 
-def _scale(settings: ZaberSettings, calibration: StageCalibration | None) -> Scale:
+def _scale(settings: ZaberSettings, calibration: StageCalibration | None) -> PositionScale:
     if calibration is None:
-        return Scale(0.0, settings.sign / settings.microstep_m)
-    return Scale(calibration.zero, settings.sign * calibration.native_per_m)
+        return PositionScale(0.0, settings.sign / settings.microstep_m)
+    return PositionScale(calibration.zero, settings.sign * calibration.native_per_m)
 
 
 def _calibration(settings: ZaberSettings, serial: str, today: date) -> StageCalibration | None:
@@ -152,7 +154,7 @@ def _calibration(settings: ZaberSettings, serial: str, today: date) -> StageCali
         raise DeviceSetupError(str(error)) from error
 
 
-def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: Scale) -> None:
+def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> None:
     """Speed and acceleration as the settings have them."""
     per_m = abs(scale.per_m)
     limits = {

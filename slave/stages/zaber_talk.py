@@ -7,9 +7,9 @@ from math import isfinite, nan
 from forefeel.common.clock import Clock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.conversation import Timed
-from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.hardware.streams import ByteStream
-from forefeel.common.hardware.zaber import Alert, Encoder, Message, Parser, Reply, in_words, is_fault
+from forefeel.common.hardware.zaber import Alert, CommandEncoder, Message, Parser, Reply, in_words, is_fault
 
 _SLACK_S = 0.05  # of the device, the adapter and the host, beside the bytes' own time
 _BITS = 10
@@ -38,12 +38,12 @@ class ZaberTalk:
     """
 
     def __init__(
-        self, stream: ByteStream, clock: Clock, address: tuple[int, int], baud: int, link: Link
+        self, stream: ByteStream, clock: Clock, address: tuple[int, int], baud: int, link: DeviceLink
     ) -> None:
         self._stream, self._clock, self._byte_s = stream, clock, _BITS / baud
         self._device, self._axis = address
         self._name, self._counters = link.name, link.counters
-        self._encoder = Encoder(self._device)
+        self._encoder = CommandEncoder(self._device)
         self._silent = 0
         self._dropped: Counter[str] = Counter()
         self.parser = Parser(checksums=False)

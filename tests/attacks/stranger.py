@@ -10,7 +10,7 @@ from pathlib import Path
 import zenoh
 
 from forefeel.common.clock import now_utc
-from forefeel.common.transport.security import Identity, common_name
+from forefeel.common.transport.security import PartyFiles, common_name
 from forefeel.pki.authority import certificate_pem, key_pem, new_key
 from forefeel.pki.folder import add_cell, make_folder, read_authority
 from tests.live_cell import CELL
@@ -39,7 +39,7 @@ class Stranger:
 
 
 @contextmanager
-def stranger(endpoint: str, identity: Identity | None = None) -> Iterator[Stranger]:
+def stranger(endpoint: str, identity: PartyFiles | None = None) -> Iterator[Stranger]:
     """A session, with an identity over TLS."""
     config = zenoh.Config()
     chosen: dict[str, object] = {
@@ -57,7 +57,7 @@ def stranger(endpoint: str, identity: Identity | None = None) -> Iterator[Strang
         yield Stranger(session)
 
 
-def _tls(identity: Identity) -> dict[str, object]:
+def _tls(identity: PartyFiles) -> dict[str, object]:
     trusted: dict[str, object] = {
         "root_ca_certificate": str(identity.authority),
         "verify_name_on_connect": False,
@@ -71,33 +71,33 @@ def _tls(identity: Identity) -> dict[str, object]:
     return trusted
 
 
-def identity(papers: str, pki: Path, folder: Path) -> Identity:
+def identity(papers: str, pki: Path, folder: Path) -> PartyFiles:
     """The files that such an attacker has; made where there are none yet."""
     authority = pki / "ca.crt"
     match papers:
         case "no certificate":
-            return Identity(authority, Path("none"), Path("none"))
+            return PartyFiles(authority, Path("none"), Path("none"))
         case "a certificate of another authority":
             other = folder / "foreign"
             if not other.exists():
                 make_folder(other, [CELL], {}, 30, now_utc())
-            return Identity(authority, other / "master.crt", other / "master.key")
+            return PartyFiles(authority, other / "master.crt", other / "master.key")
         case "an expired certificate":
             return _expired(pki, folder)
         case "another cell's master":
             if not (pki / "other").exists():
                 add_cell(pki, "other", {}, 30, now_utc())
-            return Identity(authority, pki / "other" / "master.crt", pki / "other" / "master.key")
+            return PartyFiles(authority, pki / "other" / "master.crt", pki / "other" / "master.key")
         case _:
-            return Identity(authority, pki / f"{papers}.crt", pki / f"{papers}.key")
+            return PartyFiles(authority, pki / f"{papers}.crt", pki / f"{papers}.key")
 
 
-def _expired(pki: Path, folder: Path) -> Identity:
+def _expired(pki: Path, folder: Path) -> PartyFiles:
     """The master's name, signed by the right authority, too long ago."""
     key = new_key()
     name = common_name("master", CELL)
     signed = read_authority(pki).sign(name, key.public_key(), [], now_utc() - timedelta(days=40), 30)
-    files = Identity(pki / "ca.crt", folder / "expired.crt", folder / "expired.key")
+    files = PartyFiles(pki / "ca.crt", folder / "expired.crt", folder / "expired.key")
     Path(files.certificate).write_bytes(certificate_pem(signed))
     Path(files.key).write_bytes(key_pem(key))
     return files

@@ -74,10 +74,10 @@ def test_config_check_of_a_file_that_names_others_loads_again_from_elsewhere(
 
 
 def test_the_settings_of_a_plan_load_again_as_they_are(tmp_path: Path) -> None:
-    from forefeel.loopback.plan import Wish, make_plan
+    from forefeel.loopback.plan import LoopbackOptions, make_plan
 
     (tmp_path / "run.csv").write_text(RECORDING)
-    plan = make_plan(Wish(seed=3, impairment="lte", recording=tmp_path / "run.csv"))
+    plan = make_plan(LoopbackOptions(seed=3, impairment="lte", recording=tmp_path / "run.csv"))
     slave, master = plan.write(tmp_path)
     assert dump_yaml(load_daemon(slave)) == dump_yaml(plan.slave_settings())
     assert dump_yaml(load_daemon(master)) == dump_yaml(plan.master_settings())

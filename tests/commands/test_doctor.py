@@ -18,7 +18,7 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.configured import Configured
+from forefeel.devices.configured import ConfiguredDevice
 from forefeel.devices.probe import Probed
 from forefeel.doctor import examine as examining
 from forefeel.doctor.findings import Finding
@@ -33,13 +33,13 @@ def slave_in_session(endpoint: str, pki: Path) -> Iterator[None]:
     clock, ended = MonotonicClock(), threading.Event()
     settings = TransportSettings(listen=(endpoint,), pki=pki)
     transport = ZenohTransport.open(settings, clock, lambda _: None, Party("slave", ("cathlab",)))
-    outlet = Bus(transport, "cathlab", "insertion", clock).outlet(SLAVE_STATE)
+    publisher = Bus(transport, "cathlab", "insertion", clock).publisher(SLAVE_STATE)
 
     def publish() -> None:
         while not ended.wait(0.02):
-            outlet.send(
+            publisher.send(
                 SlaveState(
-                    **outlet.header(7, clock.now_ns()),
+                    **publisher.header(7, clock.now_ns()),
                     state=SafetyState.READY,
                     reason="",
                     position_m=0.0,
@@ -147,9 +147,9 @@ def test_devices_are_left_to_the_daemon_that_runs(tmp_path: Path, monkeypatch: p
     stage = "{driver: zaber_ascii, port: /dev/none, microstep_m: 1.0e-7, travel_m: [-0.01, 0.13]}"
     path = tmp_path / "slave.yaml"
     path.write_text(f"role: slave\naxes: [{{stage: {stage}}}]\n")
-    asked = list[Configured]()
+    asked = list[ConfiguredDevice]()
 
-    def probe(found: Sequence[Configured]) -> list[Probed]:
+    def probe(found: Sequence[ConfiguredDevice]) -> list[Probed]:
         asked.extend(found)
         return []
 

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from forefeel.common.clock import MonotonicClock
+from forefeel.common.state.audit_sink import StateAuditSink
 from forefeel.common.state.folder import StateFolder
-from forefeel.common.state.journal import StateJournal
 from forefeel.doctor.findings import Finding
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.commands.command_line import COMMANDS, ROOT, group
 from tests.second_forms import forms
@@ -51,12 +51,12 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "slave.yaml").write_text("role: slave\n")
     make_pki(folder / "pki")
     with StateFolder(folder / "state") as state:
-        journal = StateJournal(state, MonotonicClock(), ["a"], keep=1)
-        journal.start({"role": "slave"})
-        journal.close("ended")
+        audit_sink = StateAuditSink(state, MonotonicClock(), ["a"], keep=1)
+        audit_sink.start({"role": "slave"})
+        audit_sink.close("ended")
     (folder / "recordings").mkdir()
     put(folder / "recordings" / "strokes.csv", made(6.0, friction_n=FRICTION_N))
-    loop = VirtualLoopback(make_plan(Wish(seed=1, duration_s=3.0)), 1)
+    loop = VirtualLoopback(make_plan(LoopbackOptions(seed=1, duration_s=3.0)), 1)
     loop.run(lambda _: None)
     loop.write(folder / "run.mcap")
     return folder

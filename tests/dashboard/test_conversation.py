@@ -15,7 +15,7 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
 from forefeel.dashboard import conversation
 from forefeel.dashboard.conversation import Conversations
-from forefeel.dashboard.sources import Ask, LiveCell, Recorded, Source
+from forefeel.dashboard.sources import Ask, LiveCell, RecordedSource, Source
 from tests.dashboard.said import AXIS, CELL, S, talk
 from tests.dashboard.test_replay import write
 
@@ -116,7 +116,7 @@ def test_viewers_are_bounded(live: tuple[LiveCell, VirtualClock], monkeypatch: p
 
 
 def test_each_page_of_a_recording_has_its_own_time(tmp_path: Path) -> None:
-    recorded = Recorded(write(tmp_path / "run.mcap", 4))
+    recorded = RecordedSource(write(tmp_path / "run.mcap", 4))
     facts, early, late = answers(recorded, {"at_s": 1.0}, {"at_s": 3.5})
     assert (facts["file"], facts["cell"]) == ("run.mcap", CELL)
     assert facts["duration_s"] == pytest.approx(4.0, abs=0.01)
@@ -126,7 +126,7 @@ def test_each_page_of_a_recording_has_its_own_time(tmp_path: Path) -> None:
 
 def test_damage_in_a_recording_is_said_on_the_page(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", 3)
-    recorded = Recorded(path)
+    recorded = RecordedSource(path)
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF
     path.write_bytes(content)

@@ -17,7 +17,7 @@ from forefeel.dashboard import diagnosing, worker
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.detector import Alarm
 from forefeel.dashboard.diagnosing import Diagnosing
-from forefeel.dashboard.finding import Finding, wanted_s, watch_card
+from forefeel.dashboard.finding import LiveDiagnosis, wanted_s, watch_card
 from tests.dashboard.said import AXIS, S, hear, heard, talk
 
 R = TypeVar("R")
@@ -42,16 +42,16 @@ def test_nothing_is_asked_for_while_the_model_fits_or_too_little_is_known() -> N
 
 
 def test_it_is_asked_again_with_twice_as_much_until_a_cause_is_named() -> None:
-    first = Finding(100.0, 12.0, 113.5, "Something is missing.")
+    first = LiveDiagnosis(100.0, 12.0, 113.5, "Something is missing.")
     assert wanted_s(ALARM, first, 120.0) is None
     assert wanted_s(ALARM, first, 126.0) == 24.5
     assert wanted_s(Alarm(900.0, 2.5, 0.1), first, 920.0) == 18.5  # another time that it went wrong
-    assert wanted_s(ALARM, Finding(100.0, 40.0, 141.5, "x"), 181.5) == 60.0
-    assert wanted_s(ALARM, Finding(100.0, 12.0, 113.5, "x", ("friction",), final=True), 1e6) is None
+    assert wanted_s(ALARM, LiveDiagnosis(100.0, 40.0, 141.5, "x"), 181.5) == 60.0
+    assert wanted_s(ALARM, LiveDiagnosis(100.0, 12.0, 113.5, "x", ("friction",), final=True), 1e6) is None
 
 
 def test_where_no_cause_is_named_each_minute_is_diagnosed_once() -> None:
-    minute = Finding(100.0, 60.0, 300.0, "Nothing was found.")
+    minute = LiveDiagnosis(100.0, 60.0, 300.0, "Nothing was found.")
     assert wanted_s(ALARM, minute, 300.5) is None
     assert wanted_s(ALARM, minute, 359.5) is None
     assert wanted_s(ALARM, minute, 360.0) == 60.0
@@ -68,9 +68,9 @@ def test_the_card_says_since_when_and_which_cause() -> None:
     assert card["since_s"] == pytest.approx(now_ns * 1e-9 - 5.0, abs=0.06)
     assert card["signs"].startswith("errors of the model at worst 3.2 × the usual · 40 % of the forces")
     assert card["headline"] == "The cause is looked for in 8 s."
-    at_work = Finding(now_s - 5.0, 14.0, now_s)
+    at_work = LiveDiagnosis(now_s - 5.0, 14.0, now_s)
     assert watch_card(view, at_work, now_ns)["headline"] == "Diagnosing 14 s of data …"
-    found = Finding(now_s - 5.0, 14.0, now_s, "The model leaves out:", ("dry friction: 0.1 N",), True)
+    found = LiveDiagnosis(now_s - 5.0, 14.0, now_s, "The model leaves out:", ("dry friction: 0.1 N",), True)
     card = watch_card(view, found, now_ns)
     assert card["headline"] == "From 14 s: The model leaves out:"
     assert (card["level"], card["causes"]) == ("bad", ["dry friction: 0.1 N"])
@@ -121,7 +121,7 @@ class Watched:
 def test_a_wrong_model_is_diagnosed_once_from_what_came_since(monkeypatch: pytest.MonkeyPatch) -> None:
     watched, asked = Watched(), list[int]()
 
-    async def answer(rows: Floats) -> diagnosing.Said:
+    async def answer(rows: Floats) -> diagnosing.WorkerAnswer:
         asked.append(len(rows))
         return {"headline": "It is friction.", "causes": ["dry friction"], "final": True}
 

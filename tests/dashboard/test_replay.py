@@ -12,7 +12,7 @@ from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from forefeel.dashboard.feed import Feed
-from forefeel.dashboard.replay import LEAD_S, Replay
+from forefeel.dashboard.replay import LEAD_S, ReplayClock
 from tests.dashboard.said import AXIS, CELL, S, safety, talk
 from tests.unit.recording_samples import force as other_force
 from tests.unit.recording_samples import put
@@ -122,7 +122,7 @@ def test_damage_is_one_line(run_file: Path, tmp_path: Path) -> None:
 
 
 def test_any_time_shows_what_was_known_then(run_file: Path) -> None:
-    replay = Replay(RunSpans(run_file))
+    replay = ReplayClock(RunSpans(run_file))
     for at_s, events in ((6.0, 7), (2.0, 2), (4.5, 5)):
         replay.go_to(at_s, 20.0)
         view = replay.cell.axes[AXIS]
@@ -133,7 +133,7 @@ def test_any_time_shows_what_was_known_then(run_file: Path) -> None:
 
 def test_going_on_is_the_same_as_going_there(run_file: Path) -> None:
     spans = RunSpans(run_file)
-    played, sought = Replay(spans), Replay(spans)
+    played, sought = ReplayClock(spans), ReplayClock(spans)
     for step in range(1, 101):
         now_ns = played.go_to(step * 0.05, 20.0)
     assert sought.go_to(5.0, 20.0) == now_ns
@@ -142,7 +142,7 @@ def test_going_on_is_the_same_as_going_there(run_file: Path) -> None:
 
 def test_the_end_and_beyond_it(run_file: Path) -> None:
     spans = RunSpans(run_file)
-    replay = Replay(spans)
+    replay = ReplayClock(spans)
     assert replay.go_to(1e6, 20.0) == spans.end_ns + 1
     first = replay.cell
     view = replay.cell.axes[AXIS]
@@ -158,7 +158,7 @@ def test_a_jump_reads_no_more_than_what_is_shown_before_it(tmp_path: Path) -> No
             put(writer, other_force(1000 * second, position_m=0.05, force_n=0.1))
             writer.flush()
     spans = RunSpans(tmp_path / "long.mcap")
-    replay = Replay(spans)
+    replay = ReplayClock(spans)
     replay.go_to(100.0, 5.0)
     assert replay.cell.past == "part"
     view = replay.cell.axes["insertion"]

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from forefeel.dashboard.rings import Ring
+from forefeel.dashboard.rings import SampleRing
 from forefeel.dashboard.timeline import Timeline
-from forefeel.dashboard.trace import Trace
+from forefeel.dashboard.trace import MinMaxTrace
 
 S = 1_000_000_000
 
 
 def test_a_peak_of_one_sample_is_kept_at_its_own_time() -> None:
-    trace = Trace()
+    trace = MinMaxTrace()
     for tick in range(1000):
         trace.add(tick * 1e-3, 5.0 if tick == 437 else -3.0 if tick == 612 else 0.1)
     rows = trace.since(0).rows
@@ -21,7 +21,7 @@ def test_a_peak_of_one_sample_is_kept_at_its_own_time() -> None:
 
 
 def test_points_come_in_the_order_of_time_and_only_once() -> None:
-    trace, seen, end = Trace(3), [], 0
+    trace, seen, end = MinMaxTrace(3), [], 0
     rng = np.random.default_rng(1)
     for tick in range(3000):
         trace.add(tick * 1e-3, *rng.normal(size=3))
@@ -37,7 +37,7 @@ def test_points_come_in_the_order_of_time_and_only_once() -> None:
 
 
 def test_an_hour_takes_no_more_than_a_minute() -> None:
-    trace = Trace(span_s=2.0, bin_s=0.02)
+    trace = MinMaxTrace(span_s=2.0, bin_s=0.02)
     for bin_number in range(50 * 3600):
         trace.add(bin_number * 0.02, float(bin_number))
     points = trace.since(0)
@@ -48,7 +48,7 @@ def test_an_hour_takes_no_more_than_a_minute() -> None:
 
 
 def test_a_pause_breaks_the_line_and_what_comes_too_late_is_left_out() -> None:
-    trace = Trace()
+    trace = MinMaxTrace()
     for t_s in (0.0, 0.05, 1.0, 0.97, 1.05):
         trace.add(t_s, 9.0 if t_s == 0.97 else 1.0)
     rows = trace.since(0).rows
@@ -58,7 +58,7 @@ def test_a_pause_breaks_the_line_and_what_comes_too_late_is_left_out() -> None:
 
 
 def test_a_ring_holds_the_newest_rows() -> None:
-    ring = Ring(3, 2)
+    ring = SampleRing(3, 2)
     assert ring.rows().shape == (0, 2)
     for number in range(5):
         ring.add(number, -number)

@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from forefeel.common.topics import parse_key
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -39,7 +39,7 @@ def plotjuggler_paths() -> list[tuple[str, str]]:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Values:
     """Every value of a run: topic -> field -> values that are not null."""
     folder = tmp_path_factory.mktemp("run")
-    loop = VirtualLoopback(make_plan(Wish(seed=1, impairment="lan", duration_s=3.0)), 1)
+    loop = VirtualLoopback(make_plan(LoopbackOptions(seed=1, impairment="lan", duration_s=3.0)), 1)
     loop.run(lambda _: None)
     loop.write(folder / "recording.mcap")
     values: Values = {}

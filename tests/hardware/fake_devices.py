@@ -8,7 +8,7 @@ from typing import Self
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.calibration import CellScale
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.slave.load_cells.port import LoadCellReading, NativeReading
 from forefeel.slave.stages.port import Home, StageReading
 
@@ -29,12 +29,12 @@ class Fake:
     fails_at_s: float | None = None
 
     def __init__(self, clock: SteppedClock, serial: str = "SN-7") -> None:
-        self.link = Link("a fake")
+        self.link = DeviceLink("a fake")
         self.clock, self.calls, self.serial = clock, list[str](), serial
 
     def open(self) -> None:
         self.calls.append("open")
-        self.link = Link("a fake")
+        self.link = DeviceLink("a fake")
         if self.refuses is not None:
             raise self.refuses
         for state in (LinkState.OPEN, LinkState.IDENTIFIED, LinkState.CONFIGURED, LinkState.READY):

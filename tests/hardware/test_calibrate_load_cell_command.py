@@ -18,7 +18,7 @@ from forefeel.common.settings import DaemonSettings
 from forefeel.common.yaml_file import load_yaml
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.drivers import Driver
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from tests.hardware.calibrate_bench import CELL, configure, unwritten
 from tests.hardware.fake_devices import FakeCell, Hands, SteppedClock
 
@@ -70,7 +70,7 @@ def test_weights_are_kilograms_and_with_yes_nobody_is_asked(
     run: Run, cell: FakeCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loads = iter([0.0, 0.980665, 0.0])
-    monkeypatch.setattr("forefeel.calibrate.person.Person.wait", lambda *_: cell.load(next(loads)))
+    monkeypatch.setattr("forefeel.calibrate.prompt.Prompt.wait", lambda *_: cell.load(next(loads)))
     assert run([*CELL, "--weights", "0,0.1", "--yes"]) == 0
     found = load_settings(LoadCellCalibration, Path("cell.yaml"))
     assert found.gain_n == pytest.approx(cell.gain_n, rel=1e-3)
@@ -310,7 +310,7 @@ def test_the_calibrations_of_a_daemon_are_tables_for_its_recording(run: Run, cel
 
 def test_a_recorded_loopback_carries_the_calibrations(run: Run, cell: FakeCell) -> None:
     assert calibrated(run)
-    plan = make_plan(Wish(duration_s=0.5))
+    plan = make_plan(LoopbackOptions(duration_s=0.5))
     assert list(plan.tables()) == ["run"]
     devices = load_yaml(Path("slave.yaml"))[0]["axes"]
     devices[0]["load_cell"]["calibration"] = str(Path("cell.yaml").resolve())

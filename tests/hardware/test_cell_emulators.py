@@ -8,11 +8,11 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.bota import BotaParser
 from forefeel.emulate.bota import EmulatedBota
 from forefeel.emulate.line_cell import EmulatedHx711, EmulatedLoadstar
-from forefeel.emulate.sensing import Sensing, Sensor
+from forefeel.emulate.sensing import EmulatedSensor, Sensing
 
 
 def measured(sensing: Sensing, slope: float = 0.0, count: int = 4000) -> list[float]:
-    sensor = Sensor(sensing, lambda t_s: slope * t_s)
+    sensor = EmulatedSensor(sensing, lambda t_s: slope * t_s)
     return [sensor.measure((n + 1) / sensing.rate_hz) for n in range(count)]
 
 

@@ -9,19 +9,19 @@ from forefeel.common.hardware.coil import (
     MAX_BUFFER,
     Button,
     CoilCommand,
+    CoilIdentity,
     CoilParser,
     CoilState,
     Flag,
     Frame,
     Identify,
-    Identity,
     encode,
 )
 from forefeel.common.messages import SafetyState
 
 STATE = CoilState(65_535, 4_294_967_295, -123_456, 58_000, Button.DEADMAN, Flag.NOT_HOMED, -1500)
 COMMAND = CoilCommand(258, -1500, SafetyState.ARMED, 12_300, True)
-IDENTITY = Identity(1, 20, 2000, "forefeel-coil", "A17", "1.4")
+IDENTITY = CoilIdentity(1, 20, 2000, "forefeel-coil", "A17", "1.4")
 
 # made by another program, bit by bit from the definitions of COBS and CRC-16/CCITT-FALSE
 GOLDEN: list[tuple[Frame, str]] = [

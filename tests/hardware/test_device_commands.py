@@ -14,7 +14,7 @@ from serial.tools.list_ports_common import ListPortInfo
 from forefeel.common.config import Settings
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.configured import Configured, configured
+from forefeel.devices.configured import ConfiguredDevice, configured
 from forefeel.devices.drivers import DRIVERS, Driver, Slot
 from forefeel.devices.ports import can_interfaces, serial_ports
 from forefeel.master.settings import HandleSettings
@@ -71,7 +71,7 @@ class NetworkCell(Settings):
 def test_a_port_that_is_a_number_is_probed_and_is_no_serial_port(
     bench: Bench, run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    device = Configured("insertion", NetworkCell(), Driver("load_cell", NetworkCell, "a:b", "a cell"))
+    device = ConfiguredDevice("insertion", NetworkCell(), Driver("load_cell", NetworkCell, "a:b", "a cell"))
     assert device.serial_port is None
     monkeypatch.setattr("forefeel.devices.probing.configured", lambda _: [device])
     assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "0.5"]) == 0

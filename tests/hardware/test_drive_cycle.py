@@ -143,16 +143,16 @@ def test_stream_that_ends_is_held() -> None:
 def test_setpoint_never_jumps_and_never_goes_further_out(seed: int) -> None:
     random = Random(seed)
     start_m = random.uniform(-0.05, 0.15)
-    wishes = [random.choice([None, random.uniform(-0.3, 0.3)]) for _ in range(200)]
+    setpoints_m = [random.choice([None, random.uniform(-0.3, 0.3)]) for _ in range(200)]
     setpoint = Setpoint(PERIOD_S, (0.0, 0.1), 0.2, 4.0)
     setpoint.restart(start_m)
-    for wish in wishes:
+    for wanted_m in setpoints_m:
         before_m, before_m_s = setpoint.position_m, setpoint.velocity_m_s
-        if wish is None:
+        if wanted_m is None:
             setpoint.hold()
             assert abs(setpoint.velocity_m_s) <= max(0.0, abs(before_m_s) - 4.0 * PERIOD_S) + 1e-12
         else:
-            setpoint.follow(wish)
+            setpoint.follow(wanted_m)
         assert abs(setpoint.position_m - before_m) <= 0.2 * PERIOD_S + 1e-12
         assert min(start_m, 0.0) - 1e-12 <= setpoint.position_m <= max(start_m, 0.1) + 1e-12
 

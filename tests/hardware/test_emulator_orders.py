@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.emulate.orders import Load, Orders, OrdersFromStdin
+from forefeel.emulate.orders import Load, OrderReader, OrdersFromStdin
 
 Run = Callable[[Sequence[str]], int]
 
@@ -24,7 +24,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, Load, list[str]
             writing,
             load,
             faults,
-            OrdersFromStdin(Orders(("unplug", "plug", "stuck"), faults.append, load)),
+            OrdersFromStdin(OrderReader(("unplug", "plug", "stuck"), faults.append, load)),
         )
 
 
@@ -73,7 +73,7 @@ def test_a_wrong_line_is_answered_in_one_line_and_changes_nothing(
 
 
 def test_a_stage_has_no_load_and_a_closed_stdin_is_fine(monkeypatch: pytest.MonkeyPatch) -> None:
-    orders = Orders(("unplug",), lambda _: None, None)
+    orders = OrderReader(("unplug",), lambda _: None, None)
     with pytest.raises(ConfigurationError, match="'load 1': expected unplug"):
         orders.obey("load 1")
     monkeypatch.setattr(sys, "stdin", None)

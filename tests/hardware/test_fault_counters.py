@@ -16,7 +16,7 @@ from forefeel.common.hardware.bota import BAUD
 from forefeel.common.hardware.calibration import CellScale
 from forefeel.common.hardware.can_bus import open_bus
 from forefeel.common.hardware.conversation import Timed
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.hardware.settings import CanSettings
 from forefeel.emulate.can_hub import CanHub
 from forefeel.emulate.line_cell import EmulatedHx711, EmulatedLoadstar
@@ -41,7 +41,7 @@ from tests.waiting import wait_until
 
 
 @contextmanager
-def on_adapter(folder: Path) -> Iterator[tuple[CanHub, list[Link]]]:
+def on_adapter(folder: Path) -> Iterator[tuple[CanHub, list[DeviceLink]]]:
     """A drive and a cell, their drivers at the first adapter of a hub; both are ready."""
     ends = [folder / name for name in ("host", "drive", "cell")]
     buses = [CanSettings(interface="slcan", channel=str(end)) for end in ends]
@@ -69,7 +69,7 @@ def befall(hub: CanHub, faults: Faults) -> None:
         wire.counts.clear()
 
 
-def grown(links: list[Link], before: list[Counter[str]], name: str) -> bool:
+def grown(links: list[DeviceLink], before: list[Counter[str]], name: str) -> bool:
     """Whether each has counted one more."""
     return all(link.counters[name] > old[name] for link, old in zip(links, before, strict=True))
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.hardware.coil import MAX_BUFFER, CoilParser, Identity, encode
+from forefeel.common.hardware.coil import MAX_BUFFER, CoilIdentity, CoilParser, encode
 from tests.hardware.test_coil_frames import COMMAND, IDENTITY, STATE
 
 _VALID = encode(STATE) + encode(COMMAND) + encode(IDENTITY) + encode(STATE)
@@ -20,7 +20,7 @@ def check_coil(data: bytes) -> None:
     for at in range(0, len(data), 61):
         for frame in parser.feed(data[at : at + 61]):
             again = CoilParser(Counter()).feed(encode(frame))
-            assert again == [frame] or isinstance(frame, Identity)  # longer texts than ours are read
+            assert again == [frame] or isinstance(frame, CoilIdentity)  # longer texts than ours are read
         assert len(parser._buffer) <= MAX_BUFFER
     assert parser.feed(encode(STATE) + encode(COMMAND))[-2:] == [STATE, COMMAND]
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.hardware.zaber import Encoder, Parser, Reply
+from forefeel.common.hardware.zaber import CommandEncoder, Parser, Reply
 from forefeel.emulate.zaber import ZaberDevice
 from tests.hardware.test_zaber_protocol import line, reply
 
@@ -27,7 +27,7 @@ def check_zaber_device(data: bytes) -> None:
     device = ZaberDevice()
     device.receive(data, 0.0)
     device.advance(0.01)
-    device.receive(b"\n" + Encoder(1).encode(1, "get accel")[1], 0.011)
+    device.receive(b"\n" + CommandEncoder(1).encode(1, "get accel")[1], 0.011)
     answer = device.advance(0.012)
     assert answer.endswith(b"\r\n") and answer.splitlines()[-1].startswith(b"@01 1 00 OK")
 
@@ -37,7 +37,7 @@ def mutated(random: Random) -> bytes:
     if random.random() < 0.2:
         return random.randbytes(random.randrange(600))
     encoder, words = (
-        Encoder(1),
+        CommandEncoder(1),
         ("get pos", "move abs 100", "home", "set comm.alert 1", "warnings", "stop", ""),
     )
     lines = [line(n, str(random.randrange(10**6))) for n in range(3)]

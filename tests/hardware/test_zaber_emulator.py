@@ -5,7 +5,7 @@ from math import sqrt
 import pytest
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.hardware.zaber import Alert, Encoder, Message, Parser, Reply
+from forefeel.common.hardware.zaber import Alert, CommandEncoder, Message, Parser, Reply
 from forefeel.emulate.zaber import ZaberDevice
 from forefeel.emulate.zaber_settings import ZaberModel
 
@@ -19,7 +19,7 @@ class Host:
         self.steps: list[tuple[float, float, float, float]] = []
         self.device = ZaberDevice(model, lambda *step: self.steps.append(step))
         self.t_s = 0.0
-        self._encoder, self._parser = Encoder(1), Parser(checksums=False)
+        self._encoder, self._parser = CommandEncoder(1), Parser(checksums=False)
 
     def raw(self, data: bytes, after_s: float = 0.0) -> list[Message]:
         self.device.receive(data, self.t_s)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from forefeel.common.hardware.zaber import (
     WARNINGS,
     Alert,
-    Encoder,
+    CommandEncoder,
     Info,
     Message,
     Parser,
@@ -49,7 +49,7 @@ def test_checksum_of_lines_that_others_made(golden: bytes) -> None:
 
 
 def test_commands_are_those_of_the_design_and_of_the_vendors_library() -> None:
-    encoder = Encoder(1)
+    encoder = CommandEncoder(1)
     assert encoder.encode(1, "home") == (0, b"/1 1 00 home:35\n")
     assert encoder.encode(1, "home") == (1, b"/1 1 01 home:34\n")
     assert encoder.encode(1, "") == (2, b"/1 1 02:FC\n")
@@ -57,14 +57,14 @@ def test_commands_are_those_of_the_design_and_of_the_vendors_library() -> None:
 
 
 def test_ids_roll_over() -> None:
-    encoder = Encoder(7)
+    encoder = CommandEncoder(7)
     ids = [encoder.encode(0, "get pos")[0] for _ in range(201)]
     assert ids[99:102] == [99, 0, 1] and len(set(ids)) == 100
 
 
 @given(st.integers(-(10**9), 10**9), st.integers(0, 99), st.integers(1, 99))
 def test_a_number_whose_colon_is_damaged_is_no_longer_number(goal: int, skipped: int, device: int) -> None:
-    encoder = Encoder(device)
+    encoder = CommandEncoder(device)
     for _ in range(skipped):
         encoder.encode(1, "")
     _, sent = encoder.encode(1, f"move abs {goal}")

@@ -24,6 +24,7 @@ from tests.dashboard.test_replay import write
 from tests.live_cell import Process, free_port
 from tests.waiting import wait_until
 
+Array = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 HOSTILE_AXIS = "<i>axis"
 LEAST_HZ = 15.0
 """Half of what a page asks for: this machine may have other work. What was reached is printed."""
@@ -90,6 +91,12 @@ def test_beyond_loopback_the_link_opens_the_page_and_its_token_leaves_the_addres
     print(f"screenshot {tmp_path / 'dashboard-token.png'}")
 
 
+def _numbers(rows: list[list[float | None]]) -> Array:
+    """Without the rows that break the line, where the machine paused."""
+    found = np.array(rows, dtype=np.float64)
+    return np.asarray(found[np.isfinite(found[:, :2]).all(axis=1)])
+
+
 @pytest.mark.soak
 def test_measured_forces_arrive_late_and_lie_on_their_prediction(
     chromium: Browser,
@@ -101,9 +108,9 @@ def test_measured_forces_arrive_late_and_lie_on_their_prediction(
         shown.drawing()
         shown.page.wait_for_timeout(3000)
         rows = shown.ask("({p: forefeel.traces.rows.predicted, m: forefeel.traces.rows.measured})")
-    predicted, measured = np.array(rows["p"]), np.array(rows["m"], dtype=np.float64)
-    there = np.isfinite(measured[:, 1]) & (measured[:, 0] > predicted[0, 0])
-    expected = np.interp(measured[there, 0], predicted[:, 0], predicted[:, 1].astype(np.float64))
+    predicted, measured = _numbers(rows["p"]), _numbers(rows["m"])
+    there = measured[:, 0] > predicted[0, 0]
+    expected = np.interp(measured[there, 0], predicted[:, 0], predicted[:, 1])
     assert there.sum() > 100
     assert np.allclose(measured[there, 1], expected, atol=2e-3)
     assert predicted[-1, 0] - measured[-1, 0] == pytest.approx(0.3, abs=0.06)

@@ -9,7 +9,7 @@ import pytest
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.topics import FORCE, SAFETY_EVENT
 from forefeel.loopback.hardware import on_bench
-from forefeel.loopback.plan import AXIS, Wish, make_plan
+from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan
 from forefeel.loopback.real import run_real
 from forefeel.report.summary import summarise
 from tests.witness import WATCHDOG_S, Witness, check_stops
@@ -20,7 +20,7 @@ from tests.witness import WATCHDOG_S, Witness, check_stops
 def test_the_service_arms_and_answers_once_for_each_reading(
     tmp_path: Path, hardware: str, device_hz: float, witness_of_daemons: Witness
 ) -> None:
-    plan = make_plan(Wish(seed=1, duration_s=4.0, hardware=hardware))
+    plan = make_plan(LoopbackOptions(seed=1, duration_s=4.0, hardware=hardware))
     with TemporaryDirectory(prefix="forefeel-") as ports:
         bench = on_bench(plan, hardware, Path(ports), tmp_path, 1)
         run_real(bench.plan, tmp_path, lambda _done_s, _what: None, bench.emulators)

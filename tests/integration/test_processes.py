@@ -36,7 +36,7 @@ from forefeel.common.topics import (
 )
 from forefeel.common.transport.settings import PRESETS, TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.real import run_real
 from tests.waiting import PATIENCE_S, wait_until
 from tests.witness import WATCHDOG_S, Witness, check_stops
@@ -185,7 +185,7 @@ def test_a_loopback_run_is_recorded_from_the_first_message_to_the_last(
     before = children(os.getpid())
     shown: list[tuple[float, str]] = []
     run_real(
-        make_plan(Wish(seed=1, impairment="paper", duration_s=4.0)),
+        make_plan(LoopbackOptions(seed=1, impairment="paper", duration_s=4.0)),
         tmp_path,
         lambda done_s, what: shown.append((done_s, what)),
     )

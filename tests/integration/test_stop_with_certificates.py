@@ -24,7 +24,7 @@ class Slave:
         clock = MonotonicClock()
         bus = Bus(net.open(pki, "slave", [endpoint]), CELL, "insertion", clock)
         bus.subscribe(topics.EMERGENCY_STOP, lambda stop, _: self.stops.append(stop))
-        self._outlet, self._clock = bus.outlet(topics.SLAVE_STATE), clock
+        self._publisher, self._clock = bus.publisher(topics.SLAVE_STATE), clock
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -36,12 +36,12 @@ class Slave:
     def _run(self) -> None:
         while not self._ending.wait(0.02):
             state = SafetyState.ESTOPPED if self.stops else SafetyState.READY
-            header = self._outlet.header(0, self._clock.now_ns())
+            header = self._publisher.header(0, self._clock.now_ns())
             said = SlaveState(
                 **header, state=state, reason="", position_m=0.0, velocity_m_s=0.0, gripper=Grip.CLOSED,
                 stops=0, clock_offset_ns=None, clock_bound_ns=None, counters={},
             )  # fmt: skip
-            self._outlet.send(said)
+            self._publisher.send(said)
 
 
 @pytest.fixture

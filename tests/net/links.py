@@ -18,7 +18,7 @@ import yaml
 from forefeel.common.clock import now_utc
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.transport.settings import ImpairmentSettings
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.pki.folder import make_folder
 from forefeel.report.summary import RunReport, summarise
 from tests.net.cable import ADDRESSES, MEASURING, TunCable
@@ -196,7 +196,7 @@ class LinkedDaemons:
     # --- settings and logs ---
 
     def _configure(self, seed: int, gate: dict[str, float]) -> None:
-        plan = make_plan(Wish(seed=seed))
+        plan = make_plan(LoopbackOptions(seed=seed))
         cell = plan.slave["cell"]
         if self._link.secured:
             addresses: dict[str, list[str]] = {

@@ -6,16 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.methods import METHODS
-from forefeel.diagnosis.evaluation.replay import Trace, replay
+from forefeel.diagnosis.evaluation.replay import MethodTrace, replay
 from tests.unit.evaluation_samples import made_up, recording
 
-LINKS = [Link(0.3), Link(0.02), Link(0.3, jitter_s=0.05, loss=0.05, seed=7)]
+LINKS = [DelayedLink(0.3), DelayedLink(0.02), DelayedLink(0.3, jitter_s=0.05, loss=0.05, seed=7)]
 SAMPLE = made_up(duration_s=5.0)
 
 
-def said(of: Recording, link: Link, method: str) -> Trace:
+def said(of: Recording, link: DelayedLink, method: str) -> MethodTrace:
     return replay(of, arrivals(of.time_s, link), METHODS[method](None))
 
 
@@ -33,7 +33,7 @@ def altered(cut: int, delay_s: float, seed: int) -> Recording:
     return recording(SAMPLE.time_s, position_m, force_n)
 
 
-def differences(one: Trace, other: Trace, rows: slice) -> int:
+def differences(one: MethodTrace, other: MethodTrace, rows: slice) -> int:
     """At how many stamps the two differ, in whatever they say."""
     columns = zip(
         (one.answered, one.force_n, one.low_n, one.high_n),
@@ -51,7 +51,7 @@ def differences(one: Trace, other: Trace, rows: slice) -> int:
 @pytest.mark.parametrize("method", METHODS)
 @settings(max_examples=12)
 @given(cut=st.integers(0, len(SAMPLE) - 1), seed=st.integers(0, 99))
-def test_what_was_not_known_changes_nothing(method: str, link: Link, cut: int, seed: int) -> None:
+def test_what_was_not_known_changes_nothing(method: str, link: DelayedLink, cut: int, seed: int) -> None:
     other = said(altered(cut, link.delay_s - link.jitter_s, seed), link, method)
     assert differences(ORIGINAL[method, link], other, slice(0, cut + 1)) == 0
 
@@ -67,7 +67,7 @@ def test_what_is_known_later_does_change_what_is_said_later(method: str) -> None
 @pytest.mark.parametrize("method", METHODS)
 def test_a_force_that_comes_too_early_is_found(method: str) -> None:
     """The same comparison on a replay that gives forces away 0.15 s before they can be there."""
-    honest, cheat, cut = Link(0.3), Link(0.15), 300
+    honest, cheat, cut = DelayedLink(0.3), DelayedLink(0.15), 300
     other = said(altered(cut, honest.delay_s, seed=3), cheat, method)
     assert differences(said(SAMPLE, cheat, method), other, slice(0, cut + 1)) > 0
 

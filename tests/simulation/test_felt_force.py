@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.effects.model import SCHEMA
 from forefeel.common.topics import HAPTICS
-from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.simulation.pair import Heard
 
@@ -30,7 +30,7 @@ def _felt(**rendering: str | float | bool) -> dict[str, NDArray[np.float64]]:
 
 
 def _plan(rendering: dict[str, Any]) -> Plan:
-    plan = make_plan(Wish(seed=1, impairment="paper"))
+    plan = make_plan(LoopbackOptions(seed=1, impairment="paper"))
     slave, master = plan.slave["axes"][0], plan.master["axes"][0]
     wall = {"mass_kg": 0.01, "damping_n_s_m": 0.4, "stiffness_n_m": WALL_N_M}
     effects = [{"effect": "mass_damper_spring", "parameters": wall}]

@@ -21,7 +21,7 @@ from forefeel.common.topics import FORCE
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.extended import extended_model
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise
 
@@ -46,8 +46,10 @@ def write_model(path: Path, effects: dict[str, dict[str, float]]) -> Path:
     return path
 
 
-def run_of(path: Path, **wish: Any) -> Run:  # noqa: ANN401 - the fields of Wish
-    loop = VirtualLoopback(make_plan(Wish(seed=1, impairment="paper", duration_s=DURATION_S, **wish)), 1)
+def run_of(path: Path, **options: Any) -> Run:  # noqa: ANN401 - the fields of LoopbackOptions
+    loop = VirtualLoopback(
+        make_plan(LoopbackOptions(seed=1, impairment="paper", duration_s=DURATION_S, **options)), 1
+    )
     loop.run(lambda _done_s: None)
     loop.write(path)
     return read_run(path)
@@ -128,10 +130,10 @@ def test_an_effect_is_switched_on_during_the_run_and_changes_nothing_before(tmp_
     """A bias of 0.2 N from 1 s of the world's time on: equal to the bit before, off by 0.2 N from then on."""
     world = write_model(tmp_path / "world.yaml", WALL)
     hide = write_model(tmp_path / "hidden.yaml", {"bias": {"force_n": 0.2}})
-    wish = {"seed": 1, "slave_model": world, "duration_s": 2.0}
+    options = {"seed": 1, "slave_model": world, "duration_s": 2.0}
     forces: list[Any] = []
     for hidden in ({}, {"hide": hide, "hide_at_s": 1.0}):
-        loop = VirtualLoopback(make_plan(Wish(**wish, **hidden)), 1)  # type: ignore[arg-type]
+        loop = VirtualLoopback(make_plan(LoopbackOptions(**options, **hidden)), 1)  # type: ignore[arg-type]
         loop.run(lambda _done_s: None)
         path = tmp_path / f"{len(forces)}.mcap"
         loop.write(path)

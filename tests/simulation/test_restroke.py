@@ -5,14 +5,14 @@ import pytest
 from forefeel.common.codec import decode
 from forefeel.common.messages import Grip
 from forefeel.common.topics import FORCE
-from forefeel.loopback.plan import Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.simulation.pair import AXIS
 
 
 @pytest.mark.soak
 def test_a_commanded_restroke_inserts_further_and_each_grip_is_a_new_contact() -> None:
-    plan = make_plan(Wish(seed=1, impairment="lan", duration_s=9.5))
+    plan = make_plan(LoopbackOptions(seed=1, impairment="lan", duration_s=9.5))
     plan.master["axes"][0]["handle"]["restroke"] = True
     loop = VirtualLoopback(plan, seed=1)
     loop.run(lambda _done_s: None)

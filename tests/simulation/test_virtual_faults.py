@@ -257,7 +257,7 @@ def test_two_axes_run_in_one_pair_and_a_stop_of_one_stops_both() -> None:
 def test_anyone_may_stop_and_a_flood_of_stops_is_one() -> None:
     pair = Pair()
     bus = pair.third()
-    stop = bus.outlet(EMERGENCY_STOP)
+    stop = bus.publisher(EMERGENCY_STOP)
     pair.run(1.5)
     for _ in range(100):
         header = stop.header(0, pair.runtime.clock.now_ns())

@@ -24,7 +24,7 @@ from forefeel.common.topics import (
     SLAVE_STATE,
 )
 from forefeel.common.transport.settings import PRESETS
-from forefeel.loopback.plan import Plan, Wish, make_plan
+from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.second_forms import forms
 from tests.simulation.pair import OVERSHOOT, Heard, S, write_csv
@@ -39,14 +39,14 @@ def run_plan(plan: Plan, seed: int = 1) -> Heard:
     return Heard(loop.payloads)
 
 
-def run_wish(**wish: Any) -> Heard:  # noqa: ANN401 - the fields of Wish
-    seed = wish.setdefault("seed", 1)
-    return run_plan(make_plan(Wish(**wish)), seed)
+def run_with(**options: Any) -> Heard:  # noqa: ANN401 - the fields of LoopbackOptions
+    seed = options.setdefault("seed", 1)
+    return run_plan(make_plan(LoopbackOptions(**options)), seed)
 
 
 @cache
 def preset_run(impairment: str) -> Heard:
-    return run_wish(impairment=impairment, duration_s=duration_s(impairment))
+    return run_with(impairment=impairment, duration_s=duration_s(impairment))
 
 
 def duration_s(impairment: str) -> float:
@@ -55,7 +55,7 @@ def duration_s(impairment: str) -> float:
 
 def test_one_seed_repeats_bit_for_bit_and_another_differs() -> None:
     first, again, other = (
-        run_wish(impairment="paper", duration_s=2.0, seed=seed).payloads for seed in (7, 7, 8)
+        run_with(impairment="paper", duration_s=2.0, seed=seed).payloads for seed in (7, 7, 8)
     )
     assert first == again
     assert first != other
@@ -146,7 +146,7 @@ def test_each_simulated_instrument_has_a_force_limit_of_its_own_on_both_ends(
     tmp_path: Path, preset: str, limit_n: float, recorded: bool
 ) -> None:
     path = write_csv(tmp_path / "run.csv", "time_s,position_m", [GAPPED_S, 0.005 * np.sin(GAPPED_S)])
-    plan = make_plan(Wish(preset=preset, recording=path if recorded else None))
+    plan = make_plan(LoopbackOptions(preset=preset, recording=path if recorded else None))
     (slave,), (master,) = plan.slave_settings().axes, plan.master_settings().axes
     assert slave.limits == master.limits
     assert slave.limits.max_force_n == limit_n
@@ -203,7 +203,7 @@ def test_a_recording_is_played_to_its_end_and_never_across_its_gap(tmp_path: Pat
     path = gapped(tmp_path / "run.csv", sign)
     recording = load_recording(path)
     assert resisting(recording) == sign
-    heard = run_wish(recording=path, impairment="5g")
+    heard = run_with(recording=path, impairment="5g")
     check_playback(heard, recording)
     times_s = np.array([m.recording_time_s for m in heard.messages(FORCE) if m.recording_time_s is not None])
     for piece in recording.segments():
@@ -229,7 +229,7 @@ def test_a_recording_is_played_to_its_end_and_never_across_its_gap(tmp_path: Pat
 )
 def test_a_measured_recording_is_played(data_dir: Path, name: str) -> None:
     path = data_dir / f"{name}.csv"
-    heard = run_wish(recording=path, impairment="paper", duration_s=4.0)
+    heard = run_with(recording=path, impairment="paper", duration_s=4.0)
     recording = load_recording(path)
     check_playback(heard, recording)
     assert heard.messages(SLAVE_STATE)[-1].stops == 0
@@ -248,7 +248,7 @@ def test_a_measured_recording_is_played(data_dir: Path, name: str) -> None:
     ],
 )
 def test_ends_that_disagree_do_not_arm_and_say_on_what(limits: dict[str, Any], said: str) -> None:
-    plan = make_plan(Wish(duration_s=1.0))
+    plan = make_plan(LoopbackOptions(duration_s=1.0))
     master_axis = deep_merge(plan.master["axes"][0], {"limits": limits})
     heard = run_plan(replace(plan, master={**plan.master, "axes": [master_axis]}))
     assert {state.state.value for state in heard.messages(SLAVE_STATE)} == {"idle"}
@@ -261,7 +261,7 @@ def test_ends_that_disagree_do_not_arm_and_say_on_what(limits: dict[str, Any], s
 
 
 def test_a_recorded_impairment_is_replayed_message_by_message(tmp_path: Path) -> None:
-    plan = make_plan(Wish(seed=3, impairment="lte", duration_s=2.0))
+    plan = make_plan(LoopbackOptions(seed=3, impairment="lte", duration_s=2.0))
     loop = VirtualLoopback(plan, 3)
     loop.run(lambda _done_s: None)
     loop.write(tmp_path / "run.mcap")
@@ -292,7 +292,7 @@ def test_the_model_files_of_both_ends_are_used(tmp_path: Path) -> None:
     world.write_text(yaml.safe_dump(WORLD))
     learned = deep_merge(WORLD, {"name": "a spring", "effects": [{"effect": "mass_damper_spring"}]})
     predictor.write_text(yaml.safe_dump(learned))
-    heard = run_wish(slave_model=world, master_model=predictor, duration_s=5.0, impairment="lan")
+    heard = run_with(slave_model=world, master_model=predictor, duration_s=5.0, impairment="lan")
     samples = heard.messages(FORCE)
     depth_m = max(s.position_m for s in samples)
     pressed = [s for s in samples if s.position_m > 0.5 * depth_m and abs(s.velocity_m_s) < 0.002]

@@ -34,9 +34,9 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path)
-    wish = parser.parse_args()
+    options = parser.parse_args()
     prepare_thread(_PRIORITY)
-    return _run(wish.seed, wish.minutes, wish.keep)
+    return _run(options.seed, options.minutes, options.keep)
 
 
 def _run(seed: int, minutes: float, keep: Path | None) -> int:

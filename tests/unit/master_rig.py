@@ -5,7 +5,7 @@ from itertools import count
 from typing import Any
 
 from forefeel.common import topics
-from forefeel.common.bus import Bus, Outlet
+from forefeel.common.bus import Bus, Publisher
 from forefeel.common.clock import VirtualClock
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import DeviceError
@@ -31,7 +31,7 @@ from forefeel.master.handles.port import HandleReading, Indication
 from forefeel.master.haptics import HapticLoop
 from forefeel.master.identification import IdentificationTask
 from forefeel.master.prediction import Present
-from forefeel.master.session import Link
+from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterAxisSettings, RenderingSettings
 
 MS = 1_000_000
@@ -122,7 +122,7 @@ class Rig:
         session = network.session(self.clock)
         bus = Bus(session, "cell", "insertion", self.clock)
         self.force, self.state, self.shake, self.beat = (
-            bus.outlet(topic)
+            bus.publisher(topic)
             for topic in (topics.FORCE, topics.SLAVE_STATE, topics.SLAVE_HANDSHAKE, topics.SLAVE_HEARTBEAT)
         )
         self.put_raw = session.publisher(topics.FORCE.key("cell", "insertion"), Qos.STREAM)
@@ -145,9 +145,9 @@ class Rig:
     def now_ns(self) -> int:
         return self.clock.now_ns()
 
-    def header(self, outlet: Outlet, session_id: int | None = None) -> dict[str, Any]:
+    def header(self, publisher: Publisher, session_id: int | None = None) -> dict[str, Any]:
         holder = self.axis.session.session_id if session_id is None else session_id
-        return {**outlet.header(holder, self.now_ns - 10 * MS + self.slave_ns)}
+        return {**publisher.header(holder, self.now_ns - 10 * MS + self.slave_ns)}
 
     def answer(self, accepted: bool = True, shared: str = SHARED, **changes: Any) -> None:  # noqa: ANN401
         fields: dict[str, Any] = {
@@ -226,6 +226,6 @@ def linked() -> Iterator[Rig]:
     rig = Rig()
     rig.axis.serve(rig.now_ns)
     rig.answer()
-    assert rig.axis.session.link is Link.OPEN
+    assert rig.axis.session.link is SessionState.OPEN
     yield rig
     assert all(-2.0 <= force_n <= 2.0 for force_n in rig.handle.felt_n)

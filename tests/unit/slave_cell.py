@@ -1,7 +1,7 @@
 """A slave of two simulated axes in virtual time, and the audit log that it writes."""
 
 from forefeel.common.audit import Detail
-from forefeel.common.journal import Journal
+from forefeel.common.audit_sink import AuditSink
 from forefeel.common.messages import SafetyState
 from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.transport.memory import MemoryBus
@@ -12,7 +12,7 @@ from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 MS = 1_000_000
 
 
-class Book(Journal):
+class Book(AuditSink):
     """An audit log in memory."""
 
     def __init__(self) -> None:

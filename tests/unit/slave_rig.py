@@ -3,10 +3,10 @@
 from typing import Any
 
 from forefeel.common import topics
-from forefeel.common.bus import Bus, Outlet
+from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
+from forefeel.common.bus import Bus, Publisher
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
-from forefeel.common.journal import NOTHING_KEPT, Journal
 from forefeel.common.messages import (
     EmergencyStop,
     ForceSample,
@@ -132,14 +132,16 @@ class FakeLoadCell:
 class SlaveRig:
     """A millisecond per `step`; asyncio's tasks run at their rates."""
 
-    def __init__(self, settings: SlaveAxisSettings = SETTINGS, journal: Journal = NOTHING_KEPT) -> None:
+    def __init__(
+        self, settings: SlaveAxisSettings = SETTINGS, audit_sink: AuditSink = NULL_AUDIT_SINK
+    ) -> None:
         self.clock = VirtualClock(1000 * MS)
         self.network = MemoryBus()
         self.stage, self.gripper, self.load_cell = FakeStage(), FakeGripper(), FakeLoadCell()
         devices = Devices(self.stage, self.gripper, self.load_cell)
         bus = Bus(self.network.session(self.clock), "cell", "insertion", self.clock)
-        self.journal = journal
-        self.axis = SlaveAxis("cell", settings, devices, bus, 99, journal)
+        self.audit_sink = audit_sink
+        self.axis = SlaveAxis("cell", settings, devices, bus, 99, audit_sink)
         self._connect()
         self.session_id = SESSION
         self.beating = True
@@ -153,15 +155,15 @@ class SlaveRig:
     def _connect(self) -> None:
         session = self.network.session(self.clock)
         bus = Bus(session, "cell", "insertion", self.clock)
-        self.outlets: dict[str, Outlet] = {
-            topic.name: bus.outlet(topic)
+        self.publishers: dict[str, Publisher] = {
+            topic.name: bus.publisher(topic)
             for topic in (
                 topics.COMMAND, topics.MASTER_HANDSHAKE, topics.MASTER_HEARTBEAT, topics.EMERGENCY_STOP,
             )
         }  # fmt: skip
         self._puts = {
             name: session.publisher(topics.BY_NAME[name].key("cell", "insertion"), Qos.STREAM)
-            for name in self.outlets
+            for name in self.publishers
         }
         self.forces, self.states = list[ForceSample](), list[SlaveState]()
         self.answers, self.beats = list[Handshake](), list[Heartbeat]()
@@ -201,7 +203,7 @@ class SlaveRig:
     def shake(self, session_id: int | None = None, **changes: Any) -> Handshake:  # noqa: ANN401 - any field
         """Asks for a session; the slave's answer."""
         session_id = self.session_id if session_id is None else session_id
-        outlet = self.outlets[topics.MASTER_HANDSHAKE.name]
+        publisher = self.publishers[topics.MASTER_HANDSHAKE.name]
         fields: dict[str, Any] = {
             "role": "master",
             "instance_id": 1,
@@ -210,33 +212,33 @@ class SlaveRig:
             "settings": SHARED,
             **changes,
         }
-        outlet.send(Handshake(**outlet.header(session_id, self.now_ns), **fields))
+        publisher.send(Handshake(**publisher.header(session_id, self.now_ns), **fields))
         self.axis.serve(self.now_ns)
         return self.answers[-1]
 
     def beat(self) -> None:
         """The master's heartbeat, echoing the slave's newest: a network without delay."""
-        outlet = self.outlets[topics.MASTER_HEARTBEAT.name]
+        publisher = self.publishers[topics.MASTER_HEARTBEAT.name]
         echo = self.beats[-1].stamp_ns if self.beats else None
-        header = outlet.header(self.session_id, self.masters_ns(self.now_ns))
+        header = publisher.header(self.session_id, self.masters_ns(self.now_ns))
         receive_ns = None if echo is None else self.masters_ns(echo)
-        outlet.send(Heartbeat(**header, echo_stamp_ns=echo, echo_receive_ns=receive_ns))
+        publisher.send(Heartbeat(**header, echo_stamp_ns=echo, echo_receive_ns=receive_ns))
 
     def command(self) -> MotionCommand:
-        outlet = self.outlets[topics.COMMAND.name]
+        publisher = self.publishers[topics.COMMAND.name]
         fields: dict[str, Any] = {"velocity_m_s": 0.0, **self.fields}
         command = MotionCommand(
-            **outlet.header(self.session_id, self.masters_ns(self.now_ns)),
+            **publisher.header(self.session_id, self.masters_ns(self.now_ns)),
             position_m=self.position_m,
             deadman=self.deadman,
             **fields,
         )
-        outlet.send(command)
+        publisher.send(command)
         return command
 
     def stop(self, source: str = "nurse", reason: str = "pressed") -> None:
-        outlet = self.outlets[topics.EMERGENCY_STOP.name]
-        outlet.send(EmergencyStop(**outlet.header(0, self.now_ns), source=source, reason=reason))
+        publisher = self.publishers[topics.EMERGENCY_STOP.name]
+        publisher.send(EmergencyStop(**publisher.header(0, self.now_ns), source=source, reason=reason))
 
     def step(self, ticks: int = 1) -> None:
         for _ in range(ticks):

@@ -12,8 +12,8 @@ from forefeel.common.topics import PUBLISHED
 from forefeel.common.transport.security import (
     CELL_ROLES,
     ROLES,
-    Identity,
     Party,
+    PartyFiles,
     PartyRole,
     access_control,
     common_name,
@@ -126,7 +126,7 @@ def test_a_common_name_tells_role_and_cell_apart() -> None:
 
 
 def test_zenoh_takes_all_of_it() -> None:
-    files = Identity(Path("ca"), Path("crt"), Path("key"))
+    files = PartyFiles(Path("ca"), Path("crt"), Path("key"))
     for role in ROLES:
         config = zenoh.Config()
         for path, value in secured(Party(role, ("c", "d")), files).items():

@@ -31,7 +31,7 @@ def answered(*stamps_ns: int | None) -> list[ForceSample]:
     bus = Bus(network.session(clock), "cell", "insertion", clock)
     listener = Bus(network.session(clock), "cell", "insertion", clock)
     listener.subscribe(topics.FORCE, lambda sample, _: heard.append(sample))
-    answers = ForceAnswers(bus.outlet(topics.FORCE))
+    answers = ForceAnswers(bus.publisher(topics.FORCE))
     for tick in range(1, 11):
         answers.note(Instant(tick * MS, StageReading(tick * 1e-6, 1e-3), command(tick), Grip.CLOSED))
     for number, stamp_ns in enumerate(stamps_ns):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.audit import GENESIS, Link, Noted, Verdict, is_hash, parse, seal, verify
+from forefeel.common.audit import GENESIS, ChainEnd, Noted, Verdict, is_hash, parse, seal, verify
 
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=20)
 DETAILS = st.dictionaries(
@@ -14,7 +14,7 @@ DETAILS = st.dictionaries(
 )
 
 
-def log(count: int = 6, after: Link = Link(), first: str = "start") -> list[bytes]:  # noqa: B008 - a tuple
+def log(count: int = 6, after: ChainEnd = ChainEnd(), first: str = "start") -> list[bytes]:  # noqa: B008 - a tuple
     lines = []
     for number in range(count):
         event = "stop" if number == count - 1 else "safety" if number else first
@@ -64,7 +64,7 @@ def test_what_is_taken_out_put_in_or_moved_is_found_at_its_line() -> None:
 def test_an_entry_that_is_made_anew_breaks_the_chain_behind_it() -> None:
     lines = log()
     second = parse(lines[1][:-1])
-    forged, _ = seal(second.noted._replace(details={"n": 99}), Link(1, second.previous))
+    forged, _ = seal(second.noted._replace(details={"n": 99}), ChainEnd(1, second.previous))
     assert verify([lines[0], forged]).intact  # so far it can not be told
     assert at(verify([lines[0], forged, *lines[2:]])) == 3
 
@@ -99,7 +99,7 @@ def test_half_a_last_line_is_no_flaw_but_said() -> None:
 def test_a_file_that_goes_on_with_another_is_intact_and_says_which_hash_it_follows() -> None:
     first = log(3)
     end = parse(first[-1][:-1])
-    verdict = verify(log(3, Link(end.number, end.hash), "continued"))
+    verdict = verify(log(3, ChainEnd(end.number, end.hash), "continued"))
     assert verdict.intact and verdict.first is not None
     assert (verdict.first.number, verdict.first.previous) == (4, end.hash)
 
@@ -107,7 +107,7 @@ def test_a_file_that_goes_on_with_another_is_intact_and_says_which_hash_it_follo
 @given(TEXTS, TEXTS, st.integers(), DETAILS)
 def test_whatever_is_noted_is_read_back(event: str, axis: str, stamp: int, details: dict[str, str]) -> None:
     noted = Noted("2026-01-01T00:00:00.000000Z", stamp, event, axis, details)
-    line, end = seal(noted, Link())
+    line, end = seal(noted, ChainEnd())
     assert line.count(b"\n") == 1 and line.isascii()
     entry = parse(line[:-1])
     assert (entry.noted, entry.number, entry.hash) == (noted, 1, end.hash)

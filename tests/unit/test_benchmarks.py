@@ -13,7 +13,7 @@ from benchmarks.markdown import Table
 from benchmarks.message_path import __main__ as message_path
 from benchmarks.message_path.ends import Stopwatch, summary
 from forefeel.report.model import RunReport
-from forefeel.report.score import Comparison, ErrorRatio
+from forefeel.report.score import ErrorRatio, PredictionComparison
 
 
 def test_a_quantile_of_whole_microseconds_is_in_the_middle_of_its_own() -> None:
@@ -120,7 +120,9 @@ def test_an_attempt_without_a_session_is_not_within_the_bound() -> None:
 
 def test_the_headlines_differ_by_the_share_of_the_injected_one() -> None:
     def report(rms: float, settled: float) -> RunReport:
-        return RunReport(ratio=ErrorRatio(rms=rms), settled=Comparison(ratio=ErrorRatio(rms=settled)))
+        return RunReport(
+            ratio=ErrorRatio(rms=rms), settled=PredictionComparison(ratio=ErrorRatio(rms=settled))
+        )
 
     text = headline.compared([report(0.40, 0.30)], [report(0.42, 0.36), report(0.44, 0.34)])
     assert text == (

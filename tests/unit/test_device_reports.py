@@ -7,7 +7,7 @@ import pytest
 from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
-from forefeel.common.hardware.link import Link
+from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.messages import Calibration
 from tests.unit.slave_rig import SESSION, SlaveRig
 
@@ -65,7 +65,7 @@ def test_a_serial_number_may_be_a_long_path(rig: SlaveRig) -> None:
 
 def test_what_the_drivers_counted_stands_among_the_counters_of_the_slave(rig: SlaveRig) -> None:
     assert not [name for name in rig.counters() if name.startswith(("stage_", "load_cell_"))]
-    rig.stage.link, rig.load_cell.link = Link("stage"), Link("cell")  # type: ignore[attr-defined]
+    rig.stage.link, rig.load_cell.link = DeviceLink("stage"), DeviceLink("cell")  # type: ignore[attr-defined]
     rig.stage.link.counters["lost_replies"] = 3  # type: ignore[attr-defined]
     rig.load_cell.link.counters.update(bad_checksum=2, stuck=0)  # type: ignore[attr-defined]
     counted = {n: c for n, c in rig.counters().items() if n.startswith(("stage_", "load_cell_"))}

@@ -9,7 +9,7 @@ from forefeel.diagnose.units import plain_value, scale, shown, split_unit
 from forefeel.diagnose.words import FLAGS, PLAIN, answer, caution, headline, plain
 from forefeel.diagnosis.diagnose.parameters import NAMINGS
 from forefeel.diagnosis.diagnose.prediction import Across
-from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, Stage
+from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, ModelError
 from tests.unit.diagnosis_samples import made
 
 UNITLESS = {"ratio", "damping_ratio"}
@@ -29,8 +29,8 @@ FOUND = Diagnosis(
     None,
     ("motion_driven_by_force",),
     0.002,
-    Stage(0.05, {}),
-    Stage(0.005, {}),
+    ModelError(0.05, {}),
+    ModelError(0.005, {}),
     {"before_m": 2e-4, "after_m": 3e-5},
     HeldOut(0.05, 0.005, 0.9, 0.88, 0.91),
 )

@@ -11,9 +11,9 @@ from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Model
-from forefeel.diagnosis.diagnose.driven import FLAG, lowered_trust, signs_of_driving
+from forefeel.diagnosis.diagnose.driven import FLAG, force_driven_excitation, lowered_trust
 from forefeel.diagnosis.diagnose.faults import clean
-from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.regression import RecordingRegression
 from forefeel.diagnosis.diagnose.signals import Signals
 from tests.hidden_effects.generator import VOCABULARY, draw
 from tests.second_forms import forms
@@ -31,8 +31,8 @@ def _signs(recording: Recording, model: Model) -> tuple[str, ...]:
     cutoff = cutoff_hz(recording, cleaned.force_n)
     signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
     reach_hz = min(2.0 * cutoff, signals.motion_reach_hz)
-    regression = Regression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
-    return signs_of_driving(recording, cleaned.force_n, regression, regression.fit(model))
+    regression = RecordingRegression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
+    return force_driven_excitation(recording, cleaned.force_n, regression, regression.fit(model))
 
 
 def _late(parameters: dict[str, dict[str, float]]) -> Model:

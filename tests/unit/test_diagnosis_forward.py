@@ -28,7 +28,7 @@ from forefeel.diagnosis.diagnose.forward import (
     simulate,
 )
 from forefeel.diagnosis.diagnose.forward_model import ForwardModel, first_order_hold
-from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.regression import RecordingRegression
 from forefeel.diagnosis.diagnose.signals import Signals
 from tests.unit.driven_samples import Body, broad_force, driven
 
@@ -196,7 +196,7 @@ def _arrow_mv(between: Between | None, *causes: str) -> float:
     cleaned = clean(train)
     signals = Signals(train, cleaned.force_n, cutoff_hz(train, cleaned.force_n), cleaned.clipped)
     reach_hz = min(2.0 * signals.cutoff_hz, signals.motion_reach_hz)
-    regression = Regression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
+    regression = RecordingRegression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
     found = ForwardModel.of(regression, regression.fit(dict.fromkeys(causes, ())))
     assert found is not None
     measured = train, cleaned.force_n, regression.sense

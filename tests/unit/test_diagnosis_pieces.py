@@ -14,7 +14,7 @@ from forefeel.diagnosis.diagnose.extended import extended_model
 from forefeel.diagnosis.diagnose.faults import clean, comb_step
 from forefeel.diagnosis.diagnose.least_squares import solve
 from forefeel.diagnosis.diagnose.noise import autoregression
-from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.regression import RecordingRegression
 from forefeel.diagnosis.diagnose.search import Search
 from forefeel.diagnosis.diagnose.signals import Signals
 
@@ -106,7 +106,7 @@ def test_variable_projection_finds_shapes_off_its_grid(name: str, truth: float) 
         f = np.interp(late, np.arange(len(t)), f)
     else:
         f = _behind_play(x, v, a, truth)
-    regression = Regression(signals(t, x, f + noise(6, len(t))), 1e-5)
+    regression = RecordingRegression(signals(t, x, f + noise(6, len(t))), 1e-5)
     search = Search(regression)
     found = search.best_with(search.fit({}), name)
     assert found is not None
@@ -126,7 +126,7 @@ def _behind_play(x: Floats, v: Floats, a: Floats, width: float) -> Floats:
 def test_the_bootstrap_over_blocks_covers_a_known_gain() -> None:
     """Two predictors of one strongly coloured series, errors 1 and 0.8: 95 % intervals hold the true gain."""
     t, x, v, a = motion(7, seconds=40.0)
-    regression = Regression(signals(t, x, linear(x, v, a)), 1e-5)
+    regression = RecordingRegression(signals(t, x, linear(x, v, a)), 1e-5)
     count, covered = int(np.count_nonzero(regression.rows)), 0
     for seed in range(100):
         rng = np.random.default_rng(seed)

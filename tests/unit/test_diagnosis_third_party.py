@@ -17,10 +17,10 @@ from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES
 from forefeel.diagnosis.diagnose.extended import MAKERS, extended_model
 from forefeel.diagnosis.diagnose.parameters import NAMINGS
-from forefeel.diagnosis.diagnose.regression import Regression
+from forefeel.diagnosis.diagnose.regression import RecordingRegression
 from forefeel.diagnosis.diagnose.search import Search
 from forefeel.diagnosis.diagnose.signals import Signals
-from forefeel.diagnosis.diagnose.third_party import fingerprint, take_in, third_party_candidates
+from forefeel.diagnosis.diagnose.third_party import fingerprint, register_plugins, third_party_candidates
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
 GROUP = "forefeel.effects"
@@ -47,7 +47,7 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
     monkeypatch.syspath_prepend(EXAMPLE)
     yield install
     install()
-    take_in()
+    register_plugins()
     registry.effect_class.cache_clear()
 
 
@@ -126,7 +126,7 @@ class Turned(MotionEffect):
 
 def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) -> None:
     install(("threshold", f"{__name__}:Threshold"))
-    take_in()
+    register_plugins()
     recording, _ = _rippled()
     x = recording.position_m
     v = np.gradient(x, recording.time_s)
@@ -134,7 +134,7 @@ def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) 
     signals = Signals(
         Recording("made", recording.time_s, x, force, "test"), force, 30.0, np.zeros(len(x), dtype=np.bool_)
     )
-    search = Search(Regression(signals, 1e-5))
+    search = Search(RecordingRegression(signals, 1e-5))
     assert "threshold" in search.names
     found = search.best_with(search.fit({}), "threshold")
     assert found is not None
@@ -155,7 +155,7 @@ def test_what_can_not_be_searched_is_said_and_breaks_nothing(install: Install) -
 
 def test_the_fingerprint_of_any_cause_is_told(install: Install, example: tuple[str, str]) -> None:
     install(example)
-    take_in()
+    register_plugins()
     assert "ripple" in fingerprint("cogging")
     assert "velocity" in fingerprint("coulomb_friction")
     assert fingerprint("no such cause") == ""

@@ -7,14 +7,14 @@ import pytest
 
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError
-from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules
 from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.diagnosis.evaluation.results import to_json
-from forefeel.diagnosis.evaluation.score import Band
+from forefeel.diagnosis.evaluation.score import BandScore
 from tests.unit.evaluation_samples import hold_oracle, made_up, recording
 
-LINK = Link(0.3)
+LINK = DelayedLink(0.3)
 SAMPLE = made_up(duration_s=6.0)
 
 
@@ -53,11 +53,11 @@ def test_what_can_not_be_scored_is_refused(change: Callable[[], object], words: 
 def test_when_nothing_arrives_nothing_is_scored() -> None:
     time_s = np.append(np.arange(3.0), 40.0)
     with pytest.raises(RecordingError, match="no force arrives before the end"):
-        prepare(recording(time_s, time_s, time_s), Link(0.0, loss=0.999, seed=1))
+        prepare(recording(time_s, time_s, time_s), DelayedLink(0.0, loss=0.999, seed=1))
 
 
 def test_the_document_has_the_agreed_form_and_no_nan() -> None:
-    link = Link(0.3, 0.01, 0.02, 5)
+    link = DelayedLink(0.3, 0.01, 0.02, 5)
     evaluated = evaluate(prepare(SAMPLE, link), None)
     text = to_json(link, rules(link, None), {"one": evaluated}, {"two": "a reason"})
     document = json.loads(text, parse_constant=no_number)
@@ -85,7 +85,7 @@ def test_a_method_that_diverged_says_when_and_has_null() -> None:
     from forefeel.common.error_size import ErrorSize
     from forefeel.diagnosis.evaluation.score import Score
 
-    scores = {**evaluated.scores, "paper": Score(ErrorSize(), 4.25, Band())}
+    scores = {**evaluated.scores, "paper": Score(ErrorSize(), 4.25, BandScore())}
     text = to_json(LINK, (), {"one": replace(evaluated, scores=scores)}, {})
     paper = json.loads(text)["recordings"]["one"]["methods"]["paper"]
     assert paper == {"rms_n": None, "p95_n": None, "max_n": None, "diverged_at_s": 4.25}
@@ -112,7 +112,12 @@ def test_motion_that_tells_nothing_still_has_numbers(speed_m_s: float) -> None:
 
 
 def test_jitter_and_loss_are_repeatable_and_change_the_score() -> None:
-    links = [Link(0.3), Link(0.3, 0.05, 0.05, 1), Link(0.3, 0.05, 0.05, 1), Link(0.3, 0.05, 0.05, 2)]
+    links = [
+        DelayedLink(0.3),
+        DelayedLink(0.3, 0.05, 0.05, 1),
+        DelayedLink(0.3, 0.05, 0.05, 1),
+        DelayedLink(0.3, 0.05, 0.05, 2),
+    ]
     plain, one, same, other = (evaluate(prepare(SAMPLE, link), None).scores for link in links)
     assert one == same
     assert all(one[name] != other[name] for name in METHODS)
@@ -120,7 +125,7 @@ def test_jitter_and_loss_are_repeatable_and_change_the_score() -> None:
 
 
 def test_the_rules_say_what_was_done() -> None:
-    plain, impaired = " ".join(rules(LINK, None)), " ".join(rules(Link(0.3, 0.05, 0.05, 9), None))
+    plain, impaired = " ".join(rules(LINK, None)), " ".join(rules(DelayedLink(0.3, 0.05, 0.05, 9), None))
     assert "stamped <= t - 0.3 s" in plain
     assert "lost" not in plain
     for word in "0.05 s", "5 %", "Seed 9":

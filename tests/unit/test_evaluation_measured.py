@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from forefeel.common.recording.tabular import load_recording
-from forefeel.diagnosis.evaluation.arrivals import Link
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import evaluate, prepare
 from tests.second_forms import forms
 
@@ -27,7 +27,7 @@ WITH_FORCE = (
 @pytest.mark.parametrize("name", forms(WITH_FORCE, quick=["presliding_friction", "seal_o_ring_3bar"]))
 def test_every_method_has_a_finite_score_and_the_hold_is_numpys(name: str) -> None:
     recording = load_recording(Path(DATA or "") / f"{name}.csv")
-    evaluated = evaluate(prepare(recording, Link(0.3)), None)
+    evaluated = evaluate(prepare(recording, DelayedLink(0.3)), None)
     time_s, force_n = recording.time_s, recording.force_n
     assert force_n is not None
     newest = np.searchsorted(time_s, time_s - 0.3, side="right") - 1

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
-from forefeel.diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, Estimate, Pairs
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
+from forefeel.diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, MethodEstimate, Pairs
 from forefeel.diagnosis.evaluation.replay import replay
 from tests.unit.evaluation_samples import Floats, hold_oracle, made_up, recording
 
@@ -12,7 +12,7 @@ from tests.unit.evaluation_samples import Floats, hold_oracle, made_up, recordin
 def test_the_hold_is_its_definition(delay_s: float, uneven: float) -> None:
     sample = made_up(duration_s=5.0, uneven=uneven)
     assert sample.force_n is not None
-    trace = replay(sample, arrivals(sample.time_s, Link(delay_s)), METHODS["hold"](None))
+    trace = replay(sample, arrivals(sample.time_s, DelayedLink(delay_s)), METHODS["hold"](None))
     expected = hold_oracle(sample.time_s, sample.force_n, delay_s)
     np.testing.assert_array_equal(trace.force_n, expected)
     np.testing.assert_array_equal(trace.answered, np.isfinite(expected))
@@ -25,7 +25,7 @@ def test_the_hold_keeps_the_newest_stamp_whatever_the_order() -> None:
         hold.observe(stamp_s, force_n)
     hold.restart()
     hold.move(4.0, 0.0)
-    assert hold.predict() == Estimate(30.0)
+    assert hold.predict() == MethodEstimate(30.0)
 
 
 def paper_oracle(time_s: Floats, x: Floats, force_n: Floats, delay_s: float) -> Floats:
@@ -48,7 +48,7 @@ def paper_oracle(time_s: Floats, x: Floats, force_n: Floats, delay_s: float) -> 
 def test_the_paper_is_weighted_least_squares_on_causal_differences() -> None:
     sample = made_up(duration_s=3.0, gap_s=0.0)
     assert sample.force_n is not None
-    trace = replay(sample, arrivals(sample.time_s, Link(0.3)), METHODS["paper"](None))
+    trace = replay(sample, arrivals(sample.time_s, DelayedLink(0.3)), METHODS["paper"](None))
     expected = paper_oracle(sample.time_s, sample.position_m, sample.force_n, 0.3)
     late = sample.time_s > 1.0  # before, the prior and rounding matter
     np.testing.assert_allclose(trace.force_n[late], expected[late], rtol=1e-4, atol=1e-4)
@@ -56,7 +56,7 @@ def test_the_paper_is_weighted_least_squares_on_causal_differences() -> None:
 
 def test_the_paper_does_not_differentiate_across_a_gap() -> None:
     sample = made_up(duration_s=4.0)
-    trace = replay(sample, arrivals(sample.time_s, Link(0.3)), METHODS["paper"](None))
+    trace = replay(sample, arrivals(sample.time_s, DelayedLink(0.3)), METHODS["paper"](None))
     start = sample.segments()[1].start
     assert trace.answered[2:start].all()
     np.testing.assert_array_equal(trace.answered[start : start + 3], [False, False, True])
@@ -66,7 +66,7 @@ def test_the_paper_does_not_differentiate_across_a_gap() -> None:
 def test_on_a_contact_that_it_can_describe_a_model_beats_the_hold(name: str) -> None:
     sample = made_up(duration_s=8.0)
     assert sample.force_n is not None
-    late = arrivals(sample.time_s, Link(0.3))
+    late = arrivals(sample.time_s, DelayedLink(0.3))
     trace = replay(sample, late, METHODS[name](None))
     rows = (sample.time_s > 5.0) & trace.answered
     assert np.mean(rows[sample.time_s > 5.0]) > 0.95
@@ -82,7 +82,7 @@ def test_motion_out_of_all_proportion_raises_nothing(name: str) -> None:
     position_m = sample.position_m.copy()
     position_m[50:] *= 1e200
     wild = recording(sample.time_s, position_m, sample.force_n * 1e200)
-    replay(wild, arrivals(sample.time_s, Link(0.05)), METHODS[name](None))
+    replay(wild, arrivals(sample.time_s, DelayedLink(0.05)), METHODS[name](None))
 
 
 def test_late_forces_meet_the_motion_of_their_own_stamp() -> None:

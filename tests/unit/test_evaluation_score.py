@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from forefeel.diagnosis.evaluation.arrivals import Link, arrivals
-from forefeel.diagnosis.evaluation.replay import Trace
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
+from forefeel.diagnosis.evaluation.replay import MethodTrace
 from forefeel.diagnosis.evaluation.score import (
     RUNAWAY,
     Score,
@@ -19,10 +19,10 @@ RNG = np.random.default_rng(2)
 FORCE_N = RNG.normal(0, 1, N)
 
 
-def trace(force_n: Floats, half_width_n: float | None = None, leading: str | None = None) -> Trace:
+def trace(force_n: Floats, half_width_n: float | None = None, leading: str | None = None) -> MethodTrace:
     band = np.nan if half_width_n is None else half_width_n
     answered = np.isfinite(force_n)
-    return Trace(answered, force_n, force_n - band, force_n + band, (leading,) * len(force_n))
+    return MethodTrace(answered, force_n, force_n - band, force_n + band, (leading,) * len(force_n))
 
 
 HELD = trace(FORCE_N + 0.5)
@@ -30,7 +30,7 @@ ROWS = scored_stamps(TIME_S, 0.3, HELD)
 SEEN_N = np.full(N, 3.0)
 
 
-def scored(said: Trace, seen_n: Floats = SEEN_N) -> Score:
+def scored(said: MethodTrace, seen_n: Floats = SEEN_N) -> Score:
     return score(TIME_S, FORCE_N, said, HELD, ROWS, seen_n)
 
 
@@ -68,7 +68,7 @@ def test_where_nothing_is_said_the_holds_force_counts() -> None:
 def test_a_method_that_ran_away_has_no_size_but_a_time(wild: float) -> None:
     said_n = FORCE_N.copy()
     said_n[600:] = wild
-    said = Trace(np.ones(N, dtype=np.bool_), said_n, said_n, said_n, (None,) * N)
+    said = MethodTrace(np.ones(N, dtype=np.bool_), said_n, said_n, said_n, (None,) * N)
     found = scored(said)
     assert (found.size.rms_n, found.size.p95_n, found.size.max_n) == (None, None, None)
     assert found.diverged_at_s == pytest.approx(6.0)
@@ -78,7 +78,7 @@ def test_a_method_that_ran_away_has_no_size_but_a_time(wild: float) -> None:
 def test_nan_is_a_runaway_when_it_was_said() -> None:
     said_n = FORCE_N.copy()
     said_n[700] = np.nan
-    said = Trace(np.ones(N, dtype=np.bool_), said_n, said_n, said_n, (None,) * N)
+    said = MethodTrace(np.ones(N, dtype=np.bool_), said_n, said_n, said_n, (None,) * N)
     assert scored(said).diverged_at_s == pytest.approx(7.0)
 
 
@@ -100,7 +100,7 @@ def test_band_and_leading_expert_are_counted_where_it_is_scored() -> None:
     error = RNG.normal(0, 1, N)
     said = trace(FORCE_N + error, half_width_n=1.0)
     leading = ("early",) * 600 + ("b",) * 300 + (None,) * 100
-    found = scored(Trace(said.answered, said.force_n, said.low_n, said.high_n, leading)).band
+    found = scored(MethodTrace(said.answered, said.force_n, said.low_n, said.high_n, leading)).band
     assert found.coverage == pytest.approx(np.mean(np.abs(error[330:]) <= 1.0))
     assert found.width_n == pytest.approx(2.0)
     assert found.leading == "b"
@@ -108,5 +108,5 @@ def test_band_and_leading_expert_are_counted_where_it_is_scored() -> None:
 
 def test_the_largest_force_seen_is_that_of_those_that_have_arrived() -> None:
     force_n = np.array([1.0, -5.0, 2.0, 9.0, 3.0])
-    late = arrivals(np.arange(5, dtype=np.float64), Link(2.0))
+    late = arrivals(np.arange(5, dtype=np.float64), DelayedLink(2.0))
     np.testing.assert_array_equal(largest_seen(force_n, late), [0, 0, 1, 5, 5])

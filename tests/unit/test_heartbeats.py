@@ -2,7 +2,7 @@
 
 import pytest
 
-from forefeel.common.bus import Outlet
+from forefeel.common.bus import Publisher
 from forefeel.common.codec import decode
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import Heartbeat
@@ -15,7 +15,7 @@ class Rig:
 
     def __init__(self) -> None:
         self.said: list[bytes] = []
-        self.beats = Heartbeats(Outlet(self.said.append))
+        self.beats = Heartbeats(Publisher(self.said.append))
 
     def beat(self, now_ns: int) -> Heartbeat:
         self.beats.beat(1, now_ns)

@@ -5,7 +5,7 @@ from itertools import count
 from forefeel.common.clock import VirtualClock
 from forefeel.common.topics import COMMAND, FORCE, MASTER_TIMING, TOPICS, Qos
 from forefeel.common.transport.impaired import ImpairedTransport, TraceChunk, crosses
-from forefeel.common.transport.impairment import Link, ReplayedImpairment
+from forefeel.common.transport.impairment import ImpairedLink, ReplayedImpairment
 from forefeel.common.transport.memory import MemoryBus
 
 KEY = COMMAND.key("cell", "insertion")
@@ -32,7 +32,7 @@ class Heap:
 class Pair:
     """An impaired session, a plain one, and what the handlers got."""
 
-    def __init__(self, inbound: Link | None, outbound: Link | None) -> None:
+    def __init__(self, inbound: ImpairedLink | None, outbound: ImpairedLink | None) -> None:
         self.clock = VirtualClock(100)
         self.timers = Heap(self.clock)
         bus = MemoryBus()

@@ -4,24 +4,24 @@ from pathlib import Path
 
 from forefeel.common.audit import parse, verify
 from forefeel.common.clock import MonotonicClock
+from forefeel.common.state.audit_sink import StateAuditSink
 from forefeel.common.state.folder import AUDIT, StateFolder
-from forefeel.common.state.journal import StateJournal
 
 
 def daemon(folder: Path, killed: bool = False) -> list[str]:
     """One daemon's life; the events of the log then."""
     with StateFolder(folder) as state:
-        journal = StateJournal(state, MonotonicClock(), ["a"], keep=1)
-        journal.start({"role": "slave"})
+        audit_sink = StateAuditSink(state, MonotonicClock(), ["a"], keep=1)
+        audit_sink.start({"role": "slave"})
         if not killed:
-            journal.close("ended")
+            audit_sink.close("ended")
         else:
             before = (folder / AUDIT).read_bytes
-            journal.note("refused", 1, name="late")
+            audit_sink.note("refused", 1, name="late")
             while b"refused" not in before():
                 pass
             whole = before()
-            journal.close("ended")
+            audit_sink.close("ended")
             (folder / AUDIT).write_bytes(whole)  # as a kill leaves it
     with (folder / AUDIT).open("rb") as lines:
         assert verify(lines).intact

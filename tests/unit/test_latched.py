@@ -29,8 +29,8 @@ def fault(rig: SlaveRig) -> None:
 
 
 def audit(rig: SlaveRig) -> None:
-    assert isinstance(rig.journal, Book)
-    rig.journal.broken = "audit log: No space left on device"
+    assert isinstance(rig.audit_sink, Book)
+    rig.audit_sink.broken = "audit log: No space left on device"
 
 
 LATCHES: list[tuple[Callable[[SlaveRig], None], SafetyState]] = [
@@ -111,7 +111,7 @@ def pushed(rig: SlaveRig) -> None:
 def test_nothing_moves_while_it_is_latched(
     latch: Callable[[SlaveRig], None], state: SafetyState, path: Callable[[SlaveRig], None]
 ) -> None:
-    rig = SlaveRig(journal=Book()).armed()
+    rig = SlaveRig(audit_sink=Book()).armed()
     latch(rig)
     rig.step(150)
     assert rig.state() is state
@@ -123,7 +123,7 @@ def test_nothing_moves_while_it_is_latched(
 
 def test_a_flood_of_stops_is_coalesced_and_the_first_stops_at_once() -> None:
     book = Book()
-    rig = SlaveRig(journal=book).armed()
+    rig = SlaveRig(audit_sink=book).armed()
     for number in range(5000):
         rig.stop("nurse", f"press {number}")
     rig.step()
@@ -166,7 +166,7 @@ def test_after_a_clearing_a_deadman_that_is_held_moves_nothing() -> None:
 
 def test_what_is_refused_and_what_happened_stands_in_the_audit_log() -> None:
     book = Book()
-    rig = SlaveRig(journal=book).armed()
+    rig = SlaveRig(audit_sink=book).armed()
     session, rig.session_id = rig.session_id, 99  # a second writer
     rig.step(500)
     rig.session_id = session
@@ -189,7 +189,7 @@ def test_what_is_refused_and_what_happened_stands_in_the_audit_log() -> None:
 
 def test_a_device_that_stays_broken_does_not_fill_the_log() -> None:
     book = Book()
-    rig = SlaveRig(journal=book).armed()
+    rig = SlaveRig(audit_sink=book).armed()
     rig.stage.broken = {"read"}
     rig.step(3000)
     faults = book.of("device_fault")
@@ -240,7 +240,7 @@ def test_a_cause_that_persists_is_named_and_stays_latched() -> None:
 def test_a_stop_that_was_latched_when_the_daemon_ended_is_latched_when_it_starts() -> None:
     rig_book = Book()
     rig_book.latched = {"insertion": "nurse: pressed"}
-    rig = SlaveRig(journal=rig_book)
+    rig = SlaveRig(audit_sink=rig_book)
     rig.axis.open(rig.now_ns)
     rig.shake()
     rig.step(200)

@@ -15,7 +15,7 @@ from forefeel.common.runtime.real import RealRuntime
 from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.linking import MasterLink, obstacles, open_session, opened
 from forefeel.master.daemon import MasterDaemon
-from forefeel.master.session import Link, Session
+from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterSettings
 from forefeel.reaching import Obstacle
 from forefeel.slave.settings import SlaveSettings
@@ -142,7 +142,7 @@ def test_a_session_that_is_lost_and_comes_back_is_said_with_its_cause(said: list
     bench.answer(True, 9)
     assert bench.link.look(9 * S)
     assert said[2:] == ["master: session open again"]
-    assert bench.session.link is Link.OPEN
+    assert bench.session.link is SessionState.OPEN
 
 
 def test_settings_that_differ_end_the_wait(said: list[str]) -> None:

@@ -18,7 +18,7 @@ from forefeel.common.estimation.identification import (
     IdentificationSettings,
 )
 from forefeel.common.estimation.loaded import NOTHING, LoadedContact
-from forefeel.common.estimation.transfer import Sensor, TimeColumns, lasting
+from forefeel.common.estimation.transfer import SensorModel, TimeColumns, lasting
 
 MS = 1_000_000
 DELAY = 300
@@ -234,7 +234,7 @@ def test_nothing_is_identified_from_readings_at_the_end_of_the_range() -> None:
 
 
 def test_a_sensor_without_lag_has_empty_lines() -> None:
-    sensor = Sensor(model({"effect": "sensor_quantisation", "parameters": {"step_n": 0.1}}))
+    sensor = SensorModel(model({"effect": "sensor_quantisation", "parameters": {"step_n": 0.1}}))
     assert not sensor.delays
     (line,) = sensor.lines(1)
     assert line(0.0, 0.123, 1e-3) == 0.123

@@ -179,12 +179,12 @@ def test_a_stop_and_a_clearing_that_are_not_on_the_disk_are_not_acknowledged(
     for limit in ("_STOPS_S", "_LASTS_S"):
         monkeypatch.setattr(acts, limit, 0.0)
     cell = Cell()
-    journal = Forgetful()
+    audit_sink = Forgetful()
     for axis in cell.daemon.axes:
         axis.emergency_stop("pressed")
-        monkeypatch.setattr(axis, "_journal", journal)
+        monkeypatch.setattr(axis, "_audit_sink", audit_sink)
     cell.step()
-    asked = acts.SlaveActs(cell.daemon, journal, MonotonicClock())
+    asked = acts.SlaveActs(cell.daemon, audit_sink, MonotonicClock())
     answer = asyncio.run(asked(Request("estop"), "nurse"))
     assert not answer.done
     assert answer.text[0] == (

@@ -10,7 +10,7 @@ from forefeel.common.messages import (
     SlaveState,
 )
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
-from forefeel.master.session import Link
+from forefeel.master.session import SessionState
 from tests.unit.master_rig import FULL_SCALE_N, MS, SHARED, Rig, S, linked, shown
 
 rig = pytest.fixture(linked, name="rig")
@@ -31,7 +31,7 @@ def test_an_accepting_slave_with_other_settings_is_not_believed() -> None:
     rig = Rig()
     rig.axis.serve(rig.now_ns)
     rig.answer(shared=shared_text("cell", "insertion", AxisLimits(max_force_n=30.0)))
-    assert rig.axis.session.link is Link.MISMATCH
+    assert rig.axis.session.link is SessionState.MISMATCH
     assert rig.axis.session.cause(rig.now_ns) == "settings differ: max_force_n: 3.0 here, 30.0 there"
     rig.clock.set_ns(rig.now_ns + 5000 * MS)
     rig.axis.serve(rig.now_ns)
@@ -74,7 +74,7 @@ def test_a_session_that_the_slave_lost_is_replaced_and_nothing_of_it_is_felt(rig
     rig.step(300)
     rig.step(1001, state=None, force=False)
     rig.axis.serve(rig.now_ns)
-    assert (rig.axis.session.link, rig.axis.session.session_id) == (Link.ASKING, 103)
+    assert (rig.axis.session.link, rig.axis.session.session_id) == (SessionState.ASKING, 103)
     sent = len(rig.commands)
     rig.step(5)
     assert len(rig.commands) == sent

@@ -3,19 +3,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.messages import SafetyState
-from forefeel.master.handles.person import REACTION_S, Act, Person
+from forefeel.master.handles.operator_policy import REACTION_S, Act, SimulatedOperatorPolicy
 
 S = SafetyState
 STATES = (None, *SafetyState)
 
 
-def looked(person: Person, now_s: float, state: SafetyState | None) -> Act:
+def looked(person: SimulatedOperatorPolicy, now_s: float, state: SafetyState | None) -> Act:
     person.look(now_s, state)
     return person.act
 
 
-def armed(now_s: float = 10.0) -> Person:
-    person = Person()
+def armed(now_s: float = 10.0) -> SimulatedOperatorPolicy:
+    person = SimulatedOperatorPolicy()
     assert looked(person, now_s, S.READY) is Act.PRESSING
     assert looked(person, now_s + 0.3, S.ARMED) is Act.MOVING
     return person
@@ -23,7 +23,7 @@ def armed(now_s: float = 10.0) -> Person:
 
 @pytest.mark.parametrize("state", [state for state in STATES if state is not S.READY])
 def test_nothing_but_ready_makes_a_person_press(state: SafetyState | None) -> None:
-    person = Person()
+    person = SimulatedOperatorPolicy()
     for i in range(100):
         assert looked(person, 10.0 + i, state) is Act.WAITING
         assert not person.pressed
@@ -36,7 +36,7 @@ def test_ready_is_answered_by_a_press_and_armed_by_a_motion() -> None:
 
 
 def test_armed_by_itself_moves_nobody() -> None:
-    assert looked(Person(), 10.0, S.ARMED) is Act.WAITING
+    assert looked(SimulatedOperatorPolicy(), 10.0, S.ARMED) is Act.WAITING
 
 
 @pytest.mark.parametrize("state", [state for state in STATES if state is not S.ARMED])
@@ -51,7 +51,7 @@ def test_at_a_stop_the_hand_opens_at_once_and_presses_again_half_a_second_later(
 
 
 def test_who_is_not_armed_within_three_seconds_lets_go_and_tries_again() -> None:
-    person = Person()
+    person = SimulatedOperatorPolicy()
     person.look(10.0, S.READY)
     assert looked(person, 13.0, S.READY) is Act.PRESSING
     assert looked(person, 13.001, S.READY) is Act.WAITING
@@ -63,7 +63,7 @@ def test_who_is_not_armed_within_three_seconds_lets_go_and_tries_again() -> None
 def test_letting_go_by_choice_is_no_stop_and_its_time_is_counted_until_armed() -> None:
     person = armed(10.0)
     person.look(11.0, S.ARMED)
-    person.let_go(11.0)
+    person.release(11.0)
     for i in range(1, 13):
         person.look(11.0 + i * 0.1, S.READY)
     assert person.pressed
@@ -85,7 +85,7 @@ def test_time_after_a_stop_is_not_by_choice() -> None:
 def test_a_press_begins_at_ready_only_and_never_sooner_than_the_reaction(
     glances: list[tuple[float, SafetyState | None]],
 ) -> None:
-    person, now_s = Person(), 100.0
+    person, now_s = SimulatedOperatorPolicy(), 100.0
     released_s = now_s - REACTION_S
     for pause_s, state in glances:
         now_s += pause_s

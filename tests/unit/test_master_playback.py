@@ -9,7 +9,7 @@ from forefeel.common.errors import RecordingError
 from forefeel.common.messages import SafetyState
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
-from forefeel.master.handles.playback import Motion, MultiSine, Playback, RecordedMotion
+from forefeel.master.handles.playback import MultiSine, PiecewiseMotion, Playback, RecordedMotion
 from forefeel.master.handles.port import HandleReading, Indication
 
 MS = 1_000_000
@@ -31,7 +31,7 @@ GAPPED = recording(
 class Session:
     """A playback at 1 kHz; the slave arms 50 ms after the press, its stage is the command."""
 
-    def __init__(self, motion: Motion, stage_m: float = 0.03) -> None:
+    def __init__(self, motion: PiecewiseMotion, stage_m: float = 0.03) -> None:
         self.handle = Playback(motion, APPROACH_M_S)
         self.now_ns = 5_000 * MS
         self.stage_m = stage_m

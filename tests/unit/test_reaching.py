@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from forefeel.common.clock import now_utc
-from forefeel.common.transport.security import Identity
+from forefeel.common.transport.security import PartyFiles
 from forefeel.reaching import Obstacle, Reached, reach, when
 from tests.secured import deaf_address, expired_pki, identity, make_pki
 
@@ -22,7 +22,7 @@ def pki(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @contextmanager
-def tls_server(server: Identity, connections: int = 1, host: str = "127.0.0.1") -> Iterator[str]:
+def tls_server(server: PartyFiles, connections: int = 1, host: str = "127.0.0.1") -> Iterator[str]:
     """Asks for a certificate of the same authority, as the daemons do; its address. That each connection ends
     in order, or by an alert, is checked.
     """

@@ -15,8 +15,8 @@ from forefeel.diagnosis.reproduction.memory import memory, memory_s
 from forefeel.diagnosis.reproduction.online import Pairing, held, learn_paper, learn_safe
 from forefeel.diagnosis.reproduction.pairing import expected_rms_n, pairing
 from forefeel.diagnosis.reproduction.product import product_prediction
-from forefeel.diagnosis.reproduction.replay import Run, baseline_row, motion_rows, replay, thinned
-from forefeel.diagnosis.reproduction.results import ErrorSize, error_size, ratio
+from forefeel.diagnosis.reproduction.replay import ReplayedRun, baseline_row, motion_rows, replay, thinned
+from forefeel.diagnosis.reproduction.results import ErrorSummary, error_size, ratio
 from forefeel.diagnosis.reproduction.simulated import lead_s, simulated_figure, siso_prediction
 from forefeel.diagnosis.reproduction.thresholds import share_unfelt
 from forefeel.diagnosis.reproduction.unmodelled import expected_rms_n as expected_unmodelled_n
@@ -121,10 +121,10 @@ def test_the_prediction_is_that_of_the_weighted_batch(pairing_by: Pairing) -> No
 
 
 PREDICTORS: dict[str, Callable[[Recording], Array]] = {
-    "hold": lambda r: replay(Run("r", r), DELAY_S).hold_n,
-    "paper": lambda r: replay(Run("r", r), DELAY_S).paper_n,
-    "newest": lambda r: replay(Run("r", r), DELAY_S).newest_n,
-    "tared": lambda r: replay(Run("r", r), DELAY_S).tared_n,
+    "hold": lambda r: replay(ReplayedRun("r", r), DELAY_S).hold_n,
+    "paper": lambda r: replay(ReplayedRun("r", r), DELAY_S).paper_n,
+    "newest": lambda r: replay(ReplayedRun("r", r), DELAY_S).newest_n,
+    "tared": lambda r: replay(ReplayedRun("r", r), DELAY_S).tared_n,
     # the scales come from the recording as a whole; so what is altered keeps its extremes
     "product": lambda r: product_prediction(r, DELAY_S),
 }
@@ -259,7 +259,7 @@ def test_the_safe_recursion_finds_the_parameters_that_the_motion_tells() -> None
 def test_e_a_run_is_scored_late_enough_and_against_the_hold() -> None:
     recording = sampled(duration_s=16.0)
     assert recording.force_n is not None
-    made = replay(Run("hand", recording, product_prediction(recording, DELAY_S)), DELAY_S)
+    made = replay(ReplayedRun("hand", recording, product_prediction(recording, DELAY_S)), DELAY_S)
     after = recording.time_s - recording.time_s[0]
     np.testing.assert_array_equal(made.scored, after >= 3.0 + DELAY_S)
     row = baseline_row(made)
@@ -278,11 +278,11 @@ def test_where_the_product_predicted_nothing_nothing_is_scored() -> None:
     recording = sampled()
     product = np.full(len(recording), np.nan)
     product[300:320] = 0.1
-    made = replay(Run("hand", recording, product), DELAY_S)
+    made = replay(ReplayedRun("hand", recording, product), DELAY_S)
     assert np.flatnonzero(made.scored).tolist() == list(range(300, 320))
-    nothing = baseline_row(replay(Run("hand", recording, np.full(len(recording), np.nan)), DELAY_S))
+    nothing = baseline_row(replay(ReplayedRun("hand", recording, np.full(len(recording), np.nan)), DELAY_S))
     assert nothing.scored == 0
-    assert nothing.hold == ErrorSize()
+    assert nothing.hold == ErrorSummary()
     assert nothing.paper_over_hold is None
 
 
@@ -305,10 +305,10 @@ def test_an_error_is_unfelt_below_the_larger_of_both_thresholds() -> None:
 
 def test_what_diverged_has_no_size_and_what_is_huge_does_not_overflow() -> None:
     zero = np.zeros(3)
-    assert error_size(np.array([1.0, np.nan, 1.0]), zero) == ErrorSize()
-    assert error_size(np.array([1.0, np.inf, 1.0]), zero) == ErrorSize()
+    assert error_size(np.array([1.0, np.nan, 1.0]), zero) == ErrorSummary()
+    assert error_size(np.array([1.0, np.inf, 1.0]), zero) == ErrorSummary()
     assert error_size(np.full(3, 1e200), zero).rms_n == pytest.approx(1e200)
     assert error_size(np.array([3.0, 4.0, 0.0]), zero).rms_n == pytest.approx(5.0 / np.sqrt(3.0))
-    assert ratio(ErrorSize(rms_n=1.0), ErrorSize(rms_n=0.0)) is None
-    assert ratio(ErrorSize(rms_n=1e300), ErrorSize(rms_n=1e-300)) is None
-    assert ratio(ErrorSize(rms_n=1.0), ErrorSize(rms_n=4.0)) == 0.25
+    assert ratio(ErrorSummary(rms_n=1.0), ErrorSummary(rms_n=0.0)) is None
+    assert ratio(ErrorSummary(rms_n=1e300), ErrorSummary(rms_n=1e-300)) is None
+    assert ratio(ErrorSummary(rms_n=1.0), ErrorSummary(rms_n=4.0)) == 0.25

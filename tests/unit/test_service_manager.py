@@ -12,7 +12,7 @@ import pytest
 from forefeel.common.clock import VirtualClock
 from forefeel.common.runtime import real
 from forefeel.common.runtime.real import RealRuntime
-from forefeel.common.runtime.service_manager import Attendance, ServiceManager
+from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatchdog
 
 MS = 1_000_000
 PID = 77
@@ -59,7 +59,9 @@ class Rig:
         self.book, self.clock = Book(watchdog_ns), VirtualClock()
         self.ticks, self.hung = [0, 0], set[int]()
         self.status = "axis insertion: idle (started)"
-        self.attendance = Attendance(self.book, lambda: (self.ticks[0], self.ticks[1]), lambda _: self.status)
+        self.attendance = ServiceWatchdog(
+            self.book, lambda: (self.ticks[0], self.ticks[1]), lambda _: self.status
+        )
 
     def run(self, seconds: float) -> list[tuple[float, str]]:
         """(when, what) was told meanwhile; the loops tick each ms, `look` comes when it is due."""
@@ -162,7 +164,7 @@ def test_a_loop_that_hangs_ends_the_signs_of_life_though_the_tasks_run_on(hung: 
 
 def test_the_end_is_told_with_its_reason() -> None:
     book = Book(None)
-    Attendance(book, lambda: (1,), lambda _: "").stopping("fault:\ntorn cable")
+    ServiceWatchdog(book, lambda: (1,), lambda _: "").stopping("fault:\ntorn cable")
     assert book.told == ["STOPPING=1\nSTATUS=fault: torn cable"]
 
 
@@ -181,7 +183,7 @@ def test_a_loop_of_the_real_runtime_that_hangs_ends_them_too(
     async def run() -> tuple[list[str], list[str]]:
         runtime = RealRuntime()
         runtime.loop("control", MS, tick)
-        attendance = Attendance(manager, lambda: runtime.ticks, lambda _: "idle")
+        attendance = ServiceWatchdog(manager, lambda: runtime.ticks, lambda _: "idle")
         runtime.task("attendance", attendance.period_ns, attendance.look)
         async with runtime:
             await asyncio.sleep(0.15)

@@ -60,7 +60,7 @@ def test_a_second_writer_is_refused_while_the_lease_lives() -> None:
 
 def test_a_lease_that_was_let_go_is_over_and_free_and_its_id_used_up() -> None:
     lease = held(7)
-    lease.let_go(500 * MS)
+    lease.release(500 * MS)
     assert not lease.live(500 * MS)
     assert not lease.renew(7, 500 * MS)
     assert lease.request(7, 500 * MS, at_rest=True) == "this session id was used before"
@@ -69,7 +69,7 @@ def test_a_lease_that_was_let_go_is_over_and_free_and_its_id_used_up() -> None:
 
 def test_letting_go_an_expired_lease_does_not_bring_it_back() -> None:
     lease = held(7)
-    lease.let_go(2 * LEASE_NS)
+    lease.release(2 * LEASE_NS)
     assert not lease.live(LEASE_NS)
 
 

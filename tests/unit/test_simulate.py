@@ -11,12 +11,12 @@ import pytest
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.recording import Array, Recording
-from forefeel.simulate.motion import SMOOTHING_HZ, Hand, Motion, Recorded, multisine, sine
-from forefeel.simulate.run import Wish, simulate
-from forefeel.simulate.sensor import SensorWish, noise
+from forefeel.simulate.motion import SMOOTHING_HZ, FollowedRecording, Hand, MotionSource, multisine, sine
+from forefeel.simulate.run import SimulationOptions, simulate
+from forefeel.simulate.sensor import SensorOptions, noise
 
-SILENT = SensorWish(noise_n=0.0, encoder_step_m=0.0)
-QUIET = Wish(Path("model.yaml"), "sine", duration_s=3.0, sensor=SILENT)
+SILENT = SensorOptions(noise_n=0.0, encoder_step_m=0.0)
+QUIET = SimulationOptions(Path("model.yaml"), "sine", duration_s=3.0, sensor=SILENT)
 WALL = {"mass_kg": 0.05, "damping_n_s_m": 0.8, "stiffness_n_m": 8.0}
 
 
@@ -56,13 +56,13 @@ def test_the_position_is_that_of_the_stage_in_front_of_the_play() -> None:
     assert (float(gap.min()), float(gap.max())) == pytest.approx((-0.002, 0.002), abs=1e-9)
 
 
-def motions() -> list[Motion]:
+def motions() -> list[MotionSource]:
     random = np.random.default_rng(3)
     return [Hand(0.01, 0.04, 20.0, random), multisine(0.01, 0.04, random), sine(0.01, 0.04, 0.7)]
 
 
 @pytest.mark.parametrize("motion", motions(), ids=["hand", "multisine", "sine"])
-def test_velocity_and_acceleration_are_derivatives_within_the_depth(motion: Motion) -> None:
+def test_velocity_and_acceleration_are_derivatives_within_the_depth(motion: MotionSource) -> None:
     t = np.arange(200_000, dtype=np.float64) * 1e-4
     x, v, a = motion.at(t)
     np.testing.assert_allclose(np.gradient(x, t)[1:-1], v[1:-1], atol=2e-5)
@@ -82,9 +82,9 @@ def test_a_hand_dwells_and_varies_speed_and_depth() -> None:
 
 
 def test_seeds_repeat_and_differ() -> None:
-    wish = replace(QUIET, motion="hand", sensor=SensorWish())
+    options = replace(QUIET, motion="hand", sensor=SensorOptions())
     wall = model(("mass_damper_spring", WALL))
-    first, again, other = (simulate(wall, replace(wish, seed=seed)) for seed in (1, 1, 2))
+    first, again, other = (simulate(wall, replace(options, seed=seed)) for seed in (1, 1, 2))
     for name in ("position_m", "force_n"):
         np.testing.assert_array_equal(first[name], again[name])
         assert not np.array_equal(first[name], other[name])
@@ -96,11 +96,11 @@ def correlation(values: Array, lag: int) -> float:
 
 def test_noise_is_white_or_of_first_order() -> None:
     t = np.arange(200_000, dtype=np.float64) * 1e-3
-    white = noise(SensorWish(noise_n=0.002), t, np.random.default_rng(1))
+    white = noise(SensorOptions(noise_n=0.002), t, np.random.default_rng(1))
     assert np.std(white) == pytest.approx(0.002, rel=0.01)
     assert abs(correlation(white, 1)) < 0.01
-    wish = SensorWish(noise_n=0.002, noise_corner_hz=20.0)
-    coloured = noise(wish, t, np.random.default_rng(1))
+    options = SensorOptions(noise_n=0.002, noise_corner_hz=20.0)
+    coloured = noise(options, t, np.random.default_rng(1))
     assert np.std(coloured) == pytest.approx(0.002, rel=0.05)
     for lag in (1, 5):
         assert correlation(coloured, lag) == pytest.approx(exp(-2 * pi * 20.0 * lag * 1e-3), abs=0.02)
@@ -109,16 +109,16 @@ def test_noise_is_white_or_of_first_order() -> None:
 def test_coloured_noise_keeps_its_size_at_uneven_stamps() -> None:
     random = np.random.default_rng(2)
     t = np.cumsum(random.choice([1e-4, 1e-3, 0.03], 100_000))
-    wish = SensorWish(noise_n=0.002, noise_corner_hz=5.0)
-    found = noise(wish, t, random)
+    options = SensorOptions(noise_n=0.002, noise_corner_hz=5.0)
+    found = noise(options, t, random)
     after_short = found[1:][np.diff(t) < 2e-4]
     assert np.std(after_short) == pytest.approx(0.002, rel=0.03)
     assert np.std(found[1:][np.diff(t) > 0.02]) == pytest.approx(0.002, rel=0.03)
 
 
 def test_a_load_cell_has_counts_and_flat_tops() -> None:
-    wish = replace(QUIET, sensor=SensorWish(noise_n=0.002, full_scale_n=0.2, encoder_step_m=1e-5))
-    found = simulate(model(("mass_damper_spring", WALL)), wish)
+    options = replace(QUIET, sensor=SensorOptions(noise_n=0.002, full_scale_n=0.2, encoder_step_m=1e-5))
+    found = simulate(model(("mass_damper_spring", WALL)), options)
     counts = found["force_n"] / (0.2 / 32767)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
     assert np.max(found["force_n"]) == pytest.approx(0.2)
@@ -130,7 +130,7 @@ def test_a_load_cell_has_counts_and_flat_tops() -> None:
 def test_conversion_sees_the_noise_and_a_lag_does_not() -> None:
     spikes = {"rate_hz": 5.0, "amplitude_n": 5.0}
     sensors = model(("sensor_quantisation", {"step_n": 0.01}), ("sensor_lag", {"time_constant_s": 0.2}))
-    found = simulate(sensors, replace(QUIET, sensor=SensorWish(noise_n=0.02)))["force_n"]
+    found = simulate(sensors, replace(QUIET, sensor=SensorOptions(noise_n=0.02)))["force_n"]
     np.testing.assert_allclose(found / 0.01, np.round(found / 0.01), atol=1e-6)
     assert np.std(found) == pytest.approx(0.02, rel=0.1)
     slow = simulate(model(("sensor_spikes", spikes)), replace(QUIET, rate_hz=50.0, duration_s=40.0))
@@ -143,7 +143,7 @@ def recorded(time_s: Array) -> Recording:
 
 def test_a_recorded_motion_is_followed_behind_its_low_pass() -> None:
     t = 7.0 + np.arange(3000, dtype=np.float64) * 2e-3
-    motion = Recorded(recorded(t), slice(0, 3000))
+    motion = FollowedRecording(recorded(t), slice(0, 3000))
     fine = np.arange(7.0, 12.9, 1e-4)
     x, v, _ = motion.at(fine)
     late_s = 2.0 / (2.0 * pi * SMOOTHING_HZ)
@@ -159,12 +159,12 @@ def test_a_gap_in_a_recorded_motion_is_a_new_contact(tmp_path: Path) -> None:
     path = tmp_path / "gap.csv"
     path.write_text("time_s,position_m\n" + rows)
     branch = model(("stress_relaxation", {"stiffness_n_m": 10.0, "time_constant_s": 50.0}))
-    wish = replace(QUIET, motion=str(path), duration_s=None)
-    found = simulate(branch, wish)
+    options = replace(QUIET, motion=str(path), duration_s=None)
+    found = simulate(branch, options)
     np.testing.assert_array_equal(found["time_s"], time_s)
     assert found["force_n"][150] == pytest.approx(10.0 * 0.01, rel=0.02)
     np.testing.assert_array_equal(found["force_n"][200:], 0.0)
-    even = simulate(branch, replace(wish, rate_hz=250.0, duration_s=6.0))["time_s"]
+    even = simulate(branch, replace(options, rate_hz=250.0, duration_s=6.0))["time_s"]
     assert np.sum(even < 2.0) == 498
     assert (float(even[-1]), float(np.median(np.diff(even)))) == pytest.approx((6.0, 0.004))
 
@@ -172,10 +172,10 @@ def test_a_gap_in_a_recorded_motion_is_a_new_contact(tmp_path: Path) -> None:
 def test_a_force_that_is_not_finite_is_refused() -> None:
     steep = model(("stiffening", {"cubic_n_m3": 1e12}), ("quadratic_drag", {"drag_n_s2_m2": 1e9}))
     endless = Recording("far", np.array([0.0, 1.0]), np.array([0.0, 1e200]), None, "far")
-    from forefeel.simulate.motion import Piece
+    from forefeel.simulate.motion import MotionPiece
     from forefeel.simulate.world import integrate
 
-    piece = Piece(Recorded(endless, slice(0, 2)), np.array([0.0, 0.01]))
+    piece = MotionPiece(FollowedRecording(endless, slice(0, 2)), np.array([0.0, 0.01]))
     with pytest.raises(
         ConfigurationError, match=r"^model 'test': gives .* N at .* s, expected a finite force$"
     ):

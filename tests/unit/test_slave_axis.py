@@ -190,7 +190,7 @@ def test_an_armed_axis_follows_and_each_force_answers_the_command_of_the_tick_be
         rig.position_m += 1e-5
         rig.fields = {"recording_time_s": i / 1000, "velocity_m_s": 0.01}
         rig.step()
-        newest = rig.outlets["master/command"].header(0, 0)["sequence"] - 1
+        newest = rig.publishers["master/command"].header(0, 0)["sequence"] - 1
         sent.append((newest, rig.now_ns, i / 1000))
     answers = [(f.answers_sequence, f.answers_stamp_ns, f.recording_time_s) for f in rig.forces[-19:]]
     assert answers == sent[:-1]
@@ -317,9 +317,9 @@ def test_a_session_without_commands_is_let_go_though_its_heartbeats_come() -> No
 
 def test_two_who_command_in_one_session_end_it() -> None:
     rig = SlaveRig().armed()
-    outlet = rig.outlets[topics.COMMAND.name]
+    publisher = rig.publishers[topics.COMMAND.name]
     for _ in range(50):  # somebody's numbers are far ahead
-        outlet.header(0, 0)
+        publisher.header(0, 0)
     rig.step()
     newest = rig.command()
     second = newest.model_copy(update={"sequence": newest.sequence - 10, "stamp_ns": rig.now_ns + 1})

@@ -1,10 +1,10 @@
 from forefeel.common import topics
+from forefeel.common.audit_sink import NULL_AUDIT_SINK
 from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
-from forefeel.common.journal import NOTHING_KEPT
 from forefeel.common.messages import LimitEvent, SafetyEvent, SafetyState
 from forefeel.common.transport.memory import MemoryBus
-from forefeel.master.diary import AxisDiary
+from forefeel.master.axis_audit import MasterAxisAudit
 from forefeel.master.slave_events import SlaveEvents
 
 S = 1_000_000_000
@@ -13,10 +13,10 @@ S = 1_000_000_000
 def test_limits_are_counted_by_rule_and_transitions_told_each_once() -> None:
     network, clock = MemoryBus(), VirtualClock(0)
     events = SlaveEvents(
-        Bus(network.session(clock), "cell", "insertion", clock), AxisDiary(NOTHING_KEPT, "insertion")
+        Bus(network.session(clock), "cell", "insertion", clock), MasterAxisAudit(NULL_AUDIT_SINK, "insertion")
     )
     slave = Bus(network.session(clock), "cell", "insertion", clock)
-    limit, safety = slave.outlet(topics.LIMIT_EVENT), slave.outlet(topics.SAFETY_EVENT)
+    limit, safety = slave.publisher(topics.LIMIT_EVENT), slave.publisher(topics.SAFETY_EVENT)
     for rule, count in (("force", 3), ("force", 4), ("late", 5)):
         message = LimitEvent(
             **limit.header(1, 7), rule=rule, requested=1.0, applied=0.0, unit="N", count=count

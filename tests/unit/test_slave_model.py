@@ -222,7 +222,7 @@ class SlaveModel(RuleBasedStateMachine):
             self._tick(send=True)
 
     def _build(self) -> MotionCommand:
-        header = self.rig.outlets[COMMAND.name].header(self.rig.session_id, self.rig.now_ns)
+        header = self.rig.publishers[COMMAND.name].header(self.rig.session_id, self.rig.now_ns)
         fields: dict[str, Any] = {"velocity_m_s": 0.0, **self.rig.fields}
         return MotionCommand(**header, position_m=self.rig.position_m, deadman=self.rig.deadman, **fields)
 

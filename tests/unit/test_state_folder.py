@@ -17,8 +17,8 @@ from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.audit_file import AuditFile
+from forefeel.common.state.audit_sink import StateAuditSink
 from forefeel.common.state.folder import AUDIT, LATCHED, StateFolder, holder, state_path
-from forefeel.common.state.journal import StateJournal
 from forefeel.common.state.latch import latched
 from tests.waiting import wait_until
 
@@ -41,12 +41,12 @@ class Daemon:
 
     def __init__(self, path: Path) -> None:
         self.folder = StateFolder(path)
-        self.journal = StateJournal(self.folder, CLOCK, ["a"], keep=3)
-        self.journal.start({"role": "slave"})
+        self.audit_sink = StateAuditSink(self.folder, CLOCK, ["a"], keep=3)
+        self.audit_sink.start({"role": "slave"})
         self.log = path / AUDIT
 
     def note(self, event: str, /, **details: str) -> None:
-        self.journal.note(event, CLOCK.now_ns(), "a", **details)
+        self.audit_sink.note(event, CLOCK.now_ns(), "a", **details)
 
     def transition(self, before: str, after: str, reason: str = "why") -> None:
         self.note("safety", before=before, event="e", after=after, reason=reason)
@@ -58,7 +58,7 @@ class Daemon:
         return [entry.noted.event for entry in self.entries()]
 
     def end(self) -> str | None:
-        _, problem = self.journal.close("asked to")
+        _, problem = self.audit_sink.close("asked to")
         self.folder.close()
         return problem
 
@@ -206,16 +206,16 @@ def test_a_full_disk_is_a_problem_that_is_written_and_ends(
     state: Callable[[], Daemon], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     disk, daemon = started(state, monkeypatch)
-    assert daemon.journal.problem(CLOCK.now_ns()) is None
+    assert daemon.audit_sink.problem(CLOCK.now_ns()) is None
     disk.full = True
     daemon.note("refused", name="late")
-    wait_until(lambda: daemon.journal.problem(CLOCK.now_ns()))
+    wait_until(lambda: daemon.audit_sink.problem(CLOCK.now_ns()))
     wait_until(lambda: len(daemon.events()) == 3)
     assert sorted(daemon.events()) == ["disk_full", "refused", "start"]
     daemon.transition("armed", "fault")
     disk.full = False
     daemon.note("refused", name="late")
-    wait_until(lambda: daemon.journal.problem(CLOCK.now_ns()) is None)
+    wait_until(lambda: daemon.audit_sink.problem(CLOCK.now_ns()) is None)
     assert daemon.end() is None
     assert set(daemon.events()[3:]) == {"safety", "refused", "log_written_again", "stop"}
     assert verified(daemon.log).intact
@@ -227,11 +227,11 @@ def test_what_can_not_be_written_waits_and_nothing_half_written_stays(
     disk, daemon = started(state, monkeypatch)
     disk.reserve_gone = True
     daemon.note("refused", name="late")
-    wait_until(lambda: daemon.journal.problem(CLOCK.now_ns()))
+    wait_until(lambda: daemon.audit_sink.problem(CLOCK.now_ns()))
     assert daemon.events() == ["start"]
     disk.reserve_gone = False
     daemon.note("refused", name="again")
-    wait_until(lambda: daemon.journal.problem(CLOCK.now_ns()) is None and len(daemon.events()) == 4)
+    wait_until(lambda: daemon.audit_sink.problem(CLOCK.now_ns()) is None and len(daemon.events()) == 4)
     assert [e.noted.details.get("name") for e in daemon.entries()] == [None, None, "late", "again"]
     assert daemon.events()[1] == "log_written_again"
     assert verified(daemon.log).intact
@@ -246,8 +246,8 @@ def test_a_write_that_never_comes_back_is_a_problem(
     monkeypatch.setattr("forefeel.common.state.audit_file.os.fdatasync", lambda _: stuck.wait(10))
     daemon.note("refused", name="late")
     time.sleep(0.05)
-    assert daemon.journal.problem(CLOCK.now_ns()) is None
-    assert "not come back" in (daemon.journal.problem(CLOCK.now_ns() + 11_000_000_000) or "")
+    assert daemon.audit_sink.problem(CLOCK.now_ns()) is None
+    assert "not come back" in (daemon.audit_sink.problem(CLOCK.now_ns() + 11_000_000_000) or "")
     stuck.set()
 
 
@@ -308,23 +308,23 @@ def test_a_recorder_that_has_ended_is_a_problem_to_the_end(
     monkeypatch.setattr("forefeel.common.state.flight_writer.RunWriter", broken)
     monkeypatch.setattr("forefeel.common.state.flight_writer.AFTER_NS", 0)
     daemon = state()
-    daemon.journal.flight("a", "fault", "x", CLOCK.now_ns())
+    daemon.audit_sink.flight("a", "fault", "x", CLOCK.now_ns())
     wait_until(lambda: "flight_failed" in daemon.events())
-    assert "flight recorder: its thread has ended" in (daemon.journal.problem(CLOCK.now_ns()) or "")
+    assert "flight recorder: its thread has ended" in (daemon.audit_sink.problem(CLOCK.now_ns()) or "")
     assert "flight recorder: its thread has ended" in (daemon.end() or "")
 
 
 def test_the_end_that_the_other_end_is_told_moves_with_news_only(state: Callable[[], Daemon]) -> None:
     daemon = state()
-    wait_until(lambda: daemon.journal.head().number == 1)
+    wait_until(lambda: daemon.audit_sink.head().number == 1)
     daemon.note("peer_log", number="7", head="0")
     wait_until(lambda: daemon.events() == ["start", "peer_log"])
-    assert daemon.journal.head().number == 1, "two logs would note each other for ever"
+    assert daemon.audit_sink.head().number == 1, "two logs would note each other for ever"
     daemon.note("refused", name="late")
-    wait_until(lambda: daemon.journal.head().number == 3)
-    assert daemon.journal.head().hash == daemon.entries()[-1].hash
+    wait_until(lambda: daemon.audit_sink.head().number == 3)
+    assert daemon.audit_sink.head().hash == daemon.entries()[-1].hash
     daemon.end()
-    assert state().journal.head().number >= 4
+    assert state().audit_sink.head().number >= 4
 
 
 # --- what is latched ---
@@ -335,15 +335,15 @@ def test_a_stop_and_a_fault_of_a_motion_outlive_the_daemon_until_they_are_cleare
 ) -> None:
     for before, after in (("armed", "estopped"), *((moved, "fault") for moved in MOVED)):
         daemon = state()
-        assert daemon.journal.latched == {}
+        assert daemon.audit_sink.latched == {}
         daemon.transition(before, after, "why it stands")
         daemon.end()
         again = state()
-        assert again.journal.latched == {"a": "why it stands"}
+        assert again.audit_sink.latched == {"a": "why it stands"}
         again.transition(after, "idle")
         again.transition("ready", "fault", "of a stage that rests")
         again.end()
-    assert state().journal.latched == {}
+    assert state().audit_sink.latched == {}
 
 
 def test_a_stop_that_could_not_be_latched_is_a_problem_until_it_is(
@@ -354,12 +354,12 @@ def test_a_stop_that_could_not_be_latched_is_a_problem_until_it_is(
     with monkeypatch.context() as broken:
         broken.setattr("forefeel.common.state.latch._put", no_room)
         daemon.transition("armed", "estopped", "nurse: pressed")
-        assert not daemon.journal.kept("a")
+        assert not daemon.audit_sink.kept("a")
         wait_until(lambda: "latch_not_kept" in daemon.events())
-        assert daemon.journal.problem(CLOCK.now_ns()) == "latch: No space left on device"
+        assert daemon.audit_sink.problem(CLOCK.now_ns()) == "latch: No space left on device"
     wait_until(lambda: "latch_written_again" in daemon.events())
-    assert daemon.journal.kept("a")
-    assert daemon.journal.problem(CLOCK.now_ns()) is None
+    assert daemon.audit_sink.kept("a")
+    assert daemon.audit_sink.problem(CLOCK.now_ns()) is None
     assert latched(daemon.log.parent / LATCHED) == {"a": "nurse: pressed"}, "as it is after a kill"
     assert daemon.end() is None
     start, *told, again, stop = daemon.events()
@@ -404,13 +404,13 @@ def test_a_latch_that_can_not_be_trusted_stops_every_axis_until_it_is_cleared(
         path.write_text(content)
     for _ in range(2):  # and a new start does not forget it
         again = state()
-        assert again.journal.latched == {"": found}
+        assert again.audit_sink.latched == {"": found}
         again.end()
     last = state()
     last.transition("idle", "estopped", found)
     last.transition("estopped", "idle")
     last.end()
-    assert state().journal.latched == {}
+    assert state().audit_sink.latched == {}
 
 
 @pytest.mark.parametrize("name", [AUDIT, LATCHED, "lock", "flight"])

@@ -10,11 +10,11 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.config import Settings
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.conversation import Conversation
-from forefeel.common.hardware.link import Link, LinkState
+from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.hardware.settings import Sign
 from forefeel.common.slots import BoundedQueue
 from forefeel.slave.load_cells.port import LoadCellReading
-from forefeel.slave.load_cells.scale import Native, Scale
+from forefeel.slave.load_cells.scale import ForceScale, Native
 from forefeel.slave.load_cells.settings import FullScale
 from forefeel.slave.load_cells.stuck import StuckWatch
 
@@ -36,7 +36,10 @@ class IioLoadCell:
 
     def __init__(self, settings: IioSettings, clock: Clock | None = None) -> None:
         self.full_scale_n = settings.full_scale_n
-        self.link, self.stale_s = Link(f"load cell iio at {settings.file}"), 3.0 / settings.rate_hz + 0.02
+        self.link, self.stale_s = (
+            DeviceLink(f"load cell iio at {settings.file}"),
+            3.0 / settings.rate_hz + 0.02,
+        )
         self._settings, self._clock = settings, clock or MonotonicClock()
         self._queue, self._watch = BoundedQueue[LoadCellReading](1024), StuckWatch(noisy=True)
         self._conversation = Conversation(self.link, self._converse)
@@ -63,7 +66,7 @@ class IioLoadCell:
 
     def _converse(self, conversation: Conversation) -> None:
         s = self._settings
-        scale = Scale(s.full_scale_n, s.sign, s.newton_per_count, None, self._watch, self.link.counters)
+        scale = ForceScale(s.full_scale_n, s.sign, s.newton_per_count, None, self._watch, self.link.counters)
         self._measured()
         for step in (LinkState.OPEN, LinkState.IDENTIFIED, LinkState.CONFIGURED, LinkState.READY):
             self.link.advance(step)

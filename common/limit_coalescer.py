@@ -9,7 +9,7 @@ from forefeel.common.limiter import LimitHit
 _INTERVAL_NS = 100_000_000
 
 
-class LimitLog:
+class LimitCoalescer:
     """Filled by the control loop and by receiving threads, drained on asyncio."""
 
     def __init__(self) -> None:

@@ -1,21 +1,21 @@
-"""The journal of a daemon that has a state folder."""
+"""The audit sink of a daemon that has a state folder."""
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from forefeel.common.audit import SAFETY, Detail, Link
+from forefeel.common.audit import SAFETY, ChainEnd, Detail
+from forefeel.common.audit_sink import AuditSink
 from forefeel.common.clock import Clock, WallClock
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.flight import Rings
-from forefeel.common.journal import Journal
 from forefeel.common.state.audit_writer import AuditWriter
 from forefeel.common.state.flight_writer import FlightWriter
 from forefeel.common.state.folder import AUDIT, FLIGHT, LATCHED, StateFolder
 from forefeel.common.state.latch import Latch
 
 
-class StateJournal(Journal):
+class StateAuditSink(AuditSink):
     """Audit log, flight records and the latch in a state folder.
 
     Raises:
@@ -60,7 +60,7 @@ class StateJournal(Journal):
             self._latch.transition(axis, details)
         self._audit.note(event, now_ns, axis, details)
 
-    def head(self) -> Link:
+    def head(self) -> ChainEnd:
         """See the port."""
         return self._audit.head
 
@@ -81,7 +81,7 @@ class StateJournal(Journal):
         event = "latch_written_again" if problem is None else "latch_not_kept"
         self.note(event, self._clock.now_ns(), what=problem or before)
 
-    def close(self, reason: str, **details: str | int) -> tuple[Link, str | None]:
+    def close(self, reason: str, **details: str | int) -> tuple[ChainEnd, str | None]:
         """The closing entry; the end of the chain, and what could not be written, if so."""
         self._flight.close()
         self._latch.close()

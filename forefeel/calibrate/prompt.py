@@ -6,7 +6,7 @@ from forefeel.common.errors import RunError
 from forefeel.terminal import ask, say
 
 
-class Person:
+class Prompt:
     """`yes`: nobody is asked; what would be asked is said all the same."""
 
     def __init__(self, yes: bool) -> None:

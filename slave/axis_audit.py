@@ -2,9 +2,9 @@
 
 from forefeel.common import topics
 from forefeel.common.audit import SAFETY
+from forefeel.common.audit_sink import REFUSALS, AuditSink, EventCoalescer, Malformed, peer, worth_a_record
 from forefeel.common.bus import Bus
 from forefeel.common.flight import CycleRow
-from forefeel.common.journal import REFUSALS, Journal, Malformed, Tally, peer, worth_a_record
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import Grip, Handshake, SafetyState
 from forefeel.slave.control import ControlOutputs, Transition
@@ -13,17 +13,17 @@ from forefeel.slave.devices import DeviceWatch
 _MINUTE_NS = 60_000_000_000
 
 
-class AxisDiary:
+class SlaveAxisAudit:
     """Any thread notes; `serve` says on asyncio what was gathered."""
 
-    def __init__(self, journal: Journal, cell: str, axis: str) -> None:
-        self._journal, self._axis = journal, axis
-        self._tally = Tally()
-        self._faults = Tally(_MINUTE_NS)  # a device that stays broken fails at every tick
+    def __init__(self, audit_sink: AuditSink, cell: str, axis: str) -> None:
+        self._audit_sink, self._axis = audit_sink, axis
+        self._tally = EventCoalescer()
+        self._faults = EventCoalescer(_MINUTE_NS)  # a device that stays broken fails at every tick
         self._malformed = Malformed(self._tally)
         self._live = False
         key = topics.CONTROL_CYCLE.key(cell, axis)
-        self._add_cycle = journal.rings.ring(key).add if journal.rings is not None else None
+        self._add_cycle = audit_sink.rings.ring(key).add if audit_sink.rings is not None else None
 
     def cycle(
         self,
@@ -48,12 +48,12 @@ class AxisDiary:
     def transition(self, now_ns: int, transition: Transition, session: int) -> None:
         """A transition of the safety state machine, from the loop itself."""
         before, event, after, reason = transition
-        self._journal.note(
+        self._audit_sink.note(
             SAFETY, now_ns, self._axis,
             before=before.value, event=event.value, after=after.value, reason=reason, session=session,
         )  # fmt: skip
         if worth_a_record(before, event, after):
-            self._journal.flight(self._axis, event.value, reason, now_ns)
+            self._audit_sink.flight(self._axis, event.value, reason, now_ns)
 
     def stop_asked(self, by: str, reason: str) -> None:
         """Somebody asked for an emergency stop."""
@@ -76,15 +76,15 @@ class AxisDiary:
             self._tally.add("session_refused", "handshake", 1, **{**peer(handshake), "reason": reason})
         elif handshake.session_id != session_before:
             self._live = True
-            self._journal.note("session_opened", now_ns, self._axis, **peer(handshake))
+            self._audit_sink.note("session_opened", now_ns, self._axis, **peer(handshake))
 
     def serve(self, now_ns: int, bus: Bus, session: int, lost: str, last: bool = False) -> None:
         """Says what was gathered, and that a session was lost; about every 10 ms. `lost`: why there is none,
         empty while there is one.
         """
         if self._live and lost:
-            self._journal.note("session_lost", now_ns, self._axis, session=session, reason=lost)
+            self._audit_sink.note("session_lost", now_ns, self._axis, session=session, reason=lost)
         self._live = not lost
         self._malformed.counted({**dict(bus.malformed), **bus.refused})
         for tally in (self._tally, self._faults):
-            tally.drain(self._journal, now_ns, self._axis, last)
+            tally.drain(self._audit_sink, now_ns, self._axis, last)

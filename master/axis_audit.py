@@ -1,17 +1,17 @@
 """What one axis of the master leaves behind: entries of the audit log, and triggers of flight records."""
 
+from forefeel.common.audit_sink import REFUSALS, AuditSink, EventCoalescer, Malformed, peer, worth_a_record
 from forefeel.common.bus import Bus
-from forefeel.common.journal import REFUSALS, Journal, Malformed, Tally, peer, worth_a_record
 from forefeel.common.messages import Handshake, LimitEvent, SafetyEvent
 from forefeel.common.notices import Notices
 
 
-class AxisDiary:
+class MasterAxisAudit:
     """Any thread notes; `serve` says on asyncio what was gathered."""
 
-    def __init__(self, journal: Journal, axis: str) -> None:
-        self._journal, self._axis = journal, axis
-        self._tally = Tally()
+    def __init__(self, audit_sink: AuditSink, axis: str) -> None:
+        self._audit_sink, self._axis = audit_sink, axis
+        self._tally = EventCoalescer()
         self._malformed = Malformed(self._tally)
         self._open_session: int | None = None
         self._handle_fault: str | None = None
@@ -19,13 +19,13 @@ class AxisDiary:
 
     def slave_event(self, event: SafetyEvent, now_ns: int) -> None:
         """A transition of the slave, as it was heard."""
-        self._journal.note(
+        self._audit_sink.note(
             "slave_safety", now_ns, self._axis,
             before=event.before.value, event=event.event, after=event.after.value,
             reason=event.reason, session=event.session_id,
         )  # fmt: skip
         if worth_a_record(event.before, event.event, event.after):
-            self._journal.flight(self._axis, event.event, event.reason, now_ns)
+            self._audit_sink.flight(self._axis, event.event, event.reason, now_ns)
 
     def slave_limit(self, event: LimitEvent) -> None:
         """What the slave refused."""
@@ -36,7 +36,7 @@ class AxisDiary:
         """The slave's answer to a handshake."""
         if opened:
             self._open_session = handshake.session_id
-            self._journal.note("session_opened", now_ns, self._axis, **peer(handshake))
+            self._audit_sink.note("session_opened", now_ns, self._axis, **peer(handshake))
         elif not accepted:
             self._tally.add("session_refused", "handshake", 1, **{**peer(handshake), "reason": reason})
 
@@ -44,26 +44,26 @@ class AxisDiary:
         """The session is not open any more; said once. Nobody else heard what the hand felt."""
         session, self._open_session = self._open_session, None
         if session is not None:
-            self._journal.note("session_lost", now_ns, self._axis, session=session, reason=reason)
-            self._journal.flight(self._axis, "session_lost", reason, now_ns)
+            self._audit_sink.note("session_lost", now_ns, self._axis, session=session, reason=reason)
+            self._audit_sink.flight(self._axis, "session_lost", reason, now_ns)
 
     def stop_asked(self, now_ns: int, by: str, reason: str) -> None:
         """The person asked for an emergency stop."""
-        self._journal.note("emergency_stop", now_ns, self._axis, by=by, reason=reason)
+        self._audit_sink.note("emergency_stop", now_ns, self._axis, by=by, reason=reason)
 
     def last_words(self, now_ns: int) -> None:
         """What was gathered and not said yet, at the end."""
-        self._tally.drain(self._journal, now_ns, self._axis, last=True)
+        self._tally.drain(self._audit_sink, now_ns, self._axis, last=True)
 
     def serve(self, now_ns: int, bus: Bus, handle_fault: str | None, notices: Notices) -> None:
         """Says what was gathered; about every 50 ms."""
         if handle_fault is not None and self._handle_fault is None:
-            self._journal.note("device_fault", now_ns, self._axis, name="handle", reason=handle_fault)
-            self._journal.flight(self._axis, "handle_fault", handle_fault, now_ns)
+            self._audit_sink.note("device_fault", now_ns, self._axis, name="handle", reason=handle_fault)
+            self._audit_sink.flight(self._axis, "handle_fault", handle_fault, now_ns)
         self._handle_fault = handle_fault
-        problem = self._journal.problem(now_ns)
+        problem = self._audit_sink.problem(now_ns)
         if problem is not None and self._problem is None:
             notices.add(f"{problem}; what happens is not written down")
         self._problem = problem
         self._malformed.counted(dict(bus.malformed))
-        self._tally.drain(self._journal, now_ns, self._axis)
+        self._tally.drain(self._audit_sink, now_ns, self._axis)

@@ -6,7 +6,7 @@
 from collections.abc import Mapping
 from threading import Lock
 
-from forefeel.common.audit import Detail, Link
+from forefeel.common.audit import ChainEnd, Detail
 from forefeel.common.flight import Rings
 from forefeel.common.messages import FOLLOWING, Handshake, SafetyState
 
@@ -35,7 +35,7 @@ def peer(handshake: Handshake) -> dict[str, Detail]:
     }
 
 
-class Journal:
+class AuditSink:
     """The audit log and the flight recorder as loops see them: no call blocks, any thread may call.
 
     This one keeps nothing, for simulations in virtual time.
@@ -54,7 +54,7 @@ class Journal:
     def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
         """Asks for a record of what led to this and of half a second after it."""
 
-    def head(self) -> Link | None:
+    def head(self) -> ChainEnd | None:
         """The end of the audit log, for the log of the other end; None where there is no log."""
         return None
 
@@ -69,10 +69,10 @@ class Journal:
         return None
 
 
-NOTHING_KEPT = Journal()
+NULL_AUDIT_SINK = AuditSink()
 
 
-class Tally:
+class EventCoalescer:
     """Gathers what may come in floods: the first of a name at once, then one entry per interval with the
     count; none uncounted. Any thread adds, one drains.
     """
@@ -90,7 +90,7 @@ class Tally:
             before, first = self._open.get(key, (0, details))
             self._open[key] = before + count, first
 
-    def drain(self, journal: Journal, now_ns: int, axis: str, last: bool = False) -> None:
+    def drain(self, audit_sink: AuditSink, now_ns: int, axis: str, last: bool = False) -> None:
         """Notes what is due; with `last` all there is."""
         if not self._open:
             return
@@ -103,13 +103,13 @@ class Tally:
             said = [(key, *self._open.pop(key)) for key in due]
             self._said_ns.update(dict.fromkeys(due, now_ns))
         for (event, name), count, details in said:
-            journal.note(event, now_ns, axis, name=name, count=count, **details)
+            audit_sink.note(event, now_ns, axis, name=name, count=count, **details)
 
 
 class Malformed:
     """Payloads that were no message of their topic, as they are counted by a bus, into a tally."""
 
-    def __init__(self, tally: Tally) -> None:
+    def __init__(self, tally: EventCoalescer) -> None:
         self._tally = tally
         self._said: dict[str, int] = {}
 

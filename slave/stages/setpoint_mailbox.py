@@ -5,7 +5,7 @@ from threading import Lock
 from forefeel.slave.stages.setpoint import Wanted
 
 
-class Orders:
+class SetpointMailbox:
     """The newest setpoint, or hold. A hold goes before every setpoint until the drive has acknowledged it.
 
     Attributes:

@@ -18,7 +18,7 @@ class Act(Enum):
     MOVING = "armed, moving"
 
 
-class Person:
+class SimulatedOperatorPolicy:
     """Decides from what is shown.
 
     Attributes:
@@ -59,7 +59,7 @@ class Person:
                 self.stops += 1
                 self._enter(Act.WAITING, now_s)
 
-    def let_go(self, now_s: float) -> None:
+    def release(self, now_s: float) -> None:
         """Opens the clutch by choice."""
         self._chosen = True
         self._enter(Act.WAITING, now_s)
