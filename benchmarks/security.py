@@ -4,7 +4,6 @@ Two processes on this machine, one echoes. Round trips back to back, and paced a
 within each round; the figure is the median over the rounds of the ratio to plain TCP of the same round.
 """
 
-import socket
 import subprocess
 import sys
 import tempfile
@@ -29,6 +28,7 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
+from tests.live_cell import free_port
 
 _CELL = "cell"
 _ROUNDS, _BACK_TO_BACK, _PACED = 7, 1500, 1000
@@ -165,7 +165,7 @@ class _Channel:
 def _other_end(folder: Path) -> Iterator[dict[str, ZenohTransport]]:
     """The echo's process, and our sessions with it."""
     make_folder(folder / "pki", [_CELL], {}, 2, now_utc())
-    ports = [_free_port(), _free_port()]
+    ports = [free_port(), free_port()]
     command = [sys.executable, "-m", "benchmarks.security", "echo", str(folder), *map(str, ports)]
     with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
         ends = _ends(folder, ports, listens=False)
@@ -194,12 +194,6 @@ def _ends(folder: Path, ports: list[int], listens: bool) -> dict[str, ZenohTrans
 
 def _raise(error: BaseException) -> None:
     raise error
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def _echo(folder: Path, ports: list[int]) -> None:

@@ -7,7 +7,6 @@ way below TCP.
 """
 
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -21,6 +20,7 @@ from typing import NamedTuple
 from forefeel.common.clock import now_utc
 from forefeel.common.state.folder import SOCKET
 from forefeel.pki.folder import make_folder
+from tests.live_cell import free_port
 from tests.net.cable import ADDRESSES
 from tests.net.hosts import joined_by_tun
 
@@ -44,7 +44,7 @@ class Took(NamedTuple):
 def main() -> None:
     """Prints one line a way."""
     with TemporaryDirectory() as folder:
-        _table(_rounds(Path(folder), f"127.0.0.1:{_free_port()}", beside=()))
+        _table(_rounds(Path(folder), f"127.0.0.1:{free_port()}", beside=()))
     if os.geteuid() != 0:
         print("from another host: not measured, for making network namespaces needs root")
         return
@@ -66,7 +66,6 @@ def _rounds(
         within: what starts a process on the slave's host.
         beside: what starts the command on its host.
     """
-    elsewhere = bool(beside)
     with _slave(folder, address, within) as endpoint:
         ways = {
             "an interpreter alone": [sys.executable, "-c", "print()"],
@@ -75,19 +74,15 @@ def _rounds(
             ],
             "estop as a master, mTLS": [*_FOREFEEL, "estop", "--config", "master.yaml"],
         }  # fmt: skip
-        if not elsewhere:
+        if not beside:
             ways |= {
                 "estop --help": [*_FOREFEEL, "estop", "--help"],
                 "estop on the slave's host": [*_FOREFEEL, "estop", "--config", "slave.yaml"],
             }
         return [
-            {way: _once([*beside, *command], folder) for way, command in ways.items()} for _ in range(_ROUNDS)
+            {way: _once([*beside, *command], folder, within) for way, command in ways.items()}
+            for _ in range(_ROUNDS)
         ]
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return int(probe.getsockname()[1])
 
 
 def _table(rounds: Sequence[dict[str, Took]]) -> None:
@@ -106,11 +101,10 @@ def _table(rounds: Sequence[dict[str, Took]]) -> None:
         print(f"{way:>27} {' '.join(cells)}", flush=True)
 
 
-def _once(command: Sequence[str], folder: Path) -> Took:
-    """The command, after a clearing."""
-    subprocess.run(
-        [*_FOREFEEL, "clear", "--config", "slave.yaml"], cwd=folder, capture_output=True, check=True
-    )
+def _once(command: Sequence[str], folder: Path, within: Sequence[str]) -> Took:
+    """The command, after a clearing on the slave's host."""
+    clear = [*within, *_FOREFEEL, "clear", "--config", "slave.yaml"]
+    subprocess.run(clear, cwd=folder, capture_output=True, check=True)
     start_s = time.monotonic()
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout is not None
