@@ -64,15 +64,15 @@ class _Commands(Mapping[str, Any]):
     """The commands of a group by name, each made when it is asked for."""
 
     def __init__(self, group: str) -> None:
-        self._prefix = f"{group} " if group else ""
+        self.prefix = f"{group} " if group else ""
 
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - typer's own class, private to it
         if name not in set(self):
             raise KeyError(name)
-        return _made(self._prefix + name)
+        return _made(self.prefix + name)
 
     def __iter__(self) -> Iterator[str]:
-        words = [name.removeprefix(self._prefix) for name in COMMANDS if name.startswith(self._prefix)]
+        words = [name.removeprefix(self.prefix) for name in COMMANDS if name.startswith(self.prefix)]
         return iter(dict.fromkeys(each.partition(" ")[0] for each in words))
 
     def __len__(self) -> int:
@@ -84,8 +84,7 @@ class _Group(TyperGroup):
 
     def __init__(self, **attributes: Any) -> None:  # noqa: ANN401 - typer's
         super().__init__(**attributes)
-        self._prefix = f"{attributes['name']} " if attributes["name"] in GROUPS else ""
-        self.commands: Any = _Commands(self._prefix.rstrip())
+        self.commands: Any = _Commands(attributes["name"] if attributes["name"] in GROUPS else "")
         self._in_help = False
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
@@ -94,14 +93,14 @@ class _Group(TyperGroup):
         super().format_help(ctx, formatter)
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401
-        """In the order of `COMMANDS`."""
+        """In the order of `COMMANDS`; typer's own would make each of them."""
         return list(self.commands)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
         """With its options; in the help only with its summary."""
         if not self._in_help:
             return super().get_command(ctx, cmd_name)
-        words = self._prefix + cmd_name
+        words = self.commands.prefix + cmd_name
         return TyperCommand(cmd_name, short_help=COMMANDS.get(words) or GROUPS[words])
 
 

@@ -46,7 +46,7 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.calibrate.load_cell import LoadCellCalibrationOptions, run_load_cell  # noqa: PLC0415 - others start without it
+    from forefeel.calibrate.load_cell import LoadCellCalibrationOptions, run_load_cell  # noqa: PLC0415 - the help needs none of it
 
     measuring = settle, average, steady, max_residual, valid_days, temperature
     with output(as_json, quiet):

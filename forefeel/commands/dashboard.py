@@ -43,7 +43,7 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     duration: Duration = None,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
+    from forefeel.network_settings import observer  # noqa: PLC0415 - the help needs none of it
 
     found = observer(config, cell, connect or [], pki, through_router)
     with extra("dashboard", *PACKAGES, command="dashboard"):

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import AsJson, Quiet, examples
+from forefeel.commands.options import AsJson, ForceColumn, PositionColumn, Quiet, TimeColumn, examples
 from forefeel.terminal import output
 
 
@@ -31,13 +31,13 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = None,
     axis: Annotated[str | None, typer.Option(metavar="NAME", help="Of an MCAP file with several.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier diagnosis in DIR.")] = False,
-    time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
-    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
-    force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+    time_column: TimeColumn = None,
+    position_column: PositionColumn = None,
+    force_column: ForceColumn = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.diagnose.run import DiagnosisOptions, run_diagnosis  # noqa: PLC0415 - other commands start without it
+    from forefeel.diagnose.run import DiagnosisOptions, run_diagnosis  # noqa: PLC0415 - the help needs none of it
 
     columns = time_column, position_column, force_column
     with output(as_json, quiet):

@@ -21,7 +21,7 @@ def doctor(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.doctor.run import run_doctor  # noqa: PLC0415 - other commands start without it
+    from forefeel.doctor.run import run_doctor  # noqa: PLC0415 - the help needs none of it
 
     with output(as_json, quiet):
         run_doctor(config or [])

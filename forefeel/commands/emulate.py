@@ -51,6 +51,6 @@ def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     fault, `free` ends one. A wrong line is answered on stderr with what that device takes. Stdin need not
     be open.
     """
-    from forefeel.emulate.run import EmulatorOptions, run_emulator  # noqa: PLC0415 - other commands start without it
+    from forefeel.emulate.run import EmulatorOptions, run_emulator  # noqa: PLC0415 - the help needs none of it
 
     run_emulator(EmulatorOptions(device, port, config, axis, feel, faults, seed), duration)

@@ -6,7 +6,16 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import AsJson, Duration, Quiet, among, examples
+from forefeel.commands.options import (
+    AsJson,
+    Duration,
+    ForceColumn,
+    PositionColumn,
+    Quiet,
+    TimeColumn,
+    among,
+    examples,
+)
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
@@ -79,14 +88,14 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         bool, typer.Option("--dashboard/--no-dashboard", help="Serve the live view while it runs.")
     ] = False,
     opens: Annotated[bool, typer.Option("--open", help="Open the live view in the browser.")] = False,
-    time_column: Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")] = None,
-    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
-    force_column: Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")] = None,
+    time_column: TimeColumn = None,
+    position_column: PositionColumn = None,
+    force_column: ForceColumn = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     from forefeel.loopback.plan import LoopbackOptions  # noqa: PLC0415
-    from forefeel.loopback.run import How, run_loopback  # noqa: PLC0415 - the daemons start without the report's libraries
+    from forefeel.loopback.run import How, run_loopback  # noqa: PLC0415 - the help needs none of it
 
     options = LoopbackOptions(
         seed=seed,

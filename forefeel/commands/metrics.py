@@ -32,7 +32,7 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
     duration: Duration = None,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.network_settings import observer  # noqa: PLC0415 - the others start without Zenoh
+    from forefeel.network_settings import observer  # noqa: PLC0415 - the help needs none of it
 
     with extra("metrics", "prometheus_client", command="metrics"):
         from forefeel.metrics.run import run_metrics  # noqa: PLC0415

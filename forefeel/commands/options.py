@@ -30,6 +30,9 @@ Insecure = Annotated[bool, typer.Option("--insecure", help="Do without certifica
 Duration = Annotated[
     float | None, typer.Option("--duration", min=0.0, help="End after this many seconds.", metavar="S")
 ]
+TimeColumn = Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")]
+PositionColumn = Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")]
+ForceColumn = Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")]
 AsJson = Annotated[bool, typer.Option("--json", help="The answer as one JSON document.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say errors only.")]
 

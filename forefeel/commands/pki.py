@@ -22,7 +22,7 @@ Days = Annotated[int, typer.Option(min=1, max=3650, help="How long the roles' ce
     "forefeel pki init pki --cell cell1 --cell cell2 --hosts router=10.0.0.5 --days 90",
 )
 def init(folder: Folder, cell: Cells, hosts: Hosts = None, days: Days = 365) -> None:
-    from forefeel.pki.run import run_init  # noqa: PLC0415 - other commands start without it
+    from forefeel.pki.run import run_init  # noqa: PLC0415 - the help needs none of it
 
     run_init(folder, cell, hosts or [], days)
 

@@ -31,7 +31,7 @@ def router(
     quiet: Quiet = False,
 ) -> None:
     from forefeel.network_settings import router_settings  # noqa: PLC0415
-    from forefeel.router import run_router  # noqa: PLC0415 - the others start without Zenoh
+    from forefeel.router import run_router  # noqa: PLC0415 - the help needs none of it
 
     with output(quiet=quiet):
         run_router(router_settings(config, cell or [], listen or [], pki), duration, insecure)

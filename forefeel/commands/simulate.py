@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import Quiet, among, examples
+from forefeel.commands.options import PositionColumn, Quiet, among, examples
 from forefeel.terminal import output
 
 
@@ -53,10 +53,10 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     time_column: Annotated[
         str | None, typer.Option("--time", metavar="UNIT:COLUMN", help="Of the recording to follow.")
     ] = None,
-    position_column: Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")] = None,
+    position_column: PositionColumn = None,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.simulate.run import SimulationOptions, run_simulation  # noqa: PLC0415 - other commands start without it
+    from forefeel.simulate.run import SimulationOptions, run_simulation  # noqa: PLC0415 - the help needs none of it
     from forefeel.simulate.sensor import SensorOptions  # noqa: PLC0415
 
     sensor = SensorOptions(noise, noise_corner, full_scale, encoder_step)

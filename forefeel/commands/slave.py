@@ -9,7 +9,7 @@ from forefeel.terminal import output
 def slave(
     config: DaemonConfig, duration: Duration = None, insecure: DaemonInsecure = False, quiet: Quiet = False
 ) -> None:
-    from forefeel.daemons import run_slave  # noqa: PLC0415 - the other commands start without Zenoh
+    from forefeel.daemons import run_slave  # noqa: PLC0415 - the help needs none of it
     from forefeel.slave.settings import SlaveSettings  # noqa: PLC0415
 
     settings = load_daemon(config, "slave")

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands.test_simulate import MODEL
+
 ROOT = Path(__file__).parents[2]
 OURS = "common", "master", "slave", "devices", "diagnosis", "tests"
 BUILT_FROM = "pyproject.toml", "README.md", "LICENSE", "forefeel", "common", "master", "slave", "diagnosis"
-MODEL = "schema: forefeel.model/1\nname: a spring\neffects:\n  - effect: mass_damper_spring\n"
+
 SCRIPT = """
 import sys
 from importlib.metadata import entry_points
