@@ -16,9 +16,10 @@ test soak faults signals: export PYTHONDONTWRITEBYTECODE :=
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
-$(DEMO): deploy/lock/demo.txt
+$(DEMO): deploy/lock/demo.txt pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) --require-hashes -r deploy/lock/demo.txt
+	rm -rf forefeel.egg-info  # an old one hides new entry points
 	$(PIP) --no-deps --no-build-isolation --editable .
 	$(BIN)/python -c 'from forefeel.common.estimation.forecast import compile_kernels; compile_kernels()'
 	$(BIN)/python -c 'from forefeel.common.effects.registry import compile_kernels; compile_kernels()'

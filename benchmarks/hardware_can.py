@@ -16,24 +16,23 @@ import can
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware import cia402
-from forefeel.common.hardware.can_bus import open_bus
-from forefeel.common.hardware.can_network import HOST_NODE, SharedNetwork, acquire, release
-from forefeel.common.hardware.cia301 import HEARTBEAT, NMT, OPERATIONAL, START, SYNC
-from forefeel.common.hardware.pacing import Pacer
-from forefeel.common.hardware.settings import CanSettings
-from forefeel.common.hardware.slcan import Frame, SlcanParser, encoded
 from forefeel.common.runtime.realtime import prepare_process, prepare_thread
-from forefeel.emulate.can_hub import CanHub
-from forefeel.emulate.drive402 import Drive402
-from forefeel.emulate.transducer404 import Transducer404
-from forefeel.emulate.wire import Faults, Wire
-from forefeel.slave.load_cells.cia404 import Cia404LoadCell
-from forefeel.slave.load_cells.settings import Cia404Settings
+from forefeel.devices.canopen.bus import open_bus
+from forefeel.devices.canopen.cia301 import HEARTBEAT, NMT, OPERATIONAL, START, SYNC
+from forefeel.devices.canopen.hub import CanHub
+from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork, acquire, release
+from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.canopen.slcan import Frame, SlcanParser, encoded
+from forefeel.devices.cia402 import protocol as cia402
+from forefeel.devices.cia402.driver import Cia402Stage, command_pdo, state_pdo
+from forefeel.devices.cia402.emulator import Drive402
+from forefeel.devices.cia402.settings import Cia402Settings
+from forefeel.devices.cia404.driver import Cia404LoadCell
+from forefeel.devices.cia404.emulator import Transducer404
+from forefeel.devices.cia404.settings import Cia404Settings
+from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.shared.pacing import Pacer
 from forefeel.slave.plant.settings import preset
-from forefeel.slave.stages.cia402 import Cia402Stage
-from forefeel.slave.stages.cia402_setup import command_pdo, state_pdo
-from forefeel.slave.stages.settings import Cia402Settings
 
 _RATES_HZ = 250, 500
 _LASTS_S, _PRIORITY = 10.0, 50

@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from forefeel.common.errors import ForefeelError
-from forefeel.common.hardware.bota import FRAME_BYTES
-from forefeel.common.hardware.streams import SerialStream
-from forefeel.emulate.bota import EmulatedBota
-from forefeel.emulate.pty import Pty, PtyServer
-from forefeel.emulate.sensing import Sensing
-from forefeel.emulate.wire import Faults, Wire
-from forefeel.slave.load_cells.bota_serial import BotaCell, BotaSerialLoadCell
-from forefeel.slave.load_cells.settings import BotaSettings
+from forefeel.devices.bota.driver import BotaCell, BotaSerialLoadCell
+from forefeel.devices.bota.emulator import EmulatedBota
+from forefeel.devices.bota.protocol import FRAME_BYTES
+from forefeel.devices.bota.settings import BotaSettings
+from forefeel.devices.emulation.pty import Pty, PtyServer
+from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.shared.stream import SerialStream
 
 _SECONDS = 10.0
 _FRAMES, _DAMAGED = 100_000, 0.01

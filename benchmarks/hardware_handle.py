@@ -13,14 +13,13 @@ from pathlib import Path
 from random import Random
 
 from forefeel.common.clock import MonotonicClock
-from forefeel.common.hardware.coil import PROTOCOL, CoilCommand, Identify, encode
 from forefeel.common.hardware.link import DeviceLink, LinkState
-from forefeel.emulate.coil import CoilDevice
-from forefeel.emulate.pty import Pty, PtyServer
-from forefeel.emulate.wire import Faults, Wire
-from forefeel.master.handles.coil_serial import CoilHandle
-from forefeel.master.handles.coil_talk import CoilTalk
-from forefeel.master.settings import CoilSettings
+from forefeel.devices.coil.driver import CoilHandle, CoilTalk
+from forefeel.devices.coil.emulator import CoilDevice
+from forefeel.devices.coil.protocol import PROTOCOL, CoilCommand, Identify, encode
+from forefeel.devices.coil.settings import CoilSettings
+from forefeel.devices.emulation.pty import Pty, PtyServer
+from forefeel.devices.emulation.wire import Faults, Wire
 
 _TRIALS = 1000
 _CPU_S = 10.0

@@ -14,16 +14,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from forefeel.common.hardware.settings import SerialSettings
-from forefeel.common.hardware.streams import SerialStream
-from forefeel.common.hardware.zaber import Message, Parser, lrc
-from forefeel.emulate.pty import Pty, PtyServer
-from forefeel.emulate.wire import Faults
-from forefeel.emulate.zaber import ZaberDevice
-from forefeel.emulate.zaber_settings import ZaberModel
-from forefeel.slave.stages.settings import ZaberSettings
-from forefeel.slave.stages.zaber_ascii import ZaberStage
-from forefeel.slave.stages.zaber_exchange import ZaberExchange
+from forefeel.devices.emulation.pty import Pty, PtyServer
+from forefeel.devices.emulation.wire import Faults
+from forefeel.devices.shared.settings import SerialSettings
+from forefeel.devices.shared.stream import SerialStream
+from forefeel.devices.zaber.driver import ZaberExchange, ZaberStage
+from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
+from forefeel.devices.zaber.protocol import Message, Parser, lrc
+from forefeel.devices.zaber.settings import ZaberSettings
 
 _SECONDS = 10.0
 _FRAMES = 100_000

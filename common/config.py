@@ -69,7 +69,7 @@ def checked(
         return kind.model_validate(data, context={"directory": directory})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        raise ConfigurationError(_describe(first, kind, where, lines or {})) from error
+        raise ConfigurationError(_describe(first, kind, where, lines or {}, data)) from error
 
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
@@ -80,7 +80,9 @@ def beside_the_file(path: Path, info: ValidationInfo) -> Path:
     return (Path((info.context or {}).get("directory", "")) / path).absolute()
 
 
-def _describe(problem: ErrorDetails, kind: type[BaseModel], where: str, lines: dict[Place, int]) -> str:
+def _describe(
+    problem: ErrorDetails, kind: type[BaseModel], where: str, lines: dict[Place, int], data: object
+) -> str:
     place, value = _placed(problem["loc"], lines), problem["input"]
     line = _line(place, lines)
     dotted = "".join(f"[{p}]" if isinstance(p, int) else f".{shown_key(p)}" for p in place).lstrip(".")
@@ -88,7 +90,9 @@ def _describe(problem: ErrorDetails, kind: type[BaseModel], where: str, lines: d
     expected = problem["msg"].removeprefix("Value error, ")
     match problem["type"]:
         case "extra_forbidden":
-            return f"{where}{line}: {dotted}: unknown key, expected {expected_keys(kind, problem['loc'])}"
+            return (
+                f"{where}{line}: {dotted}: unknown key, expected {expected_keys(kind, problem['loc'], data)}"
+            )
         case "missing":
             return f"{where}{line}: {dotted}: missing, a value is required"
         case "union_tag_invalid" | "union_tag_not_found":

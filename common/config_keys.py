@@ -15,11 +15,17 @@ def leaves(annotation: Any) -> set[Any]:  # noqa: ANN401 - any type expression
     return set(inside) if inside else {annotation}
 
 
-def expected_keys(kind: type[BaseModel], place: tuple[int | str, ...]) -> str:
-    """What may stand where an unknown key does: the one that it resembles, or those there are."""
+def expected_keys(kind: type[BaseModel], place: tuple[int | str, ...], data: object = None) -> str:
+    """What may stand where an unknown key does: the one that it resembles, or those there are.
+
+    `data`: what was read; its `driver` tells which settings are meant.
+    """
     models: list[type[BaseModel]] = [kind]
     for part in place[:-1]:
         models = models if isinstance(part, int) else _below(models, part)
+        data = _inside(data, part)
+        if isinstance(data, dict) and "driver" in data:
+            models = [each for model in models for each in _derived(model, data["driver"])] or models
     known = sorted({name for model in models for name in model.model_fields})
     close = get_close_matches(str(place[-1]), known, n=1)
     more = ", ..." if len(known) > _MOST else ""
@@ -32,6 +38,19 @@ def _below(models: list[type[BaseModel]], name: str) -> list[type[BaseModel]]:
     if found:
         return _models(found)
     return [model for model in models if name in _literals(model)] or models
+
+
+def _inside(data: Any, part: int | str) -> Any:  # noqa: ANN401 - whatever was read
+    try:
+        return data[part]
+    except (KeyError, IndexError, TypeError):
+        return None
+
+
+def _derived(model: type[BaseModel], driver: object) -> list[type[BaseModel]]:
+    """The model and what derives from it, of those whose `driver` may be that name."""
+    below = [found for each in model.__subclasses__() for found in _derived(each, driver)]
+    return [*below, model] if driver in _literals(model) else below
 
 
 def _models(annotations: Iterable[Any]) -> list[type[BaseModel]]:

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from contextlib import suppress
 
-from forefeel.common.hardware.streams import latency_warning
 from forefeel.common.notices import Notices, RateLimit
 from forefeel.common.settings import DaemonSettings
-from forefeel.devices.configured import configured
+from forefeel.devices.shared.stream import latency_warning
+from forefeel.probe.configured import configured
 from forefeel.terminal import say
 
 

@@ -25,8 +25,8 @@ from forefeel.common.messages import (
 from forefeel.common.notices import printable
 from forefeel.common.settings import differences, settings_hash, shared_text
 from forefeel.master.axis_audit import MasterAxisAudit
-from forefeel.master.handles.port import Handle, Indication
-from forefeel.master.handles.watch import HandleWatch
+from forefeel.master.handle import Handle, Indication
+from forefeel.master.handle_watch import HandleWatch
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.identification import IdentificationTask
 from forefeel.master.own_events import OwnEvents, Standing

@@ -2,7 +2,7 @@
 no jump. Pure.
 """
 
-from forefeel.master.handles.port import HandleReading
+from forefeel.master.handle import HandleReading
 
 
 class Clutch:

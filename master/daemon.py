@@ -14,30 +14,17 @@ from forefeel.common.estimation.forecast import compile_kernels
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
 from forefeel.common.estimation.transfer import lasting
 from forefeel.common.flight import TappedTransport
+from forefeel.common.hardware.driver import driver_of
 from forefeel.common.model_file import load_model
-from forefeel.common.recording.tabular import load_recording
 from forefeel.common.runtime.port import Runtime
 from forefeel.common.settings import TICK_NS
 from forefeel.common.transport.port import Transport
 from forefeel.master.axis import MasterAxis
-from forefeel.master.handles.coil_serial import CoilHandle
-from forefeel.master.handles.operator import Operator
-from forefeel.master.handles.playback import MultiSine, Playback, RecordedMotion
-from forefeel.master.handles.port import Handle
+from forefeel.master.handle import Handle, HandleDriverSettings
 from forefeel.master.haptics import HapticLoop
 from forefeel.master.identification import IdentificationTask
 from forefeel.master.prediction import ForcePrediction
-from forefeel.master.settings import (
-    CoilSettings,
-    HandleSettings,
-    MasterAxisSettings,
-    MasterSettings,
-    MultiSineSettings,
-    OperatorSettings,
-    PredictionSettings,
-    RecordingSettings,
-    SineSettings,
-)
+from forefeel.master.settings import MasterAxisSettings, MasterSettings, PredictionSettings
 
 _MIN_UPDATES = 250  # a second of informative samples: the first tenth of a stroke teaches nothing
 
@@ -183,25 +170,11 @@ def _identifier(model: ContactModel, wanted: PredictionSettings) -> ContactIdent
         raise ConfigurationError(f"{wanted.model or 'prediction'}: {error}") from error
 
 
-def make_handle(settings: HandleSettings, clock: Clock) -> Handle:
-    """The handle that the settings name; `clock`: of the loop that reads it.
+def make_handle(settings: HandleDriverSettings, clock: Clock) -> Handle:
+    """The handle that the settings name, not opened yet; `clock`: of the loop that reads it.
 
     Raises:
-        RecordingError: the recording to play can not be used.
+        InputError: a file that the settings name can not be used.
     """
-    match settings:
-        case OperatorSettings():
-            return Operator(settings, settings.seed)
-        case RecordingSettings():
-            recording = load_recording(
-                settings.recording, settings.columns.mapping() if settings.columns else None
-            )
-            return Playback(RecordedMotion(recording, settings.gap_s), settings.approach_m_s)
-        case SineSettings():
-            sine = MultiSine(settings.centre_m, settings.amplitude_m, (settings.frequency_hz,))
-            return Playback(sine, settings.approach_m_s)
-        case MultiSineSettings():
-            sines = MultiSine(settings.centre_m, settings.amplitude_m, settings.frequencies_hz)
-            return Playback(sines, settings.approach_m_s)
-        case CoilSettings():
-            return CoilHandle(settings, clock)
+    handle: Handle = driver_of("handle", settings).make(settings, clock)
+    return handle

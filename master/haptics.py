@@ -8,7 +8,7 @@ from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState
 from forefeel.master.clutch import Clutch
-from forefeel.master.handles.port import HandleReading
+from forefeel.master.handle import HandleReading
 from forefeel.master.prediction import Prediction, Present
 from forefeel.master.rendering import ForceRenderer
 from forefeel.master.settings import RenderingSettings

@@ -1,92 +1,25 @@
 """The master's YAML file: handle, prediction and rendering of each axis."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializeAsAny, model_validator
 
 from forefeel.common.config import Settings
-from forefeel.common.hardware.settings import SerialSettings, Sign
+from forefeel.common.hardware.driver import driver_settings
 from forefeel.common.settings import (
     AxisLimits,
-    ColumnSettings,
     DaemonSettings,
     ExistingFile,
     Segment,
     require_distinct,
 )
 from forefeel.common.topics import FORCE
+from forefeel.master.handle import HandleDriverSettings
+
+HandleSection = Annotated[SerializeAsAny[HandleDriverSettings], driver_settings("handle")]
 
 
-class OperatorSettings(Settings):
-    """The synthetic operator: strokes, tremor and arm (arm values: typical of a relaxed hand in one axis).
-
-    `restroke`: withdraws with the fixture open, so that every stroke inserts the instrument further.
-    """
-
-    driver: Literal["operator"] = "operator"
-    home_m: Annotated[float, Field(ge=-1, le=1)] = 0.005
-    depth_m: Annotated[float, Field(gt=0, le=0.5)] = 0.030
-    insert_s: Annotated[float, Field(ge=0.2, le=60)] = 1.8
-    withdraw_s: Annotated[float, Field(ge=0.2, le=60)] = 1.4
-    dwell_s: Annotated[float, Field(ge=0, le=60)] = 0.6
-    restroke: bool = False
-    tremor_m: Annotated[float, Field(ge=0, le=0.005)] = 0.0002
-    arm_mass_kg: Annotated[float, Field(gt=0.01, le=20)] = 0.4
-    arm_damping_n_s_m: Annotated[float, Field(ge=0, le=200)] = 12.0
-    arm_stiffness_n_m: Annotated[float, Field(gt=1, le=5000)] = 250.0
-    seed: int = 0
-
-
-class RecordingSettings(Settings):
-    """Plays the position of a recording."""
-
-    driver: Literal["recording"]
-    recording: ExistingFile
-    columns: ColumnSettings | None = None
-    gap_s: Annotated[float, Field(gt=0, le=10)] = 0.1
-    approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
-
-
-class SineSettings(Settings):
-    """A sine around `centre_m`."""
-
-    driver: Literal["sine"]
-    centre_m: float = 0.02
-    amplitude_m: Annotated[float, Field(gt=0, le=0.5)] = 0.01
-    frequency_hz: Annotated[float, Field(gt=0, le=50)] = 0.5
-    approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
-
-
-class MultiSineSettings(Settings):
-    """Several sines of equal amplitude around `centre_m`, whose sum is at most `amplitude_m`."""
-
-    driver: Literal["multisine"]
-    centre_m: float = 0.02
-    amplitude_m: Annotated[float, Field(gt=0, le=0.5)] = 0.01
-    frequencies_hz: Annotated[tuple[float, ...], Field(min_length=2, max_length=20)] = (0.23, 0.61, 1.37, 2.9)
-    approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
-
-
-class CoilSettings(SerialSettings):
-    """A voice coil with an encoder behind a microcontroller: 1 kHz both ways, and a watchdog in the device.
-
-    `newton_per_ampere`: of the coil; `max_current_a` bounds what it may ever be given; the device takes the
-    current away `watchdog_s` after our last frame.
-    """
-
-    driver: Literal["coil_serial"]
-    baud: Annotated[int, Field(ge=115_200, le=12_000_000)] = 2_000_000
-    counts_per_m: Annotated[float, Field(gt=0)]
-    sign: Sign = 1
-    newton_per_ampere: Annotated[float, Field(gt=0, le=1000)]
-    max_current_a: Annotated[float, Field(gt=0, le=32)]
-    watchdog_s: Annotated[float, Field(ge=0.005, le=0.1)] = 0.02
-
-
-HandleSettings = Annotated[
-    OperatorSettings | RecordingSettings | SineSettings | MultiSineSettings | CoilSettings,
-    Field(discriminator="driver"),
-]
+_OPERATOR: Any = {"driver": "operator"}  # read as if it stood in the file
 
 
 class PredictionSettings(Settings):
@@ -141,7 +74,7 @@ class MasterAxisSettings(Settings):
 
     name: Segment = "insertion"
     limits: AxisLimits = AxisLimits()
-    handle: HandleSettings = OperatorSettings()
+    handle: HandleSection = _OPERATOR
     prediction: PredictionSettings = PredictionSettings()
     rendering: RenderingSettings = RenderingSettings()
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 from forefeel.common.bus import Publisher
 from forefeel.common.clock_offset import OffsetEstimate
 from forefeel.common.messages import ForceSample, Grip, MotionCommand
-from forefeel.slave.load_cells.port import LoadCellReading
-from forefeel.slave.stages.port import StageReading
+from forefeel.slave.load_cell import LoadCellReading
+from forefeel.slave.stage import StageReading
 
 _KEPT = 256
 

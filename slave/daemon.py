@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
+from typing import Any
 
 from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus
+from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
-from forefeel.common.errors import RecordingError
 from forefeel.common.flight import TappedTransport
-from forefeel.common.recording.tabular import load_recording
+from forefeel.common.hardware.driver import DriverSettings, Slot, driver_of
 from forefeel.common.runtime.port import Runtime
 from forefeel.common.settings import TICK_NS
 from forefeel.common.slots import BoundedQueue
@@ -17,24 +18,8 @@ from forefeel.common.transport.port import Transport
 from forefeel.slave.axis import SlaveAxis
 from forefeel.slave.clearing import FOLLOWS, Clearing, ClearRequest
 from forefeel.slave.devices import Devices
-from forefeel.slave.grippers.port import Gripper
-from forefeel.slave.grippers.simulated import SimulatedGripper, UnseenGripper
-from forefeel.slave.load_cells.port import LoadCell
-from forefeel.slave.load_cells.recorded import RecordedLoadCell
-from forefeel.slave.load_cells.settings import (
-    AsciiLineSettings,
-    BotaSettings,
-    Cia404Settings,
-    LoadCellDriver,
-    RecordedLoadCellDriver,
-    SimulatedLoadCellDriver,
-)
-from forefeel.slave.load_cells.simulated import SimulatedLoadCell
 from forefeel.slave.plant.world import SimulatedWorld
 from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
-from forefeel.slave.stages.port import Stage
-from forefeel.slave.stages.settings import Cia402Settings, SimulatedStageDriver, StageDriver, ZaberSettings
-from forefeel.slave.stages.simulated import SimulatedStage
 
 _ANNOUNCE_NS = 2 * SECOND_NS  # who begins to record hears the calibrations soon
 _CLEARINGS = 64  # between two ticks; far more than the local socket serves at once
@@ -69,7 +54,7 @@ class SlaveDaemon:
         self._audit_sink, self._now_ns = audit_sink, runtime.clock.now_ns
         self._clear: BoundedQueue[ClearRequest] = BoundedQueue(_CLEARINGS)
         self.axes = [
-            SlaveAxis(settings.cell, axis, _devices(axis), bus, new_id(), audit_sink)
+            SlaveAxis(settings.cell, axis, _devices(axis, runtime.clock), bus, new_id(), audit_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when the daemon can not be composed
@@ -178,53 +163,16 @@ class SlaveDaemon:
             axis.report(now_ns)
 
 
-def _devices(settings: SlaveAxisSettings) -> Devices:
+def _devices(settings: SlaveAxisSettings, clock: Clock) -> Devices:
     """The drivers that the settings name. All simulated ones of an axis share one world."""
     world = SimulatedWorld(settings.simulation, settings.seed)
-    seen = isinstance(settings.stage, SimulatedStageDriver) or isinstance(
-        settings.load_cell, SimulatedLoadCellDriver
+
+    def made(slot: Slot, section: DriverSettings) -> Any:  # noqa: ANN401 - the port of its slot
+        found = driver_of(slot, section)
+        return found.make(section, world if found.driver.in_world else clock)
+
+    return Devices(
+        made("stage", settings.stage),
+        made("gripper", settings.gripper),
+        made("load_cell", settings.load_cell),
     )
-    gripper: Gripper = SimulatedGripper(world) if seen else UnseenGripper(world)
-    return Devices(_stage(settings.stage, world), gripper, _load_cell(settings.load_cell, world))
-
-
-def _stage(settings: StageDriver, world: SimulatedWorld) -> Stage:
-    """The stage; what talks to hardware is imported when it is used."""
-    match settings:
-        case ZaberSettings():
-            from forefeel.slave.stages.zaber_ascii import ZaberStage  # noqa: PLC0415
-
-            return ZaberStage(settings)
-        case Cia402Settings():
-            from forefeel.slave.stages.cia402 import Cia402Stage  # noqa: PLC0415
-
-            return Cia402Stage(settings)
-        case SimulatedStageDriver():
-            return SimulatedStage(world)
-
-
-def _load_cell(settings: LoadCellDriver, world: SimulatedWorld) -> LoadCell:
-    match settings:
-        case BotaSettings():
-            from forefeel.slave.load_cells.bota_serial import BotaSerialLoadCell  # noqa: PLC0415
-
-            return BotaSerialLoadCell(settings)
-        case AsciiLineSettings():
-            from forefeel.slave.load_cells.ascii_line import AsciiLineLoadCell  # noqa: PLC0415
-
-            return AsciiLineLoadCell(settings)
-        case Cia404Settings():
-            from forefeel.slave.load_cells.cia404 import Cia404LoadCell  # noqa: PLC0415
-
-            return Cia404LoadCell(settings)
-        case RecordedLoadCellDriver():
-            return _recorded(settings)
-        case SimulatedLoadCellDriver():
-            return SimulatedLoadCell(world)
-
-
-def _recorded(source: RecordedLoadCellDriver) -> LoadCell:
-    recording = load_recording(source.recording, source.columns.mapping() if source.columns else None)
-    if recording.force_n is None:
-        raise RecordingError(f"{source.recording}: no force column; expected one for a recorded load cell")
-    return RecordedLoadCell(recording.time_s.tolist(), (source.force_sign * recording.force_n).tolist())

@@ -7,8 +7,8 @@ from forefeel.common.bus import Bus, Publisher
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.messages import Calibration
-from forefeel.slave.load_cells.port import LoadCell
-from forefeel.slave.stages.port import Stage
+from forefeel.slave.load_cell import LoadCell
+from forefeel.slave.stage import Stage
 
 
 class DeviceReports:

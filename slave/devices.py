@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from forefeel.common.errors import DeviceError
 from forefeel.common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S
-from forefeel.slave.grippers.port import Gripper
-from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
-from forefeel.slave.stages.port import Stage, StageReading
+from forefeel.slave.gripper import Gripper
+from forefeel.slave.load_cell import LoadCell, LoadCellReading
+from forefeel.slave.stage import Stage, StageReading
 
 _NO_FORCE = LoadCellReading(0.0, 0, False)
 

@@ -1,10 +1,11 @@
 """The slave's YAML file: devices, gate and simulated world of each axis."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializeAsAny, model_validator
 
 from forefeel.common.config import Settings
+from forefeel.common.hardware.driver import driver_settings
 from forefeel.common.settings import (
     LONGEST_ROUND_TRIP_S,
     AxisLimits,
@@ -13,10 +14,10 @@ from forefeel.common.settings import (
     require_distinct,
 )
 from forefeel.common.topics import COMMAND
-from forefeel.slave.load_cells.port import VALID_SHARE
-from forefeel.slave.load_cells.settings import LoadCellDriver, SimulatedLoadCellDriver
+from forefeel.slave.gripper import GripperDriverSettings
+from forefeel.slave.load_cell import VALID_SHARE, LoadCellDriverSettings
 from forefeel.slave.plant.settings import WorldSettings, world_settings
-from forefeel.slave.stages.settings import SimulatedStageDriver, StageDriver
+from forefeel.slave.stage import StageDriverSettings
 
 
 class GateSettings(Settings):
@@ -32,10 +33,12 @@ class GateSettings(Settings):
     force_timeout_s: Annotated[float, Field(gt=0, le=5)] | None = 0.2
 
 
-class GripperDriver(Settings):
-    """Which driver closes the fixture."""
+StageSection = Annotated[SerializeAsAny[StageDriverSettings], driver_settings("stage")]
+GripperSection = Annotated[SerializeAsAny[GripperDriverSettings], driver_settings("gripper")]
+LoadCellSection = Annotated[SerializeAsAny[LoadCellDriverSettings], driver_settings("load_cell")]
 
-    driver: Literal["simulated"] = "simulated"
+
+_SIMULATED: Any = {"driver": "simulated"}  # read as if it stood in the file
 
 
 class SlaveAxisSettings(Settings):
@@ -44,26 +47,26 @@ class SlaveAxisSettings(Settings):
     name: Segment = "insertion"
     limits: AxisLimits = AxisLimits()
     gate: GateSettings = GateSettings()
-    stage: StageDriver = SimulatedStageDriver()
-    gripper: GripperDriver = GripperDriver()
-    load_cell: LoadCellDriver = SimulatedLoadCellDriver()
+    stage: StageSection = _SIMULATED
+    gripper: GripperSection = _SIMULATED
+    load_cell: LoadCellSection = _SIMULATED
     simulation: WorldSettings = world_settings({"preset": "catheter"})
     seed: int = 0
 
     @model_validator(mode="after")
     def _watchdog_is_on(self) -> Self:
-        if self.gate.watchdog_s == 0 and self.stage.driver != "simulated":
+        if self.gate.watchdog_s == 0 and self.stage.hardware:
             raise ValueError("gate.watchdog_s = 0: expected more than 0 with a real stage")
         return self
 
     @model_validator(mode="after")
     def _force_limit_is_measurable(self) -> Self:
-        cell = self.load_cell
-        if cell.driver == "recorded":
+        place, rated_n = "load_cell.full_scale_n", self.load_cell.rated_n
+        if self.load_cell.driver == "simulated":
+            place, rated_n = f"simulation.{place}", self.simulation.load_cell.full_scale_n
+        if rated_n is None:
             return self
-        place, most_n = "simulation.load_cell.full_scale_n", self.simulation.load_cell.most_valid_n
-        if not isinstance(cell, SimulatedLoadCellDriver):
-            place, most_n = "load_cell.full_scale_n", VALID_SHARE * cell.full_scale_n
+        most_n = VALID_SHARE * rated_n
         if self.limits.max_force_n > most_n:
             raise ValueError(
                 f"limits.max_force_n = {self.limits.max_force_n:g}: expected at most {most_n:g}, "
@@ -73,9 +76,9 @@ class SlaveAxisSettings(Settings):
 
     @model_validator(mode="after")
     def _travel_covers_the_workspace(self) -> Self:
-        if isinstance(self.stage, SimulatedStageDriver):
+        if self.stage.travel is None:
             return self
-        (low, high), (lowest, highest) = self.limits.workspace_m, self.stage.travel_m
+        (low, high), (lowest, highest) = self.limits.workspace_m, self.stage.travel
         if not (lowest <= low and high <= highest):
             raise ValueError(
                 f"limits.workspace_m = [{low:g}, {high:g}]: expected within stage.travel_m = "
@@ -98,4 +101,4 @@ class SlaveSettings(DaemonSettings):
     @property
     def real_stage(self) -> bool:
         """Whether a stage that is not simulated is configured; an emulated one counts as real."""
-        return any(axis.stage.driver != "simulated" for axis in self.axes)
+        return any(axis.stage.hardware for axis in self.axes)

@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 
 from docs.hooks.markdown import code
 from forefeel.common.effects.model import ContactModel
+from forefeel.common.hardware.driver import DriverSettings, installed_drivers
 
 Link = Callable[[type], str]
 _NAMES: dict[Any, str] = {
@@ -32,7 +33,9 @@ def values(annotation: Any, metadata: Iterable[object], link: Link) -> str:  # n
         return " or ".join(values(each, (), link) for each in arguments)
     if origin is not None:
         return _several(origin, arguments, bounds, link)
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel | Enum):
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return " or ".join(map(link, models(annotation)))
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
         return link(annotation)
     return _NAMES[annotation] + _range(bounds, annotation is str)
 
@@ -42,6 +45,8 @@ def default(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
     value = field.get_default(call_default_factory=True)
+    if isinstance(value, dict) and "driver" in value:
+        return code(value["driver"])
     if isinstance(value, BaseModel):
         driver = getattr(value, "driver", None) or getattr(value, "preset", None)
         return code(driver) if driver else "its defaults"
@@ -51,8 +56,10 @@ def default(field: FieldInfo) -> str:
 
 
 def models(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - any annotation
-    """The models that an annotation names, however deep."""
+    """The models that an annotation names, however deep; of a driver's section those of every driver."""
     if isinstance(annotation, type) and get_origin(annotation) is None:
+        if issubclass(annotation, DriverSettings) and "slot" in vars(annotation):
+            return [found.driver.settings for found in installed_drivers(annotation.slot)]
         return [annotation] if issubclass(annotation, BaseModel) else []
     return [found for each in get_args(annotation) for found in models(each)]
 

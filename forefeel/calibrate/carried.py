@@ -5,7 +5,7 @@ from typing import Any
 from forefeel.common.config import load_settings
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
 from forefeel.common.settings import DaemonSettings
-from forefeel.devices.configured import configured
+from forefeel.probe.configured import configured
 
 _KINDS: dict[str, Any] = {"load_cell": LoadCellCalibration, "stage": StageCalibration}
 

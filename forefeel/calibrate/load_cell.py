@@ -5,11 +5,7 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from forefeel.calibrate.prompt import Prompt
-from forefeel.calibrate.target import check_target, write_calibration
-from forefeel.common.clock import MonotonicClock
-from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
-from forefeel.common.hardware.calibrating import (
+from forefeel.calibrate.measuring import (
     LEAST_READINGS,
     STANDARD_GRAVITY_M_S2,
     CalibrationFit,
@@ -23,12 +19,16 @@ from forefeel.common.hardware.calibrating import (
     require_steady,
     walk_of,
 )
+from forefeel.calibrate.prompt import Prompt
+from forefeel.calibrate.target import check_target, write_calibration
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
 from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration
 from forefeel.common.hardware.link import DeviceLink
-from forefeel.devices.configured import ConfiguredDevice, device_of
-from forefeel.devices.probe import SleepingClock
 from forefeel.interrupt import breakable, heeded
-from forefeel.slave.load_cells.port import NativeLoadCell, NativeReading
+from forefeel.probe.configured import ConfiguredDevice, device_of
+from forefeel.probe.probe import SleepingClock
+from forefeel.slave.load_cell import NativeLoadCell, NativeReading
 from forefeel.terminal import answer, say
 
 _POLL_NS = 5_000_000
@@ -38,7 +38,7 @@ _SLOWEST_S = 30.0
 @dataclass(frozen=True, slots=True)
 class LoadCellCalibrationOptions:
     """What the user asked for. `average_s`: how long each load is read, `settle_s`: after it was changed;
-    `steady_share`, `residual_share`: of the range, see `forefeel.common.hardware.calibrating`.
+    `steady_share`, `residual_share`: of the range, see `forefeel.calibrate.measuring`.
     """
 
     config: Path

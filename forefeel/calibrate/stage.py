@@ -5,19 +5,20 @@ from datetime import date
 from pathlib import Path
 
 from forefeel.calibrate.load_cell import introduced, require_serial
+from forefeel.calibrate.measuring import Travel, require_travel, travel_of
 from forefeel.calibrate.prompt import Prompt
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.common.hardware.calibrating import Travel, require_travel, travel_of
 from forefeel.common.hardware.calibration import StageCalibration
-from forefeel.common.hardware.cia402 import HERE
 from forefeel.common.runtime.realtime import prepare_thread
-from forefeel.devices.configured import ConfiguredDevice, device_of
+from forefeel.devices.cia402.protocol import HERE
+from forefeel.devices.cia402.settings import Cia402Settings
+from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.interrupt import breakable, heeded
 from forefeel.local.exclusive import no_slave_beside
-from forefeel.slave.stages.port import Homing
-from forefeel.slave.stages.settings import Cia402Settings, ZaberSettings
+from forefeel.probe.configured import ConfiguredDevice, device_of
+from forefeel.slave.stage import Homing
 from forefeel.terminal import answer, say
 
 _PRIORITY = 50

@@ -10,9 +10,9 @@ from forefeel.commands.options import among, examples
 
 
 def _devices() -> Iterable[str]:
-    from forefeel.emulate.run import DEVICES  # noqa: PLC0415 - as in `emulate`
+    from forefeel.emulate.run import emulated_names  # noqa: PLC0415 - as in `emulate`
 
-    return DEVICES
+    return emulated_names()
 
 
 @examples(

@@ -11,8 +11,8 @@ from forefeel.common.hardware.calibration import (
     load_cell_calibration,
     stage_calibration,
 )
-from forefeel.devices.configured import ConfiguredDevice
 from forefeel.doctor.findings import Finding
+from forefeel.probe.configured import ConfiguredDevice
 
 GROUP = "calibration"
 _SOON_DAYS = 30
@@ -34,7 +34,7 @@ class Calibrated:
 def read_calibration(device: ConfiguredDevice, today: date) -> Calibrated | None:
     """The calibration that the settings name, as the daemon would take it; None for what needs none."""
     command, settings = _COMMANDS.get(device.driver.slot), device.settings
-    if command is None or device.driver.place is None:
+    if command is None or not device.settings.hardware:
         return None
     path: Path | None = getattr(settings, "calibration", None)
     if path is None:

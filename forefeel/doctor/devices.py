@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forefeel.common.clock import MonotonicClock
-from forefeel.common.hardware.streams import latency_warning
-from forefeel.devices.configured import ConfiguredDevice
-from forefeel.devices.ports import CanInterface, can_interfaces
-from forefeel.devices.probe import Probed, probe
+from forefeel.devices.shared.stream import latency_warning
 from forefeel.doctor.findings import Finding
+from forefeel.probe.configured import ConfiguredDevice
+from forefeel.probe.ports import CanInterface, can_interfaces
+from forefeel.probe.probe import Probed, probe
 
 GROUP = "devices"
 PROBE_S = 0.3

@@ -11,7 +11,6 @@ from forefeel.common.state.folder import holder, state_path
 from forefeel.common.topics import Role
 from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.devices.configured import ConfiguredDevice, configured
 from forefeel.doctor import (
     access,
     calibrations,
@@ -25,6 +24,7 @@ from forefeel.doctor import (
 )
 from forefeel.doctor.findings import Finding
 from forefeel.doctor.settings import judge_agreement, load_files
+from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.reaching import reach
 
 _NO_FILE_PRIORITY = 50
@@ -153,7 +153,7 @@ def _devices(end: End) -> Iterator[Finding]:
 
 
 def _probed(end: End, found: Sequence[ConfiguredDevice]) -> Iterator[Finding]:
-    real = [device for device in found if device.driver.place is not None]
+    real = [device for device in found if device.settings.hardware]
     if not real:
         yield Finding(devices.GROUP, f"{end.role}'s devices", "green", "all simulated")
     elif end.process is not None:

@@ -4,23 +4,16 @@ import os
 import select
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from math import isfinite
 
 from forefeel.common.errors import ConfigurationError
+from forefeel.devices.emulation.bench import Load
 from forefeel.terminal import complain
 
 _LONGEST_LINE = 200
 _SHOWN = 40
 _CHUNK = 4096
 _MOST_N = 1e6
-
-
-@dataclass(slots=True)
-class Load:
-    """What hangs on an emulated load cell, in N; positive where it resists insertion."""
-
-    force_n: float = 0.0
 
 
 class OrderReader:

@@ -12,44 +12,47 @@ from pydantic import BaseModel
 
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.hardware.settings import CanSettings
+from forefeel.common.hardware.driver import (
+    SLOTS,
+    InstalledDriver,
+    imported,
+    installed_driver,
+    installed_drivers,
+)
 from forefeel.common.runtime.realtime import prepare_process, prepare_thread
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.configured import configured
-from forefeel.emulate import benches, can_benches
-from forefeel.emulate.benches import SerialBench, Surroundings
-from forefeel.emulate.can_hub import CanHub
-from forefeel.emulate.canopen_device import CanopenDevice
-from forefeel.emulate.orders import Load, OrderReader, OrdersFromStdin
-from forefeel.emulate.pty import Pty, PtyServer
-from forefeel.emulate.wire import Faults, Timetable
+from forefeel.devices.canopen.emulator import CanopenDevice
+from forefeel.devices.canopen.hub import CanHub
+from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.emulation.bench import Emulation, Load, SerialBench, Surroundings
+from forefeel.devices.emulation.pty import Pty, PtyServer
+from forefeel.devices.emulation.wire import Faults, Timetable
+from forefeel.emulate.orders import OrderReader, OrdersFromStdin
 from forefeel.interrupt import Stop, heeded
-from forefeel.master.settings import CoilSettings, MasterSettings
+from forefeel.master.settings import MasterSettings
 from forefeel.parent import die_with_parent
-from forefeel.slave.load_cells.settings import AsciiLineSettings, BotaSettings, Cia404Settings
+from forefeel.probe.configured import configured
 from forefeel.slave.plant.settings import WorldSettings, preset
 from forefeel.slave.settings import SlaveSettings
-from forefeel.slave.stages.settings import Cia402Settings, ZaberSettings
 
-_PRIORITY = 60  # above the loops of the daemons: hardware of its own
-_TRAVEL_M = [-0.004, 0.124]
-_SERIAL: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., SerialBench]]] = {
-    "zaber_ascii": (ZaberSettings, {"microstep_m": 1e-7, "travel_m": _TRAVEL_M}, benches.zaber),
-    "bota_serial": (BotaSettings, {"full_scale_n": 10.0}, benches.bota),
-    "ascii_line": (AsciiLineSettings, {"full_scale_n": 10.0}, benches.ascii_line),
-    "coil_serial": (
-        CoilSettings, {"counts_per_m": 1e6, "newton_per_ampere": 2.0, "max_current_a": 3.0}, benches.coil,
-    ),
-}  # fmt: skip
-_NODES: dict[str, tuple[type[BaseModel], dict[str, Any], Callable[..., CanopenDevice]]] = {
-    "cia402": (
-        Cia402Settings, {"node_id": 1, "counts_per_m": 1e7, "travel_m": _TRAVEL_M}, can_benches.drive,
-    ),
-    "cia404": (Cia404Settings, {"node_id": 2, "full_scale_n": 10.0}, can_benches.transducer),
-}  # fmt: skip
-CAN = *_NODES, "can_hub"
-DEVICES = *_SERIAL, *CAN
-_LOAD_CELLS = "bota_serial", "ascii_line", "cia404"
+_PRIORITY = 60  # of SCHED_FIFO, above the daemons' loops: the device stands for hardware of its own
+CAN_HUB = "can_hub"
+
+
+def emulated_names() -> list[str]:
+    """What `forefeel emulate` takes: every installed driver with an emulator, and the hub of CAN adapters."""
+    drivers = (driver for slot in SLOTS for driver in installed_drivers(slot))
+    return [*sorted({found.name for found in drivers if found.driver.emulator}), CAN_HUB]
+
+
+def emulated_driver(name: str) -> InstalledDriver | None:
+    """The installed driver of that name that has an emulator."""
+    for slot in SLOTS:
+        with suppress(KeyError):
+            found = installed_driver(slot, name)
+            if found.driver.emulator:
+                return found
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,14 +74,16 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
     Raises:
         InputError: an unknown device or fault, a file or a place for the port that can not be used.
     """
-    if options.device not in DEVICES:
-        raise ConfigurationError(f"{options.device!r}: expected one of {', '.join(DEVICES)}")
+    driver = emulated_driver(options.device)
+    if driver is None and options.device != CAN_HUB:
+        raise ConfigurationError(f"{options.device!r}: expected one of {', '.join(emulated_names())}")
     die_with_parent()
     prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
     faults = Faults.parse(options.faults)
     with heeded() as stop, ExitStack() as leave:
-        make = _serial if options.device in _SERIAL else _hub if options.device == "can_hub" else _node
-        running = make(options, faults, leave)
+        running = (
+            _hub(options, faults, leave) if driver is None else _emulated(driver, options, faults, leave)
+        )
         orders = OrdersFromStdin(OrderReader(running.living.faults, running.living.provoke, running.load))
         prepare_process()  # nor for its own collector of garbage
         _run(running.living, orders, duration_s, stop)
@@ -118,11 +123,23 @@ class Running(NamedTuple):
     load: Load | None = None
 
 
-def _serial(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
-    kind, defaults, build = _SERIAL[options.device]
-    settings, world = section(options, kind, defaults)
+def _emulated(driver: InstalledDriver, options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
+    emulation: Emulation = imported(str(driver.driver.emulator))
+    settings, world = section(driver, emulation, options)
     around = Surroundings(world, options.feel, options.seed)
-    bench = build(settings, around, leave)
+    load = around.load if driver.slot == "load_cell" else None
+    bench = emulation.build(settings, around, leave)
+    if isinstance(bench, SerialBench):
+        return _serial(bench, options, faults, load, leave)
+    faults.require_known(bench.faults)
+    place = f"{settings.can.interface} {settings.can.channel}"
+    print(f"{options.device} node {settings.node_id} on {place}", flush=True)
+    return Running(_OnTimetable(bench, faults), lambda: {"node": settings.node_id}, load)
+
+
+def _serial(
+    bench: SerialBench, options: EmulatorOptions, faults: Faults, load: Load | None, leave: ExitStack
+) -> Running:
     faults.require_known(("unplug", "plug", *bench.device.faults))
     port = leave.enter_context(Pty(bench.port))
     server = PtyServer(bench.device, port, bench.baud, faults, options.seed)
@@ -132,29 +149,17 @@ def _serial(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Runni
         ways = {"from_host": server.to_device, "to_host": server.to_host}
         return {**{way: dict(wire.counts) for way, wire in ways.items()}, "lost": port.lost}
 
-    return Running(server, counts, around.load if options.device in _LOAD_CELLS else None)
+    return Running(server, counts, load)
 
 
 def _hub(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
     if options.port is None:
         raise ConfigurationError("emulate can_hub: expected --port LINK,LINK")
     faults.require_known(CanHub.faults)
-    hub = can_benches.hub(options.port, faults, options.seed, leave)
+    hub = CanHub([Path(link) for link in options.port.split(",")], faults=faults, seed=options.seed)
+    leave.callback(hub.close)
     print(f"can_hub on {options.port}", flush=True)
     return Running(hub, hub.counts)
-
-
-def _node(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
-    """A CANopen device on `--port` of an slcan hub, or on the bus of the file."""
-    kind, defaults, build = _NODES[options.device]
-    settings, world = section(options, kind, defaults)
-    around = Surroundings(world, options.feel, options.seed)
-    device = build(settings, around, leave)
-    faults.require_known(device.faults)
-    place = f"{settings.can.interface} {settings.can.channel}"
-    print(f"{options.device} node {settings.node_id} on {place}", flush=True)
-    load = around.load if options.device in _LOAD_CELLS else None
-    return Running(_OnTimetable(device, faults), lambda: {"node": settings.node_id}, load)
 
 
 class _OnTimetable:
@@ -172,7 +177,7 @@ class _OnTimetable:
 
 
 def section(
-    options: EmulatorOptions, kind: type[BaseModel], defaults: dict[str, Any]
+    driver: InstalledDriver, emulation: Emulation, options: EmulatorOptions
 ) -> tuple[Any, WorldSettings]:
     """The section of the file that the driver of this device reads, and the world around it.
 
@@ -184,9 +189,9 @@ def section(
             raise ConfigurationError(
                 f"emulate {options.device}: expected --port LINK, or --config FILE that has it"
             )
-        place = {"can": _slcan(options.port)} if options.device in _NODES else {"port": options.port}
-        given = {"driver": options.device, **place, **defaults}
-        return checked(kind, given, f"emulate {options.device}"), preset("catheter")
+        place = {"can": _slcan(options.port)} if emulation.on_can else {"port": options.port}
+        given = {"driver": options.device, **place, **emulation.defaults}
+        return checked(driver.driver.settings, given, f"emulate {options.device}"), preset("catheter")
     daemon = load_daemon(options.config)
     assert isinstance(daemon, SlaveSettings | MasterSettings)
     names = [axis.name for axis in daemon.axes]
@@ -196,7 +201,7 @@ def section(
             f"--axis {options.axis}: expected one of {', '.join(names)}, the axes of {options.config}"
         )
     devices = [device.settings for device in configured(daemon) if device.axis == axis.name]
-    found = next((settings for settings in devices if isinstance(settings, kind)), None)
+    found = next((settings for settings in devices if isinstance(settings, driver.driver.settings)), None)
     if found is None:
         raise ConfigurationError(
             f"{options.config}: axis {axis.name} has no driver {options.device!r}; expected one"

@@ -8,7 +8,7 @@ import numpy as np
 
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.recording.recording import Array, Recording
-from forefeel.master.settings import MultiSineSettings, OperatorSettings
+from forefeel.devices.simulated.settings import MultiSineSettings, OperatorSettings
 
 SMOOTHING_HZ = 40.0
 """Cutoff of the low-pass that a recorded motion passes: it makes the acceleration that no encoder has."""

@@ -5,7 +5,7 @@ from math import pi
 from random import Random
 
 from forefeel.common.effects.first_order import FirstOrderLag
-from forefeel.slave.load_cells.port import VALID_SHARE, LoadCellReading
+from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading
 from forefeel.slave.plant.settings import LoadCellSettings
 
 _PERIOD_S = 1e-3

@@ -10,7 +10,7 @@ from forefeel.common.config import Settings, checked, deep_merge
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
-from forefeel.slave.load_cells.port import VALID_SHARE
+from forefeel.slave.load_cell import VALID_SHARE
 from forefeel.slave.plant.presets import PRESETS
 
 PresetName = Literal["catheter", "guidewire"]

@@ -1,7 +1,7 @@
 """The simulated world of one axis: stage, fixture, vessel and load cell on one time grid."""
 
 from forefeel.common.messages import Grip
-from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.plant.contact import plant_contact
 from forefeel.slave.plant.fixture import PlantFixture
 from forefeel.slave.plant.load_cell import PlantLoadCell
@@ -20,9 +20,13 @@ class SimulatedWorld:
 
     Steps lie on a grid that starts at the stamp of the first call, and random numbers are drawn on that
     grid: equal seeds, setpoints and grips give equal results bit for bit, however often the world is read.
+
+    Attributes:
+        observed: whether a stage or a load cell belongs to the world; else its gripper does not integrate it.
     """
 
     def __init__(self, settings: WorldSettings, seed: int) -> None:
+        self.observed = False
         self._rate_hz = settings.integration_rate_hz
         self._dt = 1.0 / self._rate_hz
         self._stage = PlantStage(settings.stage, self._dt)

@@ -18,11 +18,11 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.configured import ConfiguredDevice
-from forefeel.devices.probe import Probed
 from forefeel.doctor import examine as examining
 from forefeel.doctor.findings import Finding
 from forefeel.pki.folder import make_folder
+from forefeel.probe.configured import ConfiguredDevice
+from forefeel.probe.probe import Probed
 
 Run = Callable[[Sequence[str]], int]
 

@@ -24,7 +24,7 @@ SLAVE = {
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("warp --port {0}/p", "'warp': expected one of zaber_ascii, bota_serial"),
+        ("warp --port {0}/p", "'warp': expected one of ascii_line, bota_serial"),
         ("zaber_ascii", "expected --port LINK, or --config FILE that has it"),
         ("can_hub", "emulate can_hub: expected --port LINK,LINK"),
         (

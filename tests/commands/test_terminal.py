@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from forefeel import terminal
-from forefeel.emulate.run import DEVICES
+from forefeel.emulate.run import emulated_names
 from forefeel.loopback.hardware import HARDWARE
 from tests.commands.command_line import ROOT
 from tests.secured import make_pki
@@ -217,7 +217,7 @@ def test_a_number_that_does_not_fit_shows_that(monkeypatch: pytest.MonkeyPatch) 
         ("loopback --impairment s", {"satellite"}),
         ("loopback --hardware ", set(HARDWARE)),
         ("loopback --preset g", {"guidewire"}),
-        ("emulate ", set(DEVICES)),
+        ("emulate ", set(emulated_names())),
         ("emulate c", {"coil_serial", "cia402", "cia404", "can_hub"}),
         ("simulate --motion ", {"hand", "multisine", "sine"}),
         ("audit ", {"show", "verify"}),

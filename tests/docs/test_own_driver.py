@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cell import LoadCellReading
 from tests.docs.pages import DOCS
 
 Cell = Any  # the example is no package of ours

@@ -18,9 +18,12 @@ from tests.commands.command_line import COMMANDS
 from tests.docs.commands import tree
 from tests.docs.pages import ROOT
 
-_PRODUCT = ("common", "slave", "master", "forefeel")
+_PRODUCT = ("common", "slave", "master", "devices", "forefeel")
 _FILES = ("settings.py", "network_settings.py", "hardware/calibration.py")
-_BASES = {"DaemonSettings", "SerialSettings"}  # never a section: what derives from them is
+_BASES = {  # never a section: what derives from them is
+    "DaemonSettings", "SerialSettings", "DriverSettings", "StageDriverSettings", "GripperDriverSettings",
+    "LoadCellDriverSettings", "HandleDriverSettings",
+}  # fmt: skip
 WITHOUT_UNIT = {
     "connections", "seed", "loss", "burst_loss", "burst_length", "reorder", "duplicate", "priority",
     "flight_records", "device", "axis", "sign", "node_id", "port", "method", "force_scale",
@@ -40,7 +43,7 @@ def every_settings() -> list[type[BaseModel]]:
             if str(path).endswith(_FILES):
                 import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
     found = [each for each in subclasses(Settings) if each.__module__.split(".")[0] in _PRODUCT]
-    return [each for each in found if each.__name__ not in _BASES]
+    return [each for each in dict.fromkeys(found) if each.__name__ not in _BASES]
 
 
 def rows(page: str, anchor: str) -> dict[str, list[str]]:

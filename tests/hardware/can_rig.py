@@ -9,13 +9,13 @@ from typing import Protocol
 
 import can
 
-from forefeel.common.hardware.settings import CanSettings
-from forefeel.emulate.drive402 import Drive402
-from forefeel.emulate.transducer404 import Transducer404
-from forefeel.slave.load_cells.settings import Cia404Settings
+from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.cia402.emulator import Drive402
+from forefeel.devices.cia402.settings import Cia402Settings
+from forefeel.devices.cia404.emulator import Transducer404
+from forefeel.devices.cia404.settings import Cia404Settings
 from forefeel.slave.plant.presets import PRESETS
 from forefeel.slave.plant.settings import StageSettings
-from forefeel.slave.stages.settings import Cia402Settings
 from tests.waiting import PATIENCE_S
 
 COUNTS_PER_M = 1e6

@@ -8,9 +8,9 @@ from threading import Condition
 
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware.settings import SerialSettings
-from forefeel.emulate.device import EmulatedDevice
-from forefeel.emulate.wire import Faults, Wire
+from forefeel.devices.emulation.device import EmulatedDevice
+from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.shared.settings import SerialSettings
 
 NOW_S = 1000.0  # the host's clock when the device is switched on
 

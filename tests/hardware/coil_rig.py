@@ -8,14 +8,14 @@ import pytest
 from forefeel.common.clock import Clock, VirtualClock
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
-from forefeel.common.hardware.streams import ByteStream
 from forefeel.common.messages import Grip, SafetyState
-from forefeel.emulate.coil import CoilDevice, CoilHardware
-from forefeel.emulate.wire import Faults, Wire
-from forefeel.master.handles.coil_serial import CoilHandle
-from forefeel.master.handles.port import HandleReading, Indication
-from forefeel.master.handles.simulated import SimulatedHandle
-from forefeel.master.settings import CoilSettings
+from forefeel.devices.coil.driver import CoilHandle
+from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
+from forefeel.devices.coil.settings import CoilSettings
+from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.shared.stream import ByteStream
+from forefeel.devices.simulated.operator import SimulatedHandle
+from forefeel.master.handle import HandleReading, Indication
 
 MS = 1_000_000
 RETRY_NS = 500 * MS

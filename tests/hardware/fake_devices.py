@@ -9,8 +9,8 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.calibration import CellScale
 from forefeel.common.hardware.link import DeviceLink, LinkState
-from forefeel.slave.load_cells.port import LoadCellReading, NativeReading
-from forefeel.slave.stages.port import Home, StageReading
+from forefeel.slave.load_cell import LoadCellReading, NativeReading
+from forefeel.slave.stage import Home, StageReading
 
 S = 1_000_000_000
 

@@ -5,9 +5,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
-from forefeel.emulate.device import EmulatedDevice
-from forefeel.emulate.pty import Pty, PtyServer
-from forefeel.emulate.wire import Faults
+from forefeel.devices.emulation.device import EmulatedDevice
+from forefeel.devices.emulation.pty import Pty, PtyServer
+from forefeel.devices.emulation.wire import Faults
 from tests.hardware.can_rig import running
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from forefeel.common.hardware.ascii_line import LineParser, Unit, encode_line, parse_line
+from forefeel.devices.ascii_line.protocol import LineParser, Unit, encode_line, parse_line
 
 
 def numbers(parser: LineParser, data: bytes) -> list[float]:

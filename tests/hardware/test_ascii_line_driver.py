@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
-from forefeel.common.hardware.ascii_line import NEWTON_PER_UNIT
-from forefeel.emulate.device import EmulatedDevice
-from forefeel.emulate.line_cell import EmulatedHx711, EmulatedLoadstar
-from forefeel.emulate.sensing import Sensing
-from forefeel.emulate.wire import Faults
-from forefeel.slave.load_cells.ascii_line import AsciiLineLoadCell
-from forefeel.slave.load_cells.settings import AsciiLineSettings
-from forefeel.slave.load_cells.stuck import StuckWatch
+from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
+from forefeel.devices.ascii_line.emulator import EmulatedHx711, EmulatedLoadstar
+from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT
+from forefeel.devices.ascii_line.settings import AsciiLineSettings
+from forefeel.devices.emulation.device import EmulatedDevice
+from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.wire import Faults
+from forefeel.devices.shared.stuck import StuckWatch
 from tests.hardware.cell_bench import NOW_S, Port
 from tests.hardware.test_bota_serial import CALIBRATION, Bytes, played, slope, stamp_s
 

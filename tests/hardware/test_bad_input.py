@@ -12,14 +12,15 @@ from typing import Any
 import pytest
 import yaml
 
-from forefeel.common.hardware import cia402, cia404
-from forefeel.common.hardware.settings import SerialSettings
-from forefeel.common.hardware.streams import SerialStream
-from forefeel.emulate.bota import EmulatedBota
-from forefeel.emulate.canopen_device import CanopenDevice
-from forefeel.emulate.device import EmulatedDevice
-from forefeel.emulate.sensing import Sensing
-from forefeel.emulate.zaber import ZaberDevice
+from forefeel.devices.bota.emulator import EmulatedBota
+from forefeel.devices.canopen.emulator import CanopenDevice
+from forefeel.devices.cia402 import protocol as cia402
+from forefeel.devices.cia404 import protocol as cia404
+from forefeel.devices.emulation.device import EmulatedDevice
+from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.shared.settings import SerialSettings
+from forefeel.devices.shared.stream import SerialStream
+from forefeel.devices.zaber.emulator import ZaberDevice
 from tests.hardware.can_rig import START_M, cell_on, drive_on, new_channel, running, virtual_bus
 from tests.hardware.pty_thread import PtyThread
 from tests.hardware.zaber_rig import MODEL

@@ -5,7 +5,7 @@ from random import Random
 
 import pytest
 
-from forefeel.common.hardware.bota import FRAME_BYTES, BotaFrame, BotaParser, encode
+from forefeel.devices.bota.protocol import FRAME_BYTES, BotaFrame, BotaParser, encode
 
 GOLDEN = bytes.fromhex(
     "aa"  # header

@@ -10,15 +10,15 @@ from random import Random
 import pytest
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
-from forefeel.common.hardware.bota import BAUD, BotaFrame, encode
-from forefeel.common.hardware.device_time import DeviceTime
 from forefeel.common.hardware.link import LinkState
-from forefeel.emulate.bota import EmulatedBota
-from forefeel.emulate.sensing import Sensing
-from forefeel.emulate.wire import Faults
-from forefeel.slave.load_cells.bota_serial import BotaSerialLoadCell
-from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
-from forefeel.slave.load_cells.settings import BotaSettings
+from forefeel.devices.bota.driver import BotaSerialLoadCell
+from forefeel.devices.bota.emulator import EmulatedBota
+from forefeel.devices.bota.protocol import BAUD, BotaFrame, encode
+from forefeel.devices.bota.settings import BotaSettings
+from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.wire import Faults
+from forefeel.devices.shared.device_time import DeviceTime
+from forefeel.slave.load_cell import LoadCell, LoadCellReading
 from tests.hardware.cell_bench import NOW_S, Port
 
 NAME = "/dev/serial/by-id/bota"
@@ -287,7 +287,7 @@ def test_a_calibration_needs_a_serial_number_and_the_ports_own_counts(
     settings = calibrated(tmp_path, "B-17")
     said = refusal(Port(device(), BAUD), settings.model_copy(update={"serial": None}))
     assert "no serial number to check it by; expected load_cell.serial, the number on the device's" in said
-    monkeypatch.setattr("forefeel.slave.load_cells.serial_cell.port_serial", lambda _: "FT-9")
+    monkeypatch.setattr("forefeel.devices.shared.serial_cell.port_serial", lambda _: "FT-9")
     assert "serial = 'B-17': expected 'FT-9', the port's own, or none" in refusal(Port(device(), BAUD))
     with opened(Port(device(), BAUD), SETTINGS.model_copy(update={"serial": None})) as driver:
         assert driver.link.serial == "FT-9"

@@ -14,10 +14,10 @@ from forefeel.calibrate.carried import calibrations
 from forefeel.common.config import load_settings
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
+from forefeel.common.hardware.driver import InstalledDriver
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.yaml_file import load_yaml
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.drivers import Driver
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from tests.hardware.calibrate_bench import CELL, configure, unwritten
 from tests.hardware.fake_devices import FakeCell, Hands, SteppedClock
@@ -31,7 +31,7 @@ WALK = [0.0, 1.0, 2.0, 4.0, 2.0, 1.0, 0.0]
 def cell(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeCell:
     clock = SteppedClock()
     cell = FakeCell(clock)
-    monkeypatch.setattr(Driver, "make", lambda *_: cell)
+    monkeypatch.setattr(InstalledDriver, "make", lambda *_: cell)
     monkeypatch.setattr("forefeel.calibrate.load_cell.MonotonicClock", lambda: clock)
     monkeypatch.setattr(sys, "stdin", Hands(cell, WALK))
     monkeypatch.chdir(tmp_path)
@@ -230,7 +230,7 @@ def test_a_simulated_cell_has_nothing_to_calibrate(
 ) -> None:
     Path("slave.yaml").write_text("role: slave\n")
     assert run([*CELL, *FORCES]) == 2
-    expected = "load_cell.driver = 'simulated': nothing to calibrate; expected one of bota_serial, ascii_line"
+    expected = "load_cell.driver = 'simulated': nothing to calibrate; expected one of ascii_line, bota_serial"
     assert expected in capsys.readouterr().err
 
 

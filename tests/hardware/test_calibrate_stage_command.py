@@ -10,9 +10,9 @@ import pytest
 from forefeel.common.config import load_settings
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
+from forefeel.common.hardware.driver import InstalledDriver, installed_driver
 from forefeel.common.state.folder import LATCHED, StateFolder
-from forefeel.devices.drivers import Driver
-from forefeel.slave.stages.settings import SimulatedStageDriver
+from forefeel.devices.simulated.settings import SimulatedStageSettings
 from tests.hardware.calibrate_bench import STAGE, configure, unwritten
 from tests.hardware.fake_devices import UNPLUGGED, FakeHoming, Hands, SteppedClock
 
@@ -22,7 +22,7 @@ Run = Callable[[Sequence[str]], int]
 @pytest.fixture
 def homing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeHoming:
     homing = FakeHoming(SteppedClock())
-    monkeypatch.setattr(Driver, "make_homing", lambda *_: homing)
+    monkeypatch.setattr(InstalledDriver, "make_homing", lambda *_: homing)
     monkeypatch.setattr(sys, "stdin", Hands(says=["yes\n"]))
     monkeypatch.chdir(tmp_path)
     configure()
@@ -144,6 +144,6 @@ def test_bad_input_is_one_line_before_the_stage_is_opened(
 
 
 def test_a_driver_that_can_not_be_homed_from_here_says_so() -> None:
-    driver = Driver("stage", SimulatedStageDriver, "somewhere:Stage", "a stage")
+    driver = installed_driver("stage", "simulated")
     with pytest.raises(ConfigurationError, match=r"'simulated': can not be homed from here; use its maker's"):
-        driver.make_homing(SimulatedStageDriver(), SteppedClock())
+        driver.make_homing(SimulatedStageSettings(), SteppedClock())

@@ -2,8 +2,8 @@
 
 import pytest
 
-from forefeel.common.hardware.slcan import Frame
-from forefeel.emulate.can_hub import CanWire, SlcanAdapter, frame_s
+from forefeel.devices.canopen.hub import CanWire, SlcanAdapter, frame_s
+from forefeel.devices.canopen.slcan import Frame
 
 
 @pytest.mark.parametrize(

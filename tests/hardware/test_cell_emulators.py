@@ -5,10 +5,10 @@ from statistics import fmean, stdev
 import pytest
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.hardware.bota import BotaParser
-from forefeel.emulate.bota import EmulatedBota
-from forefeel.emulate.line_cell import EmulatedHx711, EmulatedLoadstar
-from forefeel.emulate.sensing import EmulatedSensor, Sensing
+from forefeel.devices.ascii_line.emulator import EmulatedHx711, EmulatedLoadstar
+from forefeel.devices.bota.emulator import EmulatedBota
+from forefeel.devices.bota.protocol import BotaParser
+from forefeel.devices.emulation.sensing import EmulatedSensor, Sensing
 
 
 def measured(sensing: Sensing, slope: float = 0.0, count: int = 4000) -> list[float]:

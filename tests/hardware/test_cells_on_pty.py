@@ -11,16 +11,17 @@ import pytest
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
-from forefeel.emulate.bota import EmulatedBota
-from forefeel.emulate.device import EmulatedDevice
-from forefeel.emulate.line_cell import EmulatedLoadstar
-from forefeel.emulate.pty import Pty, PtyServer
-from forefeel.emulate.sensing import Sensing
-from forefeel.emulate.wire import Faults
-from forefeel.slave.load_cells.ascii_line import AsciiLineLoadCell
-from forefeel.slave.load_cells.bota_serial import BotaSerialLoadCell
-from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
-from forefeel.slave.load_cells.settings import AsciiLineSettings, BotaSettings
+from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
+from forefeel.devices.ascii_line.emulator import EmulatedLoadstar
+from forefeel.devices.ascii_line.settings import AsciiLineSettings
+from forefeel.devices.bota.driver import BotaSerialLoadCell
+from forefeel.devices.bota.emulator import EmulatedBota
+from forefeel.devices.bota.settings import BotaSettings
+from forefeel.devices.emulation.device import EmulatedDevice
+from forefeel.devices.emulation.pty import Pty, PtyServer
+from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.wire import Faults
+from forefeel.slave.load_cell import LoadCell, LoadCellReading
 from tests.waiting import wait_until
 
 RATE_HZ = 40.0  # slow enough for a busy machine: silence begins after 125 ms

@@ -3,8 +3,14 @@
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware import cia402
-from forefeel.common.hardware.cia402 import DriveMachine, DriveState, Phase, drive_state, interpolation_period
+from forefeel.devices.cia402 import protocol as cia402
+from forefeel.devices.cia402.protocol import (
+    DriveMachine,
+    DriveState,
+    Phase,
+    drive_state,
+    interpolation_period,
+)
 
 STATUSWORD = {state: bits for state, (_, bits) in cia402.PATTERNS.items()}
 EVERY_WORD = range(1 << 16)

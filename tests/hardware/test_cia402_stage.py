@@ -10,11 +10,12 @@ import pytest
 import yaml
 
 from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
-from forefeel.common.hardware import cia301, cia402
-from forefeel.common.hardware.cia402 import DriveState
 from forefeel.common.hardware.link import LinkState
-from forefeel.emulate.drive402 import SERIAL, Drive402
-from forefeel.slave.stages.cia402 import Cia402Stage
+from forefeel.devices.canopen import cia301
+from forefeel.devices.cia402 import protocol as cia402
+from forefeel.devices.cia402.driver import Cia402Stage
+from forefeel.devices.cia402.emulator import SERIAL, Drive402
+from forefeel.devices.cia402.protocol import DriveState
 from tests.hardware.can_rig import (
     COUNTS_PER_M,
     DRIVE,

@@ -5,8 +5,9 @@ import math
 import can
 import pytest
 
-from forefeel.common.hardware import cia301, cia404
-from forefeel.emulate.transducer404 import Transducer404
+from forefeel.devices.canopen import cia301
+from forefeel.devices.cia404 import protocol as cia404
+from forefeel.devices.cia404.emulator import Transducer404
 from tests.hardware.can_rig import CELL, new_channel, virtual_bus
 
 # Requests and answers of a Baumer DST strain sensor, from its CANopen manual; the last bytes of requests are

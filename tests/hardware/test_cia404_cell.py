@@ -9,12 +9,12 @@ import pytest
 import yaml
 
 from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
-from forefeel.common.hardware.can_network import acquire, release
 from forefeel.common.hardware.link import LinkState
-from forefeel.emulate.transducer404 import SERIAL, Transducer404
-from forefeel.slave.load_cells.cia404 import Cia404LoadCell
-from forefeel.slave.load_cells.port import LoadCellReading
-from forefeel.slave.stages.cia402 import Cia402Stage
+from forefeel.devices.canopen.network import acquire, release
+from forefeel.devices.cia402.driver import Cia402Stage
+from forefeel.devices.cia404.driver import Cia404LoadCell
+from forefeel.devices.cia404.emulator import SERIAL, Transducer404
+from forefeel.slave.load_cell import LoadCellReading
 from tests.hardware.can_rig import (
     cell_on,
     cell_settings,

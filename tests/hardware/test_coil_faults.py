@@ -6,10 +6,10 @@ from math import sin
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware.coil import Flag
 from forefeel.common.hardware.link import LinkState
-from forefeel.emulate.coil import CoilDevice, CoilHardware
-from forefeel.emulate.wire import Faults, Wire
+from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
+from forefeel.devices.coil.protocol import Flag
+from forefeel.devices.emulation.wire import Faults, Wire
 from tests.hardware.coil_rig import RETRY_NS, Bench, fallen, opened, state
 
 RETRY_MS = RETRY_NS // 1_000_000

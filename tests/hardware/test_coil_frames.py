@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.hardware.coil import (
+from forefeel.common.messages import SafetyState
+from forefeel.devices.coil.protocol import (
     MAX_BUFFER,
     Button,
     CoilCommand,
@@ -17,7 +18,6 @@ from forefeel.common.hardware.coil import (
     Identify,
     encode,
 )
-from forefeel.common.messages import SafetyState
 
 STATE = CoilState(65_535, 4_294_967_295, -123_456, 58_000, Button.DEADMAN, Flag.NOT_HOMED, -1500)
 COMMAND = CoilCommand(258, -1500, SafetyState.ARMED, 12_300, True)
@@ -96,7 +96,7 @@ def test_noise_without_an_end_is_not_kept_and_costs_no_frame_after_it(length: in
 def test_a_frame_of_another_length_or_kind_is_counted_though_its_checksum_is_right() -> None:
     from cobs import cobs
 
-    from forefeel.common.hardware.crc import crc_ccitt_false
+    from forefeel.devices.shared.crc import crc_ccitt_false
 
     counters = Counter[str]()
     parser = CoilParser(counters)

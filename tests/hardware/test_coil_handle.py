@@ -8,9 +8,9 @@ import pytest
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.link import LinkState
 from forefeel.common.messages import Grip, SafetyState
-from forefeel.emulate.coil import CoilDevice, CoilHardware
-from forefeel.emulate.wire import Faults, Wire
-from forefeel.master.handles.port import Indication
+from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
+from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.master.handle import Indication
 from tests.hardware.coil_rig import Bench, Hand, fallen, opened, state
 
 # --- what goes through ---

@@ -11,11 +11,11 @@ import pytest
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
-from forefeel.emulate.coil import CoilDevice, CoilHardware
-from forefeel.emulate.pty import Pty, PtyServer
-from forefeel.emulate.wire import Faults
+from forefeel.devices.coil.driver import CoilHandle
+from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
+from forefeel.devices.emulation.pty import Pty, PtyServer
+from forefeel.devices.emulation.wire import Faults
 from forefeel.master.daemon import make_handle
-from forefeel.master.handles.coil_serial import CoilHandle
 from tests.hardware.coil_rig import Hand, coil_settings
 from tests.waiting import wait_until
 

@@ -3,24 +3,25 @@
 import json
 import re
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from forefeel.common.config import Settings
 from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.driver import (
+    SLOTS,
+    Driver,
+    DriverSettings,
+    InstalledDriver,
+    imported,
+    installed_drivers,
+)
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.configured import ConfiguredDevice, configured
-from forefeel.devices.drivers import DRIVERS, Driver, Slot
-from forefeel.devices.ports import can_interfaces, serial_ports
-from forefeel.master.settings import HandleSettings
-from forefeel.slave.load_cells.settings import LoadCellDriver
-from forefeel.slave.settings import GripperDriver
-from forefeel.slave.stages.settings import StageDriver
+from forefeel.probe.configured import ConfiguredDevice, configured
+from forefeel.probe.ports import can_interfaces, serial_ports
 from forefeel.speaking import warn_of_latency
 from tests.hardware.fake_devices import FakeCell, FakeHandle, FakeStage, SteppedClock
 
@@ -46,22 +47,22 @@ class Bench:
         self.stage, self.load_cell = FakeStage(self.clock), FakeCell(self.clock)
         self.handle = FakeHandle(self.clock)
 
-    def make(self, driver: Driver) -> Any:  # noqa: ANN401
+    def make(self, driver: InstalledDriver) -> Any:  # noqa: ANN401
         return getattr(self, driver.slot)
 
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Bench:
     bench = Bench()
-    monkeypatch.setattr(Driver, "make", lambda driver, *_: bench.make(driver))
-    monkeypatch.setattr("forefeel.devices.probing.MonotonicClock", lambda: bench.clock)
+    monkeypatch.setattr(InstalledDriver, "make", lambda driver, *_: bench.make(driver))
+    monkeypatch.setattr("forefeel.probe.probing.MonotonicClock", lambda: bench.clock)
     monkeypatch.chdir(tmp_path)
     Path("slave.yaml").write_text(SLAVE)
     Path("master.yaml").write_text(MASTER)
     return bench
 
 
-class NetworkCell(Settings):
+class NetworkCell(DriverSettings):
     """A load cell behind a socket: its port is no serial one."""
 
     driver: Literal["network"] = "network"
@@ -71,9 +72,10 @@ class NetworkCell(Settings):
 def test_a_port_that_is_a_number_is_probed_and_is_no_serial_port(
     bench: Bench, run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    device = ConfiguredDevice("insertion", NetworkCell(), Driver("load_cell", NetworkCell, "a:b", "a cell"))
+    driver = InstalledDriver("load_cell", "network", "elsewhere", "1.0", Driver(NetworkCell, "a:b", "a cell"))
+    device = ConfiguredDevice("insertion", NetworkCell(), driver)
     assert device.serial_port is None
-    monkeypatch.setattr("forefeel.devices.probing.configured", lambda _: [device])
+    monkeypatch.setattr("forefeel.probe.probing.configured", lambda _: [device])
     assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "0.5"]) == 0
     assert "insertion load_cell: network on 5000: ready; " in capsys.readouterr().out
 
@@ -81,37 +83,28 @@ def test_a_port_that_is_a_number_is_probed_and_is_no_serial_port(
 # --- the registry ---
 
 
-@pytest.mark.parametrize(
-    ("slot", "union"),
-    [
-        ("stage", StageDriver),
-        ("load_cell", LoadCellDriver),
-        ("handle", HandleSettings),
-        ("gripper", GripperDriver),
-    ],
-)
-def test_every_settings_class_of_a_slot_has_one_driver(slot: Slot, union: Any) -> None:  # noqa: ANN401
-    kinds = get_args(get_args(union)[0]) if get_args(union) else (union,)
-    found = [driver.settings for driver in DRIVERS if driver.slot == slot]
-    assert sorted(found, key=str) == sorted(kinds, key=str)
+DRIVERS = [found for slot in SLOTS for found in installed_drivers(slot)]
 
 
-@pytest.mark.parametrize("place", [p for d in DRIVERS for p in (d.place, d.homing) if p])
-def test_every_driver_can_be_imported(place: str) -> None:
-    module, _, name = place.partition(":")
-    assert isinstance(getattr(import_module(module), name), type)
+@pytest.mark.parametrize("found", DRIVERS, ids=lambda found: f"{found.slot} {found.name}")
+def test_every_place_that_a_driver_names_can_be_imported(found: InstalledDriver) -> None:
+    driver = found.driver
+    for place in (driver.make, driver.homing, driver.emulator):
+        assert place is None or imported(place) is not None
 
 
 @pytest.mark.parametrize("text", re.findall(r"```yaml\n(.*?)```", HOW_TO.read_text(), re.DOTALL))
 def test_the_configurations_of_the_how_to_are_accepted(tmp_path: Path, text: str) -> None:
     (tmp_path / "daemon.yaml").write_text(text)
     devices = configured(load_daemon(tmp_path / "daemon.yaml"))
-    assert any(device.driver.place and device.where for device in devices)
+    assert any(device.settings.hardware and device.where for device in devices)
 
 
 def test_the_how_to_shows_every_driver_with_hardware() -> None:
     text = HOW_TO.read_text()
-    assert [driver.name for driver in DRIVERS if driver.place and f"driver: {driver.name}" not in text] == []
+    assert [
+        each.name for each in DRIVERS if each.driver.settings.hardware and f"driver: {each.name}" not in text
+    ] == []
 
 
 # --- devices ---
@@ -134,10 +127,10 @@ def test_serial_ports_have_stable_names_ids_and_a_slow_timer_is_said(
     ports = [port(str(tmp_path / "ttyUSB1"), 0x0403, "A50"), port(str(tmp_path / "ttyUSB0"))]
     monkeypatch.setattr(list_ports, "comports", lambda: ports)
     monkeypatch.setattr(
-        "forefeel.common.hardware.streams.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
+        "forefeel.devices.shared.stream.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
     )
     monkeypatch.setattr(
-        "forefeel.devices.ports.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
+        "forefeel.probe.ports.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
     )
     plain, ftdi = serial_ports(by_id)
     assert (plain.device, plain.stable, plain.usb, plain.advice) == (ports[1].device, None, None, None)
@@ -169,7 +162,7 @@ def test_devices_are_listed_for_a_person_and_for_a_program(
     assert run(["devices"]) == 0
     shown = capsys.readouterr().out
     assert "0403:6001" in shown
-    assert all(driver.name in shown and driver.what in shown for driver in DRIVERS)
+    assert all(each.name in shown and each.driver.what in shown for each in DRIVERS)
     assert run(["devices", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["schema"] == "forefeel.devices/1"
@@ -224,7 +217,7 @@ def test_a_slow_latency_timer_is_said_by_the_probe_and_by_the_daemons_at_their_s
     run: Run, bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     timers = {"/dev/cell": 16, "/dev/stage": 1, "/dev/handle": 4}
-    monkeypatch.setattr("forefeel.common.hardware.streams.latency_timer_ms", timers.get)
+    monkeypatch.setattr("forefeel.devices.shared.stream.latency_timer_ms", timers.get)
     said = "latency timer {} ms, expected 1 (deploy/udev sets it)"
     assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "1"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f"  /dev/cell: {said.format(16)}"

@@ -2,9 +2,9 @@
 
 import pytest
 
-from forefeel.common.hardware import cia402
-from forefeel.common.hardware.cia402 import DriveState
-from forefeel.emulate.drive402_model import FOLLOWING, HEARTBEAT_LOST, DriveModel
+from forefeel.devices.cia402 import protocol as cia402
+from forefeel.devices.cia402.emulator import FOLLOWING, HEARTBEAT_LOST, DriveModel
+from forefeel.devices.cia402.protocol import DriveState
 from tests.hardware.can_rig import COUNTS_PER_M, START_M, mechanics
 
 SYNC_S = 0.004

@@ -7,10 +7,9 @@ import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
 
-from forefeel.common.hardware.cia402 import DriveState
-from forefeel.emulate.canopen_device import object_dictionary
-from forefeel.emulate.drive402 import Drive402, contents
-from forefeel.emulate.drive402_homing import HomingPhase
+from forefeel.devices.canopen.emulator import object_dictionary
+from forefeel.devices.cia402.emulator import Drive402, HomingPhase, contents
+from forefeel.devices.cia402.protocol import DriveState
 from tests.hardware.can_rig import (
     COUNTS_PER_M,
     DRIVE,

@@ -6,10 +6,10 @@ from random import Random
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware import cia402
-from forefeel.common.hardware.cia402 import DriveState, Phase
-from forefeel.slave.stages.drive_cycle import DriveCycle, Readback, Tracker
-from forefeel.slave.stages.setpoint import Setpoint, Wanted
+from forefeel.devices.cia402 import protocol as cia402
+from forefeel.devices.cia402.driver import DriveCycle, Readback, Tracker
+from forefeel.devices.cia402.protocol import DriveState, Phase
+from forefeel.devices.shared.setpoint import Setpoint, Wanted
 
 PERIOD_S = 0.004
 PERIOD_NS = 4_000_000

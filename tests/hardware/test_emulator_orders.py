@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.emulate.orders import Load, OrderReader, OrdersFromStdin
+from forefeel.devices.emulation.bench import Load
+from forefeel.emulate.orders import OrderReader, OrdersFromStdin
 
 Run = Callable[[Sequence[str]], int]
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.hardware.ascii_line import COUNTS_RANGE, LineParser, Unit, encode_line
-from forefeel.common.hardware.bota import FRAME_BYTES, BotaFrame, BotaParser, encode
+from forefeel.devices.ascii_line.protocol import COUNTS_RANGE, LineParser, Unit, encode_line
+from forefeel.devices.bota.protocol import FRAME_BYTES, BotaFrame, BotaParser, encode
 
 _A = BotaFrame(0, 1.0, 2.0, 3.0, 0.5, 0.25, 0.125, 1000, 25.0)
 _B = _A._replace(fz_n=-3.0, t_us=2250)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.hardware.coil import MAX_BUFFER, CoilIdentity, CoilParser, encode
+from forefeel.devices.coil.protocol import MAX_BUFFER, CoilIdentity, CoilParser, encode
 from tests.hardware.test_coil_frames import COMMAND, IDENTITY, STATE
 
 _VALID = encode(STATE) + encode(COMMAND) + encode(IDENTITY) + encode(STATE)

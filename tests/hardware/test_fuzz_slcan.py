@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.hardware.slcan import Frame, SlcanParser, encoded
-from forefeel.emulate.can_hub import SlcanAdapter
+from forefeel.devices.canopen.hub import SlcanAdapter
+from forefeel.devices.canopen.slcan import Frame, SlcanParser, encoded
 
 GOOD = [Frame(0x185, bytes(range(6))), Frame(0x5, b""), Frame(0x18DAF110, b"\xff" * 8, True)]
 STREAM = b"".join(map(encoded, GOOD))

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.hardware.zaber import CommandEncoder, Parser, Reply
-from forefeel.emulate.zaber import ZaberDevice
+from forefeel.devices.zaber.emulator import ZaberDevice
+from forefeel.devices.zaber.protocol import CommandEncoder, Parser, Reply
 from tests.hardware.test_zaber_protocol import line, reply
 
 _SENTINEL = b"\r\n" + line(42, "4242")

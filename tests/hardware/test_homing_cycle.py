@@ -5,13 +5,12 @@ from collections.abc import Callable
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware import cia402
-from forefeel.common.hardware.cia402 import PATTERNS, DriveState, Phase
-from forefeel.emulate.drive402_homing import HomingPhase
-from forefeel.emulate.drive402_model import DriveModel
-from forefeel.slave.stages.drive_cycle import DriveCycle, Readback
-from forefeel.slave.stages.homing_cycle import HomingCycle
-from forefeel.slave.stages.setpoint import Setpoint
+from forefeel.devices.cia402 import protocol as cia402
+from forefeel.devices.cia402.driver import DriveCycle, Readback
+from forefeel.devices.cia402.emulator import DriveModel, HomingPhase
+from forefeel.devices.cia402.homing import HomingCycle
+from forefeel.devices.cia402.protocol import PATTERNS, DriveState, Phase
+from forefeel.devices.shared.setpoint import Setpoint
 from tests.hardware.can_rig import COUNTS_PER_M, START_M, mechanics
 
 SYNC_S = 0.004

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from forefeel.emulate.line_speed import host_baud, misheard, set_baud
+from forefeel.devices.emulation.pty import host_baud, misheard, set_baud
 
 TEXT = b"/1 1 00 get pos:8D\n" * 3
 

@@ -8,9 +8,9 @@ from threading import Event, Thread
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware import streams
-from forefeel.common.hardware.settings import SerialSettings
-from forefeel.common.hardware.streams import SerialStream
+from forefeel.devices.shared import stream as streams
+from forefeel.devices.shared.settings import SerialSettings
+from forefeel.devices.shared.stream import SerialStream
 
 SENT = b"\x55" * 30_000
 

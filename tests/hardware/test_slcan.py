@@ -8,9 +8,9 @@ import can
 import pytest
 
 from forefeel.common.errors import DeviceSetupError
-from forefeel.common.hardware.can_bus import SlcanBus, open_bus
-from forefeel.common.hardware.settings import CanSettings
-from forefeel.common.hardware.slcan import Frame, SlcanParser, decoded, encoded
+from forefeel.devices.canopen.bus import SlcanBus, open_bus
+from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.canopen.slcan import Frame, SlcanParser, decoded, encoded
 from tests.hardware.can_rig import new_channel
 
 GOOD = Frame(0x123, b"\xaa\xbb")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.emulate.wall import ForceReceiver, ForceSender, Wall
+from forefeel.devices.emulation.contact import ContactSimulation, ForceReceiver, ForceSender
 from forefeel.slave.plant.settings import world_settings
 
 SPRING = {
@@ -24,7 +24,7 @@ SPRING = {
 
 
 def test_the_wall_answers_the_motion_of_the_stage() -> None:
-    wall = Wall(world_settings(SPRING))
+    wall = ContactSimulation(world_settings(SPRING))
     speed, rate = 0.02, 1.0
     for step in range(1, 2001):
         t = step * 1e-3

@@ -5,9 +5,8 @@ from math import sqrt
 import pytest
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.hardware.zaber import Alert, CommandEncoder, Message, Parser, Reply
-from forefeel.emulate.zaber import ZaberDevice
-from forefeel.emulate.zaber_settings import ZaberModel
+from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
+from forefeel.devices.zaber.protocol import Alert, CommandEncoder, Message, Parser, Reply
 
 UNHOMED = ZaberModel(homed=False, start_m=0.02)
 

@@ -11,7 +11,7 @@ import yaml
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
-from forefeel.emulate.zaber_settings import ZaberModel
+from forefeel.devices.zaber.emulator import ZaberModel
 from tests.hardware.zaber_rig import MODEL, Rig, for_seconds
 
 

@@ -7,8 +7,7 @@ from types import ModuleType
 
 import pytest
 
-from forefeel.emulate.zaber import ZaberDevice
-from forefeel.emulate.zaber_settings import ZaberModel
+from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
 from tests.hardware.pty_thread import PtyThread
 
 MODEL = ZaberModel(homed=False, start_m=0.003, limits_m=(0.0, 0.02))

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.hardware.zaber import (
+from forefeel.devices.zaber.protocol import (
     WARNINGS,
     Alert,
     CommandEncoder,

@@ -8,9 +8,9 @@ import pytest
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
-from forefeel.emulate.zaber import ZaberDevice
-from forefeel.slave.stages.zaber_ascii import ZaberStage
-from forefeel.slave.stages.zaber_homing import ZaberHoming
+from forefeel.devices.zaber.driver import ZaberStage
+from forefeel.devices.zaber.emulator import ZaberDevice
+from forefeel.devices.zaber.homing import ZaberHoming
 from tests.hardware.pty_thread import PtyThread
 from tests.hardware.zaber_rig import MODEL, Rig, settings
 from tests.waiting import wait_until

@@ -8,7 +8,7 @@ import pytest
 
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.link import LinkState
-from forefeel.slave.stages.zaber_ascii import ZaberStage
+from forefeel.devices.zaber.driver import ZaberStage
 from tests.hardware.zaber_rig import MODEL, Rig, for_seconds
 
 MS = 1_000_000

@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterator
 
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware.conversation import Conversation
 from forefeel.common.hardware.link import LinkState
-from forefeel.common.hardware.settings import SerialSettings
-from forefeel.emulate.wire import Faults, Wire
-from forefeel.emulate.zaber import ZaberDevice
-from forefeel.emulate.zaber_settings import ZaberModel
-from forefeel.slave.stages.settings import ZaberSettings
-from forefeel.slave.stages.zaber_ascii import ZaberStage
+from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.shared.conversation import Conversation
+from forefeel.devices.shared.settings import SerialSettings
+from forefeel.devices.zaber.driver import ZaberStage
+from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
+from forefeel.devices.zaber.settings import ZaberSettings
 
 MODEL = ZaberModel(limits_m=(-0.005, 0.1), start_m=0.01)
 _TICK_NS = 1_000_000

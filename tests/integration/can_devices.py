@@ -3,8 +3,8 @@
 import sys
 import time
 
-from forefeel.common.hardware.can_bus import open_bus
-from forefeel.common.hardware.settings import CanSettings
+from forefeel.devices.canopen.bus import open_bus
+from forefeel.devices.canopen.settings import CanSettings
 from tests.hardware.can_rig import drive_on
 
 

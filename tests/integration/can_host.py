@@ -4,9 +4,9 @@ import sys
 import time
 
 from forefeel.common.clock import MonotonicClock
-from forefeel.common.hardware.settings import CanSettings
-from forefeel.slave.stages import drive_cycle
-from forefeel.slave.stages.cia402 import Cia402Stage
+from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.cia402 import driver as drive_cycle
+from forefeel.devices.cia402.driver import Cia402Stage
 from tests.hardware.can_rig import START_M, stage_settings
 
 HEARTBEAT_S = 0.3

@@ -17,19 +17,18 @@ from forefeel.common.hardware.calibration import (
     load_cell_calibration,
     stage_calibration,
 )
-from forefeel.common.hardware.cia402 import DriveState
-from forefeel.common.hardware.settings import CanSettings
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.configured import configured
-from forefeel.emulate.drive402 import SERIAL as DRIVE_SERIAL
-from forefeel.emulate.drive402 import Drive402
-from forefeel.emulate.line_cell import EmulatedHx711
-from forefeel.emulate.orders import Load
-from forefeel.emulate.sensing import Sensing
-from forefeel.emulate.transducer404 import SERIAL as CELL_SERIAL
-from forefeel.emulate.zaber import ZaberDevice
-from forefeel.emulate.zaber_settings import ZaberModel
-from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
+from forefeel.devices.ascii_line.emulator import EmulatedHx711
+from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.cia402.emulator import SERIAL as DRIVE_SERIAL
+from forefeel.devices.cia402.emulator import Drive402
+from forefeel.devices.cia402.protocol import DriveState
+from forefeel.devices.cia404.emulator import SERIAL as CELL_SERIAL
+from forefeel.devices.emulation.bench import Load
+from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
+from forefeel.probe.configured import configured
+from forefeel.slave.load_cell import LoadCell, LoadCellReading
 from tests.hardware.calibrate_bench import CELL, STAGE
 from tests.hardware.can_rig import (
     COUNTS_PER_M,

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from forefeel.common.hardware.calibration import CellScale, load_cell_calibration
-from forefeel.slave.load_cells.bota_serial import BotaSerialLoadCell
-from forefeel.slave.load_cells.port import LoadCellReading
-from forefeel.slave.load_cells.settings import BotaSettings
+from forefeel.devices.bota.driver import BotaSerialLoadCell
+from forefeel.devices.bota.settings import BotaSettings
+from forefeel.slave.load_cell import LoadCellReading
 from tests.waiting import PATIENCE_S, wait_until
 
 SLAVE = """role: slave

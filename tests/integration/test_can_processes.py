@@ -13,14 +13,14 @@ import can
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware.can_bus import open_bus
-from forefeel.common.hardware.cia402 import DriveState
 from forefeel.common.hardware.link import LinkState
-from forefeel.common.hardware.settings import CanSettings
-from forefeel.emulate.can_hub import CanHub
-from forefeel.emulate.wire import Faults
-from forefeel.slave.load_cells.cia404 import Cia404LoadCell
-from forefeel.slave.stages.cia402 import Cia402Stage
+from forefeel.devices.canopen.bus import open_bus
+from forefeel.devices.canopen.hub import CanHub
+from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.cia402.driver import Cia402Stage
+from forefeel.devices.cia402.protocol import DriveState
+from forefeel.devices.cia404.driver import Cia404LoadCell
+from forefeel.devices.emulation.wire import Faults
 from tests.hardware.can_rig import (
     START_M,
     cell_on,
@@ -148,8 +148,8 @@ def test_bad_lines_are_counted_and_the_others_arrive(tmp_path: Path, faults: str
 
 def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # a busy machine is silent for longer than a drive may be
-    monkeypatch.setattr("forefeel.slave.stages.drive_cycle.SILENT_S", CALM_S)
-    monkeypatch.setattr("forefeel.slave.load_cells.cia404._SILENT_S", CALM_S)
+    monkeypatch.setattr("forefeel.devices.cia402.driver.SILENT_S", CALM_S)
+    monkeypatch.setattr("forefeel.devices.cia404.driver._SILENT_S", CALM_S)
     links = [tmp_path / name for name in ("host", "drive", "cell")]
     buses = [CanSettings(interface="slcan", channel=str(link)) for link in links]
     hub = CanHub(links)

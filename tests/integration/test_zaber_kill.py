@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.emulate.zaber import ZaberDevice
+from forefeel.devices.zaber.emulator import ZaberDevice
 from tests.hardware.pty_thread import PtyThread
 from tests.hardware.zaber_rig import MODEL, settings
 from tests.waiting import wait_until
@@ -17,8 +17,8 @@ pytestmark = pytest.mark.usefixtures("ahead_of_other_work")
 LEAD_S, FASTEST_M_S, HARDEST_M_S2 = 0.06, 0.1, 2.0
 _HOST = """
 import sys, time
-from forefeel.slave.stages.settings import ZaberSettings
-from forefeel.slave.stages.zaber_ascii import ZaberStage
+from forefeel.devices.zaber.settings import ZaberSettings
+from forefeel.devices.zaber.driver import ZaberStage
 stage = ZaberStage(ZaberSettings.model_validate_json(sys.argv[1]))
 stage.open()
 start_ns = time.monotonic_ns()

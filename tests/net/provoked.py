@@ -16,9 +16,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from forefeel.__main__ import main as run_command_line
-from forefeel.emulate import benches, pty
-from forefeel.emulate.benches import Surroundings
-from forefeel.emulate.wire import Timetable
+from forefeel.devices.emulation import bench, pty
+from forefeel.devices.emulation.bench import Surroundings
+from forefeel.devices.emulation.wire import Timetable
+from forefeel.devices.zaber import emulator
 
 ROW = struct.Struct("<qdd")
 OnMotion = Callable[[float, float, float, float], None]
@@ -38,7 +39,7 @@ class Provocation(Timetable):
 @contextmanager
 def told(path: Path) -> Iterator[None]:
     """The motion of the stage that is made meanwhile is added to the file at the end."""
-    original, rows = benches.moved, bytearray()
+    original, rows = bench.moved, bytearray()
 
     def moved(around: Surroundings, sign: int, leave: ExitStack) -> OnMotion:
         inner = original(around, sign, leave)
@@ -49,11 +50,11 @@ def told(path: Path) -> Iterator[None]:
 
         return on_motion
 
-    benches.moved = moved
+    setattr(emulator, "moved", moved)  # noqa: B010 - what `build` looks up
     try:
         yield
     finally:
-        benches.moved = original
+        setattr(emulator, "moved", original)  # noqa: B010
         if rows:
             with path.open("ab") as file:
                 file.write(rows)

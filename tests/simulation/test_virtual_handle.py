@@ -7,9 +7,9 @@ import pytest
 
 from forefeel.common.clock import Clock
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS, MASTER_STATE, SLAVE_STATE
-from forefeel.emulate.coil import CoilDevice
-from forefeel.master.handles.coil_serial import CoilHandle
-from forefeel.master.settings import CoilSettings
+from forefeel.devices.coil.driver import CoilHandle
+from forefeel.devices.coil.emulator import CoilDevice
+from forefeel.devices.coil.settings import CoilSettings
 from tests.hardware.coil_rig import MS, Line, SteppedCoil, coil_settings
 from tests.simulation.pair import Pair, S
 
@@ -27,7 +27,7 @@ class Rig:
             self.handle = SteppedCoil(settings, clock, self.line)
             return self.handle
 
-        monkeypatch.setattr("forefeel.master.daemon.CoilHandle", stepped)
+        monkeypatch.setattr("forefeel.devices.coil.driver.CoilHandle", stepped)
         master: dict[str, Any] = {"axes": [{"handle": coil_settings().model_dump()}]}
         self.pair = Pair(master=master)
         self.currents_a = list[float]()

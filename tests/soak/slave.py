@@ -10,8 +10,8 @@ from pathlib import Path
 
 from forefeel.common.config import load_settings
 from forefeel.daemons import run_slave
-from forefeel.slave.load_cells.port import LoadCellReading
-from forefeel.slave.load_cells.simulated import SimulatedLoadCell
+from forefeel.devices.simulated.driver import SimulatedLoadCell
+from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.settings import SlaveSettings
 
 _SAYS_NAN = {"now": False}

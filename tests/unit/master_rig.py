@@ -27,7 +27,7 @@ from forefeel.common.settings import AxisLimits, settings_hash, shared_text
 from forefeel.common.topics import Qos
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.master.axis import MasterAxis
-from forefeel.master.handles.port import HandleReading, Indication
+from forefeel.master.handle import HandleReading, Indication
 from forefeel.master.haptics import HapticLoop
 from forefeel.master.identification import IdentificationTask
 from forefeel.master.prediction import Present

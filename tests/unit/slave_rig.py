@@ -25,9 +25,9 @@ from forefeel.common.transport.memory import MemoryBus
 from forefeel.common.transport.port import Put
 from forefeel.slave.axis import SlaveAxis
 from forefeel.slave.devices import Devices
-from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.settings import GateSettings, SlaveAxisSettings
-from forefeel.slave.stages.port import StageReading
+from forefeel.slave.stage import StageReading
 
 MS = 1_000_000
 START_M = 0.02

@@ -8,8 +8,8 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.messages import ForceSample, Grip, MotionCommand, SafetyState
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.slave.answers import ForceAnswers, Instant
-from forefeel.slave.load_cells.port import LoadCellReading
-from forefeel.slave.stages.port import StageReading
+from forefeel.slave.load_cell import LoadCellReading
+from forefeel.slave.stage import StageReading
 from tests.unit.slave_rig import MS, SlaveRig
 
 

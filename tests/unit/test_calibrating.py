@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.common.hardware.calibrating import (
+from forefeel.calibrate.measuring import (
     Level,
     Step,
     Travel,
@@ -23,6 +22,7 @@ from forefeel.common.hardware.calibrating import (
     travel_of,
     walk_of,
 )
+from forefeel.common.errors import ConfigurationError, RunError
 
 
 def still(native: float) -> Level:

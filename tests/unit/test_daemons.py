@@ -47,7 +47,7 @@ def test_a_slave_that_can_not_begin_closes_its_devices_and_its_transport(
 ) -> None:
     stage, opened = FakeStage(), list[bool]()
     monkeypatch.setattr(
-        "forefeel.slave.daemon._devices", lambda _: Devices(stage, FakeGripper(), FakeLoadCell())
+        "forefeel.slave.daemon._devices", lambda *_: Devices(stage, FakeGripper(), FakeLoadCell())
     )
 
     def refuse(*_: object) -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.topics import Role
-from forefeel.devices.probe import Probed, Quantiles
 from forefeel.doctor.access import Tried, judge_access
 from forefeel.doctor.calibrations import Calibrated, judge_calibration
 from forefeel.doctor.certificates import Certificate, judge_certificate, judge_exposure
@@ -28,6 +27,7 @@ from forefeel.doctor.realtime import Kernel, Loop, judge_kernel, judge_loop
 from forefeel.doctor.settings import judge_agreement, load_files
 from forefeel.doctor.software import Package, judge_software
 from forefeel.doctor.storage import Folder, judge_folder
+from forefeel.probe.probe import Probed, Quantiles
 from forefeel.reaching import Obstacle, Reached
 
 MS = 1_000_000

@@ -17,7 +17,6 @@ from forefeel.common.clock import now_utc
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.transport.pki import read_identity
 from forefeel.common.transport.security import Party, secured
-from forefeel.devices.configured import configured
 from forefeel.doctor.access import Tried, try_access
 from forefeel.doctor.calibrations import judge_calibration, read_calibration
 from forefeel.doctor.certificates import find_identity, read_folder
@@ -27,6 +26,7 @@ from forefeel.doctor.realtime import measure_loop, read_kernel
 from forefeel.doctor.software import judge_software, python_version, read_packages
 from forefeel.doctor.storage import examine_folder
 from forefeel.pki.folder import make_folder
+from forefeel.probe.configured import configured
 from forefeel.slave.settings import SlaveSettings
 
 CELL = "cathlab"

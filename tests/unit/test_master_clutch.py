@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.master.clutch import Clutch
-from forefeel.master.handles.port import HandleReading
+from forefeel.master.handle import HandleReading
 
 METRE = st.floats(-1.0, 1.0)
 

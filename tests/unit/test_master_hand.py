@@ -6,7 +6,7 @@ from math import nan
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.master.handles.port import HandleReading
+from forefeel.master.handle import HandleReading
 from tests.unit.master_rig import MS, Rig, linked
 
 rig = pytest.fixture(linked, name="rig")

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from forefeel.common.estimation.forecast import Estimate
 from forefeel.common.messages import ForceSample, Grip, SafetyState
-from forefeel.master.handles.port import HandleReading
+from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.prediction import Present
 from forefeel.master.settings import RenderingSettings

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.master.handles.motion import Arm, MinimumJerk, Tremor
+from forefeel.devices.simulated.operator import Arm, MinimumJerk, Tremor
 
 METRE = st.floats(-0.5, 0.5)
 DURATION = st.floats(0.05, 60.0)

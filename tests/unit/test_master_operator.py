@@ -3,9 +3,9 @@ from itertools import pairwise
 import pytest
 
 from forefeel.common.messages import SafetyState
-from forefeel.master.handles.operator import Operator
-from forefeel.master.handles.port import HandleReading, Indication
-from forefeel.master.settings import OperatorSettings
+from forefeel.devices.simulated.operator import Operator
+from forefeel.devices.simulated.settings import OperatorSettings
+from forefeel.master.handle import HandleReading, Indication
 
 MS = 1_000_000
 S = SafetyState

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.messages import SafetyState
-from forefeel.master.handles.operator_policy import REACTION_S, Act, SimulatedOperatorPolicy
+from forefeel.devices.simulated.operator import REACTION_S, Act, SimulatedOperatorPolicy
 
 S = SafetyState
 STATES = (None, *SafetyState)

@@ -9,8 +9,8 @@ from forefeel.common.errors import RecordingError
 from forefeel.common.messages import SafetyState
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
-from forefeel.master.handles.playback import MultiSine, PiecewiseMotion, Playback, RecordedMotion
-from forefeel.master.handles.port import HandleReading, Indication
+from forefeel.devices.simulated.playback import MultiSine, PiecewiseMotion, Playback, RecordedMotion
+from forefeel.master.handle import HandleReading, Indication
 
 MS = 1_000_000
 S = SafetyState

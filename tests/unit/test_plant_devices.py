@@ -6,20 +6,23 @@ from statistics import fmean, stdev
 
 import pytest
 
+from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import DeviceError, RecordingError
 from forefeel.common.messages import Grip
+from forefeel.devices.simulated.driver import (
+    SimulatedGripper,
+    SimulatedLoadCell,
+    SimulatedStage,
+)
+from forefeel.devices.simulated.recorded import RecordedLoadCell
 from forefeel.slave.daemon import _devices
-from forefeel.slave.grippers.port import Gripper
-from forefeel.slave.grippers.simulated import SimulatedGripper, UnseenGripper
-from forefeel.slave.load_cells.port import LoadCell, LoadCellReading
-from forefeel.slave.load_cells.recorded import RecordedLoadCell
-from forefeel.slave.load_cells.simulated import SimulatedLoadCell
+from forefeel.slave.gripper import Gripper
+from forefeel.slave.load_cell import LoadCell, LoadCellReading
 from forefeel.slave.plant.load_cell import PlantLoadCell
 from forefeel.slave.plant.settings import LoadCellSettings, preset
 from forefeel.slave.plant.world import SimulatedWorld
 from forefeel.slave.settings import SlaveAxisSettings
-from forefeel.slave.stages.port import Stage
-from forefeel.slave.stages.simulated import SimulatedStage
+from forefeel.slave.stage import Stage
 
 MS = 1_000_000
 PERFECT = LoadCellSettings(full_scale_n=1.0, bits=16, filter_hz=200.0, noise_n=0.0, bias_n=0.0, drift_n_s=0.0)
@@ -175,13 +178,22 @@ def test_beside_real_devices_no_world_is_integrated() -> None:
     axis = {"limits": {"max_force_n": 0.5}}
     cell = {"driver": "bota_serial", "port": "/dev/null", "full_scale_n": 10.0}
     stage = {"driver": "zaber_ascii", "port": "/dev/null", "microstep_m": 1e-7, "travel_m": [-0.01, 0.13]}
-    found: list[type] = [
-        type(_devices(SlaveAxisSettings.model_validate({**axis, **devices})).gripper)
-        for devices in ({"stage": stage, "load_cell": cell}, {"stage": stage}, {"load_cell": cell}, {})
-    ]
-    assert found == [UnseenGripper, SimulatedGripper, SimulatedGripper, SimulatedGripper]
-    gripper: Gripper = UnseenGripper(SimulatedWorld(preset("catheter"), 0))
-    with pytest.raises(DeviceError, match="used while closed"):
-        gripper.set(Grip.OPEN, 0)
+    clock = MonotonicClock()
+    for devices, observed in (
+        ({"stage": stage, "load_cell": cell}, False),
+        ({"stage": stage}, True),
+        ({"load_cell": cell}, True),
+        ({}, True),
+    ):
+        made = _devices(SlaveAxisSettings.model_validate({**axis, **devices}), clock)
+        assert isinstance(made.gripper, SimulatedGripper)
+        assert made.gripper._world.observed is observed
+
+
+def test_the_gripper_of_a_world_that_nobody_observes_acts_all_the_same() -> None:
+    world = SimulatedWorld(preset("catheter"), 0)
+    gripper: Gripper = SimulatedGripper(world)
     gripper.open()
     assert gripper.set(Grip.OPEN, 0) is Grip.OPEN
+    assert gripper.set(Grip.OPEN, 10_000_000) is Grip.OPEN
+    assert not world.load_cell_reading().valid, "it was not integrated"

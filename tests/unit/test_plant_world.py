@@ -11,7 +11,7 @@ import pytest
 from forefeel.common.config import Settings, checked
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.messages import Grip
-from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.plant.settings import PresetName, WorldSettings, preset, world_settings
 from forefeel.slave.plant.world import SimulatedWorld
 

@@ -9,7 +9,7 @@ from forefeel.common import topics
 from forefeel.common.codec import encode
 from forefeel.common.errors import DeviceError
 from forefeel.common.messages import SafetyState
-from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cell import LoadCellReading
 from tests.unit.slave_rig import MS, START_M, SlaveRig
 
 S = SafetyState

@@ -20,7 +20,7 @@ class Bench:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.devices = {name: Devices(FakeStage(), FakeGripper(), FakeLoadCell()) for name in AXES}
-        monkeypatch.setattr("forefeel.slave.daemon._devices", lambda axis: self.devices[axis.name])
+        monkeypatch.setattr("forefeel.slave.daemon._devices", lambda axis, _: self.devices[axis.name])
         self.runtime, self.book = VirtualRuntime(), Book()
         self.network = MemoryBus()
         self.session = self.network.session(self.runtime.clock)

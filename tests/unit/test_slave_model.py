@@ -22,7 +22,7 @@ from forefeel.common.codec import encode
 from forefeel.common.messages import FOLLOWING, MOST_POSITION_M, EmergencyStop, MotionCommand, SafetyState
 from forefeel.common.settings import AxisLimits
 from forefeel.common.topics import COMMAND, EMERGENCY_STOP
-from forefeel.slave.load_cells.port import LoadCellReading
+from forefeel.slave.load_cell import LoadCellReading
 from tests.unit.slave_rig import MS, SETTINGS, SlaveRig
 
 S = SafetyState

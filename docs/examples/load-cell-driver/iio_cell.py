@@ -9,14 +9,13 @@ from pydantic import Field
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.config import Settings
 from forefeel.common.errors import DeviceError
-from forefeel.common.hardware.conversation import Conversation
 from forefeel.common.hardware.link import DeviceLink, LinkState
-from forefeel.common.hardware.settings import Sign
 from forefeel.common.slots import BoundedQueue
-from forefeel.slave.load_cells.port import LoadCellReading
-from forefeel.slave.load_cells.scale import ForceScale, Native
-from forefeel.slave.load_cells.settings import FullScale
-from forefeel.slave.load_cells.stuck import StuckWatch
+from forefeel.devices.shared.conversation import Conversation
+from forefeel.devices.shared.force_scale import ForceScale, Native
+from forefeel.devices.shared.settings import Sign
+from forefeel.devices.shared.stuck import StuckWatch
+from forefeel.slave.load_cell import FullScale, LoadCellReading
 
 
 class IioSettings(Settings):

@@ -1,0 +1,1 @@
+"""One folder per device: settings, protocol, driver, emulator; found by entry points."""

@@ -1,0 +1,136 @@
+"""Load cells that print a number a line, streaming or asked (Loadstar, HX711 on a microcontroller)."""
+
+from collections import Counter, deque
+
+from forefeel.common.errors import DeviceSetupError
+from forefeel.common.hardware.calibration import LoadCellCalibration
+from forefeel.devices.ascii_line.protocol import COUNTS_RANGE, NEWTON_PER_UNIT, AsciiReading, LineParser
+from forefeel.devices.ascii_line.settings import AsciiLineSettings
+from forefeel.devices.shared.force_scale import ForceScale, Native
+from forefeel.devices.shared.serial_cell import Cell, SerialLoadCell
+from forefeel.devices.shared.stuck import StuckWatch
+
+_BITS = 10  # start, eight data bits, stop
+_QUIET_NS = 100_000_000
+_UNANSWERED_NS = 300_000_000
+_LEAST_ANSWER_NS = 40_000_000
+_RETURN = b"\r"
+
+
+class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
+    """Load-cell port on a cell of numbers.
+
+    It has neither clock nor checksum: a reading is stamped when its line began to arrive, a digit that the
+    wire changed is believed where it stays below the full scale, and of a stream a whole line that is lost
+    is not missed (an answer is: `unanswered`).
+    """
+
+    def _cell(self) -> Cell:
+        return AsciiCell(self._settings, self.link.counters)
+
+    def _scale(self, calibration: LoadCellCalibration | None) -> ForceScale:
+        s = self._settings
+        if s.unit == "counts" and calibration is None and not self._native:
+            raise DeviceSetupError(
+                f"{self.link.name}: unit = 'counts' without calibration; expected a file of "
+                "`forefeel calibrate load-cell`"
+            )
+        watch = StuckWatch(noisy=False)
+        unit_n = NEWTON_PER_UNIT.get(s.unit)
+        return ForceScale(s.full_scale_n, s.sign, unit_n, calibration, watch, self.link.counters)
+
+
+class AsciiCell:
+    """See `Cell`. With a request: a carriage return ends a stream that may still run; the first request shows
+    whether the cell answers it once or begins to stream. Who answers once is asked once a period.
+    """
+
+    def __init__(self, settings: AsciiLineSettings, counters: Counter[str]) -> None:
+        self.settle_s = 0.0 if settings.request is None else (_QUIET_NS + _UNANSWERED_NS) * 1e-9
+        self._request = None if settings.request is None else settings.request.encode("ascii", "replace")
+        if self._request is not None and not self._request.endswith((b"\r", b"\n")):
+            self._request += _RETURN
+        asked = "" if settings.request is None else f", asked by {settings.request!r},"
+        self.wait_s = 0.02 if settings.request is None else min(0.02, 0.25 / settings.rate_hz)
+        self.expected = f"lines of numbers{asked} at {settings.baud} baud"
+        self._ends = COUNTS_RANGE if settings.unit == "counts" else ()
+        self.counters = counters
+        self._parser = LineParser(settings.unit, counters)
+        self._byte_ns = _BITS * 1e9 / settings.baud
+        self._period_ns = round(1e9 / settings.rate_hz)
+        enough = max(8, round(0.5 * settings.rate_hz))
+        self.measure_s = 1.0 + 5.0 * enough / settings.rate_hz
+        self._arrived = deque[int](maxlen=enough + 1)
+        self._stamp_ns: int | None = None
+        self._quiet_ns: int | None = None
+        self._asked_ns: int | None = None
+        self._outstanding, self._answers = False, 0
+        self._streams: bool | None = True if self._request is None else None
+
+    @property
+    def measured_hz(self) -> float | None:
+        """By the host's clock, over half a second or eight readings."""
+        if len(self._arrived) < (self._arrived.maxlen or 0):
+            return None
+        span_ns = self._arrived[-1] - self._arrived[0]
+        return (len(self._arrived) - 1) * 1e9 / max(span_ns, 1)
+
+    # --- asking ---
+
+    def due(self, now_ns: int) -> bytes:
+        """See `Cell`."""
+        if self._request is None or self._streams:
+            return b""
+        if self._quiet_ns is None:
+            self._quiet_ns = now_ns + _QUIET_NS
+            return _RETURN
+        if now_ns < self._quiet_ns or not self._may_ask(now_ns):
+            return b""
+        late = self._asked_ns is None or now_ns - self._asked_ns >= 2 * self._period_ns
+        self._asked_ns = now_ns if late or self._asked_ns is None else self._asked_ns + self._period_ns
+        self.counters["unanswered"] += self._outstanding
+        self._outstanding, self._answers = True, 0
+        return self._request
+
+    def _may_ask(self, now_ns: int) -> bool:
+        if self._asked_ns is None:
+            self._parser.begin()
+            return True
+        since_ns = now_ns - self._asked_ns
+        if self._streams is None:
+            if self._answers and since_ns >= max(_QUIET_NS, 3 * self._period_ns):
+                self._streams = False
+            return (not self._outstanding and self._streams is False) or since_ns >= _UNANSWERED_NS
+        if self._outstanding:
+            return since_ns >= max(2 * self._period_ns, _LEAST_ANSWER_NS)
+        return since_ns >= self._period_ns
+
+    # --- hearing ---
+
+    def take(self, data: bytes, now_ns: int) -> list[Native]:
+        """See `Cell`."""
+        if self._request is not None and self._asked_ns is None:
+            return []  # what it still says before it is asked
+        lines = self._parser.feed(data)
+        if lines:
+            self._outstanding = False
+            self._answers += len(lines)
+            if self._streams is None and self._answers > 1:
+                self._streams = True
+        return [
+            self._native(line, now_ns - (len(lines) - 1 - at) * self._period_ns, now_ns)
+            for at, line in enumerate(lines)
+        ]
+
+    def farewell(self) -> bytes:
+        """Ends the stream that was asked for."""
+        return _RETURN if self._request is not None and self._streams else b""
+
+    def _native(self, line: AsciiReading, arrived_ns: int, now_ns: int) -> Native:
+        """The line began to arrive before it was complete; lines that came at once are a period apart."""
+        self._arrived.append(now_ns)
+        stamp_ns = arrived_ns - round(line.size * self._byte_ns)
+        if self._stamp_ns is not None:
+            stamp_ns = min(max(stamp_ns, self._stamp_ns + 1), now_ns)
+        self._stamp_ns = stamp_ns
+        return Native(line.number, stamp_ns, ("overrange",) if line.number in self._ends else ())

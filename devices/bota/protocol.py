@@ -1,0 +1,118 @@
+"""The binary stream of Bota force-torque cells (SensONE, Rokubi on serial). Pure.
+
+A frame is 37 bytes: `AA`; status, forces, torques, the device's microseconds, temperature as `<H6fIf`; the
+CRC-16/X-25 of those 34 bytes, little endian.
+"""
+
+import struct
+from collections import Counter
+from math import isfinite
+from typing import NamedTuple
+
+from forefeel.devices.shared.crc import crc_x25
+
+BAUD = 460_800
+HEADER = 0xAA
+APP_TOOK_TOO_LONG, OVERRANGE, INVALID, RAW = 1, 2, 4, 8
+STATUS_BITS = {
+    APP_TOOK_TOO_LONG: "app_took_too_long",
+    OVERRANGE: "overrange",
+    INVALID: "invalid",
+    RAW: "raw",
+}
+"""What makes a measurement none: the cell skips, is beyond its range, is broken, or sends its gauges."""
+
+_BODY = struct.Struct("<H6fIf")
+_CRC = struct.Struct("<H")
+FRAME_BYTES = 1 + _BODY.size + _CRC.size
+_FLAGS = sum(STATUS_BITS)
+
+
+class BotaFrame(NamedTuple):
+    """One measurement: forces in N, torques in N m, the device's clock (wraps at 2^32 us), temperature."""
+
+    status: int
+    fx_n: float
+    fy_n: float
+    fz_n: float
+    mx_n_m: float
+    my_n_m: float
+    mz_n_m: float
+    t_us: int
+    temperature_c: float
+
+    @property
+    def finite(self) -> bool:
+        """Whether each number is one."""
+        return all(map(isfinite, self))
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """The names of the status bits that are set; reserved bits mean nothing."""
+        return tuple(name for bit, name in STATUS_BITS.items() if self.status & bit)
+
+    @property
+    def valid(self) -> bool:
+        """Whether it is a measurement: no status bit, every number finite."""
+        return not self.status & _FLAGS and self.finite
+
+
+def encode(frame: BotaFrame) -> bytes:
+    """The 37 bytes of a frame."""
+    body = _BODY.pack(*frame)
+    return bytes([HEADER]) + body + _CRC.pack(crc_x25(body))
+
+
+class BotaParser:
+    """Bytes in, frames out. After a bad checksum one byte is dropped and the search goes on behind it, so a
+    frame behind a damaged one is never lost.
+
+    Attributes:
+        counters: `frames`, `bad_checksum` (headers that began no frame), `junk_bytes` (all that belonged to
+            no frame), `resynchronised` (frames that were found behind junk).
+    """
+
+    def __init__(self, counters: Counter[str] | None = None) -> None:
+        self.counters = Counter[str]() if counters is None else counters
+        self._buffer = bytearray()  # never longer than what was fed and one frame
+        self._lost = False
+
+    def feed(self, data: bytes) -> list[BotaFrame]:
+        """The frames that are complete now, oldest first; never raises."""
+        buffer, at = self._buffer, 0
+        buffer += data
+        found: list[BotaFrame] = []
+        while True:
+            header = buffer.find(HEADER, at)
+            start = header if header >= 0 else len(buffer)
+            self._drop(start - at)
+            at = start
+            if len(buffer) - at < FRAME_BYTES:
+                break
+            frame = _decoded(buffer, at)
+            if frame is None:
+                self.counters["bad_checksum"] += 1
+                self._drop(1)
+                at += 1
+            else:
+                found.append(self._found(frame))
+                at += FRAME_BYTES
+        del buffer[:at]
+        return found
+
+    def _drop(self, count: int) -> None:
+        if count:
+            self.counters["junk_bytes"] += count
+            self._lost = True
+
+    def _found(self, frame: BotaFrame) -> BotaFrame:
+        self.counters["frames"] += 1
+        self.counters["resynchronised"] += self._lost
+        self._lost = False
+        return frame
+
+
+def _decoded(buffer: bytearray, at: int) -> BotaFrame | None:
+    body = bytes(buffer[at + 1 : at + 1 + _BODY.size])
+    (crc,) = _CRC.unpack_from(buffer, at + 1 + _BODY.size)
+    return BotaFrame._make(_BODY.unpack(body)) if crc == crc_x25(body) else None

@@ -1,0 +1,1 @@
+"""CANopen, for every device on a CAN bus."""

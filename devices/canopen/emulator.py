@@ -1,0 +1,295 @@
+"""An emulated CANopen device: canopen's LocalNode, and what it lacks: PDOs, SYNC, stepped heartbeats."""
+
+import struct
+import time
+from collections.abc import Callable, Mapping
+
+import can
+import canopen
+from canopen.objectdictionary import datatypes
+
+from forefeel.common.errors import ConfigurationError
+from forefeel.devices.canopen import cia301
+from forefeel.devices.canopen.cia301 import ObjectEntry
+
+_TYPES = {
+    "b": datatypes.INTEGER8,
+    "h": datatypes.INTEGER16,
+    "i": datatypes.INTEGER32,
+    "B": datatypes.UNSIGNED8,
+    "H": datatypes.UNSIGNED16,
+    "I": datatypes.UNSIGNED32,
+    "f": datatypes.REAL32,
+}
+_MOST_SYNCHRONOUS = 240
+_PDO_OFF = 1 << 31
+_AT_ONCE = 200
+Contents = Mapping[ObjectEntry, float]
+
+
+def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
+    """Objects with their values at the start; canopen's clients can be given it, too."""
+    dictionary = canopen.ObjectDictionary()
+    for entry, value in contents.items():
+        variable = canopen.objectdictionary.ODVariable(f"x{entry}", entry.index, entry.sub)
+        variable.data_type = _TYPES[entry.kind]
+        variable.default = value  # type: ignore[assignment]  # canopen takes reals, too
+        if entry.sub == 0 and not any(e.index == entry.index and e.sub for e in contents):
+            dictionary.add_object(variable)
+            continue
+        record = dictionary.indices.get(entry.index)
+        if not isinstance(record, canopen.objectdictionary.ODRecord):
+            record = canopen.objectdictionary.ODRecord(f"r{entry.index:04X}", entry.index)
+            dictionary.add_object(record)
+        record.add_member(variable)
+    return dictionary
+
+
+def pdo_contents(node: int, pdos: int = 4, entries: int = 4) -> dict[ObjectEntry, float]:
+    """Parameters of so many receive and transmit PDOs, all off, of the predefined identifiers."""
+    found: dict[ObjectEntry, float] = {}
+    for transmit in (False, True):
+        base = cia301.TPDO1 if transmit else cia301.RPDO1
+        for number in range(1, pdos + 1):
+            communication, mapping = cia301.pdo_objects(transmit, number)
+            found[ObjectEntry(communication, 0, "B")] = 2
+            found[ObjectEntry(communication, 1, "I")] = (base + 0x100 * (number - 1) + node) | _PDO_OFF
+            found[ObjectEntry(communication, 2, "B")] = 255
+            found[ObjectEntry(mapping, 0, "B")] = 0
+            found.update({ObjectEntry(mapping, i, "I"): 0 for i in range(1, entries + 1)})
+    return found
+
+
+class _Periodic(canopen.network.PeriodicMessageTask):
+    def __init__(self, can_id: int, data: bytes, period_s: float, next_s: float) -> None:
+        self.can_id, self.data, self.period_s, self.next_s = can_id, data, period_s, next_s
+        self.stopped = False
+
+    def stop(self) -> None:
+        self.stopped = True
+
+    def update(self, data: bytes) -> None:
+        self.data = bytes(data)
+
+
+class _SteppedNetwork(canopen.Network):
+    """Periodic messages without threads: they are due when the device lives."""
+
+    def __init__(self, bus: can.BusABC, now_s: Callable[[], float]) -> None:
+        super().__init__(bus)
+        self.muted = False
+        self._now_s, self._periodic = now_s, list[_Periodic]()
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        if not self.muted:
+            super().send_message(can_id, data, remote)
+
+    def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> "_Periodic":
+        """As canopen's."""
+        del remote
+        task = _Periodic(can_id, bytes(data), period, self._now_s() + period)
+        self._periodic.append(task)
+        return task
+
+    def send_due(self, t_s: float) -> None:
+        """What is due by then."""
+        self._periodic = [task for task in self._periodic if not task.stopped]
+        for task in self._periodic:
+            if t_s >= task.next_s:
+                task.next_s = max(task.next_s + task.period_s, t_s)
+                self.send_message(task.can_id, task.data)
+
+
+class CanopenDevice:
+    """A device on any python-can bus, in the thread that calls `step` over and over.
+
+    Subclasses give `written` and `shown` their meaning.
+
+    Args:
+        bus: an open bus of its own.
+        node: its identifier.
+        contents: its object dictionary.
+        now_s: a clock; the system's by default.
+
+    Attributes:
+        faults: what `provoke` takes.
+    """
+
+    faults: tuple[str, ...] = ("unplug", "plug")
+
+    def __init__(
+        self, bus: can.BusABC, node: int, contents: Contents, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.node_id = node
+        self._bus, self._clock, self._start_s = bus, now_s, now_s()
+        self._network = _SteppedNetwork(bus, self._now)
+        self._node = canopen.LocalNode(node, object_dictionary(contents))
+        self._node.add_write_callback(self._on_write)
+        self._node.add_read_callback(self._on_read)
+        self._network.add_node(self._node)
+        self._network.subscribe(cia301.NMT, self._on_nmt)
+        self._pdos: list[tuple[bool, int, int, tuple[tuple[int, int], ...]]] | None = None
+        self._received: dict[int, bytes] = {}
+        self._syncs = 0
+        self._boot()
+
+    # --- for subclasses ---
+
+    def written(self, index: int, sub: int, value: bytes) -> None:
+        """An object was written, over SDO or by a PDO."""
+
+    def shown(self, index: int, sub: int) -> float | None:
+        """The value of an object that lives; None: as it was written last."""
+        del index, sub
+        return None
+
+    def synchronised(self, t_s: float) -> None:
+        """SYNC: after the PDOs that were received are applied, before others are sent."""
+
+    def live(self, t_s: float) -> None:
+        """Up to that time."""
+
+    def left_operational(self) -> None:
+        """NMT took the PDOs away."""
+
+    def heard(self, can_id: int, t_s: float) -> None:
+        """Any frame that arrived."""
+
+    # --- what it does ---
+
+    @property
+    def operational(self) -> bool:
+        """Whether PDOs are exchanged."""
+        return bool(self._node.nmt.state == "OPERATIONAL")
+
+    def provoke(self, fault: str) -> None:
+        """`unplug` and `plug`: the bus does not reach it, and it goes on living."""
+        if fault not in ("unplug", "plug"):
+            raise ConfigurationError(f"{fault!r}: {type(self).__name__} has no such fault")
+        self._network.muted = fault == "unplug"
+
+    def report(self, code: int) -> None:
+        """An emergency."""
+        self._network.send_message(cia301.EMERGENCY + self.node_id, cia301.emergency_frame(code))
+
+    def enter_preoperational(self) -> None:
+        """By itself: the default after an error of communication."""
+        if self.operational:
+            self._node.nmt.state = "PRE-OPERATIONAL"
+            self.left_operational()
+
+    def step(self, timeout_s: float = 0.001) -> None:
+        """One round: what arrived, up to that long waited for, and life until now."""
+        message = self._bus.recv(timeout_s)
+        left = _AT_ONCE
+        while message is not None:
+            t_s = self._now()
+            self.live(t_s)
+            if not self._network.muted:
+                self.heard(message.arbitration_id, t_s)
+                self.take(message.arbitration_id, bytes(message.data), t_s)
+                self._network.notify(message.arbitration_id, message.data, t_s)
+            left -= 1
+            message = self._bus.recv(0.0) if left else None
+        t_s = self._now()
+        self.live(t_s)
+        self._network.send_due(t_s)
+
+    def close(self) -> None:
+        """Leaves the bus."""
+        self._bus.shutdown()
+
+    def _now(self) -> float:
+        return self._clock() - self._start_s
+
+    def _boot(self) -> None:
+        self._node.nmt.state = "INITIALISING"
+        self._node.nmt.state = "PRE-OPERATIONAL"
+
+    def _on_nmt(self, can_id: int, data: bytearray, stamp: float) -> None:
+        del can_id, stamp
+        if len(data) != 2 or data[1] not in (0, self.node_id):
+            return
+        if self._node.nmt.state == "INITIALISING":
+            self._boot()
+        if not self.operational:
+            self.left_operational()
+
+    # --- objects ---
+
+    def _on_write(self, index: int, subindex: int, od: object, data: bytes) -> None:
+        del od
+        if 0x1400 <= index < 0x1C00:
+            self._pdos = None
+        self.written(index, subindex, data)
+
+    def _on_read(self, index: int, subindex: int, od: object) -> float | None:
+        del od
+        return self.shown(index, subindex)
+
+    def value(self, entry: ObjectEntry) -> float:
+        """As a client would read it."""
+        return entry.unpack(self._node.get_data(entry.index, entry.sub))
+
+    # --- PDOs ---
+
+    def _table(self) -> list[tuple[bool, int, int, tuple[tuple[int, int], ...]]]:
+        """(transmit, identifier, transmission type, mapped) of every PDO that is on."""
+        if self._pdos is not None:
+            return self._pdos
+        self._pdos = []
+        for transmit in (False, True):
+            for number in range(1, 5):
+                communication, mapping = cia301.pdo_objects(transmit, number)
+                if communication not in self._node.object_dictionary:
+                    continue
+                can_id = int(self.value(ObjectEntry(communication, 1, "I")))
+                if can_id & _PDO_OFF:
+                    continue
+                kind = int(self.value(ObjectEntry(communication, 2, "B")))
+                self._pdos.append((transmit, can_id & 0x7FF, kind, self._mapped(mapping)))
+        return self._pdos
+
+    def _mapped(self, mapping: int) -> tuple[tuple[int, int], ...]:
+        """(index and sub-index as in the mapping, bytes) of each."""
+        count = int(self.value(ObjectEntry(mapping, 0, "B")))
+        words = [int(self.value(ObjectEntry(mapping, i, "I"))) for i in range(1, count + 1)]
+        return tuple((word >> 8, (word & 0xFF) // 8) for word in words)
+
+    def take(self, can_id: int, data: bytes, t_s: float) -> None:
+        """A frame that may be SYNC or a PDO."""
+        if not self.operational:
+            return
+        if can_id == cia301.SYNC:
+            self._sync(t_s)
+            return
+        for transmit, at, kind, mapped in self._table():
+            if not transmit and at == can_id:
+                if kind <= _MOST_SYNCHRONOUS:
+                    self._received[can_id] = data
+                else:
+                    self._apply(mapped, data)
+
+    def _sync(self, t_s: float) -> None:
+        self._syncs += 1
+        for transmit, at, _, mapped in self._table():
+            if not transmit and at in self._received:
+                self._apply(mapped, self._received.pop(at))
+        self.synchronised(t_s)
+        for transmit, at, kind, mapped in self._table():
+            if transmit and 1 <= kind <= _MOST_SYNCHRONOUS and self._syncs % kind == 0:
+                parts = (self._node.get_data(word >> 8, word & 0xFF) for word, _ in mapped)
+                self._network.send_message(at, b"".join(parts))
+
+    def _apply(self, mapped: tuple[tuple[int, int], ...], data: bytes) -> None:
+        if len(data) < sum(size for _, size in mapped):
+            return
+        start = 0
+        for word, size in mapped:
+            self._node.set_data(word >> 8, word & 0xFF, bytes(data[start : start + size]))
+            start += size
+
+
+def unpacked(entry: ObjectEntry, data: bytes) -> int:
+    """An integer that was written."""
+    return int(struct.unpack_from("<" + entry.kind, data)[0])

@@ -1,0 +1,225 @@
+"""Several serial CAN adapters on one bus: an slcan hub over pseudo terminals."""
+
+import heapq
+import select
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from forefeel.devices.canopen.slcan import BELL, BITRATES, OK, Frame, Lines, decoded, encoded
+from forefeel.devices.emulation.pty import Pty
+from forefeel.devices.emulation.wire import Faults, Timetable, Wire
+
+_USB_BAUD = 12_000_000
+_WAIT_S = 0.002
+_STATUS, _VERSION, _SERIAL = b"F00\r", b"V1013\r", b"NFF01\r"
+
+
+def frame_s(frame: Frame, bitrate: int) -> float:
+    """The time that a frame takes on the wire with worst-case stuffing, the gap after it included.
+
+    Davis et al., CAN schedulability analysis: refuted, revisited and revised (2007), equation 1:
+    8 n + g + 13 + (g + 8 n - 1) / 4 bits for n bytes, g = 34 or 54.
+    """
+    data_bits, head_bits = 8 * len(frame.data), 54 if frame.extended else 34
+    return (data_bits + head_bits + 13 + (head_bits + data_bits - 1) // 4) / bitrate
+
+
+class CanWire:
+    """The bus between the adapters: one frame at a time, the lowest identifier first. Pure.
+
+    Attributes:
+        busy_s: for how long frames have been on the wire.
+    """
+
+    def __init__(self, bitrate: int) -> None:
+        self._bitrate = bitrate
+        self._waiting: list[tuple[tuple[int, bool], int, int, Frame]] = []
+        self._on_wire: tuple[float, int, Frame] | None = None
+        self._count = 0
+        self.busy_s = 0.0
+
+    def offer(self, sender: int, frame: Frame) -> None:
+        """An adapter wants to send."""
+        self._count += 1
+        ident = frame.can_id if frame.extended else frame.can_id << 18
+        heapq.heappush(self._waiting, ((ident, frame.extended), self._count, sender, frame))
+
+    def advance(self, t_s: float) -> list[tuple[int, Frame]]:
+        """(sender, frame) of all that are complete by then."""
+        done: list[tuple[int, Frame]] = []
+        while True:
+            if self._on_wire is None:
+                if not self._waiting:
+                    return done
+                self._begin(t_s)
+            assert self._on_wire is not None
+            end_s, sender, frame = self._on_wire
+            if end_s > t_s:
+                return done
+            done.append((sender, frame))
+            self._on_wire = None
+            if self._waiting:
+                self._begin(end_s)
+
+    @property
+    def next_s(self) -> float | None:
+        """When the frame on the wire is complete."""
+        return None if self._on_wire is None else self._on_wire[0]
+
+    def _begin(self, start_s: float) -> None:
+        _, _, sender, frame = heapq.heappop(self._waiting)
+        lasts_s = frame_s(frame, self._bitrate)
+        self.busy_s += lasts_s
+        self._on_wire = start_s + lasts_s, sender, frame
+
+
+class SlcanAdapter:
+    """What one adapter makes of its host's lines. Pure.
+
+    Attributes:
+        counts: `frames`, `refused`, and what `Lines` counts.
+    """
+
+    def __init__(self, bitrate: int) -> None:
+        self._bitrate_command = BITRATES[bitrate]
+        self._lines = Lines()
+        self.counts: Counter[str] = self._lines.counts
+        self.open = False
+        self._fits = False
+
+    def receive(self, data: bytes) -> tuple[list[Frame], bytes]:
+        """Frames for the bus, and answers for the host."""
+        frames, answers = [], bytearray()
+        for line in self._lines.feed(data):
+            frame, answer = self._obey(line.decode("latin-1"))
+            answers += answer
+            if frame is not None:
+                self.counts["frames"] += 1
+                frames.append(frame)
+        return frames, bytes(answers)
+
+    def _obey(self, line: str) -> tuple[Frame | None, bytes]:
+        if line[0] in "tTrR":
+            frame = decoded(line) if self.open else None
+            return (frame, OK) if frame is not None else (None, self._refuse())
+        known = {"C": OK, "O": OK, "L": OK, "V": _VERSION, "v": _VERSION, "N": _SERIAL, "F": _STATUS}
+        if line in known:
+            return None, self._switch(line, known[line])
+        if line in BITRATES.values() and not self.open:
+            self._fits = line == self._bitrate_command
+            return None, OK
+        return None, OK if line in ("Z0", "Z1", "X0", "X1") else self._refuse()
+
+    def _switch(self, line: str, answer: bytes) -> bytes:
+        """An adapter at another bitrate than the bus hears nothing of it, as one that is not open."""
+        if line in "OL":
+            self.open = self._fits
+        elif line == "C":
+            self.open = False
+        return answer
+
+    def _refuse(self) -> bytes:
+        self.counts["refused"] += 1
+        return BELL
+
+
+class _Port:
+    """One adapter on its pseudo terminal."""
+
+    def __init__(self, link: Path, bitrate: int, faults: Faults, seed: str) -> None:
+        self.pty = Pty(link)
+        self.adapter = SlcanAdapter(bitrate)
+        self.to_host = Wire(_USB_BAUD, faults, f"out {seed}")
+        self.to_adapter = Wire(_USB_BAUD, faults, f"in {seed}")
+
+
+class CanHub:
+    """As many adapters as links, one bus; frames of one go to all others. `step` it over and over.
+
+    Faults befall the lines between the first adapter and its host, `unplug` and `plug` that adapter.
+
+    Attributes:
+        wire: the bus.
+    """
+
+    faults = "unplug", "plug"
+
+    def __init__(
+        self, links: Sequence[Path], bitrate: int = 1_000_000, faults: Faults | None = None, seed: int = 0
+    ) -> None:
+        faults = faults or Faults()
+        self._ports = [
+            _Port(link, bitrate, Faults() if i else faults, f"{i} {seed}") for i, link in enumerate(links)
+        ]
+        self.wire = CanWire(bitrate)
+        self._timetable = Timetable(faults)
+        self._start_s = time.monotonic()
+
+    @property
+    def load(self) -> float:
+        """The share of the time since the start in which the bus was busy."""
+        return self.wire.busy_s / max(1e-9, self._now())
+
+    def counts(self) -> dict[str, int]:
+        """What happened at the first adapter: faults of its lines, lines that it refused, bytes not read."""
+        port = self._ports[0]
+        return {
+            **{f"to_host_{name}": count for name, count in port.to_host.counts.items()},
+            **{f"to_adapter_{name}": count for name, count in port.to_adapter.counts.items()},
+            **port.adapter.counts,
+            "unread_bytes": port.pty.lost,
+        }
+
+    def provoke(self, fault: str) -> None:
+        """`unplug` or `plug` the first adapter now."""
+        port = self._ports[0]
+        if fault == "unplug":
+            port.pty.unplug()
+            port.adapter.open = False
+        elif fault == "plug":
+            port.pty.plug()
+
+    def step(self) -> None:
+        """One round; waits for at most 2 ms."""
+        for port in self._readable():
+            port.to_adapter.send(port.pty.read(0.0), self._now())
+        t_s = self._now()
+        for fault in self._timetable.due(t_s):
+            self.provoke(fault)
+        for i, port in enumerate(self._ports):
+            frames, answers = port.adapter.receive(port.to_adapter.arrived(t_s))
+            for frame in frames:
+                self.wire.offer(i, frame)
+            port.to_host.send(answers, t_s)
+        for sender, frame in self.wire.advance(t_s):
+            self._spread(sender, frame, t_s)
+        for port in self._ports:
+            port.pty.write(port.to_host.arrived(self._now()))
+
+    def close(self) -> None:
+        """Takes the adapters away."""
+        for port in self._ports:
+            port.pty.unplug()
+
+    def _readable(self) -> list[_Port]:
+        by_end = {port.pty.fileno(): port for port in self._ports if port.pty.fileno() >= 0}
+        return [by_end[end] for end in select.select(list(by_end), [], [], self._wait_s())[0]]
+
+    def _wait_s(self) -> float:
+        """Until something on a wire is complete."""
+        due = [self.wire.next_s, *(w.next_s for p in self._ports for w in (p.to_host, p.to_adapter))]
+        soonest_s = min((each for each in due if each is not None), default=None)
+        if soonest_s is None:
+            return _WAIT_S
+        return max(0.0, min(_WAIT_S, soonest_s - self._now()))
+
+    def _spread(self, sender: int, frame: Frame, t_s: float) -> None:
+        line = encoded(frame)
+        for i, port in enumerate(self._ports):
+            if i != sender and port.adapter.open:
+                port.to_host.send(line, t_s)
+
+    def _now(self) -> float:
+        return time.monotonic() - self._start_s

@@ -1,0 +1,175 @@
+"""CANopen networks that the drivers of one process share: one for each bus, counted."""
+
+from collections import Counter
+from collections.abc import Callable
+from threading import Event, Lock, Thread
+
+import can
+import canopen
+
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import DeviceLink
+from forefeel.devices.canopen.bus import SlcanBus, open_bus
+from forefeel.devices.canopen.settings import CanSettings
+
+HOST_NODE = 127
+"""The identifier of our heartbeat; no device may have it."""
+_RECEIVE_S = 0.05
+_BUS_OFF = 0x40  # CAN_ERR_BUSOFF of Linux' error frames
+
+Heard = Callable[[int, bytearray, float], None]
+
+
+class SharedNetwork:
+    """One bus, its receiving thread and the network on it; `acquire` gives it, `release` lets it go.
+
+    A bus that failed stays so: who acquires it next gets a new one.
+
+    Attributes:
+        network: canopen's; nodes are added by their drivers.
+        failed: why the bus is gone; None while it works.
+        counters: `error_frames`, `callback_errors`.
+    """
+
+    def __init__(self, settings: CanSettings) -> None:
+        self.settings = settings
+        self.name = f"{settings.interface} {settings.channel}"
+        self.failed: str | None = None
+        self.counters: Counter[str] = Counter()
+        self.users = 1
+        self._told: dict[DeviceLink, dict[str, int]] = {}
+        self._bus = open_bus(settings)
+        self.network = canopen.Network(self._bus)
+        self._sync: tuple[object, int] | None = None
+        self._sync_lock, self._stopping = Lock(), Event()
+        self._thread = Thread(target=self._receive, name=f"receiver of {self.name}", daemon=True)
+        self._thread.start()
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """One frame.
+
+        Raises:
+            DeviceError: the bus failed.
+        """
+        self.check()
+        try:
+            self.network.send_message(can_id, data)
+        except (can.CanError, OSError, RuntimeError) as error:
+            self._fail(error)
+            self.check()
+
+    def check(self) -> None:
+        """Raises DeviceError when the bus has failed."""
+        if self.failed is not None:
+            where = "" if self.settings.channel in self.failed else f"{self.name}: "
+            raise DeviceError(f"{where}{self.failed}")
+
+    def subscribe(self, can_id: int, heard: Heard) -> None:
+        """Calls `heard(can_id, data, stamp)` in the receiving thread."""
+        self.network.subscribe(can_id, heard)
+
+    def unsubscribe(self, can_id: int, heard: Heard) -> None:
+        """The reverse; nothing when it is not subscribed."""
+        if heard in self.network.subscribers.get(can_id, ()):
+            self.network.unsubscribe(can_id, heard)
+
+    def sends_sync(self, owner: object, rank: int) -> bool:
+        """Whether `owner` is to send SYNC now: the first who asks, until another of higher rank asks."""
+        with self._sync_lock:
+            if self._sync is None or rank > self._sync[1]:
+                self._sync = owner, rank
+            return self._sync[0] is owner
+
+    def leave_sync(self, owner: object) -> None:
+        """Another may send SYNC now."""
+        with self._sync_lock:
+            if self._sync is not None and self._sync[0] is owner:
+                self._sync = None
+
+    def counts(self) -> dict[str, int]:
+        """What was dropped and failed on this bus."""
+        parser = self._bus.parser.counts if isinstance(self._bus, SlcanBus) else Counter[str]()
+        kept = {key: count for key, count in parser.items() if key != "frames" and count}
+        return {**kept, **self.counters}
+
+    def tell(self, link: DeviceLink) -> None:
+        """Adds what has been counted, since this link was told last, to its counters, as `bus_...`."""
+        counts, told = self.counts(), self._told.get(link, {})
+        if counts != told:
+            for name, count in counts.items():
+                link.counters[f"bus_{name}"] += count - told.get(name, 0)
+            self._told[link] = counts
+
+    def close(self) -> None:
+        """Ends the thread and the bus."""
+        self._stopping.set()
+        self._thread.join(5.0)
+        try:
+            self._bus.shutdown()
+        except (can.CanError, OSError) as error:
+            self._fail(error)
+
+    def _receive(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                message = self._bus.recv(_RECEIVE_S)
+            except (can.CanError, OSError, ValueError) as error:
+                self._fail(error)
+                return
+            if message is None or message.is_remote_frame:
+                continue
+            if message.is_error_frame:
+                self._error_frame(message)
+            else:
+                self._deliver(message)
+
+    def _deliver(self, message: can.Message) -> None:
+        try:
+            self.network.notify(message.arbitration_id, message.data, message.timestamp)
+        except Exception:  # noqa: BLE001 - what a frame does to its receiver does not end reception
+            self.counters["callback_errors"] += 1
+
+    def _error_frame(self, message: can.Message) -> None:
+        self.counters["error_frames"] += 1
+        if message.arbitration_id & _BUS_OFF:
+            self.failed = self.failed or "bus off"
+
+    def _fail(self, error: BaseException) -> None:
+        self.failed = self.failed or (" ".join(str(error).split())[:160] or type(error).__name__)
+
+
+_networks: dict[tuple[str, str, int | None], SharedNetwork] = {}
+_lock = Lock()
+
+
+def acquire(settings: CanSettings) -> SharedNetwork:
+    """The network of that bus; `release` it once for each call.
+
+    Raises:
+        DeviceSetupError: the bus can not be opened, or is open with another bitrate.
+    """
+    key = settings.interface, settings.channel, settings.port
+    with _lock:
+        known = _networks.get(key)
+        if known is None or known.failed is not None:
+            known = _networks[key] = SharedNetwork(settings)
+            return known
+        if known.settings.bitrate != settings.bitrate:
+            raise DeviceSetupError(
+                f"{known.name}: bitrate = {settings.bitrate}: expected {known.settings.bitrate}, "
+                "as of the other devices on it"
+            )
+        known.users += 1
+        return known
+
+
+def release(shared: SharedNetwork) -> None:
+    """Lets it go; the last user closes the bus."""
+    with _lock:
+        shared.users -= 1
+        if shared.users:
+            return
+        for key, known in list(_networks.items()):
+            if known is shared:
+                del _networks[key]
+    shared.close()

@@ -1,0 +1,168 @@
+"""Objects of a CANopen device over SDO, one thread for each device; every failure is one line."""
+
+import struct
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+import can
+import canopen
+
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import DeviceLink, LinkState
+from forefeel.devices.canopen.cia301 import (
+    DEVICE_TYPE,
+    ENTER_PREOPERATIONAL,
+    NMT,
+    PRODUCT,
+    REVISION,
+    SERIAL,
+    VENDOR,
+    ObjectEntry,
+    profile,
+)
+from forefeel.devices.canopen.network import SharedNetwork, acquire, release
+from forefeel.devices.canopen.settings import CanSettings
+
+_TRIES = 3
+
+
+@contextmanager
+def talking_to(
+    settings: CanSettings, node: int, link: DeviceLink
+) -> Iterator[tuple[SharedNetwork, "RemoteDevice"]]:
+    """The bus and a device on it, for the length of a conversation: the link is OPEN."""
+    shared = acquire(settings)
+    try:
+        link.advance(LinkState.OPEN)
+        device = RemoteDevice(shared, node, link)
+        try:
+            yield shared, device
+        finally:
+            device.forget()
+            shared.tell(link)
+    finally:
+        release(shared)
+
+
+def can_link(slot: str, driver: str, settings: CanSettings, node: int) -> DeviceLink:
+    """A link that is named after its node and bus."""
+    return DeviceLink(f"{slot} {driver} node {node} on {settings.interface} {settings.channel}")
+
+
+class RemoteDevice:
+    """The node of a device on a shared network, from here to `forget`."""
+
+    def __init__(self, shared: SharedNetwork, node: int, link: DeviceLink) -> None:
+        self.name = f"node {node} on {shared.name}"
+        self.node = node
+        self._shared, self._link = shared, link
+        if node in shared.network.nodes:
+            raise DeviceSetupError(f"{self.name}: expected one driver for each node, it has another already")
+        self._remote = canopen.RemoteNode(node, canopen.ObjectDictionary())
+        shared.network.add_node(self._remote)
+
+    def forget(self) -> None:
+        """Leaves the network."""
+        del self._shared.network[self.node]
+
+    def introduce(self, expected: int) -> None:
+        """Identifies the device, see `identify`, to the link: identity, serial number, IDENTIFIED."""
+        who = self.identify(expected)
+        self._link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
+        self._link.serial = f"{who['serial']:08X}"
+        self._link.advance(LinkState.IDENTIFIED)
+
+    def order(self, command: int) -> None:
+        """An NMT command to this node."""
+        self._shared.send(NMT, bytes([command, self.node]))
+
+    def identify(self, expected: int) -> dict[str, int]:
+        """Asks who it is, in PRE-OPERATIONAL: vendor, product, revision, serial (0: not said).
+
+        Raises:
+            DeviceSetupError: nobody answers, or it is a device of another profile than `expected`.
+        """
+        self.order(ENTER_PREOPERATIONAL)
+        try:
+            kind = int(self.read(DEVICE_TYPE))
+        except _SilentError as error:
+            raise DeviceSetupError(
+                f"{self.name}: no answer; expected a CiA {expected} device: check node_id, bitrate and wiring"
+            ) from error
+        if profile(kind) != expected:
+            raise DeviceSetupError(f"{self.name}: a CiA {profile(kind)} device, expected CiA {expected}")
+        asked = {"vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": SERIAL}
+        return {name: int(self.read(entry, 0)) for name, entry in asked.items()}
+
+    def read(self, entry: ObjectEntry, otherwise: float | None = None) -> float:
+        """The value of an entry, `otherwise` when the device has none.
+
+        Raises:
+            DeviceError: no answer, refused, or too short.
+        """
+        try:
+            return entry.unpack(self._try("reading", entry, None))
+        except ValueError as error:
+            raise DeviceError(f"{self.name}: {error}") from error
+        except _RefusedError:
+            if otherwise is None:
+                raise
+            return otherwise
+
+    def write(self, entry: ObjectEntry, value: float) -> None:
+        """Writes, and reads it back.
+
+        Raises:
+            DeviceError: no answer, or refused.
+            DeviceSetupError: the device took another value.
+        """
+        try:
+            self._try("writing", entry, entry.pack(value))
+        except struct.error as error:
+            raise DeviceSetupError(f"{self.name}: {entry} = {value}: does not fit into it") from error
+        found = self.read(entry)
+        if found != value:
+            raise DeviceSetupError(f"{self.name}: {entry} = {found:g} after {value:g} was written")
+
+    def write_all(self, values: Iterable[tuple[ObjectEntry, float]]) -> None:
+        """`write`, one after the other."""
+        for entry, value in values:
+            self.write(entry, value)
+
+    def offer(self, entry: ObjectEntry, value: float) -> bool:
+        """Writes what a device need not have, and need not keep as it is; whether it has it."""
+        try:
+            self._try("writing", entry, entry.pack(value))
+        except _RefusedError:
+            return False
+        return True
+
+    def _try(self, what: str, entry: ObjectEntry, data: bytes | None) -> bytes:
+        for left in reversed(range(_TRIES)):
+            self._shared.check()
+            self._shared.tell(self._link)  # a handshake over a bad wire takes its time, too
+            try:
+                if data is None:
+                    return bytes(self._remote.sdo.upload(entry.index, entry.sub))
+                self._remote.sdo.download(entry.index, entry.sub, data)
+            except canopen.SdoAbortedError as error:
+                raise _RefusedError(
+                    f"{self.name}: {what} {entry} is refused ({error}); expected a device that has it: "
+                    "check node_id and driver"
+                ) from error
+            except canopen.SdoCommunicationError as error:
+                if not left:
+                    raise _SilentError(f"{self.name}: no answer to {what} {entry}") from error
+            except (can.CanError, OSError, RuntimeError) as error:
+                raise DeviceError(f"{self.name}: {what} {entry} failed ({error})") from error
+            else:
+                return b""
+        raise AssertionError("unreachable")
+
+
+class _SilentError(DeviceError):
+    """No answer over SDO."""
+
+
+class _RefusedError(DeviceSetupError):
+    """An abort: an object that the device has not, or not so."""

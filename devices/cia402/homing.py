@@ -1,0 +1,294 @@
+"""What the calibration of a CiA 402 drive does: home it, and run over its travel. Blocks while it moves."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError
+from forefeel.devices.canopen.cia301 import ENTER_PREOPERATIONAL
+from forefeel.devices.canopen.network import SharedNetwork, acquire, release
+from forefeel.devices.canopen.sdo import RemoteDevice, can_link, talking_to
+from forefeel.devices.cia402 import protocol as cia402
+from forefeel.devices.cia402.driver import (
+    Cia402Stage,
+    DriveCycle,
+    DriveEars,
+    DriveVoice,
+    Readback,
+    checked,
+    configure_homing,
+    require_homing,
+)
+from forefeel.devices.cia402.protocol import (
+    HERE,
+    HOMING_ATTAINED,
+    HOMING_ERROR,
+    HOMING_START,
+    TARGET_REACHED,
+    Phase,
+)
+from forefeel.devices.cia402.settings import Cia402Settings
+from forefeel.devices.shared.pacing import Pacer
+from forefeel.devices.shared.setpoint import Setpoint
+from forefeel.devices.shared.stage_scale import PositionScale
+from forefeel.slave.stage import Home
+
+# --- What one cycle of a CiA 402 drive that is being homed decides. Pure.
+_STAND_CYCLES = 3
+_ANSWER_CYCLES = 3
+_STATUS = HOMING_ERROR | HOMING_ATTAINED | TARGET_REACHED
+
+
+class HomingCycle:
+    """Enables the drive, begins to home, and sees how it ends.
+
+    A drive may show that it is homed from the last time, until it has taken the start: where something has to
+    move, `done` needs a statusword that said it was not.
+
+    Args:
+        cycle: what supervises the drive; its setpoint stays where the drive is.
+        method: of 6098.
+        patience: so many cycles the way may take.
+
+    Attributes:
+        done: whether the reference has been found, and the drive is at rest.
+    """
+
+    def __init__(self, cycle: DriveCycle, method: int, patience: int) -> None:
+        self.done = False
+        self._cycle, self._left = cycle, patience
+        self._begun = method in HERE
+        self._moving = False
+        self._started = 0
+
+    def step(self, heard: Readback | None, beat: bool, emergency: int | None) -> int:
+        """The controlword; `heard`, `beat`, `emergency`: since the last cycle.
+
+        Raises:
+            DeviceError: a fault of the drive or of the way to it, an error or an end of homing, or it takes
+                too long.
+        """
+        machine = self._cycle.machine
+        word = self._cycle.supervise(heard, beat, emergency)
+        if heard is not None:
+            self._cycle.setpoint.restart(heard.position_m)
+            self._cycle.passive_cycles += machine.phase is Phase.PASSIVE
+        if machine.phase is not Phase.FOLLOWING:
+            if self._cycle.passive_cycles >= _STAND_CYCLES:
+                machine.enable()
+            return word
+        if self._started and heard is not None:
+            self._started += 1
+            self._judge(heard.statusword)
+        self._started = self._started or 1
+        self._left -= 1
+        if self._left < 0 and not self.done:
+            raise DeviceError("homing takes too long")
+        return word | HOMING_START
+
+    def _judge(self, statusword: int) -> None:
+        status = statusword & _STATUS
+        self._begun = self._begun or not status & HOMING_ATTAINED
+        self._moving = self._moving or status == 0
+        if self._started <= _ANSWER_CYCLES:
+            return
+        if status & HOMING_ERROR:
+            raise DeviceError(f"the drive reports an error of homing (statusword {statusword:04X})")
+        if status == TARGET_REACHED and self._moving:
+            raise DeviceError(f"homing was interrupted (statusword {statusword:04X})")
+        self.done = self._begun and status == HOMING_ATTAINED | TARGET_REACHED
+
+
+# --- What the calibration of a CiA 402 drive does: home it, and run over its travel. Blocks while it moves.
+_REACH_M = 20e-6
+"""So far it is sent beyond an end of the travel, so that it has been there."""
+_AT_REST_S = 0.1
+_EXTRA_S = 10.0
+_OFF_SWITCH_M = 0.01
+
+
+class Cia402Homing:
+    """See `Homing`. Where it is sent it goes in cyclic synchronous position mode, as in service, under the
+    same supervision; from one motion to the next the drive stands in quick stop.
+
+    Attributes:
+        link: identity and counters.
+    """
+
+    def __init__(self, settings: Cia402Settings, clock: Clock | None = None) -> None:
+        self._settings = settings.model_copy(update={"calibration": None})
+        self._clock = clock or MonotonicClock()
+        self.link = can_link("stage", settings.driver, settings.can, settings.node_id)
+        self._bus: SharedNetwork | None = None
+        self._per_m = settings.sign * settings.counts_per_m
+        self._scale: PositionScale | None = None
+        self._at = 0.0
+
+    def __enter__(self) -> "Cia402Homing":
+        """Connects; nothing moves.
+
+        Raises:
+            DeviceSetupError: it can not be homed as the settings have it.
+        """
+        checked(self._settings)
+        self._bus = acquire(self._settings.can)
+        try:
+            with self._device() as (_, device):
+                require_homing(device, self._settings)
+        except BaseException:
+            release(self._bus)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Lets go: every motion has ended in a quick stop."""
+        assert self._bus is not None
+        release(self._bus)
+        self.link.close()
+
+    def home(self) -> Home:
+        """Homes, and comes into the travel; the position of x = 0 in counts. By how much it was off the drive
+        does not tell.
+
+        Raises:
+            DeviceError: a fault on the way, or not there in time; the stage has been stopped.
+        """
+        homing = self._settings.homing
+        if homing.method in HERE and self._scale is not None:
+            self._go([homing.home_m], homing.search_velocity_m_s)
+        with self._device() as (shared, device):
+            configure_homing(device, self._settings, time.sleep)
+            self._run(shared)
+            device.order(ENTER_PREOPERATIONAL)
+            offset, self._at = device.read(cia402.HOME_OFFSET, 0.0), device.read(cia402.POSITION_ACTUAL)
+        self._require_new_count(offset)
+        self._scale = PositionScale(offset - self._per_m * homing.home_m, self._per_m)
+        low_m, high_m = self._settings.travel_m
+        inside_m = max(low_m, min(high_m, self._scale.metres(self._at)))
+        if self._scale.native(inside_m) != round(self._at):
+            self._go([inside_m], homing.search_velocity_m_s)
+        return Home(self._scale.zero, None)
+
+    def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
+        """See `Homing`: where it has been, a little beyond both ends of `travel_m`.
+
+        Raises:
+            DeviceError: as `home`.
+        """
+        (low_m, high_m), reach_m = self._settings.travel_m, self._reach_m
+        first, second = self._go([low_m - reach_m, high_m + reach_m], velocity_m_s)
+        return first, second
+
+    @property
+    def _reach_m(self) -> float:
+        return max(_REACH_M, 2.0 / self._settings.counts_per_m)
+
+    @contextmanager
+    def _device(self) -> Iterator[tuple[SharedNetwork, RemoteDevice]]:
+        settings, serial = self._settings, self.link.serial
+        self.link.begin()
+        with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
+            device.introduce(cia402.PROFILE)
+            if serial not in ("", self.link.serial):
+                raise DeviceError(f"{device.name}: another drive, serial {self.link.serial}")
+            yield shared, device
+
+    def _require_new_count(self, offset: float) -> None:
+        """It has stopped beside the edge: a count that says otherwise is not the one that we take it for."""
+        off_m = abs(self._at - offset) / self._settings.counts_per_m
+        if off_m > self._settings.following_error_m:
+            raise DeviceError(
+                f"{self.link.name}: at {self._at:g} counts after homing; expected its home offset (607C), "
+                f"{offset:g}, within {self._settings.following_error_m:g} m"
+            )
+
+    # --- the mode of homing ---
+
+    def _run(self, shared: SharedNetwork) -> None:
+        """The cycles of homing; quick stop at the end of it, whatever that is."""
+        settings, counts = self._settings, PositionScale(0.0, self._per_m)
+
+        def believe(host_ns: int, statusword: int, native: float) -> Readback:
+            return Readback(host_ns, statusword, counts.metres(native), 0.0)
+
+        voice, cycle = DriveVoice(shared, settings, self.link), self._cycle()
+        homing = HomingCycle(cycle, settings.homing.method, round(self._longest_s() * settings.sync_hz))
+        pacer = Pacer(self._clock, voice.period_ns)
+        with DriveEars(shared, settings.node_id, self.link, self._clock, believe) as ears:
+            try:
+                while not homing.done:
+                    word = homing.step(*ears.take())
+                    voice.send(word, counts.native(cycle.setpoint.position_m), self._clock.now_ns())
+                    pacer.wait()
+            except DeviceError as error:
+                raise DeviceError(f"{self.link.name}: {error}; the stage has been stopped") from error
+            finally:
+                voice.release(counts.native(cycle.setpoint.position_m), self._clock.now_ns())
+
+    def _cycle(self) -> DriveCycle:
+        s = self._settings
+        standing = Setpoint(1.0 / s.sync_hz, s.travel_m, s.max_velocity_m_s, 1.0)
+        return DriveCycle(1.0 / s.sync_hz, s.heartbeat_s, s.following_error_m, standing)
+
+    def _longest_s(self) -> float:
+        """Twice the travel in search of the switch, and off it again."""
+        (low_m, high_m), homing = self._settings.travel_m, self._settings.homing
+        search_s = 2.0 * (high_m - low_m) / homing.search_velocity_m_s
+        return _EXTRA_S + search_s + _OFF_SWITCH_M / homing.zero_velocity_m_s
+
+    # --- the way from end to end ---
+
+    def _go(self, targets_m: Sequence[float], velocity_m_s: float) -> list[float]:
+        """To one after the other; the positions in counts where it came to rest."""
+        assert self._scale is not None, "homed before"
+        stage = _Travelling(self._settings, self._clock, self._scale, self._at, targets_m, velocity_m_s)
+        try:
+            stage.open()
+            found = [self._reach(stage, target_m, velocity_m_s) for target_m in targets_m]
+        finally:
+            stage.close()
+        self._at = found[-1]
+        return found
+
+    def _reach(self, stage: Cia402Stage, target_m: float, velocity_m_s: float) -> float:
+        assert self._scale is not None, "homed before"
+        clock, pacer = self._clock, Pacer(self._clock, 10_000_000)
+        start_m = stage.read(clock.now_ns()).position_m
+        left_s, rested_s = _EXTRA_S + 2.0 * abs(target_m - start_m) / velocity_m_s, 0.0
+        while rested_s < _AT_REST_S:
+            stage.command(target_m, 0.0, clock.now_ns())
+            pacer.wait()
+            at_m = stage.read(clock.now_ns()).position_m
+            rested_s = rested_s + 0.01 if abs(at_m - target_m) <= self._reach_m else 0.0
+            left_s -= 0.01
+            if left_s < 0.0:
+                raise DeviceError(
+                    f"{self.link.name}: at {at_m:.5f} m, expected to come to rest at {target_m:.5f} m; "
+                    "the stage has been stopped"
+                )
+        return self._scale.zero + self._scale.per_m * at_m
+
+
+class _Travelling(Cia402Stage):
+    """A stage that stays between where it is and where it is sent, and goes no faster than it is told to."""
+
+    def __init__(
+        self,
+        settings: Cia402Settings,
+        clock: Clock,
+        scale: PositionScale,
+        at: float,
+        targets_m: Sequence[float],
+        velocity_m_s: float,
+    ) -> None:
+        places_m = [scale.metres(at), *targets_m]
+        bounds = {"travel_m": (min(places_m), max(places_m)), "max_velocity_m_s": velocity_m_s}
+        super().__init__(settings.model_copy(update=bounds), clock)
+        self._found = scale
+
+    def _scale(self) -> PositionScale:
+        return self._found

@@ -1,0 +1,51 @@
+"""What the YAML file says of a CiA 402 drive."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from forefeel.common.config import Settings
+from forefeel.common.settings import ExistingFile
+from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.shared.settings import Sign
+from forefeel.slave.stage import StageDriverSettings, Travel
+
+
+class HomingSettings(Settings):
+    """How a CiA 402 drive finds its reference, for `forefeel calibrate stage` alone.
+
+    `method`: of object 6098: 17 and 18 are the negative and the positive limit switch, by the drive's own
+    count; 37 (35 in older drives) takes where the stage stands, nothing moves. `home_m`: the position x of
+    the reference. `search_velocity_m_s`: towards the switch; `zero_velocity_m_s`: off it again.
+    """
+
+    method: Annotated[int, Field(ge=-128, le=37)] = 37
+    home_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    search_velocity_m_s: Annotated[float, Field(gt=0, le=0.05)] = 0.005
+    zero_velocity_m_s: Annotated[float, Field(gt=0, le=0.05)] = 0.001
+    acceleration_m_s2: Annotated[float, Field(gt=0, le=10)] = 0.1
+
+
+class Cia402Settings(StageDriverSettings):
+    """A CiA 402 drive in cyclic synchronous position mode. `counts_per_m`: of its encoder, gear and lead in.
+
+    `heartbeat_s`: how often both ends say that they live; the drive stops by itself after three of ours.
+    """
+
+    driver: Literal["cia402"]
+    can: CanSettings
+    node_id: Annotated[int, Field(ge=1, le=127)]
+    counts_per_m: Annotated[float, Field(gt=0)]
+    sign: Sign = 1
+    travel_m: Travel
+    max_velocity_m_s: Annotated[float, Field(gt=0, le=10)] = 0.2
+    following_error_m: Annotated[float, Field(gt=0, le=0.1)] = 0.002
+    sync_hz: Annotated[int, Field(ge=50, le=1000)] = 250
+    heartbeat_s: Annotated[float, Field(ge=0.01, le=1)] = 0.02
+    homing: HomingSettings = HomingSettings()
+    calibration: ExistingFile | None = None
+
+    @property
+    def native_per_m(self) -> float:
+        """Counts per metre."""
+        return self.counts_per_m

@@ -1,0 +1,228 @@
+"""A CiA 404 force transducer behind the load-cell port."""
+
+from collections.abc import Sequence
+from datetime import date
+from math import isfinite
+
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration, load_cell_calibration
+from forefeel.common.hardware.link import LinkState
+from forefeel.common.messages import within
+from forefeel.common.slots import BoundedQueue
+from forefeel.devices.canopen.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
+from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork
+from forefeel.devices.canopen.sdo import RemoteDevice, can_link, talking_to
+from forefeel.devices.cia404 import protocol as cia404
+from forefeel.devices.cia404.settings import Cia404Settings
+from forefeel.devices.shared.conversation import Conversation, Timed
+from forefeel.devices.shared.pacing import Pacer
+from forefeel.devices.shared.stuck import StuckWatch
+from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading, NativeReading
+
+_OPEN_S = 5.0
+_RANK = 0
+_SILENT_PERIODS, _SILENT_S = 10, 0.05
+_MICRO = 1e6
+_MOST_MICRO = 2**62
+
+
+class Cia404LoadCell:
+    """Load-cell port on a CANopen transducer: one reading for each TPDO, at SYNC.
+
+    SYNC comes from the stage's driver where one shares the bus, else from here. Tare and scale are of the
+    calibration; without one the unit of the device counts. `raw_counts`: its process value in millionths.
+
+    Attributes:
+        scale: by the device's unit, else by the settings; None before it is open.
+
+    Raises:
+        DeviceError: the device is silent, reports an emergency, or the bus is gone.
+    """
+
+    def __init__(self, settings: Cia404Settings, clock: Clock | None = None) -> None:
+        self._settings = settings
+        self._clock = clock or MonotonicClock()
+        self.link = can_link("load cell", settings.driver, settings.can, settings.node_id)
+        self.stale_s = max(0.02, 5.0 / settings.rate_hz)
+        self.full_scale_n = settings.full_scale_n
+        self._readings: BoundedQueue[Timed[cia404.Measured]] = BoundedQueue(1024)
+        self._pdo = cia404.reading_pdo(settings.node_id)
+        self._conversation: Conversation | None = None
+        self.calibration: LoadCellCalibration | None = None
+        self.scale: CellScale | None = None
+        self._native = False
+        self._stuck = StuckWatch(noisy=False)
+        self._tpdos, self._emergency = 0, 0
+
+    def open(self) -> None:
+        """Identifies, configures and starts the transducer.
+
+        Raises:
+            DeviceSetupError: it is not the transducer that the settings describe.
+        """
+        if self._settings.node_id == HOST_NODE:
+            raise DeviceSetupError(f"{self.link.name}: expected 1 to {HOST_NODE - 1}")
+        self._conversation = Conversation(self.link, self._converse)
+        self._conversation.start(_OPEN_S)
+
+    def open_native(self) -> None:
+        """As `open`, for `read_native` alone, whatever its unit. See `NativeLoadCell`."""
+        self._native = True
+        self.open()
+
+    def close(self) -> None:
+        """See the port."""
+        if self._conversation is not None:
+            self._conversation.stop()
+
+    def rearm(self) -> None:
+        """See the port; what came before it is forgotten."""
+        if self.link.inhibited is not None:
+            self._readings.drain()
+            self.link.rearm()
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
+        """See the port."""
+        del now_ns, recording_time_s
+        self.link.require_ready()
+        if self._native:
+            raise DeviceError(f"{self.link.name}: opened for its native readings")
+        return [self._reading(timed) for timed in self._readings.drain()]
+
+    def read_native(self, now_ns: int) -> Sequence[NativeReading]:
+        """The readings since the last call of a cell that `open_native` opened: its process value."""
+        del now_ns
+        self.link.require_ready()
+        return [self._native_reading(timed) for timed in self._readings.drain()]
+
+    @property
+    def dropped(self) -> int:
+        """Readings that nobody took in time."""
+        return self._readings.dropped
+
+    def _native_reading(self, timed: Timed[cia404.Measured]) -> NativeReading:
+        assert self.scale is not None, "_scale finds it"
+        native = timed.value.value
+        if not isfinite(native):
+            return NativeReading(0.0, False, timed.host_ns)
+        within = abs(native) * self.scale.newton_per_native <= VALID_SHARE * self.scale.full_scale_n
+        return NativeReading(native, timed.value.valid and within, timed.host_ns)
+
+    def _reading(self, timed: Timed[cia404.Measured]) -> LoadCellReading:
+        native, flaws = timed.value.value, timed.value.flaws
+        if not isfinite(native):
+            return LoadCellReading(0.0, 0, self._flawless(flaws), timed.host_ns)
+        if self.calibration is not None:
+            force_n = self.calibration.force_n(native)
+        else:
+            assert self.scale is not None, "_scale finds it"
+            force_n = native * self.scale.newton_per_native
+        force_n *= self._settings.sign
+        raw = round(within(native * _MICRO, _MOST_MICRO))
+        if abs(force_n) > VALID_SHARE * self.full_scale_n:
+            flaws = (*flaws, "beyond_full_scale")
+        if self._stuck.take(native, timed.host_ns * 1e-9):
+            flaws = (*flaws, "stuck")
+        return LoadCellReading(within(force_n, self.full_scale_n), raw, self._flawless(flaws), timed.host_ns)
+
+    def _flawless(self, flaws: Sequence[str]) -> bool:
+        """Whether a reading may be believed; each of its flaws is counted."""
+        for flaw in flaws:
+            self.link.counters[flaw] += 1
+        return not flaws
+
+    # --- the conversation ---
+
+    def _converse(self, conversation: Conversation) -> None:
+        settings = self._settings
+        with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
+            try:
+                self._set_up(device)
+                self._exchange(conversation, shared, device)
+            finally:
+                shared.leave_sync(self)
+
+    def _set_up(self, device: RemoteDevice) -> None:
+        device.introduce(cia404.PROFILE)
+        self._scale(device, self.link.serial)
+        for number in (2, 3, 4):
+            device.offer(*pdo_off(True, number, self._settings.node_id))
+        device.write_all(self._pdo.parameters())
+        device.order(START)
+        self.link.advance(LinkState.CONFIGURED)
+
+    def _scale(self, device: RemoteDevice, serial: str) -> None:
+        given, full_scale_n = self._settings.scale, self._settings.full_scale_n
+        code = int(device.read(cia404.UNIT, None if given is None else 0))
+        unit_n = cia404.newton_per_unit(code)
+        if (unit_n is None) is (given is None):
+            native = self._settings.full_scale_native
+            raise DeviceSetupError(
+                f"{device.name}: unit {code:08X} (6131) with full_scale_native = {native}; expected newtons "
+                f"({cia404.NEWTON:08X}) without it, or another unit and its number at full_scale_n"
+            )
+        self.scale = given if unit_n is None else CellScale(unit_n, full_scale_n)
+        path = self._settings.calibration
+        if self._native:
+            return
+        if path is not None:
+            about = self._settings.driver, serial, date.today(), self.scale
+            self.calibration = load_cell_calibration(path, *about)
+        elif unit_n is None:
+            raise DeviceSetupError(
+                f"{device.name}: unit {code:08X} (6131) without calibration; expected a file of "
+                "`forefeel calibrate load-cell`"
+            )
+
+    def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:
+        alarm = EMERGENCY + device.node
+        self._tpdos, self._emergency = 0, 0
+        shared.subscribe(self._pdo.can_id, self._on_reading)
+        shared.subscribe(alarm, self._on_emergency)
+        try:
+            self._cycles(conversation, shared)
+        finally:
+            shared.unsubscribe(self._pdo.can_id, self._on_reading)
+            shared.unsubscribe(alarm, self._on_emergency)
+
+    def _cycles(self, conversation: Conversation, shared: SharedNetwork) -> None:
+        period_s = 1.0 / self._settings.rate_hz
+        patience = max(_SILENT_PERIODS, round(_SILENT_S / period_s))
+        seen, silent, pacer = 0, 0, Pacer(self._clock, round(period_s * 1e9))
+        while not conversation.stopping:
+            shared.check()
+            if shared.sends_sync(self, _RANK):
+                shared.send(SYNC, b"")
+            silent = 0 if self._tpdos != seen else silent + 1
+            seen = self._tpdos
+            self.link.counters["silent_periods"] += bool(silent and seen)
+            shared.tell(self.link)
+            self._judge(silent, patience)
+            if seen and self.link.state is LinkState.CONFIGURED:
+                self.link.advance(LinkState.READY)
+                conversation.settled()
+            pacer.wait()
+
+    def _judge(self, silent: int, patience: int) -> None:
+        if self._emergency:
+            raise DeviceError(f"emergency {self._emergency:04X}")
+        if silent > patience:
+            raise DeviceError(f"no TPDO for {silent} periods")
+
+    def _on_reading(self, can_id: int, data: bytearray, stamp: float) -> None:
+        del can_id, stamp
+        found = cia404.measured(self._pdo, data)
+        if found is None:
+            self.link.counters["bad_length"] += 1
+            return
+        self._tpdos += 1
+        self.link.counters["tpdos"] += 1
+        self.link.exchanged()
+        self._readings.put(Timed(self._clock.now_ns(), None, found))
+        self.link.counters["unread"] = self._readings.dropped
+
+    def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:
+        del can_id, stamp
+        self.link.counters["emergencies"] += 1
+        self._emergency = emergency(data) or 0

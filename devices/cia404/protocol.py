@@ -1,0 +1,88 @@
+"""Force transducers after CiA 404: objects, units, and the TPDO that carries force and status. Pure.
+
+What is certain, and from where (the profile itself was not at hand):
+
+- Indices and types of 6110, 6112, 6125, 6131, 6132, the word `zero`, and the order of the bytes in 6131
+  (prefix in the highest, numerator, denominator, 0): SDO bytes in the manual of Baumer's DSRT strain sensor.
+- Newton is 21 hex, metre 01, and a prefix is the power of ten in two's complement: CiA DR-303-2, tables 4.1
+  and 4.3.
+- 6150 is UNSIGNED8; bit 0 not valid, bit 1 positive, bit 2 negative overload, an overload sets bit 0 as well
+  (03, 05), all other bits are reserved: manuals of esd's CAN-CBX-Pt100 and CAN-CBX-THERMO. FMS' EMGZ480
+  has the same bits in an INTEGER16 that no PDO carries: such a device refuses the mapping, and is refused.
+
+So nothing but 0 is a valid status: a bit that is not in the table is a flaw of its own.
+"""
+
+from math import isfinite
+from typing import NamedTuple
+
+from forefeel.devices.canopen.cia301 import TPDO1, ObjectEntry, Pdo
+
+PROFILE = 404
+SENSOR_TYPE = ObjectEntry(0x6110, 1, "H")
+OPERATING_MODE = ObjectEntry(0x6112, 1, "B")
+AUTOZERO = ObjectEntry(0x6125, 1, "I")
+PROCESS_VALUE = ObjectEntry(0x6130, 1, "f")
+UNIT = ObjectEntry(0x6131, 1, "I")
+DIGITS = ObjectEntry(0x6132, 1, "B")
+STATUS = ObjectEntry(0x6150, 1, "B")
+
+ZERO = int.from_bytes(b"zero", "little")
+"""What 6125 takes: the device tares itself. Wears its flash, may time out; the product tares in software."""
+
+NOT_VALID, OVER, UNDER = 1, 2, 4
+"""Bits of 6150."""
+_FLAWS = {NOT_VALID: "not_valid", OVER: "overrange", UNDER: "underrange"}
+
+_NEWTON = 0x21  # CiA 303-2
+_PREFIX, _NUMERATOR, _DENOMINATOR = 24, 16, 8
+
+
+def unit_code(prefix: int, numerator: int, denominator: int = 0) -> int:
+    """6131 after CiA 303-2: 10^prefix numerator / denominator."""
+    return (prefix & 0xFF) << _PREFIX | numerator << _NUMERATOR | denominator << _DENOMINATOR
+
+
+NEWTON = unit_code(0, _NEWTON)
+MICROMETRE_PER_METRE = unit_code(-6, 0x01, 0x01)
+
+
+def newton_per_unit(code: int) -> float | None:
+    """How many N the unit is; None: it is no unit of force."""
+    if code & 0x00FF_FFFF != NEWTON:
+        return None
+    prefix = code >> _PREFIX
+    return 10.0 ** (prefix - 256 if prefix > 127 else prefix)
+
+
+def reading_pdo(node: int, every: int = 1) -> Pdo:
+    """The first TPDO: process value and status at every so-and-so-many-th SYNC."""
+    return Pdo(True, 1, TPDO1 + node, every, (PROCESS_VALUE, STATUS))
+
+
+class Measured(NamedTuple):
+    """What one TPDO says, in the unit of 6131."""
+
+    value: float
+    status: int
+
+    @property
+    def valid(self) -> bool:
+        """Whether the device believes it, and it is a number."""
+        return not self.flaws
+
+    @property
+    def flaws(self) -> tuple[str, ...]:
+        """Why it is not to be believed: `not_valid`, `overrange`, `underrange`, `unknown_status`,
+        `not_a_number`.
+        """
+        found = [name for bit, name in _FLAWS.items() if self.status & bit]
+        if self.status & ~(NOT_VALID | OVER | UNDER):
+            found.append("unknown_status")
+        return (*found, *(() if isfinite(self.value) else ("not_a_number",)))
+
+
+def measured(pdo: Pdo, data: bytes | bytearray) -> Measured | None:
+    """What a TPDO says; None: it has another length."""
+    values = pdo.unpack(data)
+    return None if values is None else Measured(values[0], int(values[1]))

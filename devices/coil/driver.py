@@ -1,0 +1,392 @@
+"""The handle with a voice coil and an encoder behind a microcontroller on a serial port."""
+
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from math import isfinite
+from typing import NamedTuple
+
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import DeviceLink, LinkState
+from forefeel.common.messages import Grip
+from forefeel.devices.coil.protocol import (
+    NAME,
+    PROTOCOL,
+    Button,
+    CoilCommand,
+    CoilIdentity,
+    CoilParser,
+    CoilState,
+    Flag,
+    Identify,
+    encode,
+)
+from forefeel.devices.coil.settings import CoilSettings
+from forefeel.devices.shared.conversation import Conversation
+from forefeel.devices.shared.stream import ByteStream, SerialStream
+from forefeel.master.handle import HandleReading, Indication
+
+# --- The host's half of the exchange with a handle's microcontroller: handshake, then a command for a state.
+_ASK_NS = 100_000_000
+_PATIENCE_NS = 1_000_000_000
+_WRAP_US = 2**32
+_DRIFT = 1e-4  # two crystals of 50 ppm
+_FAULTS = {
+    Flag.WATCHDOG: "its watchdog took the current away: no command in time",
+    Flag.OVER_TEMPERATURE: "the coil is too hot",
+    Flag.OVERCURRENT: "overcurrent",
+    Flag.NOT_HOMED: "the encoder has lost its zero",
+}
+
+
+class Stamped(NamedTuple):
+    """A state of the device; `stamp_ns`: when it was measured, `arrived_ns`: when it came; host's clock."""
+
+    stamp_ns: int
+    arrived_ns: int
+    state: CoilState
+
+
+class CurrentSetpoint(NamedTuple):
+    """The current that the haptic loop wants, and when it wanted it."""
+
+    current_ma: int
+    stamp_ns: int
+
+
+_NO_CURRENT = CurrentSetpoint(0, 0)
+
+
+class DeviceClock:
+    """The device's microseconds on the host's clock: the quickest way so far counts, crept up by drift."""
+
+    def __init__(self) -> None:
+        self._device_ns = 0
+        self._last_us: int | None = None
+        self._offset_ns = 0.0
+
+    def host_ns(self, time_us: int, arrived_ns: int) -> int:
+        """When the device measured, not after `arrived_ns`."""
+        if self._last_us is None:
+            self._offset_ns = float(arrived_ns)
+        else:
+            passed_ns = (time_us - self._last_us) % _WRAP_US * 1000
+            self._device_ns += passed_ns
+            self._offset_ns = min(arrived_ns - self._device_ns, self._offset_ns + _DRIFT * passed_ns)
+        self._last_us = time_us
+        return self._device_ns + round(self._offset_ns)
+
+
+class CoilTalk:
+    """One device after the other on one link; `begin` starts a handshake, `hear` does everything else.
+
+    `hear` runs in one thread. The haptic thread reads `newest` and `pressed_anew`, and sets `setpoint` and
+    `shown`: each one reference.
+
+    Attributes:
+        newest: the newest state since the handshake, None before.
+        setpoint, shown: what the next command carries. A current is only ever sent while the link is READY.
+        settled: whether the handshake is done.
+        pressed_anew: after a fault: the deadman was let go and pressed since the handshake.
+    """
+
+    def __init__(self, settings: CoilSettings, link: DeviceLink) -> None:
+        self._settings, self._link = settings, link
+        self._watchdog_ns = round(settings.watchdog_s * 1e9)
+        self._serial: str | None = None
+        self.setpoint, self.shown = _NO_CURRENT, Indication(None, None)
+        self._restart(0)
+
+    def _restart(self, now_ns: int) -> None:
+        self._parser, self._clock = CoilParser(self._link.counters), DeviceClock()
+        self._begun_ns = self._asked_ns = now_ns
+        self._bytes = self._sequence = 0
+        self.newest: Stamped | None = None
+        self.settled = self.pressed_anew = self._let_go = False
+
+    def begin(self, now_ns: int) -> bytes:
+        """A new handshake with whatever is on the line now; what to send first."""
+        self._restart(now_ns)
+        return self._ask()
+
+    def hear(self, data: bytes, now_ns: int) -> bytes:
+        """Takes what has come (nothing, too); what to send.
+
+        Raises:
+            DeviceSetupError: nobody answers, or not the device that is expected.
+            DeviceError: silence for the watchdog's time, or a fault that the device reports.
+        """
+        self._bytes += len(data)
+        fresh = False
+        for frame in self._parser.feed(data):
+            if isinstance(frame, CoilIdentity):
+                self._identified(frame)
+            elif isinstance(frame, CoilState):
+                fresh |= self._measured(frame, now_ns)
+            else:
+                self._link.counters["unexpected_frames"] += 1
+        if not self.settled:
+            return self._shake(now_ns, fresh)
+        self._require_lively(now_ns)
+        return self._command() if fresh else b""
+
+    def forget_wish(self) -> None:
+        """No current until the haptic loop wants one again."""
+        self.setpoint = _NO_CURRENT
+
+    def farewell(self) -> bytes:
+        """The last command: no current, nothing shown."""
+        return encode(CoilCommand(self._next(), 0, None, None, False))
+
+    # --- the handshake ---
+
+    def _ask(self) -> bytes:
+        settings = self._settings
+        watchdog_ms, limit_ma = round(settings.watchdog_s * 1e3), round(settings.max_current_a * 1e3)
+        return encode(Identify(PROTOCOL, watchdog_ms, limit_ma))
+
+    def _identified(self, identity: CoilIdentity) -> None:
+        if self._link.state is not LinkState.OPEN:
+            self._link.counters["repeated_identity"] += 1
+            return
+        port, settings = self._settings.port, self._settings
+        name, serial, firmware = (
+            "".join(c if c.isprintable() else "?" for c in text)
+            for text in (identity.name, identity.serial, identity.firmware)
+        )
+        if name != NAME:
+            raise DeviceSetupError(f"{port}: {name!r} answers; expected {NAME!r}, a coil handle")
+        if identity.protocol != PROTOCOL:
+            raise DeviceSetupError(
+                f"{port}: firmware {firmware} speaks protocol {identity.protocol}; expected {PROTOCOL}"
+            )
+        if self._serial not in (None, serial):
+            raise DeviceSetupError(f"{port}: serial number {serial}; expected {self._serial}, as before")
+        watchdog_ms, limit_ma = round(settings.watchdog_s * 1e3), round(settings.max_current_a * 1e3)
+        if identity.watchdog_ms > watchdog_ms or identity.limit_ma > limit_ma:
+            raise DeviceSetupError(
+                f"{port}: watchdog {identity.watchdog_ms} ms, limit {identity.limit_ma} mA; "
+                f"expected at most {watchdog_ms} ms and {limit_ma} mA (watchdog_s, max_current_a)"
+            )
+        self._serial = self._link.serial = serial
+        self._link.identity = f"{name} {serial}, firmware {firmware}"
+        self._link.advance(LinkState.IDENTIFIED)
+
+    def _shake(self, now_ns: int, fresh: bool) -> bytes:
+        """On with the handshake: asks again, or has it done with the first state that reports no fault."""
+        if now_ns - self._begun_ns > _PATIENCE_NS:
+            raise DeviceSetupError(self._why_not())
+        if self._link.state is LinkState.OPEN:
+            if now_ns - self._asked_ns < _ASK_NS:
+                return b""
+            self._asked_ns = now_ns
+            return self._ask()
+        if not fresh or self.newest is None:
+            return b""
+        if not self.newest.state.flags:
+            self._link.advance(LinkState.CONFIGURED)
+            self._link.advance(LinkState.READY)
+            self.settled = True
+        return self._command()
+
+    def _why_not(self) -> str:
+        settings = self._settings
+        if self.newest is not None and self.newest.state.flags:
+            flags = self.newest.state.flags
+            if flags == Flag.NOT_HOMED:
+                return (
+                    f"{settings.port}: the encoder has no zero yet; expected the handle moved over its index"
+                )
+            return f"{settings.port}: {_in_words(flags)}; expected a handle without a fault"
+        if self._link.state is LinkState.IDENTIFIED:
+            return f"{settings.port}: {self._link.identity} sends no states; expected one each ms"
+        heard = f"{self._bytes} bytes, no answer among them" if self._bytes else "no answer"
+        return f"{settings.port}: {heard} at {settings.baud} baud; expected a coil handle (wrong port, baud?)"
+
+    # --- the exchange ---
+
+    def _measured(self, state: CoilState, now_ns: int) -> bool:
+        """Whether the state is a new one of the device that has been identified."""
+        if self._link.state < LinkState.IDENTIFIED:
+            return False
+        before = self.newest
+        if before is not None:
+            if (state.sequence, state.time_us) == (before.state.sequence, before.state.time_us):
+                self._link.counters["repeated_frames"] += 1
+                return False
+            if (state.time_us - before.state.time_us) % _WRAP_US > _PATIENCE_NS // 1000:
+                raise DeviceError("the device's clock began anew")
+            self._link.counters["frames_lost"] += (state.sequence - before.state.sequence - 1) % 2**16
+        self._link.counters["frames"] += 1
+        self._link.exchanged()
+        self.newest = Stamped(self._clock.host_ns(state.time_us, now_ns), now_ns, state)
+        if self.settled:
+            self._watch(state)
+        return True
+
+    def _watch(self, state: CoilState) -> None:
+        if state.flags:
+            raise DeviceError(_in_words(state.flags))
+        pressed = Button.DEADMAN in state.buttons
+        self.pressed_anew = pressed and (self.pressed_anew or self._let_go)
+        self._let_go = not pressed
+
+    def _require_lively(self, now_ns: int) -> None:
+        """The device, and the haptic loop, which alone may want a current."""
+        assert self.newest is not None
+        setpoint, age_ns = self.setpoint, now_ns - self.newest.stamp_ns
+        if age_ns > self._watchdog_ns:
+            raise DeviceError(f"no state for {age_ns * 1e-6:.0f} ms")
+        late_ns = now_ns - setpoint.stamp_ns
+        if self._link.state is LinkState.READY and setpoint.current_ma and late_ns > self._watchdog_ns:
+            raise DeviceError(f"the haptic loop stands still for {late_ns * 1e-6:.0f} ms")
+
+    def _command(self) -> bytes:
+        ready, shown = self._link.state is LinkState.READY, self.shown
+        stage_um = None if shown.stage_position_m is None else round(shown.stage_position_m * 1e6)
+        current_ma = self.setpoint.current_ma if ready else 0
+        return encode(CoilCommand(self._next(), current_ma, shown.state, stage_um, ready))
+
+    def _next(self) -> int:
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        return self._sequence
+
+
+def _in_words(flags: Flag) -> str:
+    named = [text for flag, text in _FAULTS.items() if flag in flags]
+    return "; ".join(named) or f"it reports a fault of number {int(flags)}"
+
+
+# --- The handle with a voice coil and an encoder behind a microcontroller on a serial port.
+_OPEN_S = 3.0
+_CARRIED_S = 0.005
+_READ_S = 0.25  # of the watchdog's time: how long a read may wait for a byte
+
+
+class CoilHandle:
+    """Handle port on a coil. `read`, `render` and `show` never wait: a thread of its own owns the device.
+
+    Any fault (silence, a flag of the device, a haptic loop that stands still) takes the force away and the
+    readings with it, until the handshake has been done again and `rearm` is called.
+
+    Attributes:
+        link: its state, what the device is, and what was counted.
+    """
+
+    finished = False
+    clutched_out_s = 0.0
+    """A hand does not say whether it means to wait."""
+
+    def __init__(
+        self,
+        settings: CoilSettings,
+        clock: Clock | None = None,
+        open_stream: Callable[[], ByteStream] | None = None,
+    ) -> None:
+        self._settings, self._clock = settings, clock or MonotonicClock()
+        self.link = DeviceLink(f"handle coil_serial on {settings.port}")
+        self._talk = CoilTalk(settings, self.link)
+        self._open_stream = open_stream or self._serial
+        self._limit_ma = round(settings.max_current_a * 1e3)
+        self._conversation = Conversation(self.link, self._converse)
+
+    @property
+    def counters(self) -> Counter[str]:
+        """Frames, faults, and what was lost or dropped."""
+        return self.link.counters
+
+    @property
+    def pressed_anew(self) -> bool:
+        """See `Handle`."""
+        return self.link.state is LinkState.CONFIGURED and self._talk.pressed_anew
+
+    def open(self) -> None:
+        """Opens the port and shakes hands.
+
+        Raises:
+            DeviceSetupError: no such port, or no coil handle of this protocol behind it.
+            DeviceError: it does not get ready.
+        """
+        self._conversation.start(_OPEN_S)
+
+    def close(self) -> None:
+        """Takes the current away and lets the port go; idempotent."""
+        self._talk.forget_wish()
+        self._conversation.stop()
+
+    def rearm(self) -> None:
+        """The explicit act after a fault; no current before the next `render`.
+
+        Raises:
+            DeviceError: the handshake has not been done again.
+        """
+        self._talk.forget_wish()
+        self.link.rearm()
+
+    def read(self, now_ns: int) -> HandleReading:
+        """The newest state, carried on by its velocity for at most 5 ms.
+
+        Raises:
+            DeviceError: a fault, now or before, that nobody has re-armed after.
+        """
+        self.link.require_ready()
+        newest = self._talk.newest
+        assert newest is not None
+        age_s = max(0.0, (now_ns - newest.stamp_ns) * 1e-9)
+        if age_s > self._settings.watchdog_s:
+            self.link.fault(f"no state for {age_s * 1e3:.0f} ms")
+            self.link.require_ready()
+        per_m, state = self._settings.sign * self._settings.counts_per_m, newest.state
+        pressed = Button.DEADMAN in state.buttons
+        grip = Grip.OPEN if Button.GRIPPER in state.buttons else Grip.CLOSED
+        position_m = (state.counts + state.velocity * min(age_s, _CARRIED_S)) / per_m
+        velocity_m_s = state.velocity / per_m if age_s <= _CARRIED_S else 0.0
+        stop = Button.ESTOP in state.buttons
+        return HandleReading(position_m, velocity_m_s, pressed, grip, estop=stop)
+
+    def render(self, force_n: float, now_ns: int) -> float:
+        """The current of a force, within the limit and to the milliampere; the force of that current.
+
+        Raises:
+            DeviceError: as `read`; there is no force then.
+        """
+        self.link.require_ready()
+        per_ampere = self._settings.newton_per_ampere
+        asked_ma = round(force_n / per_ampere * 1e3) if isfinite(force_n) else 0
+        current_ma = max(-self._limit_ma, min(self._limit_ma, asked_ma))
+        self._talk.setpoint = CurrentSetpoint(self._settings.sign * current_ma, now_ns)
+        return current_ma * 1e-3 * per_ampere
+
+    def show(self, indication: Indication) -> None:
+        """On the lamp and the display, with the next command."""
+        self._talk.shown = indication
+
+    def _serial(self) -> ByteStream:
+        return SerialStream(self._settings, _READ_S * self._settings.watchdog_s)
+
+    def _converse(self, conversation: Conversation) -> None:
+        """The device's thread; a fault that the haptic thread found (the link is closed) ends it, too."""
+        stream = self._open_stream()
+        try:
+            self._greet(stream)
+            while not conversation.stopping and self.link.state is not LinkState.CLOSED:
+                self._round(stream)
+                if self._talk.settled:
+                    conversation.settled()
+        finally:
+            self._part(stream)
+
+    def _greet(self, stream: ByteStream) -> None:
+        self.link.advance(LinkState.OPEN)
+        stream.write(self._talk.begin(self._clock.now_ns()))
+
+    def _round(self, stream: ByteStream) -> None:
+        answer = self._talk.hear(stream.read(), self._clock.now_ns())
+        if answer:
+            stream.write(answer)
+
+    def _part(self, stream: ByteStream) -> None:
+        with suppress(DeviceError):  # it is gone: its own watchdog takes the current away
+            stream.write(self._talk.farewell())
+        stream.close()

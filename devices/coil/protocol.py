@@ -1,0 +1,235 @@
+"""The link to a master handle's microcontroller: frames and their parser. Pure.
+
+A frame is `00 COBS(kind u8, body, CRC-16/CCITT-FALSE u16) 00`, little-endian. The delimiter stands on both
+sides, so that a byte that is wrong anywhere, a delimiter included, costs one frame and no other.
+
+The device sends states at its own rate (1 kHz) once it has been identified; each is answered by a command.
+"""
+
+import struct
+from collections import Counter
+from collections.abc import Callable
+from enum import IntEnum, IntFlag
+from typing import NamedTuple
+
+from cobs import cobs
+
+from forefeel.common.messages import SafetyState
+from forefeel.devices.shared.crc import crc_ccitt_false
+
+PROTOCOL = 1
+NAME = "forefeel-coil"
+MAX_BUFFER = 512
+"""Bytes without a delimiter that are kept: no frame is as long."""
+
+_CRC = struct.Struct("<H")
+_STATE = struct.Struct("<HIiiBBh")
+_COMMAND = struct.Struct("<HhBiB")
+_IDENTIFY = struct.Struct("<BHH")
+_TEXT_MAX = 32
+_I16, _I32, _U16 = 2**15 - 1, 2**31 - 1, 2**16 - 1
+_NOWHERE = -(2**31)
+
+_LAMPS: tuple[SafetyState | None, ...] = (
+    None,
+    SafetyState.IDLE,
+    SafetyState.READY,
+    SafetyState.ENGAGING,
+    SafetyState.ARMED,
+    SafetyState.STOPPING,
+    SafetyState.FAULT,
+    SafetyState.ESTOPPED,
+)
+"""What the lamp shows, by its number on the wire; the first is dark."""
+
+
+class _Kind(IntEnum):
+    STATE = 1
+    COMMAND = 2
+    IDENTIFY = 3
+    IDENTITY = 4
+
+
+class Button(IntFlag):
+    """What is pressed."""
+
+    DEADMAN = 1
+    GRIPPER = 2
+    ESTOP = 4
+
+
+class Flag(IntFlag):
+    """What the device says is wrong; each but NOT_HOMED takes the current away until the next `Identify`."""
+
+    WATCHDOG = 1
+    OVER_TEMPERATURE = 2
+    OVERCURRENT = 4
+    NOT_HOMED = 8
+
+
+_BUTTONS, _FLAGS = tuple(map(Button, range(256))), tuple(map(Flag, range(256)))
+
+
+class CoilState(NamedTuple):
+    """What the device measures. `sequence` u16 and `time_us` u32 wrap; `velocity`: counts/s."""
+
+    sequence: int
+    time_us: int
+    counts: int
+    velocity: int
+    buttons: Button
+    flags: Flag
+    current_ma: int
+
+
+class CoilCommand(NamedTuple):
+    """What the device is to do: current, whether the coil may have any, and what is shown to the person."""
+
+    sequence: int
+    current_ma: int
+    lamp: SafetyState | None
+    stage_um: int | None
+    enabled: bool
+
+
+class Identify(NamedTuple):
+    """Who is there? Clears the device's flags and sets when it takes the current away, and its limit."""
+
+    protocol: int
+    watchdog_ms: int
+    limit_ma: int
+
+
+class CoilIdentity(NamedTuple):
+    """The answer; `watchdog_ms`, `limit_ma`: what the device made of the wishes."""
+
+    protocol: int
+    watchdog_ms: int
+    limit_ma: int
+    name: str
+    serial: str
+    firmware: str
+
+
+Frame = CoilState | CoilCommand | Identify | CoilIdentity
+
+
+def encode(frame: Frame) -> bytes:
+    """The frame on the wire; numbers that do not fit are clamped, texts cut to 32 characters."""
+    match frame:
+        case CoilState():
+            sequence, time_us = frame.sequence & _U16, frame.time_us & 0xFFFFFFFF
+            counts, velocity = _clamped(frame.counts, _I32), _clamped(frame.velocity, _I32)
+            current_ma = _clamped(frame.current_ma, _I16)
+            body = _STATE.pack(
+                sequence, time_us, counts, velocity, frame.buttons & 0xFF, frame.flags & 0xFF, current_ma
+            )
+            kind = _Kind.STATE
+        case CoilCommand():
+            stage_um = _NOWHERE if frame.stage_um is None else _clamped(frame.stage_um, _I32)
+            lamp, current_ma = _LAMPS.index(frame.lamp), _clamped(frame.current_ma, _I16)
+            body = _COMMAND.pack(frame.sequence & _U16, current_ma, lamp, stage_um, frame.enabled)
+            kind = _Kind.COMMAND
+        case Identify():
+            body, kind = _identify(frame), _Kind.IDENTIFY
+        case CoilIdentity():
+            texts = b"".join(_text(text) for text in (frame.name, frame.serial, frame.firmware))
+            body, kind = _identify(frame) + texts, _Kind.IDENTITY
+    payload = bytes([kind]) + body
+    stuffed: bytes = cobs.encode(payload + _CRC.pack(crc_ccitt_false(payload)))
+    return b"\0" + stuffed + b"\0"
+
+
+class CoilParser:
+    """Bytes in, frames out. Never raises, whatever comes; the next delimiter begins anew.
+
+    What it drops is counted: `bad_framing` (no COBS), `bad_checksum`, `unknown_frame` (checksum right, but
+    no frame of ours), `oversized` (no delimiter within 512 bytes).
+    """
+
+    def __init__(self, counters: Counter[str]) -> None:
+        self._counters = counters
+        self._buffer = bytearray()
+        self._skipping = False
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames that are complete now, in order."""
+        *pieces, rest = (bytes(self._buffer) + data).split(b"\0")
+        if pieces and self._skipping:
+            self._skipping = False
+            del pieces[0]
+        frames = [frame for piece in pieces if piece and (frame := self._decode(piece)) is not None]
+        if len(rest) > MAX_BUFFER:
+            self._counters["oversized"] += not self._skipping
+            self._skipping, rest = True, b""
+        self._buffer = bytearray(b"" if self._skipping else rest)
+        return frames
+
+    def _decode(self, piece: bytes) -> Frame | None:
+        if len(piece) > MAX_BUFFER:
+            self._counters["oversized"] += 1
+            return None
+        try:
+            payload = cobs.decode(piece)
+        except cobs.DecodeError:
+            self._counters["bad_framing"] += 1
+            return None
+        content = payload[: -_CRC.size]
+        if not content or _CRC.unpack(payload[-_CRC.size :])[0] != crc_ccitt_false(content):
+            self._counters["bad_checksum"] += 1
+            return None
+        frame = _frame(content[0], content[1:])
+        if frame is None:
+            self._counters["unknown_frame"] += 1
+        return frame
+
+
+def _frame(kind: int, body: bytes) -> Frame | None:
+    decode = _DECODERS.get(kind)
+    try:
+        return None if decode is None else decode(body)
+    except (struct.error, ValueError, IndexError):
+        return None
+
+
+def _state(body: bytes) -> CoilState:
+    sequence, time_us, counts, velocity, buttons, flags, current_ma = _STATE.unpack(body)
+    return CoilState(sequence, time_us, counts, velocity, _BUTTONS[buttons], _FLAGS[flags], current_ma)
+
+
+def _command(body: bytes) -> CoilCommand:
+    sequence, current_ma, lamp, stage_um, enabled = _COMMAND.unpack(body)
+    where = None if stage_um == _NOWHERE else stage_um
+    return CoilCommand(sequence, current_ma, _LAMPS[lamp], where, bool(enabled))
+
+
+def _identity(body: bytes) -> CoilIdentity:
+    texts, at = [], _IDENTIFY.size
+    for _ in range(3):
+        end = at + 1 + body[at]
+        texts.append(body[at + 1 : end].decode("ascii"))
+        at = end
+    if at != len(body):
+        raise ValueError("a length that is not the body's")
+    return CoilIdentity(*_IDENTIFY.unpack_from(body), *texts)
+
+
+_DECODERS: dict[int, Callable[[bytes], Frame]] = {
+    _Kind.STATE: _state,
+    _Kind.COMMAND: _command,
+    _Kind.IDENTIFY: lambda body: Identify(*_IDENTIFY.unpack(body)),
+    _Kind.IDENTITY: _identity,
+}
+
+
+def _identify(frame: Identify | CoilIdentity) -> bytes:
+    return _IDENTIFY.pack(frame.protocol & 0xFF, min(frame.watchdog_ms, _U16), min(frame.limit_ma, _U16))
+
+
+def _text(text: str) -> bytes:
+    raw = text.encode("ascii", "replace")[:_TEXT_MAX]
+    return bytes([len(raw)]) + raw
+
+
+def _clamped(value: int, largest: int) -> int:
+    return max(-largest, min(largest, value))

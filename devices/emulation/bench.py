@@ -1,0 +1,81 @@
+"""Builds an emulated device from the section of a YAML file that its driver reads, so that both agree."""
+
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from forefeel.devices.emulation.contact import ContactSimulation, ForceReceiver, ForceSender
+from forefeel.devices.emulation.device import EmulatedDevice
+from forefeel.slave.plant.settings import WorldSettings
+
+NOISE_N = 0.002  # N, standard deviation of an emulated cell's noise; chosen, not measured
+TRAVEL_M = (-0.004, 0.124)  # m, travel of an emulated stage without a YAML file
+
+
+@dataclass(slots=True)
+class Load:
+    """What hangs on an emulated load cell, in N; positive where it resists insertion."""
+
+    force_n: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What an emulated device is put into.
+
+    `force_link`: the socket between stage and load cell; None: the device stands alone. `load`: what hangs on
+    the cell besides.
+    """
+
+    world: WorldSettings
+    force_link: Path | None
+    seed: int
+    load: Load = field(default_factory=Load)
+
+
+@dataclass(frozen=True, slots=True)
+class SerialBench:
+    """A device behind a serial port, and its speed."""
+
+    device: EmulatedDevice
+    port: Path
+    baud: int
+
+
+class Emulation(NamedTuple):
+    """How the device of a driver is emulated.
+
+    `defaults`: what the driver's settings are without a YAML file, but for the port. `build`: called with
+    (settings, surroundings, what is to be closed at the end), returns a `SerialBench`, or for a device on a
+    CAN bus a `forefeel.devices.canopen.emulator.CanopenDevice`.
+    """
+
+    defaults: dict[str, Any]
+    build: Callable[[Any, Surroundings, ExitStack], Any]
+    on_can: bool = False
+
+
+def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float, float, float, float], None]:
+    """What an emulated stage calls at every step: the contact moves, the load cell is sent the force."""
+    contact = ContactSimulation(around.world)
+    sender = (
+        None if around.force_link is None else leave.enter_context(closing(ForceSender(around.force_link)))
+    )
+
+    def on_motion(t_s: float, x_m: float, v_m_s: float, a_m_s2: float) -> None:
+        contact.moved(t_s, sign * x_m, sign * v_m_s, sign * a_m_s2)
+        if sender is not None:
+            sender.send(contact.force_n)
+
+    return on_motion
+
+
+def felt(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float], float]:
+    """The force in N on an emulated load cell at a time."""
+    load = around.load
+    if around.force_link is None:
+        return lambda _t_s: sign * load.force_n
+    receiver = leave.enter_context(closing(ForceReceiver(around.force_link)))
+    return lambda t_s: sign * (receiver.newest_n(t_s) + load.force_n)

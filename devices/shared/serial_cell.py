@@ -1,0 +1,289 @@
+"""What load cells on a serial port share: handshake, the thread that reads, silence, faults, re-arming."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from datetime import date
+from typing import Generic, Protocol, TypeVar
+
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
+from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
+from forefeel.common.hardware.link import DeviceLink, LinkState
+from forefeel.common.slots import BoundedQueue
+from forefeel.devices.ascii_line.settings import AsciiLineSettings
+from forefeel.devices.bota.settings import BotaSettings
+from forefeel.devices.shared.conversation import Conversation
+from forefeel.devices.shared.force_scale import ForceScale, Native
+from forefeel.devices.shared.settings import SerialSettings
+from forefeel.devices.shared.stream import ByteStream, SerialStream
+from forefeel.devices.shared.usb import port_serial
+from forefeel.slave.load_cell import LoadCellReading, NativeReading
+
+OpenStream = Callable[[SerialSettings, float], ByteStream]
+"""A port, and how long its `read` waits for the first byte, in s."""
+
+S = TypeVar("S", BotaSettings, AsciiLineSettings)
+
+_IDENTIFY_S = 1.0
+_RATE_TOLERANCE = 0.1
+_LEAST_SILENCE_S = 0.05
+_QUEUE = 4096
+
+
+class Cell(Protocol):
+    """What a cell says from one handshake to the next, as measurements. No I/O; time is an argument.
+
+    Attributes:
+        expected: what should come, with its baud: `Bota frames at 460800 baud`.
+        wait_s: how long to wait for bytes at most, before it may have something to send.
+        settle_s: how long it needs until its first measurement, beyond the usual.
+        measure_s: how long measuring its rate may take.
+    """
+
+    expected: str
+    wait_s: float
+    settle_s: float
+    measure_s: float
+
+    @property
+    def measured_hz(self) -> float | None:
+        """Its rate; None until there are enough measurements."""
+        ...
+
+    def due(self, now_ns: int) -> bytes:
+        """What is to be sent now."""
+        ...
+
+    def take(self, data: bytes, now_ns: int) -> list[Native]:
+        """The measurements in what came, oldest first.
+
+        Raises:
+            DeviceError: the cell was reset.
+        """
+        ...
+
+    def farewell(self) -> bytes:
+        """What leaves it as it was found."""
+        ...
+
+
+class SerialLoadCell(Generic[S]):
+    """Load-cell port on a serial port; the subclasses know what the bytes mean.
+
+    Attributes:
+        link: its state, identity, counters, and serial: of the USB adapter, else as the
+            settings have it.
+        stale_s: three periods and 20 ms.
+        measured_hz: the rate that the last handshake found.
+        calibration: as it was loaded; None: there is none.
+        scale: by the data sheet.
+    """
+
+    def __init__(
+        self,
+        settings: S,
+        clock: Clock | None = None,
+        open_stream: OpenStream = SerialStream,
+        today: Callable[[], date] = date.today,
+    ) -> None:
+        self.link = DeviceLink(f"load cell {settings.driver} on {settings.port}")
+        self.stale_s = 3.0 / settings.rate_hz + 0.02
+        self.full_scale_n = settings.full_scale_n
+        self.measured_hz: float | None = None
+        self.calibration: LoadCellCalibration | None = None
+        self._settings: S = settings
+        self.scale = settings.scale
+        self._clock = clock or MonotonicClock()
+        self._open_stream, self._today = open_stream, today
+        self._silence_ns = round(max(5.0 / settings.rate_hz, _LEAST_SILENCE_S) * 1e9)
+        self._queue = BoundedQueue[LoadCellReading](_QUEUE)
+        self._native_queue = BoundedQueue[NativeReading](_QUEUE)
+        self._native = False
+        self._conversation: Conversation | None = None
+
+    # --- what the subclasses know ---
+
+    def _cell(self) -> Cell:
+        raise NotImplementedError
+
+    def _scale(self, calibration: LoadCellCalibration | None) -> ForceScale:
+        raise NotImplementedError
+
+    # --- the port ---
+
+    def open(self) -> None:
+        """Starts the conversation; returns when the cell is ready.
+
+        Raises:
+            DeviceSetupError: no such port, busy, nothing or something else behind it, another rate than
+                configured, a calibration that is not its own.
+        """
+        if self._conversation is not None:
+            return
+        cell = self._cell()
+        patience_s = _identify_s(cell, self._settings.rate_hz) + cell.measure_s + 3.0
+        conversation = Conversation(self.link, self._converse)
+        conversation.start(patience_s)
+        self._conversation = conversation
+
+    def open_native(self) -> None:
+        """As `open`, for `read_native` alone: the calibration is not looked at. See `NativeLoadCell`."""
+        self._native = True
+        self.open()
+
+    def close(self) -> None:
+        """Ends the conversation; idempotent."""
+        if self._conversation is not None:
+            self._conversation.stop()
+            self._conversation = None
+
+    def rearm(self) -> None:
+        """See the port. What was measured before is discarded.
+
+        Raises:
+            DeviceError: the cell has not come back yet.
+        """
+        if self.link.inhibited is not None:
+            self.link.counters["discarded"] += len(self._queue.drain()) + len(self._native_queue.drain())
+            self.link.rearm()
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
+        """The readings since the last call, each with the host's stamp of its measurement; never waits."""
+        self.link.require_ready()
+        if self._native:
+            raise DeviceError(f"{self.link.name}: opened for its native readings")
+        return self._queue.drain()
+
+    def read_native(self, now_ns: int) -> Sequence[NativeReading]:
+        """The readings since the last call of a cell that `open_native` opened."""
+        self.link.require_ready()
+        return self._native_queue.drain()
+
+    # --- the conversation, in its own thread ---
+
+    def _converse(self, conversation: Conversation) -> None:
+        cell = self._cell()
+        stream = self._open_stream(self._settings, cell.wait_s)
+        try:
+            self.link.advance(LinkState.OPEN)
+            scale = self._calibrated()
+            if self._shake_hands(conversation, stream, cell):
+                self._exchange(conversation, stream, cell, scale)
+            with suppress(DeviceError):
+                stream.write(cell.farewell())
+        finally:
+            stream.close()
+
+    def _calibrated(self) -> ForceScale:
+        """The scale, with the calibration of the device that is there now."""
+        serial, path = self._serial(), self._settings.calibration
+        if self.link.serial not in ("", serial):
+            raise DeviceError(
+                f"{self.link.name}: another device, serial {serial}; expected {self.link.serial}"
+            )
+        self.link.serial = serial
+        if self._native:
+            return self._scale(None)
+        if path and not serial:
+            raise DeviceSetupError(
+                f"{self.link.name}: a calibration, but the port has no serial number to check it by; "
+                "expected load_cell.serial, the number on the device's label"
+            )
+        try:
+            about = self._settings.driver, serial, self._today(), self._settings.scale
+            self.calibration = load_cell_calibration(path, *about) if path else None
+        except InputError as error:
+            raise DeviceSetupError(str(error)) from error
+        return self._scale(self.calibration)
+
+    def _serial(self) -> str:
+        """Of the port, else of the settings; empty: of neither."""
+        found, given = port_serial(self._settings.port), self._settings.serial
+        if found and given not in (None, found):
+            raise DeviceSetupError(
+                f"{self.link.name}: serial = {given!r}: expected {found!r}, the port's own, or none"
+            )
+        return found or given or ""
+
+    def _shake_hands(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> bool:
+        """Identifies, measures the rate; whether it is done, False when the conversation is to end."""
+        start_ns, came = self._clock.now_ns(), 0
+        patience_s = _identify_s(cell, self._settings.rate_hz)
+        while self.link.state < LinkState.IDENTIFIED:
+            if conversation.stopping:
+                return False
+            data = self._heard(stream, cell)
+            now_ns = self._clock.now_ns()
+            came += len(data)
+            if cell.take(data, now_ns):
+                self.link.identity = f"{self._settings.driver}, serial {self.link.serial or 'unknown'}"
+                self.link.advance(LinkState.IDENTIFIED)
+            elif now_ns - start_ns > patience_s * 1e9:
+                raise DeviceSetupError(self._unidentified(came, patience_s, cell))
+        return self._rate_is_right(conversation, stream, cell)
+
+    def _rate_is_right(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> bool:
+        start_ns, rate_hz = self._clock.now_ns(), self._settings.rate_hz
+        while not conversation.stopping:
+            cell.take(self._heard(stream, cell), self._clock.now_ns())
+            measured_hz = self.measured_hz = cell.measured_hz
+            if measured_hz is not None and abs(measured_hz - rate_hz) <= _RATE_TOLERANCE * rate_hz:
+                self.link.advance(LinkState.CONFIGURED)
+                self.link.advance(LinkState.READY)
+                conversation.settled()
+                return True
+            if self._clock.now_ns() - start_ns > cell.measure_s * 1e9:
+                measured = "too few to tell" if measured_hz is None else f"{measured_hz:.4g} Hz measured"
+                raise DeviceSetupError(
+                    f"{self._settings.port}: rate_hz = {rate_hz:g}: {measured}; "
+                    "expected the rate that the cell is set to, within 10 %"
+                )
+        return False
+
+    def _exchange(
+        self, conversation: Conversation, stream: ByteStream, cell: Cell, scale: ForceScale
+    ) -> None:
+        counters, last_ns, since = self.link.counters, self._clock.now_ns(), 0
+        while not conversation.stopping:
+            silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy finds bytes
+            data = self._heard(stream, cell)
+            now_ns = self._clock.now_ns()
+            found = cell.take(data, now_ns)
+            since += len(data)
+            if found:
+                last_ns, since = now_ns, 0
+            elif silent_ns > self._silence_ns:
+                what = f"{since} bytes, but none of the {cell.expected}" if since else "nothing"
+                raise DeviceError(f"{self.link.name}: {what} for {silent_ns * 1e-6:.0f} ms")
+            for native in found:
+                self.link.exchanged()
+                self._hand_over(scale, scale.checked(native))
+            counters["unread"] = self._queue.dropped + self._native_queue.dropped
+
+    def _hand_over(self, scale: ForceScale, checked: Native) -> None:
+        if self.link.state is not LinkState.READY:
+            self.link.counters["while_inhibited"] += 1
+        elif self._native:
+            self._native_queue.put(NativeReading(checked.value, not checked.flaws, checked.stamp_ns))
+        else:
+            self._queue.put(scale.reading(checked))
+
+    def _heard(self, stream: ByteStream, cell: Cell) -> bytes:
+        asked = cell.due(self._clock.now_ns())
+        if asked:
+            stream.write(asked)
+        return stream.read()
+
+    def _unidentified(self, came: int, patience_s: float, cell: Cell) -> str:
+        where, expected = self._settings.port, cell.expected
+        if not came:
+            what = f"nothing comes within {patience_s:.2g} s"
+            return f"{where}: {what}; expected {expected}: no power, or another device"
+        return (
+            f"{where}: {came} bytes within {patience_s:.2g} s, but nothing of the expected {expected}: "
+            "wrong baud or another device"
+        )
+
+
+def _identify_s(cell: Cell, rate_hz: float) -> float:
+    return _IDENTIFY_S + cell.settle_s + 2.0 / rate_hz

@@ -1,0 +1,99 @@
+"""What the control loop wants of a drive that another thread talks to."""
+
+from threading import Lock
+from typing import NamedTuple
+
+
+# --- What is wanted of a drive; the setpoint that one without a ramp of its own is sent each cycle. Pure.
+class Wanted(NamedTuple):
+    """Where the stage is to be at a stamp of the host's clock, and how fast it is to move there."""
+
+    position_m: float
+    velocity_m_s: float
+    stamp_ns: int
+
+
+class Setpoint:
+    """Moves towards what is asked with a bounded velocity, within the travel; never jumps.
+
+    Args:
+        period_s: of the cycle.
+        travel_m: where it may go; a drive that starts outside is only led back.
+        max_velocity_m_s: the most that it moves.
+        deceleration_m_s2: with which `hold` comes to rest.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        travel_m: tuple[float, float],
+        max_velocity_m_s: float,
+        deceleration_m_s2: float,
+    ) -> None:
+        self._period_s = period_s
+        self._low_m, self._high_m = travel_m
+        self._most_m = max_velocity_m_s * period_s
+        self._brake_m_s = deceleration_m_s2 * period_s
+        self.position_m = self.velocity_m_s = 0.0
+
+    def within_travel(self, position_m: float) -> float:
+        """The nearest position of the travel."""
+        return max(self._low_m, min(self._high_m, position_m))
+
+    def restart(self, actual_m: float) -> None:
+        """Begins at rest where the drive is."""
+        self.position_m, self.velocity_m_s = actual_m, 0.0
+
+    def follow(self, wanted_m: float) -> None:
+        """One cycle towards a position."""
+        step_m = self.within_travel(wanted_m) - self.position_m
+        step_m = max(-self._most_m, min(self._most_m, step_m))
+        self.position_m += step_m
+        self.velocity_m_s = step_m / self._period_s
+
+    def hold(self) -> None:
+        """One cycle of coming to rest, and staying."""
+        v = self.velocity_m_s
+        v = max(0.0, v - self._brake_m_s) if v > 0.0 else min(0.0, v + self._brake_m_s)
+        free_m = self.position_m + v * self._period_s
+        low_m, high_m = min(self._low_m, self.position_m), max(self._high_m, self.position_m)
+        self.position_m = max(low_m, min(high_m, free_m))
+        self.velocity_m_s = v if self.position_m == free_m else 0.0
+
+
+# --- What the control loop wants of a drive that another thread talks to.
+class SetpointMailbox:
+    """The newest setpoint, or hold. A hold goes before every setpoint until the drive has acknowledged it.
+
+    Attributes:
+        superseded: setpoints that a newer one replaced before the drive was sent there.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._setpoint: Wanted | None = None
+        self._stop_due = self._new = False
+        self.superseded = 0
+
+    def command(self, setpoint: Wanted) -> None:
+        """The newest setpoint."""
+        with self._lock:
+            self.superseded += self._new
+            self._setpoint, self._new = setpoint, True
+
+    def hold(self) -> None:
+        """Forgets the setpoint; the drive is to be stopped if it had been given one."""
+        with self._lock:
+            self._stop_due = self._stop_due or self._setpoint is not None
+            self._setpoint, self._new = None, False
+
+    def now(self) -> tuple[bool, Wanted | None]:
+        """(whether a stop is due, the newest setpoint; None: hold)."""
+        with self._lock:
+            self._new = False
+            return self._stop_due, self._setpoint
+
+    def stopped(self) -> None:
+        """The drive has acknowledged the stop. No setpoint was sent since it was."""
+        with self._lock:
+            self._stop_due = False

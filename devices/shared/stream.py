@@ -1,0 +1,131 @@
+"""Byte streams to devices: the port, and serial ports behind it.
+
+Whatever pyserial raises (SerialException, a bare OSError, termios.error, which is neither) is a DeviceError
+here.
+"""
+
+import os
+import select
+import termios
+from contextlib import suppress
+from pathlib import Path
+from typing import Protocol
+
+import serial
+
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.devices.shared.settings import SerialSettings
+
+_BROKEN = (serial.SerialException, OSError, termios.error, TypeError, ValueError)
+"""The last two: closed while it reads."""
+_CHUNK = 4096
+_WRITE_S = 0.5
+_USUAL_LATENCY_MS = 1
+
+
+class ByteStream(Protocol):
+    """A device's bytes. One thread reads, one writes."""
+
+    def read(self) -> bytes:
+        """What has come, waiting a little for the first byte; empty when nothing came.
+
+        Raises:
+            DeviceError: the device is gone.
+        """
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Sends all of it or raises DeviceError; waits no longer than the write timeout."""
+        ...
+
+    def close(self) -> None:
+        """Idempotent."""
+        ...
+
+
+class SerialStream:
+    """A serial port, opened for us alone.
+
+    Raises:
+        DeviceSetupError: no such port, busy, not permitted, or it can not be set up like that.
+    """
+
+    def __init__(self, settings: SerialSettings, timeout_s: float = 0.02) -> None:
+        self.name, self._timeout_s = settings.port, timeout_s
+        try:
+            self._serial = serial.Serial(settings.port, settings.baud, timeout=timeout_s, exclusive=True)
+        except (serial.SerialException, OSError, termios.error, ValueError) as error:
+            raise DeviceSetupError(_why_not(settings, error)) from error
+
+    def read(self) -> bytes:
+        """See `ByteStream`."""
+        try:  # past pyserial's read, which takes three times the system calls for a frame each millisecond
+            number = self._serial.fileno()
+            if not select.select([number], [], [], self._timeout_s)[0]:
+                return b""
+            data = os.read(number, _CHUNK)
+        except _BROKEN as error:
+            raise DeviceError(f"{self.name}: gone while reading ({_short(error)})") from error
+        if not data:
+            raise DeviceError(f"{self.name}: gone while reading (ready, but without data)")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """See `ByteStream`."""
+        try:  # past pyserial's write, which fails after all is written when the process was frozen meanwhile
+            number = self._serial.fileno()
+            while data:
+                if not select.select([], [number], [], _WRITE_S)[1]:
+                    raise DeviceError(f"{self.name}: takes no bytes for {_WRITE_S:g} s")
+                data = data[os.write(number, data) :]
+        except _BROKEN as error:
+            raise DeviceError(f"{self.name}: gone while writing ({_short(error)})") from error
+
+    def fileno(self) -> int:
+        """For select.
+
+        Raises:
+            DeviceError: it is closed.
+        """
+        try:
+            return int(self._serial.fileno())
+        except _BROKEN as error:
+            raise DeviceError(f"{self.name}: closed") from error
+
+    def close(self) -> None:
+        """See `ByteStream`."""
+        with suppress(*_BROKEN):  # it is gone: as closed as it will be
+            self._serial.close()
+
+
+def latency_timer_ms(port: str) -> int | None:
+    """The latency timer of an FTDI adapter; None where there is none. More than 1 delays every answer."""
+    name = Path(os.path.realpath(port)).name
+    path = Path("/sys/bus/usb-serial/devices") / name / "latency_timer"
+    try:
+        return int(path.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def latency_warning(port: str) -> str | None:
+    """What to do about a slow latency timer; None where there is nothing to do."""
+    timer_ms = latency_timer_ms(port)
+    if timer_ms is None or timer_ms <= _USUAL_LATENCY_MS:
+        return None
+    return f"{port}: latency timer {timer_ms} ms, expected 1 (deploy/udev sets it)"
+
+
+def _why_not(settings: SerialSettings, error: BaseException) -> str:
+    port, text = settings.port, str(error)
+    if not Path(port).exists():
+        return f"{port}: no such port; expected one that `forefeel devices` lists"
+    if "exclusively lock" in text or "Resource temporarily unavailable" in text or "busy" in text.lower():
+        return f"{port}: busy, another process holds it; expected it free: `fuser -v {port}` names who"
+    if isinstance(error, PermissionError) or "Permission denied" in text:
+        return f"{port}: not permitted; expected membership of the port's group (often dialout)"
+    return f"{port}: can not be opened at {settings.baud} baud ({_short(error)}); expected a serial port"
+
+
+def _short(error: BaseException) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

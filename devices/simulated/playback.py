@@ -1,0 +1,168 @@
+"""Handles whose motion is given: a recording, a sine, a multi-sine. The hand is rigid; the rendered force
+does not move it.
+"""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from math import cos, pi, sin
+from typing import Protocol
+
+from forefeel.common.clock import Clock
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.tabular import load_recording
+from forefeel.devices.simulated.operator import Act, MinimumJerk, SimulatedHandle
+from forefeel.devices.simulated.settings import MultiSineSettings, RecordedHandleSettings, SineSettings
+from forefeel.master.handle import HandleReading
+
+
+class PiecewiseMotion(Protocol):
+    """A motion over its own time, in pieces; the clutch is opened between two pieces."""
+
+    @property
+    def pieces(self) -> Sequence[tuple[float, float]]:
+        """(start, end) in s of each piece, in order."""
+        ...
+
+    def at(self, t_s: float) -> tuple[float, float]:
+        """(position m, velocity m/s) at a time inside a piece."""
+        ...
+
+    @property
+    def carries_time(self) -> bool:
+        """Whether the commands carry that time as recording time."""
+        ...
+
+
+class RecordedMotion:
+    """A measured position, linear between its samples, never across a gap longer than `gap_s`.
+
+    Raises:
+        RecordingError: every sample stands alone between gaps.
+    """
+
+    carries_time = True
+
+    def __init__(self, recording: Recording, gap_s: float = 0.1) -> None:
+        self._time_s: list[float] = recording.time_s.tolist()
+        self._position_m: list[float] = recording.position_m.tolist()
+        segments = recording.segments(gap_s)
+        self._last = frozenset(segment.stop - 1 for segment in segments)
+        spans = [(self._time_s[s.start], self._time_s[s.stop - 1]) for s in segments]
+        self.pieces = [(start, end) for start, end in spans if end > start]
+        if not self.pieces:
+            raise RecordingError(f"{recording.source}: no two samples within {gap_s:g} s, nothing to play")
+
+    def at(self, t_s: float) -> tuple[float, float]:
+        """Linear interpolation; the velocity is that of the interval, at the end of a piece the last one."""
+        i = bisect_right(self._time_s, t_s) - 1
+        i = max(0, i - (i in self._last))
+        t0, x0 = self._time_s[i], self._position_m[i]
+        velocity_m_s = (self._position_m[i + 1] - x0) / (self._time_s[i + 1] - t0)
+        return x0 + velocity_m_s * (t_s - t0), velocity_m_s
+
+
+class MultiSine:
+    """x = centre - sum a_i cos(w_i t): starts at rest at its lowest, stays within centre +- sum a_i; one
+    frequency makes a sine.
+    """
+
+    carries_time = False
+    pieces = ((0.0, float("inf")),)
+
+    def __init__(self, centre_m: float, amplitude_m: float, frequencies_hz: Sequence[float]) -> None:
+        self._centre_m = centre_m
+        self._a_m = amplitude_m / len(frequencies_hz)
+        self._omega = [2.0 * pi * frequency_hz for frequency_hz in frequencies_hz]
+
+    def at(self, t_s: float) -> tuple[float, float]:
+        """Position and velocity."""
+        position_m = self._centre_m - sum(self._a_m * cos(w * t_s) for w in self._omega)
+        return position_m, sum(self._a_m * w * sin(w * t_s) for w in self._omega)
+
+
+class Playback(SimulatedHandle):
+    """Plays a motion by absolute position: aligns with the stage, arms, goes to the start of the piece, plays
+    it, opens the clutch.
+    """
+
+    def __init__(self, motion: PiecewiseMotion, approach_m_s: float) -> None:
+        super().__init__()
+        self._motion = motion
+        self._approach_m_s = approach_m_s
+        self._piece = 0
+        self._play_s = motion.pieces[0][0]
+        self._approach: MinimumJerk | None = None
+        self._approach_s = 0.0
+        self._position_m = 0.0
+
+    def render(self, force_n: float, now_ns: int) -> float:
+        """The hand is rigid."""
+        del now_ns
+        return force_n
+
+    def read(self, now_ns: int) -> HandleReading:
+        """Plays on up to now."""
+        dt_s = self._step_s(now_ns)
+        self.person.look(now_ns * 1e-9, self._indication.state)
+        if self.finished or self.person.act is not Act.MOVING:
+            return self._wait()
+        if self._approach is None:
+            self._aim()
+        return self._go_to_start(dt_s) or self._play(now_ns, dt_s)
+
+    def _wait(self) -> HandleReading:
+        """Aligned with the stage, so that arming moves nothing."""
+        self._approach = None
+        if self.person.act is Act.WAITING and self._indication.stage_position_m is not None:
+            self._position_m = self._indication.stage_position_m
+        return HandleReading(self._position_m, 0.0, self.person.pressed and not self.finished)
+
+    def _aim(self) -> None:
+        target_m = self._motion.at(self._play_s)[0]
+        duration_s = max(0.2, 1.9 * abs(target_m - self._position_m) / self._approach_m_s)
+        self._approach = MinimumJerk(self._position_m, target_m, duration_s)
+        self._approach_s = 0.0
+
+    def _go_to_start(self, dt_s: float) -> HandleReading | None:
+        assert self._approach is not None
+        self._approach_s += dt_s
+        if self._approach_s > self._approach.duration_s:
+            return None
+        self._position_m, velocity_m_s = self._approach.at(self._approach_s)
+        return HandleReading(self._position_m, velocity_m_s, True)
+
+    def _play(self, now_ns: int, dt_s: float) -> HandleReading:
+        self._play_s += dt_s
+        if self._play_s > self._motion.pieces[self._piece][1]:
+            return self._end_piece(now_ns)
+        self._position_m, velocity_m_s = self._motion.at(self._play_s)
+        time_s = self._play_s if self._motion.carries_time else None
+        return HandleReading(self._position_m, velocity_m_s, True, recording_time_s=time_s)
+
+    def _end_piece(self, now_ns: int) -> HandleReading:
+        self._piece += 1
+        self.person.release(now_ns * 1e-9)
+        if self._piece == len(self._motion.pieces):
+            self.finished = True
+        else:
+            self._play_s = self._motion.pieces[self._piece][0]
+        return self._wait()
+
+
+def make_recorded(settings: RecordedHandleSettings, _clock: Clock) -> Playback:
+    """See `Driver.make`. Raises RecordingError for a recording that can not be used."""
+    recording = load_recording(settings.recording, settings.columns.mapping() if settings.columns else None)
+    return Playback(RecordedMotion(recording, settings.gap_s), settings.approach_m_s)
+
+
+def make_sine(settings: SineSettings, _clock: Clock) -> Playback:
+    """See `Driver.make`."""
+    sine = MultiSine(settings.centre_m, settings.amplitude_m, (settings.frequency_hz,))
+    return Playback(sine, settings.approach_m_s)
+
+
+def make_multisine(settings: MultiSineSettings, _clock: Clock) -> Playback:
+    """See `Driver.make`."""
+    sines = MultiSine(settings.centre_m, settings.amplitude_m, settings.frequencies_hz)
+    return Playback(sines, settings.approach_m_s)

@@ -1,0 +1,90 @@
+"""A load cell that answers with the force of a recording."""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from itertools import pairwise
+from math import inf, isfinite
+
+from forefeel.common.clock import Clock
+from forefeel.common.errors import RecordingError
+from forefeel.common.messages import MOST_FORCE_N
+from forefeel.common.recording.tabular import load_recording
+from forefeel.devices.simulated.settings import RecordedLoadCellSettings
+from forefeel.slave.load_cell import LoadCellReading
+
+_NOTHING = LoadCellReading(0.0, 0, False)
+
+
+class RecordedLoadCell:
+    """Load-cell port on recorded (time, force) pairs, linear between samples, never across a gap.
+
+    Args:
+        time_s: sample times in s, strictly increasing.
+        force_n: force at each, in N.
+        gap_s: samples further apart than this enclose a gap.
+
+    Raises:
+        RecordingError: no samples, unequal lengths, a number that is not finite, time that does not increase.
+    """
+
+    def __init__(self, time_s: Sequence[float], force_n: Sequence[float], gap_s: float = 0.1) -> None:
+        if not time_s or len(time_s) != len(force_n):
+            raise RecordingError(
+                f"{len(time_s)} times, {len(force_n)} forces: expected as many, at least one"
+            )
+        for i, (t, f) in enumerate(zip(time_s, force_n, strict=True)):
+            if not (isfinite(t) and abs(f) <= MOST_FORCE_N):
+                raise RecordingError(
+                    f"sample {i}: time_s = {t}, force_n = {f}: expected finite numbers, at most "
+                    f"{MOST_FORCE_N:g} N"
+                )
+        for i, (before, after) in enumerate(pairwise(time_s), start=1):
+            if after <= before:
+                raise RecordingError(
+                    f"sample {i}: time_s = {after} after {before}: expected increasing times"
+                )
+        self._time_s, self._force_n, self._gap_s = list(time_s), list(force_n), gap_s
+        self.full_scale_n = max(map(abs, force_n))
+
+    stale_s = inf
+
+    def open(self) -> None:
+        """Nothing to connect."""
+
+    def close(self) -> None:
+        """Nothing to let go."""
+
+    def rearm(self) -> None:
+        """A recording does not fail."""
+
+    def read(self, now_ns: int, recording_time_s: float | None) -> tuple[LoadCellReading]:
+        """The recorded force at `recording_time_s`, whatever the time is now."""
+        return (self.read_at(recording_time_s),)
+
+    def read_at(self, recording_time_s: float | None) -> LoadCellReading:
+        """The force at that time of the recording, raw counts in micro-newtons.
+
+        Invalid and 0 N without a time, outside the recording, inside a gap; a sample at its edge is valid.
+        """
+        if recording_time_s is None or not self._time_s[0] <= recording_time_s <= self._time_s[-1]:
+            return _NOTHING
+        i = bisect_left(self._time_s, recording_time_s)
+        if self._time_s[i] == recording_time_s:
+            return _reading(self._force_n[i])
+        span_s = self._time_s[i] - self._time_s[i - 1]
+        if span_s > self._gap_s:
+            return _NOTHING
+        share = (recording_time_s - self._time_s[i - 1]) / span_s
+        return _reading(self._force_n[i - 1] + share * (self._force_n[i] - self._force_n[i - 1]))
+
+
+def _reading(force_n: float) -> LoadCellReading:
+    return LoadCellReading(force_n, round(force_n * 1e6), True)
+
+
+def make_load_cell(settings: RecordedLoadCellSettings, _clock: Clock) -> RecordedLoadCell:
+    """See `Driver.make`. Raises RecordingError for a recording without a force."""
+    recording = load_recording(settings.recording, settings.columns.mapping() if settings.columns else None)
+    if recording.force_n is None:
+        raise RecordingError(f"{settings.recording}: no force column; expected one for a recorded load cell")
+    return RecordedLoadCell(recording.time_s.tolist(), (settings.force_sign * recording.force_n).tolist())

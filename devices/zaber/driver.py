@@ -1,0 +1,612 @@
+"""The driver of a Zaber stage that speaks ASCII.
+
+The device has no watchdog: it would finish any motion that it was given. So it is only ever given absolute
+targets, at most `lead_s` ahead of the newest setpoint and of where it is: when the host dies it comes to rest
+by itself.
+"""
+
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from datetime import date
+from math import isfinite, nan
+from typing import NamedTuple
+
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
+from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
+from forefeel.common.hardware.link import DeviceLink, LinkState
+from forefeel.devices.shared.conversation import Conversation, Timed
+from forefeel.devices.shared.setpoint import SetpointMailbox, Wanted
+from forefeel.devices.shared.settings import SerialSettings
+from forefeel.devices.shared.stage_scale import PositionScale
+from forefeel.devices.shared.stream import ByteStream, SerialStream
+from forefeel.devices.zaber.protocol import (
+    ACCELERATION_DATA,
+    DRIVER_OFF,
+    SPEED_DATA,
+    UNHOMED,
+    Alert,
+    CommandEncoder,
+    Message,
+    Parser,
+    Reply,
+    in_words,
+    is_fault,
+)
+from forefeel.devices.zaber.settings import ZaberSettings
+from forefeel.slave.stage import StageReading, require_finite
+
+# --- Commands to a Zaber device and its replies, over a byte stream. One thread.
+_SLACK_S = 0.05  # of the device, the adapter and the host, beside the bytes' own time
+_BITS = 10
+_USUAL_REPLY = 40
+_MOST_SILENT = 3
+
+
+class SilenceError(DeviceError):
+    """The device does not answer."""
+
+
+class RejectedError(DeviceError):
+    """The device does not take a command; `reason`: its word for why, BADDATA for example."""
+
+    def __init__(self, text: str, reason: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class ZaberTalk:
+    """One device and one of its axes.
+
+    Attributes:
+        parser: what it dropped tells a wrong baud rate from silence.
+        others: addresses of other devices that spoke.
+    """
+
+    def __init__(
+        self, stream: ByteStream, clock: Clock, address: tuple[int, int], baud: int, link: DeviceLink
+    ) -> None:
+        self._stream, self._clock, self._byte_s = stream, clock, _BITS / baud
+        self._device, self._axis = address
+        self._name, self._counters = link.name, link.counters
+        self._encoder = CommandEncoder(self._device)
+        self._silent = 0
+        self._dropped: Counter[str] = Counter()
+        self.parser = Parser(checksums=False)
+        self.others: set[int] = set()
+
+    def ask(self, text: str, axis: int | None = None, tries: int = _MOST_SILENT) -> str:
+        """The data of the reply; a lost one is asked for again.
+
+        Raises:
+            SilenceError: no answer that often.
+            RejectedError: the device does not take it.
+        """
+        for _ in range(tries):
+            (reply,) = self.exchange([text], axis, patient=True)
+            if reply is not None:
+                return self.accepted(text, reply.value).data
+        raise SilenceError(f"{self._name}: no answer to {text!r}")
+
+    def number(self, text: str, axis: int | None = None) -> float:
+        """As `ask`, of a reply that is one number; DeviceError if it is none."""
+        return self.as_number(text, self.ask(text, axis))
+
+    def as_number(self, text: str, data: str) -> float:
+        """The number in a reply; DeviceError if it is none, or not finite."""
+        try:
+            value = float(data)
+        except ValueError:
+            value = nan
+        if not isfinite(value):
+            raise DeviceError(f"{self._name}: {data[:40]!r} for {text!r}: expected one number")
+        return value
+
+    def accepted(self, text: str, reply: Reply) -> Reply:
+        """The reply, unless it is a rejection: RejectedError."""
+        if not reply.accepted:
+            raise RejectedError(f"{self._name}: {text!r} rejected: {reply.data}", reply.data)
+        return reply
+
+    def exchange(
+        self, texts: Sequence[str], axis: int | None = None, patient: bool = False
+    ) -> list[Timed[Reply] | None]:
+        """Sends commands in one go; their replies, None where none came in time.
+
+        Raises:
+            SilenceError: nothing came three times in a row (unless `patient`).
+            DeviceError: the device is gone; or an alert said that the axis has a fault.
+        """
+        sent_ns, ids = self._clock.now_ns(), self.post(texts, axis)
+        found = self._collect(ids, sent_ns)
+        replies = [found.get(each) for each in ids]
+        self._counters["lost_replies"] += replies.count(None)
+        self._silent = 0 if found else self._silent + 1
+        if self._silent >= _MOST_SILENT and not patient:
+            raise SilenceError(f"{self._name}: no answer {_MOST_SILENT} times in a row")
+        return replies
+
+    def post(self, texts: Sequence[str], axis: int | None = None) -> list[int]:
+        """Sends commands without waiting; their message ids."""
+        lines = [self._encoder.encode(self._axis if axis is None else axis, text) for text in texts]
+        data = b"".join(line for _, line in lines)
+        self._counters["commands"] += len(lines)
+        self._sent = len(data)
+        self._stream.write(data)
+        return [message_id for message_id, _ in lines]
+
+    def _collect(self, ids: Sequence[int], sent_ns: int) -> dict[int, Timed[Reply]]:
+        wire_s = (self._sent + _USUAL_REPLY * len(ids)) * self._byte_s
+        deadline_ns = sent_ns + int((wire_s + _SLACK_S) * 1e9)
+        found: dict[int, Timed[Reply]] = {}
+        while len(found) < len(ids):
+            messages = self.parser.feed(self._stream.read())
+            now_ns = self._clock.now_ns()
+            for message in messages:
+                self._sort(message, ids, found, Timed((sent_ns + now_ns) // 2, None, message))
+            if now_ns >= deadline_ns:
+                break
+        self._count_dropped()
+        return found
+
+    def _sort(
+        self, message: Message, ids: Sequence[int], found: dict[int, Timed[Reply]], timed: Timed[Message]
+    ) -> None:
+        """Replies to what was asked are stamped half way between question and answer."""
+        if message.device != self._device:
+            self.others.add(message.device)
+            self._counters["foreign"] += 1
+        elif isinstance(message, Reply) and message.message_id is not None and message.message_id in ids:
+            found[message.message_id] = Timed(timed.host_ns, None, message)
+        elif isinstance(message, Reply):
+            self._counters["unexpected_replies"] += 1
+        elif isinstance(message, Alert):
+            self._counters["alerts"] += 1
+            if message.axis == self._axis and is_fault(message.warning):
+                raise DeviceError(f"{self._name}: {in_words(message.warning)}, says an alert")
+
+    def _count_dropped(self) -> None:
+        fresh = self.parser.dropped - self._dropped
+        if fresh:
+            self._counters.update(fresh)
+            self._dropped = self.parser.dropped.copy()
+
+
+# --- The handshake with a Zaber stage: who it is, how it is set up, whether it knows where it is.
+OpenStream = Callable[[SerialSettings], ByteStream]
+_ROUNDING = 1.0  # microsteps
+
+
+class ConfiguredStage(NamedTuple):
+    """A stage that has been identified and set up. `limits`: of the device, in microsteps; `calibration`: as
+    it was loaded.
+    """
+
+    talk: ZaberTalk
+    serial: str
+    scale: PositionScale
+    limits: tuple[int, int]
+    calibration: StageCalibration | None = None
+
+
+def link_name(settings: ZaberSettings) -> str:
+    """For texts."""
+    return f"stage zaber_ascii on {settings.port}"
+
+
+def connect(
+    settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: ByteStream, today: date
+) -> ConfiguredStage:
+    """From an open stream to a stage that has been identified and set up; nothing moves.
+
+    Raises:
+        DeviceSetupError: silent, another device, wrong baud rate, no checksums, a limit that it does not
+            take, or a calibration of another stage.
+    """
+    talk = ZaberTalk(stream, clock, (settings.device, settings.axis), settings.baud, link)
+    try:
+        serial = link.serial = _identify(talk, settings, link)
+        link.advance(LinkState.IDENTIFIED)
+        calibration = _calibration(settings, serial, today)
+        scale = _scale(settings, calibration)
+        _limit(talk, settings, scale)
+        low, high = (round(talk.number(f"get {name}")) for name in ("limit.min", "limit.max"))
+    except DeviceSetupError:
+        raise
+    except DeviceError as error:
+        raise DeviceSetupError(f"{error}; expected a stage that takes its settings") from error
+    return ConfiguredStage(talk, serial, scale, (low, high), calibration)
+
+
+def require_travel(device: ConfiguredStage, settings: ZaberSettings) -> None:
+    """Raises DeviceSetupError unless the device's own limits let it go wherever it may be sent."""
+    low, high = device.scale.ends(settings.travel_m)
+    lowest, highest = device.limits
+    if low < lowest - _ROUNDING or high > highest + _ROUNDING:
+        ends_m = sorted(device.scale.metres(end) for end in device.limits)
+        raise DeviceSetupError(
+            f"{link_name(settings)}: stage.travel_m = [{settings.travel_m[0]:g}, {settings.travel_m[1]:g}]: "
+            f"expected within [{ends_m[0]:g}, {ends_m[1]:g}], the limits in the stage"
+        )
+
+
+def require_homed(talk: ZaberTalk, link: DeviceLink) -> None:
+    """Raises DeviceSetupError for a stage that does not know where it is: absolute targets mean nothing."""
+    unhomed = sorted(UNHOMED & set(flags(talk)))
+    if unhomed:
+        raise DeviceSetupError(
+            f"{link.name}: {in_words(unhomed[0])}; expected a homed stage: run `forefeel calibrate stage`"
+        )
+
+
+def clear_faults(talk: ZaberTalk, link: DeviceLink) -> None:
+    """Acknowledges old faults; to be called on an explicit act only.
+
+    Raises:
+        DeviceSetupError: one that stays.
+    """
+    talk.ask("warnings clear")
+    if DRIVER_OFF & set(flags(talk)):
+        talk.ask("driver enable")
+    left = [flag for flag in flags(talk) if is_fault(flag) and flag not in UNHOMED]
+    if left:
+        raise DeviceSetupError(f"{link.name}: {in_words(left[0])}; expected a stage without faults")
+
+
+def flags(talk: ZaberTalk) -> list[str]:
+    """The warning flags that are set, the gravest first."""
+    return talk.ask("warnings").split()[1:]
+
+
+def _identify(talk: ZaberTalk, settings: ZaberSettings, link: DeviceLink) -> str:
+    """The serial number; read with checksums, as everything but the first answer is."""
+    try:
+        device_id = _device_id(talk)
+    except SilenceError as error:
+        raise DeviceSetupError(_why_silent(talk, settings)) from error
+    _checksums_on(talk, settings)
+    serial, version = talk.ask("get system.serial", axis=0), talk.ask("get version", axis=0)
+    link.identity = f"Zaber device id {device_id}, serial {serial}, firmware {version}"
+    return serial
+
+
+def _device_id(talk: ZaberTalk) -> str:
+    try:
+        return talk.ask("get device.id", axis=0)
+    except RejectedError:  # firmware 6 calls it otherwise
+        return talk.ask("get deviceid", axis=0)
+
+
+def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
+    expected = f"expected Zaber device {settings.device} in ASCII at {settings.baud} baud"
+    if talk.others:
+        found = f"answers come from device {min(talk.others)}"
+    elif talk.parser.dropped.total():
+        found = "bytes that are no Zaber ASCII: another device, or another baud rate"
+    else:
+        found = "silence: no power, another baud rate, or another device"
+    return f"{link_name(settings)}: {found}; {expected}"
+
+
+def _scale(settings: ZaberSettings, calibration: StageCalibration | None) -> PositionScale:
+    if calibration is None:
+        return PositionScale(0.0, settings.sign / settings.microstep_m)
+    return PositionScale(calibration.zero, settings.sign * calibration.native_per_m)
+
+
+def _calibration(settings: ZaberSettings, serial: str, today: date) -> StageCalibration | None:
+    if settings.calibration is None:
+        return None
+    try:
+        return stage_calibration(
+            settings.calibration, settings.driver, serial, today, settings.travel_m, settings.native_per_m
+        )
+    except ConfigurationError as error:
+        raise DeviceSetupError(str(error)) from error
+
+
+def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> None:
+    """Speed and acceleration as the settings have them."""
+    per_m = abs(scale.per_m)
+    limits = {
+        "maxspeed": (settings.max_velocity_m_s * per_m * SPEED_DATA, "max_velocity_m_s"),
+        "accel": (settings.max_acceleration_m_s2 * per_m * ACCELERATION_DATA, "max_acceleration_m_s2"),
+    }
+    for name, (value, key) in limits.items():
+        try:
+            _ensure(talk, name, max(1, int(value)))
+        except RejectedError as error:
+            if error.reason != "BADDATA":
+                raise
+            raise DeviceSetupError(
+                f"{link_name(settings)}: stage.{key} = {getattr(settings, key):g}: rejected "
+                f"({error.reason}), expected what the stage can do"
+            ) from error
+
+
+def _checksums_on(talk: ZaberTalk, settings: ZaberSettings) -> None:
+    """From here on a reply without a checksum is none."""
+    try:
+        _ensure(talk, "comm.checksum", 1, axis=0)
+        talk.parser.checksums = True
+        talk.ask("get comm.checksum", axis=0)
+    except (RejectedError, SilenceError) as error:
+        why = f"rejected, {error.reason}" if isinstance(error, RejectedError) else "replies come without"
+        raise DeviceSetupError(
+            f"{link_name(settings)}: checksums stay off ({why}); expected a device with comm.checksum "
+            "(without it a damaged digit is a valid position)"
+        ) from error
+
+
+def _ensure(talk: ZaberTalk, name: str, value: int, axis: int | None = None) -> None:
+    """Sets what is not so yet: the device writes every `set` to its flash."""
+    if talk.number(f"get {name}", axis) != value:
+        talk.ask(f"set {name} {value}", axis)
+
+
+# --- Exchanges with a Zaber stage that is configured: targets out, positions in. One thread.
+_CARRIED_S = 0.020
+_REST_NS = 2_000_000_000
+_SMOOTHED = 0.1  # weight of the newest exchange in the usual time of one
+_READINGS = 3  # a velocity is taken over: two exchanges
+_GAP_NS = 100_000_000
+
+
+class ZaberExchange:
+    """The only place that makes a command that moves the stage; it asks the link every time.
+
+    Attributes:
+        reading: where the stage was last, with the host's stamp; replaced as a whole.
+    """
+
+    def __init__(
+        self,
+        device: ConfiguredStage,
+        settings: ZaberSettings,
+        clock: Clock,
+        link: DeviceLink,
+        orders: SetpointMailbox,
+    ) -> None:
+        self._talk, self._scale, self._limits = device.talk, device.scale, device.limits
+        self._settings, self._clock, self._link, self._orders = settings, clock, link, orders
+        self._positions: deque[tuple[int, float]] = deque(maxlen=_READINGS)
+        self._usual_s = 0.0
+        self._last_ns: int | None = None
+        self._since_ns = 0
+        self.reading = Timed(0, None, StageReading(0.0, 0.0))
+
+    def begin(self) -> None:
+        """The start, and the start anew after an explicit re-arming: old faults are acknowledged.
+
+        Raises:
+            DeviceSetupError: one stays, or the stage is not homed.
+        """
+        self._last_ns = None
+        clear_faults(self._talk, self._link)
+        require_homed(self._talk, self._link)
+        self.watch()
+
+    def watch(self) -> None:
+        """Only where it is."""
+        asked_ns = self._clock.now_ns()
+        x_m = self._scale.metres(self._talk.number("get pos"))
+        self._took((asked_ns + self._clock.now_ns()) // 2, x_m)
+
+    def step(self) -> None:
+        """What is due, with a position in the same exchange.
+
+        Raises:
+            DeviceError: a rejected command, a warning flag that forbids motion, silence, the port is gone.
+        """
+        began_ns = self._clock.now_ns()
+        stop_due, setpoint = self._due(began_ns)
+        order = ["stop"] if stop_due else [] if setpoint is None else [self._move(setpoint, began_ns)]
+        texts = [*order, "get pos"]
+        replies = self._talk.exchange(texts)
+        for text, reply in zip(texts, replies, strict=True):
+            if reply is not None:
+                self._check(text, reply.value)
+        if stop_due and replies[0] is not None:
+            self._orders.stopped()
+        where = replies[-1]
+        if where is not None:
+            self._took(where.host_ns, self._metres(where.value))
+        took_s = (self._clock.now_ns() - began_ns) * 1e-9
+        if where is not None:
+            self._link.exchanged(round(took_s * 1e9))
+        self._usual_s += (took_s - self._usual_s) * _SMOOTHED
+
+    def _due(self, now_ns: int) -> tuple[bool, Wanted | None]:
+        """What is ordered now. When this thread stood still for longer than the lead, so did the stage: what
+        was wanted before is over.
+        """
+        if self._last_ns is not None and now_ns - self._last_ns > self._settings.lead_s * 1e9:
+            self._link.counters["stood_still"] += 1
+            self._orders.hold()
+            self._since_ns = now_ns
+        self._last_ns = now_ns
+        stop_due, setpoint = self._orders.now()
+        over = setpoint is not None and setpoint.stamp_ns < self._since_ns
+        return stop_due, None if over else setpoint
+
+    def try_stop(self) -> None:
+        """After a fault: a stop, whether or not anybody hears it."""
+        try:
+            self._talk.post(["stop"])
+        except DeviceError:
+            self._link.counters["stops_not_sent"] += 1  # the bounded target stops it
+
+    def rest(self) -> None:
+        """The orderly end: stops, and waits until the stage is at rest.
+
+        Raises:
+            DeviceError: it does not answer, or does not come to rest.
+        """
+        self._talk.ask("stop")
+        until_ns = self._clock.now_ns() + _REST_NS
+        while self._clock.now_ns() < until_ns:
+            (reply,) = self._talk.exchange([""])
+            if reply is not None and not reply.value.busy:
+                return
+        raise DeviceError(f"{self._link.name}: still busy {_REST_NS * 1e-9:g} s after a stop")
+
+    def _move(self, setpoint: Wanted, now_ns: int) -> str:
+        self._link.require_ready()
+        return f"move abs {self.target(setpoint, now_ns)}"
+
+    def target(self, setpoint: Wanted, now_ns: int) -> int:
+        """Where the stage is sent, in microsteps: never further than `lead_s` ahead of the setpoint nor of
+        where the stage is, and within travel and limits.
+
+        It is carried on by the time that the device needs to get it and by the distance that it brakes over,
+        v / 2A, so that a steady motion is not braked at each target.
+        """
+        settings, (position_m, velocity_m_s, stamp_ns) = self._settings, setpoint
+        braking_s = 0.5 * abs(velocity_m_s) / settings.max_acceleration_m_s2
+        ahead_s = max(0, now_ns - stamp_ns) * 1e-9 + self._usual_s + braking_s
+        low_m, high_m = settings.travel_m
+        target_m = position_m + velocity_m_s * min(ahead_s, settings.lead_s)
+        target_m = max(low_m, min(high_m, target_m))
+        reach_m = settings.max_velocity_m_s * settings.lead_s
+        here_m = self._here_m(now_ns)
+        target_m = max(here_m - reach_m, min(here_m + reach_m, target_m))
+        lowest, highest = self._limits
+        return max(lowest, min(highest, self._scale.native(target_m)))
+
+    def _here_m(self, now_ns: int) -> float:
+        stamp_ns, _, (position_m, velocity_m_s) = self.reading
+        return position_m + velocity_m_s * min(max(now_ns - stamp_ns, 0) * 1e-9, _CARRIED_S)
+
+    def _check(self, text: str, reply: Reply) -> None:
+        flag = self._talk.accepted(text, reply).warning
+        if is_fault(flag):
+            raise DeviceError(f"{self._link.name}: {in_words(flag)}")
+        if flag.startswith("W"):
+            self._link.counters[f"warning_{flag}"] += 1
+
+    def _metres(self, reply: Reply) -> float:
+        return self._scale.metres(self._talk.as_number("get pos", reply.data))
+
+    def _took(self, stamp_ns: int, position_m: float) -> None:
+        """A position, and the velocity over the last ones."""
+        if self._positions and stamp_ns - self._positions[-1][0] > _GAP_NS:
+            self._positions.clear()
+        self._positions.append((stamp_ns, position_m))
+        first_ns, first_m = self._positions[0]
+        elapsed_s = (stamp_ns - first_ns) * 1e-9
+        velocity_m_s = (position_m - first_m) / elapsed_s if elapsed_s > 0 else 0.0
+        self.reading = Timed(stamp_ns, None, StageReading(position_m, velocity_m_s))
+
+
+# --- The driver of a Zaber stage that speaks ASCII.
+_OPEN_S = 8.0
+_WATCH_S = 0.05
+
+
+class ZaberStage:
+    """Stage port on a Zaber device.
+
+    Attributes:
+        link: state, identity and counters.
+        calibration: as it was loaded; None: there is none.
+    """
+
+    def __init__(
+        self, settings: ZaberSettings, clock: Clock | None = None, open_stream: OpenStream = SerialStream
+    ) -> None:
+        self.settings, self._clock = settings, clock or MonotonicClock()
+        self.link = DeviceLink(link_name(settings))
+        self.calibration: StageCalibration | None = None
+        self._open_stream = open_stream
+        self._orders = SetpointMailbox()
+        self._conversation: Conversation | None = None
+        self._exchange: ZaberExchange | None = None
+
+    # --- the control loop ---
+
+    def open(self) -> None:
+        """See `Stage`; waits for the handshake.
+
+        Raises:
+            DeviceSetupError: no such port, no such device, or it is not homed; the stage was not moved.
+        """
+        self.close()
+        self._conversation = Conversation(self.link, self._converse)
+        self._conversation.start(_OPEN_S)
+
+    def close(self) -> None:
+        """See `Stage`."""
+        conversation, self._conversation = self._conversation, None
+        if conversation is not None:
+            conversation.stop()
+
+    def rearm(self) -> None:
+        """See `Stage`; what was commanded before is forgotten."""
+        self._orders.hold()
+        self.link.rearm()
+
+    def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
+        """See `Stage`; a number that is not finite is refused with `DeviceError`."""
+        self.link.require_ready()
+        require_finite(position_m, velocity_m_s)
+        applied_m = self._within_travel(position_m)
+        self._orders.command(Wanted(applied_m, velocity_m_s, now_ns))
+        return applied_m
+
+    def hold(self, now_ns: int) -> None:
+        """See `Stage`."""
+        del now_ns
+        self._orders.hold()
+        self.link.require_ready()
+
+    def read(self, now_ns: int) -> StageReading:
+        """See `Stage`."""
+        self.link.require_ready()
+        if self._exchange is None:
+            raise DeviceError(f"{self.link.name}: used while closed, expected open() before")
+        stamp_ns, _, reading = self._exchange.reading
+        return reading.carried_on(stamp_ns, now_ns)
+
+    def _within_travel(self, position_m: float) -> float:
+        low_m, high_m = self.settings.travel_m
+        return max(low_m, min(high_m, position_m))
+
+    # --- the conversation's thread ---
+
+    def _converse(self, conversation: Conversation) -> None:
+        stream = self._open_stream(self.settings)
+        try:
+            self.link.advance(LinkState.OPEN)
+            device = connect(self.settings, self._clock, self.link, stream, date.today())
+            self.calibration = device.calibration
+            require_travel(device, self.settings)
+            require_homed(device.talk, self.link)
+            exchange = ZaberExchange(device, self.settings, self._clock, self.link, self._orders)
+            exchange.watch()  # before CONFIGURED: from there on anybody may re-arm, and read where it is
+            self._exchange = exchange
+            self._serve(conversation, exchange)
+        finally:
+            stream.close()
+
+    def _serve(self, conversation: Conversation, exchange: ZaberExchange) -> None:
+        """After a fault it looks on only, until somebody re-arms the link."""
+        begun = self.link.inhibited is None
+        self.link.advance(LinkState.CONFIGURED)
+        try:
+            if begun:
+                exchange.begin()
+                self.link.advance(LinkState.READY)
+            conversation.settled()
+            while not conversation.stopping:
+                if self.link.state is not LinkState.READY:
+                    exchange.watch()
+                    conversation.pause(_WATCH_S)
+                elif begun:
+                    exchange.step()
+                else:
+                    exchange.begin()
+                    begun = True
+        except BaseException:
+            exchange.try_stop()
+            raise
+        exchange.rest()

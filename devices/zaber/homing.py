@@ -1,0 +1,109 @@
+"""What the calibration of a Zaber stage does: home it, and run over its travel. Blocks while it moves."""
+
+from collections.abc import Callable
+from datetime import date
+from types import TracebackType
+
+from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.link import DeviceLink, LinkState
+from forefeel.devices.shared.stream import ByteStream, SerialStream
+from forefeel.devices.zaber.driver import ConfiguredStage, OpenStream, clear_faults, connect, link_name
+from forefeel.devices.zaber.protocol import SPEED_DATA, UNHOMED, Reply, in_words, is_fault
+from forefeel.devices.zaber.settings import ZaberSettings
+from forefeel.slave.stage import Home
+
+
+class ZaberHoming:
+    """A stage that need not know where it is. Use: `with ZaberHoming(settings) as homing:`.
+
+    Whatever ends the block, the stage is told to stop. The calibration in the settings is not looked at.
+
+    Attributes:
+        link: identity and counters.
+        native_per_m: microsteps per m.
+    """
+
+    def __init__(
+        self, settings: ZaberSettings, clock: Clock | None = None, open_stream: OpenStream = SerialStream
+    ) -> None:
+        self._settings = settings.model_copy(update={"calibration": None})
+        self._clock, self._open_stream = clock or MonotonicClock(), open_stream
+        self.link = DeviceLink(link_name(settings))
+        self._stream: ByteStream | None = None
+        self._device: ConfiguredStage | None = None
+        self.native_per_m = 0.0
+
+    def __enter__(self) -> "ZaberHoming":
+        self._stream = self._open_stream(self._settings)
+        try:
+            self.link.advance(LinkState.OPEN)
+            self._device = connect(self._settings, self._clock, self.link, self._stream, date.today())
+            self.native_per_m = abs(self._device.scale.per_m)
+            clear_faults(self._device.talk, self.link)
+        except BaseException:
+            self._stream.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert self._stream is not None
+        try:
+            self._opened().talk.post(["stop"])
+        except DeviceError:
+            self.link.counters["stops_not_sent"] += 1
+        finally:
+            self._stream.close()
+
+    def home(self, timeout_s: float = 60.0) -> Home:
+        """Homes; the position of home in microsteps. By how much it was off the device does not tell.
+
+        Raises:
+            DeviceError: a fault on the way, or not there in time; the stage is told to stop.
+        """
+        self._move("home", timeout_s)
+        return Home(self._opened().talk.number("get pos"), None)
+
+    def travel_ends(self, velocity_m_s: float, timeout_s: float = 120.0) -> tuple[float, float]:
+        """Runs to both limits at that speed and stays at the lower; the ends in microsteps.
+
+        Raises:
+            DeviceError: as `home`.
+        """
+        talk = self._opened().talk
+        usual = talk.number("get maxspeed")
+        talk.ask(f"set maxspeed {max(1, int(min(usual, velocity_m_s * self.native_per_m * SPEED_DATA)))}")
+        try:
+            self._move("move max", timeout_s)
+            high = talk.number("get pos")
+            self._move("move min", timeout_s)
+            return talk.number("get pos"), high
+        finally:
+            talk.ask(f"set maxspeed {int(usual)}")
+
+    def _move(self, text: str, timeout_s: float) -> None:
+        self._opened().talk.ask(text)
+        until_ns = self._clock.now_ns() + int(timeout_s * 1e9)
+        self._wait(text, lambda: self._clock.now_ns() < until_ns)
+
+    def _wait(self, text: str, more: Callable[[], bool]) -> None:
+        talk = self._opened().talk
+        while more():
+            (reply,) = talk.exchange([""])
+            if reply is not None and not self._busy(text, reply.value):
+                return
+        talk.ask("stop")
+        raise DeviceError(f"{self.link.name}: {text!r} takes too long; the stage has been stopped")
+
+    def _busy(self, text: str, reply: Reply) -> bool:
+        flag = self._opened().talk.accepted(text, reply).warning
+        if is_fault(flag) and flag not in UNHOMED:
+            raise DeviceError(f"{self.link.name}: {in_words(flag)} during {text!r}")
+        return reply.busy
+
+    def _opened(self) -> ConfiguredStage:
+        if self._device is None:
+            raise DeviceError(f"{self.link.name}: used while closed, expected a `with` block")
+        return self._device

@@ -1,0 +1,79 @@
+"""The devices that a daemon's YAML file names."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.driver import (
+    SLOTS,
+    DriverSettings,
+    InstalledDriver,
+    Slot,
+    driver_of,
+    installed_drivers,
+)
+from forefeel.common.settings import DaemonSettings
+from forefeel.daemon_settings import load_daemon
+from forefeel.devices.shared.settings import SerialSettings
+
+
+class ConfiguredDevice(NamedTuple):
+    """One device of one axis."""
+
+    axis: str
+    settings: Any
+    driver: InstalledDriver
+
+    @property
+    def name(self) -> str:
+        """In words, for texts."""
+        return f"{self.axis} {self.driver.slot}"
+
+    @property
+    def where(self) -> str:
+        """The port or the bus; empty without hardware."""
+        can = getattr(self.settings, "can", None)
+        if can is not None:
+            return f"{can.interface} {can.channel} node {self.settings.node_id}"
+        return str(getattr(self.settings, "port", ""))
+
+    @property
+    def serial_port(self) -> str | None:
+        """The serial port, that of a CAN adapter too."""
+        can = getattr(self.settings, "can", None)
+        if can is not None:
+            return str(can.channel).partition("@")[0] if can.interface == "slcan" else None
+        return self.settings.port if isinstance(self.settings, SerialSettings) else None
+
+
+def configured(settings: DaemonSettings) -> list[ConfiguredDevice]:
+    """The devices of a slave or master, axis by axis."""
+    found = []
+    for axis in getattr(settings, "axes", ()):
+        for slot in SLOTS:
+            section: DriverSettings | None = getattr(axis, slot, None)
+            if section is not None:
+                found.append(ConfiguredDevice(axis.name, section, driver_of(slot, section)))
+    return found
+
+
+def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
+    """The device in that slot of an axis of a slave's YAML file.
+
+    Raises:
+        ConfigurationError: no such axis, or no hardware in that slot.
+    """
+    devices = [each for each in configured(load_daemon(config, "slave")) if each.driver.slot == slot]
+    found = next((each for each in devices if each.axis == axis), None)
+    if found is None:
+        raise ConfigurationError(
+            f"--axis {axis}: {config} has none of that name; expected one of "
+            f"{', '.join(each.axis for each in devices)}"
+        )
+    if not found.settings.hardware:
+        names = (each.name for each in installed_drivers(slot) if each.driver.settings.hardware)
+        raise ConfigurationError(
+            f"{config}: axis {axis}: {slot}.driver = {found.driver.name!r}: nothing to calibrate; expected "
+            f"one of {', '.join(names)}"
+        )
+    return found

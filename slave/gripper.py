@@ -1,0 +1,31 @@
+"""The gripper port: what the control loop needs of the fixture on the stage."""
+
+from typing import ClassVar, Protocol
+
+from forefeel.common.hardware.driver import DriverSettings, Slot
+from forefeel.common.messages import Grip
+
+
+class GripperDriverSettings(DriverSettings):
+    """Base of the settings of every gripper."""
+
+    slot: ClassVar[Slot] = "gripper"
+
+
+class Gripper(Protocol):
+    """Holds or releases the instrument.
+
+    Every method raises `DeviceError` when the device fails or is not open.
+    """
+
+    def open(self) -> None:
+        """Connects; the grip stays as it is. Not the opening of the jaws."""
+        ...
+
+    def close(self) -> None:
+        """Lets the device go, the grip stays as it is; idempotent."""
+        ...
+
+    def set(self, grip: Grip, now_ns: int) -> Grip:
+        """Asks for a grip; returns the one that holds now."""
+        ...

@@ -1,1 +1,0 @@
-"""Grippers: the port and its adapters."""

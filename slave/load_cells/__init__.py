@@ -1,1 +1,0 @@
-"""Load cells: the port and its adapters."""

@@ -1,0 +1,118 @@
+"""The stage port: what the control loop needs of a drive."""
+
+from math import isfinite
+from types import TracebackType
+from typing import ClassVar, NamedTuple, Protocol, Self
+
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.driver import DriverSettings, Slot
+from forefeel.common.hardware.link import DeviceLink
+
+_CARRIED_S = 0.020
+
+
+Travel = tuple[float, float]
+"""Lowest and highest position in m."""
+
+
+class StageDriverSettings(DriverSettings):
+    """Base of the settings of every stage."""
+
+    slot: ClassVar[Slot] = "stage"
+
+    @property
+    def travel(self) -> Travel | None:
+        """Where the stage may go; None where the axis' own limits are all there is."""
+        return getattr(self, "travel_m", None)
+
+
+class StageReading(NamedTuple):
+    """What the drive reads back: position of the motor's encoder in m, velocity in m/s."""
+
+    position_m: float
+    velocity_m_s: float
+
+    def carried_on(self, stamp_ns: int, now_ns: int) -> "StageReading":
+        """As of now, when it was read at `stamp_ns`: by its velocity, for at most 20 ms."""
+        age_s = min(max(now_ns - stamp_ns, 0) * 1e-9, _CARRIED_S)
+        return StageReading(self.position_m + self.velocity_m_s * age_s, self.velocity_m_s)
+
+
+def require_finite(position_m: float, velocity_m_s: float) -> None:
+    """Raises DeviceError for a setpoint that is no number."""
+    if not (isfinite(position_m) and isfinite(velocity_m_s)):
+        raise DeviceError(f"setpoint = ({position_m} m, {velocity_m_s} m/s): expected finite numbers")
+
+
+class Stage(Protocol):
+    """Follows a stream of setpoints within its own limits, and comes to rest by itself when the stream ends.
+
+    Every method raises `DeviceError` when the device fails or is not open.
+    """
+
+    def open(self) -> None:
+        """Connects and makes the drive ready; it holds its position."""
+        ...
+
+    def close(self) -> None:
+        """Lets the device go, at rest; idempotent."""
+        ...
+
+    def rearm(self) -> None:
+        """After a fault of the drive: the explicit act without which it stays failed; it holds."""
+        ...
+
+    def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
+        """Sets the setpoint with its velocity; returns the position as applied within the drive's travel."""
+        ...
+
+    def hold(self, now_ns: int) -> None:
+        """Decelerates to rest and holds until the next command; may be called from any thread."""
+        ...
+
+    def read(self, now_ns: int) -> StageReading:
+        """The readback at `now_ns`; a drive that is read more seldom carries it on for at most 20 ms."""
+        ...
+
+
+class Home(NamedTuple):
+    """The reference as it was found, in native units: its position in the count that holds from now on, and
+    how far off the count before had it; None: the device does not tell, or has not been homed before.
+    """
+
+    native: float
+    shift: float | None
+
+
+class Homing(Protocol):
+    """A stage while it is calibrated: it need not know where it is, and its calibration is not looked at.
+    Use: `with homing:`; whatever ends the block, the stage is told to stop and let go.
+
+    `home` and `travel_ends` move it, wait, and leave it at rest; they raise `DeviceError` when the device
+    fails or does not come to an end in the time that the distance takes.
+
+    Attributes:
+        link: its `serial` is what the calibration is bound to.
+    """
+
+    link: DeviceLink
+
+    def __enter__(self) -> Self:
+        """Connects and identifies; nothing moves."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stops and lets go."""
+        ...
+
+    def home(self) -> Home:
+        """Finds the reference again, whether it had been found or not."""
+        ...
+
+    def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
+        """Goes from one end of the travel to the other at no more than that speed; the positions of both in
+        native units of the count that holds, in any order.
+        """
+        ...

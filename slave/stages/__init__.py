@@ -1,1 +1,0 @@
-"""Stages: the port and its adapters."""
