@@ -8,8 +8,9 @@ from pydantic import ValidationError
 from forefeel.common.errors import CodecError
 from forefeel.common.messages import PROTOCOL_VERSION, Handshake, Message
 
+# bytes, the largest `most_bytes` of any message
 MAX_MESSAGE_BYTES = 64 * 1024
-_MAX_ITEMS = 1024
+_MAX_ITEMS = 1024  # items of an array or map, the largest `most_items` of any message; see `unpack`
 
 M = TypeVar("M", bound=Message)
 

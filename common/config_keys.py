@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-_MOST = 8
+_MOST_SHOWN_KEYS = 8  # keys named in an error; chosen, not measured: with more the line is hard to read
 
 
 def leaves(annotation: Any) -> set[Any]:  # noqa: ANN401 - any type expression
@@ -28,8 +28,8 @@ def expected_keys(kind: type[BaseModel], place: tuple[int | str, ...], data: obj
             models = [each for model in models for each in _derived(model, data["driver"])] or models
     known = sorted({name for model in models for name in model.model_fields})
     close = get_close_matches(str(place[-1]), known, n=1)
-    more = ", ..." if len(known) > _MOST else ""
-    return close[0] if close else f"one of {', '.join(known[:_MOST])}{more}"
+    more = ", ..." if len(known) > _MOST_SHOWN_KEYS else ""
+    return close[0] if close else f"one of {', '.join(known[:_MOST_SHOWN_KEYS])}{more}"
 
 
 def _below(models: list[type[BaseModel]], name: str) -> list[type[BaseModel]]:

@@ -20,7 +20,7 @@ from forefeel.common.transport.impairment import ImpairedLink, Impairment, Repla
 from forefeel.common.transport.port import Transport
 from forefeel.common.transport.settings import ImpairmentSettings
 
-SECOND_NS = 1_000_000_000
+SECOND_NS = 1_000_000_000  # ns in a second, from which the periods of the tasks are derived
 _KNOWN_NS = SECOND_NS
 """Who listens is known to a daemon so long after its start; nobody hears what is published before."""
 

@@ -12,16 +12,21 @@ from forefeel.common.messages import ControlCycle, Grip, Message, SafetyState
 from forefeel.common.topics import Qos, Topic, parse_key
 from forefeel.common.transport.port import Handler, KeyedHandler, Put, Transport
 
+# ns before the event that a record holds; chosen, not measured: longer shows more of the cause and takes
+# more memory
 BEFORE_NS = 2_000_000_000
+# ns after the event that a record holds; chosen, not measured: longer shows more of the stop and is written
+# later
 AFTER_NS = 500_000_000
 _SPARE_S = 1.5
 """For a writer that comes late."""
-_EVENTS = 256
+_EVENT_ROWS = 256  # rows of a topic that has no rate; chosen, not measured: larger survives a longer flood
 _LARGEST = {Qos.STREAM: 1024, Qos.STATE: 16_384, Qos.EVENT: 8192}
 """Longer payloads, in bytes, are no message of ours on such a topic."""
 
 Row = tuple[Any, ...]
-_RETRIES = 8
+# attempts to copy a ring to which rows are added; chosen, not measured: when all fail, the record lacks it
+_COPY_ATTEMPTS = 8
 
 
 class FlightRing:
@@ -38,13 +43,13 @@ class FlightRing:
         self.largest = _LARGEST[topic.qos]
         seconds = (BEFORE_NS + AFTER_NS) * 1e-9 + _SPARE_S
         self._rows: deque[Row] = deque(
-            maxlen=_EVENTS if topic.rate_hz is None else int(seconds * topic.rate_hz) + 64
+            maxlen=_EVENT_ROWS if topic.rate_hz is None else int(seconds * topic.rate_hz) + 64
         )
         self.add: Callable[[Row], None] = self._rows.append
 
     def between(self, first_ns: int, last_ns: int) -> list[Row]:
         """The rows of that span, both ends included, in the order of their coming."""
-        for _ in range(_RETRIES):
+        for _ in range(_COPY_ATTEMPTS):
             try:
                 rows = self._rows.copy()
             except RuntimeError:  # a row came while it was copied

@@ -7,7 +7,7 @@ from forefeel.common.slots import BoundedQueue
 if TYPE_CHECKING:  # a stop speaks before pydantic is imported
     from forefeel.common.messages import SafetyEvent
 
-_NANOSECONDS = 1_000_000_000
+_SECOND_NS = 1_000_000_000  # ns in a second, over which `RateLimit` counts its lines
 _REPEAT_NS = 5_000_000_000
 """A cause that lasts is told anew after this long: often enough to be read while it holds."""
 _ROUND_TRIP = "round trip "
@@ -87,8 +87,8 @@ class RateLimit:
     def passed(self, texts: list[str], now_ns: int) -> list[str]:
         """Those of `texts` that may be said now, and how many could not before."""
         said = []
-        if now_ns // _NANOSECONDS != self._second:
-            self._second, self._lines = now_ns // _NANOSECONDS, 0
+        if now_ns // _SECOND_NS != self._second:
+            self._second, self._lines = now_ns // _SECOND_NS, 0
             if self._held_back:
                 said.append(f"{self._held_back} more, not shown")
                 self._held_back = 0

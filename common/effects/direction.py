@@ -4,6 +4,8 @@ import numpy as np
 
 from forefeel.common.effects.offline import Array
 
+# m/s, half the width of the linear band; chosen, not measured: a wider one makes slow friction viscous, a
+# narrower one lets it chatter where a servo comes to rest
 BAND_M_S = 1e-5
 
 

@@ -17,7 +17,7 @@ from forefeel.common.effects.base import (
 )
 
 _KINDS = (ForceEffect, MotionEffect, ContactEffect, SensorEffect)
-_DT = 1e-3
+_TRIAL_STEP_S = 1e-3  # s, time and step of the trial calls: one period at 1 kHz
 
 
 def load_plugin(points: Sequence[EntryPoint]) -> type[Effect]:
@@ -80,11 +80,11 @@ def _try(kind: type[Effect]) -> None:
     for x, v, a in ((0.0, 0.0, 0.0), (0.01, 0.02, 0.5), (0.005, -0.02, -0.5)):
         found: tuple[float | None, ...]
         if isinstance(effect, ForceEffect):
-            found, count = effect.regressors(_DT, x, v, a, _DT), len(effect.linear_names)
+            found, count = effect.regressors(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S), len(effect.linear_names)
         elif isinstance(effect, MotionEffect):
-            found, count = effect.transform(_DT, x, v, a, _DT), 3
+            found, count = effect.transform(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S), 3
         elif isinstance(effect, SensorEffect):
-            found, count = (effect.sense(_DT, x, _DT),), 1
+            found, count = (effect.sense(_TRIAL_STEP_S, x, _TRIAL_STEP_S),), 1
         else:
             assert isinstance(effect, ContactEffect)
             depth = effect.penetration_m(x)

@@ -10,8 +10,8 @@ from forefeel.common.effects.offline import Array
 _SLOTS = 10
 """Slots per mean interval; each holds a spike with the probability of one in so many."""
 
-_LONGEST_S = 0.1
-_MASK = 0xFFFFFFFFFFFFFFFF
+_LONGEST_S = 0.1  # s, longest spike: the upper bound of `duration_s`; a longer step of time counts as this
+_MASK_64 = 0xFFFFFFFFFFFFFFFF  # 2^64 - 1: keeps integers within 64 bits, as SplitMix64 computes
 
 
 class SensorSpikes(SensorEffect):
@@ -84,15 +84,15 @@ class SensorSpikes(SensorEffect):
 
 def _uniform(number: int) -> float:
     """SplitMix64 of an integer, in [0, 1)."""
-    z = (number * 0x9E3779B97F4A7C15) & _MASK
-    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
-    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
+    z = (number * 0x9E3779B97F4A7C15) & _MASK_64
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK_64
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK_64
     return float((z ^ (z >> 31)) >> 11) * 2.0**-53
 
 
 def _uniforms(numbers: np.ndarray[tuple[int], np.dtype[np.int64]], seed: int) -> Array:
     """`_uniform` of each number plus the seed; unsigned integers wrap as the mask does."""
-    z = (numbers.astype(np.uint64) + np.uint64(seed & _MASK)) * np.uint64(0x9E3779B97F4A7C15)
+    z = (numbers.astype(np.uint64) + np.uint64(seed & _MASK_64)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return ((z ^ (z >> np.uint64(31))) >> np.uint64(11)).astype(np.float64) * 2.0**-53

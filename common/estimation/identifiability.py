@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LEAST_INFORMATION = 1.0
+LEAST_INFORMATION = 1.0  # one sample of nominal size, the unit of R (see above); less counts as not excited
 _COLLINEAR = 1e-4
 """Relative eigenvalue below which a direction is free.
 
@@ -28,8 +28,9 @@ Encoder noise seems to inform, too. With steps of 1 um, strokes of 4 mm and a cu
 _NEGLIGIBLE = 0.05
 """Part of a parameter in a free direction that is not worth a word."""
 
+# texts in a result; chosen, not measured: more would not be read, what is beyond is counted in the last one
 MAX_STATEMENTS = 4
-MAX_LENGTH = 200
+MAX_LENGTH = 200  # characters of a text; within the 256 of `messages.ShortText`
 
 
 @dataclass(frozen=True, slots=True)

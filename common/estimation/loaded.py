@@ -24,16 +24,24 @@ from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.estimation.transfer import SensorModel, TimeColumns, lasting
 
-_RING = 8192
-_TICK_NS = 1_000_000
-_GAP_S = 0.1
+_RING = 8192  # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
+_TICK_NS = 1_000_000  # ns, period of the commands at 1 kHz; each has a place of its own in the ring
+_GAP_S = 0.1  # s, a longer pause starts the filters anew, as in recordings (`recording.GAP_S`)
+# s, least time between two forces that are learned; chosen, not measured: shorter costs processor time
 _EVERY_S = 0.004
+# s between two solutions for theta; chosen, not measured: shorter costs processor time, longer corrects
+# later
 _SOLVE_EVERY_S = 0.05
+# s, time constant of forgetting; chosen, not measured: shorter follows changes sooner and is noisier
 _MEMORY_S = 20.0
-_RHO_BIAS_S, _RHO_TAUGHT_S, _RHO_TIME_S = 0.002, 2.0, 0.01
-_MOTION = 4
-_LONG_AGO_NS = -(10**18)
-_TINY = 1e-200
+# A ridge of rho s of a column's usual size keeps theta near zero. Chosen, not measured: larger stays closer
+# to the file, smaller learns faster from this run. The file knows m, b and k, but no bias and no phase.
+_RHO_BIAS_S = 0.002  # s, rho of the bias
+_RHO_TAUGHT_S = 2.0  # s, rho of x, v and a
+_RHO_TIME_S = 0.01  # s, rho of the columns of time
+_MOTION_COLUMNS = 4  # columns of psi before those of time: 1, x, v, a
+_LONG_AGO_NS = -(10**18)  # ns, 32 years before zero: the first force is never too early
+_TINY = 1e-200  # keeps the equations solvable where a column has been zero throughout
 
 
 class Forces(NamedTuple):
@@ -68,7 +76,7 @@ class LoadedContact:
         self._runtime = lasting(model).runtime()
         self._velocity = StateFilter(cutoff_hz)
         self._lead_s = 2.0 / (2.0 * pi * cutoff_hz)
-        self._correction = _Correction(_MOTION + len(self._columns))
+        self._correction = _Correction(_MOTION_COLUMNS + len(self._columns))
         self._ring: list[_Said | None] = [None] * _RING
         self._origin_ns: int | None = None
         self._learned_ns = _LONG_AGO_NS
@@ -142,7 +150,7 @@ class LoadedContact:
 
 def _of_time_n(psi: tuple[float, ...], theta: tuple[float, ...]) -> float:
     """The part of the columns of time."""
-    force_n: float = sum(map(mul, psi[_MOTION:], theta[_MOTION:]))
+    force_n: float = sum(map(mul, psi[_MOTION_COLUMNS:], theta[_MOTION_COLUMNS:]))
     return force_n
 
 
@@ -156,7 +164,7 @@ class _Correction:
     def __init__(self, n: int) -> None:
         self.theta: tuple[float, ...] = (0.0,) * n
         self._rho_s = np.full(n, _RHO_TIME_S)
-        self._rho_s[0], self._rho_s[1:_MOTION] = _RHO_BIAS_S, _RHO_TAUGHT_S
+        self._rho_s[0], self._rho_s[1:_MOTION_COLUMNS] = _RHO_BIAS_S, _RHO_TAUGHT_S
         self._information, self._moments = np.zeros((n, n)), np.zeros(n)
         self._weight_s = self._unsolved_s = 0.0
 

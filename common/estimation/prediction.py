@@ -7,7 +7,7 @@ from forefeel.common.effects.model import ContactModel
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.estimation.state_filter import StateFilter
 
-_GAP_S = 0.1
+_GAP_S = 0.1  # s, a longer pause starts the filter anew, as in recordings (`recording.GAP_S`)
 
 
 class ContactPredictor:

@@ -18,16 +18,26 @@ from typing import NamedTuple
 from forefeel.common.estimation.rls import RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import StateFilter
 
-_RING = 8192
-_TICK_NS = 1_000_000
+_RING = 8192  # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
+_TICK_NS = 1_000_000  # ns, period of the commands at 1 kHz; each has a place of its own in the ring
+# Hz, cutoff of both filters; chosen, not measured: lower is less noisy, higher sees faster drives
 _CUTOFF_HZ = 20.0
+# s, time constant of forgetting; chosen, not measured: shorter follows changes sooner and is noisier
 _MEMORY_S = 20.0
-_GAP_S = 0.1
+_GAP_S = 0.1  # s, a longer pause starts the filters anew, as in recordings (`recording.GAP_S`)
+# s after a start of the filters in which nothing is learned: 12 time constants of their slowest poles, each
+# 1 / (pi _CUTOFF_HZ) = 16 ms
 _SETTLING_S = 0.2
-_EVERY_S = 0.004
+_EVERY_S = 0.004  # s, least time between two readbacks that are learned: 250 Hz, over 12 times the cutoff
+# updates before the lag is used: 1 s of motion at 250 Hz; chosen, not measured: fewer are noisier
 _MIN_UPDATES = 250
+# updates between two lags that are used: 80 ms at 250 Hz; chosen, not measured: more follow later
 _PUBLISH_EVERY = 20
+# m/s and m/s^2, usual velocity and acceleration of a stage, which scale the prior; chosen, not measured:
+# larger makes the prior narrower, so that the lag is learned more slowly
 _TYPICAL_M_S, _TYPICAL_M_S2 = 0.02, 0.3
+# s of T1 and s^2 of T2, lower and upper bound; chosen, not measured: wider lets noise give a lag that no
+# drive has
 _BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))
 
 

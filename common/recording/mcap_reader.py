@@ -21,7 +21,8 @@ from forefeel.common.topics import FORCE, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, T
 M = TypeVar("M", bound=Message)
 Columns = dict[str, NDArray[Any]]
 
-_BLOCK = 4096
+# messages that are decoded at once; chosen, not measured: more take more memory, fewer are slower
+_BLOCK_MESSAGES = 4096
 _NUMBERS = {bool, int, float, NoneType}
 _IMPAIRMENTS = {topic.name: topic for topic in (MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT)}
 
@@ -130,8 +131,8 @@ class Run:
     def _blocks(self, axis: str, topic: Topic[M]) -> Iterator[list[M]]:
         payloads = self._stream(axis, topic).payloads
         where = f"{self.path}: axis {axis}, {topic.name}"
-        for first in range(0, len(payloads), _BLOCK):
-            yield _decoded(topic.message, payloads[first : first + _BLOCK], first, where)
+        for first in range(0, len(payloads), _BLOCK_MESSAGES):
+            yield _decoded(topic.message, payloads[first : first + _BLOCK_MESSAGES], first, where)
 
 
 def read_run(path: Path) -> Run:

@@ -22,6 +22,8 @@ from forefeel.common.topics import Topic, parse_key
 
 _TIMES = struct.Struct("<QQ")
 _CHANNEL_ID = struct.Struct("<H")
+# unpacked chunks that stay in memory; chosen, not measured: fewer are unpacked again for each span, more
+# take memory
 _KEPT_CHUNKS = 4
 _LOG_NS = attrgetter("log_ns")
 

@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 GAP_S = 0.1
 """A longer pause between two samples is a gap: what happened in it is not known."""
 
-_ROUNDING_S = 1e-6
+_ROUNDING_S = 1e-6  # s, rounding of stamps that does not make a gap; 1 % of a sample interval at 10 kHz
 
-_LEAST_ROOM = 16 * 2**20
-_MOST_TIMES = 100
+_LEAST_ROOM_BYTES = 16 * 2**20  # bytes that any compressed file may unpack to, see `room_of`
+_MOST_EXPANSION = 100  # unpacked bytes for each byte of a compressed file, see `room_of`
 
 
 def room_of(path: Path) -> int:
@@ -30,7 +30,7 @@ def room_of(path: Path) -> int:
     16 MiB are half an hour of a column at 1 kHz, whatever it holds. A hundredfold is beyond any measurement:
     noise is a byte of each eight of a number, and the JSON of a message shrinks some tenfold.
     """
-    return _LEAST_ROOM + _MOST_TIMES * path.stat().st_size
+    return _LEAST_ROOM_BYTES + _MOST_EXPANSION * path.stat().st_size
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,8 +11,13 @@ import numpy as np
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Array, opened, room_of
 
+# characters of a bad cell that an error shows; chosen, not measured: longer hides the rest of the line
 _SHOWN_CHARACTERS = 40
+# bytes; a longer first line is no header, and the file is read cell by cell; chosen, not measured
 _LONGEST_HEADER = 65_536
+# bytes that a Parquet file is read by; chosen, not measured: more take memory, fewer are slower
+_BUFFER_BYTES = 65_536
+# rows of a column that are decoded at once, 512 KiB as float64; chosen, not measured: as above
 _ROWS_AT_ONCE = 65_536
 
 
@@ -122,7 +127,7 @@ class ParquetTable:
         return np.asarray(values)
 
     def _batches(self, file: BinaryIO, name: str) -> Array:
-        parquet = self._arrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=_ROWS_AT_ONCE)
+        parquet = self._arrow.parquet.ParquetFile(file, pre_buffer=False, buffer_size=_BUFFER_BYTES)
         self._require_room(parquet.metadata, name)
         values, at = np.empty(parquet.metadata.num_rows), 0
         for batch in parquet.iter_batches(_ROWS_AT_ONCE, columns=[name], use_threads=False):

@@ -13,8 +13,9 @@ from forefeel.common.errors import RunError
 from forefeel.common.lateness import Lateness
 from forefeel.common.runtime.port import Tick
 
+# flags of mlockall(2) as on x86 and ARM (asm-generic/mman.h)
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
-_PR_SET_TIMERSLACK = 29
+_PR_SET_TIMERSLACK = 29  # option of prctl(2) (linux/prctl.h)
 SWITCH_INTERVAL_S = 5e-5  # a busy thread gives the interpreter lock away after 0.05 ms, not after 5 ms
 TICK_INTERVAL_S = 5e-4  # except a loop in its tick, and in the moment before
 _LEAD_NS = 300_000

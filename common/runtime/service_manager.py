@@ -12,8 +12,9 @@ from typing import Protocol
 
 from forefeel.common.clock import MonotonicClock
 
-_MICRO_NS = 1000
-_LONGEST = 256
+# characters of a status line; chosen, not measured: longer is cut off on a terminal anyway
+_LONGEST_LINE = 256
+# ns between two looks; chosen, not measured: shorter costs processor time, longer reports later
 _LOOK_NS = 100_000_000
 
 
@@ -123,9 +124,9 @@ def _watchdog_ns(environment: Mapping[str, str], pid: int) -> int | None:
     wanted, whose = environment.get("WATCHDOG_USEC", ""), environment.get("WATCHDOG_PID", str(pid))
     if not wanted.isdecimal() or whose != str(pid) or int(wanted) == 0:
         return None
-    return int(wanted) * _MICRO_NS
+    return int(wanted) * 1000  # WATCHDOG_USEC is in us
 
 
 def _line(text: str) -> str:
     """One line of bounded length: a line break would begin another field."""
-    return " ".join(text.split())[:_LONGEST]
+    return " ".join(text.split())[:_LONGEST_LINE]

@@ -16,12 +16,18 @@ from forefeel.common.audit import CONTINUED, ChainEnd, Detail, Entry, Noted, par
 from forefeel.common.runtime.descriptors import DESCRIPTORS
 from forefeel.common.state.folder import own_file, sync_folder
 
-_KEEP_SIZE = 1
-_RESERVE = 64 * 1024
-_STEP = 4096
-_TAIL = 256 * 1024
-_SHOWN = 200
-_LARGEST = 16 * 1024 * 1024
+_KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of fallocate(2) (linux/falloc.h)
+# bytes that stay allocated beyond the end; chosen, not measured: about a hundred entries on a full disk
+_RESERVE_BYTES = 64 * 1024
+# bytes of the reserve that may be used before it is renewed: a block of common file systems
+_PAGE_BYTES = 4096
+# bytes that are read in search of the last or first line; chosen, not measured: longer than any entry
+_TAIL_BYTES = 256 * 1024
+# bytes of a half-written line that the next entry quotes; chosen, not measured: more fills the log
+_SHOWN_BYTES = 200
+# bytes after which the log goes on in another file; chosen, not measured: larger is harder to handle,
+# smaller makes more files
+_LARGEST_BYTES = 16 * 1024 * 1024
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -50,7 +56,7 @@ class AuditFile:
         self.path, self.last_event = path, ""
         self.recovery: Recovery | None = None
         self.end = ChainEnd()
-        self.largest = _LARGEST
+        self.largest = _LARGEST_BYTES
         self._part = path.with_name(f".{path.name}.part")
         self._grows = False
         self._open()
@@ -73,7 +79,7 @@ class AuditFile:
 
     def _mend(self) -> None:
         """Cuts a half-written last line off, and finds the end of the chain."""
-        start = max(0, self._size - _TAIL)
+        start = max(0, self._size - _TAIL_BYTES)
         tail = os.pread(self._descriptor, self._size - start, start)
         whole = tail.rfind(b"\n") + 1
         torn, damaged = tail[whole:], ""
@@ -90,7 +96,7 @@ class AuditFile:
                 damaged = f"the last line {error}"
                 self._set_aside(self._free_name("damaged"), b"")
         if torn or damaged:
-            self.recovery = Recovery(torn[:_SHOWN], damaged)
+            self.recovery = Recovery(torn[:_SHOWN_BYTES], damaged)
 
     def write(self, notes: Sequence[Noted]) -> None:
         """Appends all of them, on the disk when it returns; or none.
@@ -142,23 +148,23 @@ class AuditFile:
         """
         disk = os.fstatvfs(self._descriptor)
         free = disk.f_bfree if os.geteuid() == 0 else disk.f_bavail
-        if free * disk.f_frsize < _RESERVE:
+        if free * disk.f_frsize < _RESERVE_BYTES:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        if self._reserved - self._size >= _RESERVE - _STEP:
+        if self._reserved - self._size >= _RESERVE_BYTES - _PAGE_BYTES:
             return True
         libc = ctypes.CDLL(None, use_errno=True)
-        offset, length = ctypes.c_int64(self._size), ctypes.c_int64(_RESERVE)
+        offset, length = ctypes.c_int64(self._size), ctypes.c_int64(_RESERVE_BYTES)
         if libc.fallocate64(self._descriptor, _KEEP_SIZE, offset, length) != 0:
             number = ctypes.get_errno()
             if number in (errno.EOPNOTSUPP, errno.ENOSYS):
                 return False
             raise OSError(number, os.strerror(number))
-        self._reserved = self._size + _RESERVE
+        self._reserved = self._size + _RESERVE_BYTES
         return True
 
     def first_number(self) -> int:
         """The number of the file's first entry; 0 where it has none."""
-        head = os.pread(self._descriptor, _TAIL, 0).partition(b"\n")[0]
+        head = os.pread(self._descriptor, _TAIL_BYTES, 0).partition(b"\n")[0]
         try:
             found: Entry = parse(head)
         except ValueError:

@@ -10,8 +10,12 @@ from forefeel.common.audit import CLOSING, PEER_LOG, ChainEnd, Detail, Noted
 from forefeel.common.clock import WallClock
 from forefeel.common.state.audit_file import AuditFile
 
+# entries that wait for the disk; chosen, not measured: more bridge a longer stall and take memory
 _WAITING = 4096
+# s between two attempts to write; chosen, not measured: shorter loads a full disk, longer resumes later
 _RETRY_S = 1.0
+# ns after which a write that has not returned is a problem; chosen, not measured: shorter takes a slow
+# disk for a stuck one
 _STUCK_NS = 10_000_000_000
 
 

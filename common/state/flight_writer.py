@@ -18,8 +18,9 @@ from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.descriptors import DESCRIPTORS
 from forefeel.common.topics import CONTROL_CYCLE
 
+# ns, least time between two records; chosen, not measured: shorter lets a flood of faults fill the disk
 _AT_MOST_EVERY_NS = 1_000_000_000
-_BLOCK = 32
+_BLOCK_ROWS = 32  # rows that are written without a pause, in less than a millisecond
 _PAUSE_S = 0.0015
 """After each block of less than a millisecond: drivers wait for the same interpreter and processor, and
 somebody may have armed again by then.
@@ -164,7 +165,7 @@ class FlightWriter:
 def _write_ring(writer: RunWriter, ring: FlightRing, rows: list[Row]) -> None:
     cycles = ring.key.endswith(f"/{CONTROL_CYCLE.name}")
     for number, row in enumerate(rows):
-        if number % _BLOCK == _BLOCK - 1:
+        if number % _BLOCK_ROWS == _BLOCK_ROWS - 1:
             sleep(_PAUSE_S)
         if not cycles:
             writer.write(ring.key, row[1], row[0])

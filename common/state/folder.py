@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # a stop finds the folder before pydantic is imported
 
 AUDIT, FLIGHT, SOCKET, LATCHED = "audit.jsonl", "flight", "control.sock", "latched.json"
 _LOCK = "lock"
-_OTHERS_WRITE = 0o022
+_OTHERS_WRITE = 0o022  # mode bits S_IWGRP and S_IWOTH: group and others may write (stat(2))
 _OWN = (_LOCK, AUDIT, FLIGHT, LATCHED, SOCKET)
 
 

@@ -13,6 +13,7 @@ from forefeel.common.state.folder import own_file, sync_folder
 
 _BYTES = 16 * 1024
 """Of the file, whatever it says. 60 axes with a reason of 256 characters each."""
+# s between two attempts to write; chosen, not measured: shorter loads a full disk, longer latches later
 _RETRY_S = 1.0
 _MOVING = FOLLOWING | {SafetyState.STOPPING}
 _ALL = ""

@@ -11,8 +11,9 @@ from forefeel.common.topics import Qos, parse_key
 from forefeel.common.transport.impairment import ImpairedLink
 from forefeel.common.transport.port import Handler, KeyedHandler, Put, Timers, Transport
 
+# messages of a link until the trace is drained, which is ten times a second: 65 s at 1 kHz
 _TRACE_CAPACITY = 65_536
-_CHUNK = 1024
+_CHUNK_MESSAGES = 1024  # messages in one `ImpairmentTrace`, which holds no more (`most_items`)
 
 
 class TraceChunk(NamedTuple):
@@ -148,7 +149,8 @@ class _Lane:
             first, entries = self._messages - len(self._trace), tuple(self._trace)
             self._trace.clear()
         return [
-            TraceChunk(self._name, first + i, entries[i : i + _CHUNK]) for i in range(0, len(entries), _CHUNK)
+            TraceChunk(self._name, first + i, entries[i : i + _CHUNK_MESSAGES])
+            for i in range(0, len(entries), _CHUNK_MESSAGES)
         ]
 
     def close(self) -> None:

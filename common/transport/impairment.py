@@ -11,7 +11,8 @@ from typing import Protocol
 
 from forefeel.common.transport.settings import ImpairmentSettings
 
-_NS = 1e9
+_SECOND_NS = 1e9  # ns in a second
+# s, longest gap between two stalls, 32 years: a rate near zero would draw one that is no integer
 _NEVER_S = 1e9
 
 
@@ -55,7 +56,7 @@ class Impairment:
             return ()
         due_ns = max(entry_ns + self._delay_ns(entry_ns), self._last_due_ns)
         if self._happens(self._settings.reorder):
-            due_ns += round(self._settings.reorder_hold_s * _NS)
+            due_ns += round(self._settings.reorder_hold_s * _SECOND_NS)
         else:
             self._last_due_ns = due_ns
         delay_ns = due_ns - now_ns
@@ -73,10 +74,10 @@ class Impairment:
     def _delay_ns(self, entry_ns: int) -> int:
         settings = self._settings
         if not settings.jitter_s:
-            return round(settings.delay_s * _NS)
+            return round(settings.delay_s * _SECOND_NS)
         self._vary(entry_ns)
         clipped_s = min(max(self._variation_s, -settings.jitter_s), settings.jitter_s)
-        return round((settings.delay_s + clipped_s) * _NS)
+        return round((settings.delay_s + clipped_s) * _SECOND_NS)
 
     def _vary(self, entry_ns: int) -> None:
         """Advances the delay's variation to the entry of this message; none between messages of one burst."""
@@ -86,7 +87,7 @@ class Impairment:
         if not tau_s:
             self._variation_s = self._random.gauss(0, self._sigma_s)
         elif elapsed_ns:
-            a = exp(-elapsed_ns / (tau_s * _NS))
+            a = exp(-elapsed_ns / (tau_s * _SECOND_NS))
             self._variation_s = a * self._variation_s + self._random.gauss(0, self._sigma_s * sqrt(1 - a * a))
 
     def _after_stall(self, now_ns: int) -> int:
@@ -99,8 +100,8 @@ class Impairment:
 
     def _next_stall(self, from_ns: int) -> tuple[int, int]:
         gap_s = min(self._random.expovariate(self._settings.stalls_per_s), _NEVER_S)
-        start_ns = from_ns + round(gap_s * _NS)
-        return start_ns, start_ns + round(self._settings.stall_s * _NS)
+        start_ns = from_ns + round(gap_s * _SECOND_NS)
+        return start_ns, start_ns + round(self._settings.stall_s * _SECOND_NS)
 
 
 class ReplayedImpairment:

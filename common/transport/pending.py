@@ -34,11 +34,14 @@ _OWN = 40
 """Descriptors that the process opens itself between two looks: 16 connections to each of two endpoints, and
 its devices. They are granted while nobody is silent.
 """
+# s between two looks; chosen, not measured: shorter costs processor time, longer lets more connections pile
+# up
 _LOOK_S = 0.1
 _LOOK_CLOSELY_S = 0.02
 """While there are as many silent ones as there may be."""
 _QUEUED = 4096
 """More than the kernel keeps for a listener (net.core.somaxconn)."""
+# bytes of struct tcp_info up to the end of tcpi_bytes_received, 8 bytes from _RECEIVED_AT on
 _TCP_INFO_BYTES = 136
 _RECEIVED_AT = 128
 """Of tcpi_bytes_received in struct tcp_info (linux/tcp.h), since Linux 4.1."""
