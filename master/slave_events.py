@@ -10,7 +10,8 @@ from forefeel.common.messages import LimitEvent, SafetyEvent
 from forefeel.common.notices import Lasting, Notices, in_words, long_round_trip
 from forefeel.master.axis_audit import MasterAxisAudit
 
-_REMEMBERED = 64
+# events by which a doubled one is known; chosen, not measured: fewer miss one that comes late
+_REMEMBERED_EVENTS = 64
 
 
 class SlaveEvents:
@@ -26,7 +27,7 @@ class SlaveEvents:
         self.notices = Notices()
         self._axis_audit = axis_audit
         self._round_trip = Lasting()
-        self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED)
+        self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED_EVENTS)
         bus.subscribe(topics.LIMIT_EVENT, self._on_limit)
         bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
 

@@ -8,6 +8,7 @@ from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.settings import AxisLimits
 
+# s, longest step of time that the limits count; the same as in `slave/control.py`, which is computed here
 _MAX_STEP_S = 0.010
 
 

@@ -2,8 +2,10 @@
 
 from forefeel.common.messages import SlaveState
 
+# ns between two repetitions at first; chosen, not measured: shorter survives more loss and sends more
 _OFTEN_NS = 20_000_000
-_FOR_NS = 2_000_000_000
+_OFTEN_FOR_NS = 2_000_000_000  # ns for which it is repeated that often; chosen, not measured
+# ns between two repetitions after that; chosen, not measured: a link that comes back waits as long
 _SELDOM_NS = 250_000_000
 
 
@@ -37,7 +39,7 @@ class StopRequest:
         if state is not None and state.acknowledges_stop and heard_ns > self._asked_ns:
             self.wanted = False
             return False
-        often = now_ns - self._asked_ns <= _FOR_NS
+        often = now_ns - self._asked_ns <= _OFTEN_FOR_NS
         if now_ns - self._sent_ns < (_OFTEN_NS if often else _SELDOM_NS):
             return False
         self._sent_ns = now_ns

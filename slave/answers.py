@@ -10,7 +10,8 @@ from forefeel.common.messages import ForceSample, Grip, MotionCommand
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 
-_KEPT = 256
+# ticks that are remembered: 0.256 s at 1 kHz; chosen, not measured: an older reading gets the oldest
+_REMEMBERED_TICKS = 256
 
 
 class Instant(NamedTuple):
@@ -29,7 +30,7 @@ class ForceAnswers:
 
     def __init__(self, publisher: Publisher) -> None:
         self._publisher = publisher
-        self._instants: deque[Instant] = deque(maxlen=_KEPT)
+        self._instants: deque[Instant] = deque(maxlen=_REMEMBERED_TICKS)
 
     def note(self, instant: Instant) -> None:
         """The tick of now."""

@@ -10,7 +10,7 @@ from forefeel.common.messages import Grip, Handshake, SafetyState
 from forefeel.slave.control import ControlOutputs, Transition
 from forefeel.slave.devices import DeviceWatch
 
-_MINUTE_NS = 60_000_000_000
+_MINUTE_NS = 60_000_000_000  # ns in a minute
 
 
 class SlaveAxisAudit:

@@ -8,7 +8,7 @@ from forefeel.common.effects.first_order import FirstOrderLag
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading
 from forefeel.slave.plant.settings import LoadCellSettings
 
-_PERIOD_S = 1e-3
+_PERIOD_S = 1e-3  # s between two conversions, the inverse of `_CONVERSION_RATE_HZ` in `world.py`
 
 
 class PlantLoadCell:

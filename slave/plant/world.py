@@ -12,6 +12,7 @@ CATCH_UP_S = 5.0
 """Longest span that one call integrates. What lies before is skipped: while the host stalls, the drive's
 watchdog stops the stage, and 5 s are enough for that and for the contact to settle."""
 
+# Hz, conversions of the simulated load cell: one for each tick of the control loop
 _CONVERSION_RATE_HZ = 1000
 
 
