@@ -11,6 +11,7 @@ from forefeel.common.errors import ConfigurationError
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+# s, longest `--delay` and longest `--jitter`; both together are `methods.LONGEST_LATENESS_S`
 LONGEST_S = 30.0
 
 

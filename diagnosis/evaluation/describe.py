@@ -7,10 +7,15 @@ import numpy as np
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import GAP_S, Recording
 
+# s, length of a window; chosen, not measured: longer misses short rests, shorter is ruled by the noise
 _WINDOW_S = 0.5
-_MOST = 0.95
-_STEADY = 0.05
-_SHOWN_GAPS = 5
+# share of the windows at rest, or at one speed, from which it is noted; chosen, not measured: larger lets
+# one short motion hide it
+_NOTED_SHARE = 0.95
+# share of the usual speed by which a steady window may differ; chosen, not measured: larger takes a changing
+# speed for a constant one
+_STEADY_SHARE = 0.05
+_SHOWN_GAPS = 5  # gaps that are listed; chosen, not measured: the others are counted
 
 
 def notes(recording: Recording) -> tuple[str, ...]:
@@ -64,12 +69,12 @@ def _motion(recording: Recording) -> str | None:
     speeds, crooked_m = windows.T
     usual = abs(float(np.median(speeds)))
     doubt = 4.0 * noise_m * _slope_spread(recording)
-    straight = crooked_m <= 3.0 * noise_m + _STEADY * usual * _WINDOW_S
+    straight = crooked_m <= 3.0 * noise_m + _STEADY_SHARE * usual * _WINDOW_S
     still = float(np.mean(straight & (np.abs(speeds) <= doubt)))
-    steady = float(np.mean(straight & (np.abs(speeds - np.median(speeds)) <= _STEADY * usual + doubt)))
-    if still >= _MOST:
+    steady = float(np.mean(straight & (np.abs(speeds - np.median(speeds)) <= _STEADY_SHARE * usual + doubt)))
+    if still >= _NOTED_SHARE:
         return f"position does not move{_share(still)}: motion tells nothing, expect hold"
-    if steady >= _MOST:
+    if steady >= _NOTED_SHARE:
         return (
             f"position moves at constant speed, {usual * 1e3:.3g} mm/s{_share(steady)}: "
             "motion tells nothing, expect hold"

@@ -23,7 +23,7 @@ from forefeel.diagnosis.reproduction.thresholds import ABSOLUTE_N, RELATIVE, thr
 from forefeel.diagnosis.reproduction.unmodelled import UnmodelledTraces, unmodelled
 from forefeel.diagnosis.reproduction.windup import WindupTraces, windup
 
-DELAY_S = 0.3
+DELAY_S = 0.3  # s, delay of all of the reproduction: a round trip of twice the 150 ms of the preset `paper`
 NORMAL = "normal"
 """The operator style of figures 7 to 10."""
 

@@ -11,8 +11,11 @@ from forefeel.diagnosis.reproduction.results import (
     Windup,
 )
 
-_COINCIDES = 0.01
-_STABLE = 0.95
+# N of force, or a parameter in SI units, that counts as no difference: 1 % of the force of 1 N in figure 4
+_COINCIDES_WITHIN = 0.01
+# share of the time within the stated bound that counts as staying within it; chosen, not measured
+_STABLE_SHARE = 0.95
+# s by which a lead may differ from the delay: one sample at the 100 Hz of figures 4 and 5
 _LEAD_WITHIN_S = 0.01
 
 
@@ -39,13 +42,13 @@ def _coincides(figure: SimulatedFigure) -> PaperComparison:
         subject="Figure 4: x = sin t, no delay",
         paper="prediction and measurement basically coincide",
         ours=f"largest error {_newton(size)} after one period",
-        verdict="reproduced" if size is not None and size < _COINCIDES else "not reproduced",
+        verdict="reproduced" if size is not None and size < _COINCIDES_WITHIN else "not reproduced",
     )
 
 
 def _parameters(found: Unidentifiable) -> PaperComparison:
     true, ours = _named(found.true), _named(found.paper)
-    close = max(abs(a - b) for a, b in zip(found.paper, found.true, strict=True)) < _COINCIDES
+    close = max(abs(a - b) for a, b in zip(found.paper, found.true, strict=True)) < _COINCIDES_WITHIN
     return PaperComparison(
         subject="Figure 4: parameters",
         paper=f"simulated with {true}; recursion until the parameters converge",
@@ -78,7 +81,8 @@ def _bounded(figure: BenchFigure) -> PaperComparison:
     first, second = FIGURES[figure.instrument]
     prompt, late = figure.without_delay, figure.delayed
     stable = [
-        one.share_within is not None and one.share_within >= _STABLE for one in (prompt, late, figure.hold)
+        one.share_within is not None and one.share_within >= _STABLE_SHARE
+        for one in (prompt, late, figure.hold)
     ]
     verdict = {
         (True, True, True): "reproduced, but the hold does it as well",

@@ -12,7 +12,7 @@ MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M = 0.01, 0.1, 1.0
 """The paper's simulation, section on figures 4 and 5."""
 
 THETA: Array = np.array([MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M])
-OMEGA_RAD_S = 1.0
+OMEGA_RAD_S = 1.0  # rad/s, of x = sin t
 AMPLITUDE_M = 1.0
 """x = sin t: the paper gives no unit; taken as m and s."""
 

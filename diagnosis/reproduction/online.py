@@ -16,7 +16,7 @@ from forefeel.common.estimation.paper import PaperRls
 from forefeel.common.estimation.rls import RecursiveLeastSquares
 from forefeel.diagnosis.reproduction.contact import Array
 
-PAPER_LAMBDA = 0.96
+PAPER_LAMBDA = 0.96  # forgetting factor of a sample; one of the 0.95 to 0.99 that the paper recommends
 PAPER_DELTA = 1e-6
 """P(0) = I / delta (8), "very small": the paper gives no number."""
 
@@ -26,8 +26,8 @@ SAFE_MEMORY_S = 2.0
 Pairing = Literal["stamps", "newest"]
 """With which motion a late force is paired: that of its own stamp, or the newest ("ignores the time lag")."""
 
-_ROUNDING_S = 1e-6
-_GAP_S = 0.1
+_ROUNDING_S = 1e-6  # s, rounding of stamps, so that a force counts as arrived exactly after the delay
+_GAP_S = 0.1  # s, longest step of time that forgetting counts, as in recordings (`recording.GAP_S`)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,12 @@ from forefeel.diagnosis.reproduction.contact import OMEGA_RAD_S, THETA, Array, s
 from forefeel.diagnosis.reproduction.online import PAPER_DELTA, PAPER_LAMBDA, held, learn_paper, newest_index
 from forefeel.diagnosis.reproduction.results import SimulatedFigure, error_size
 
-RATE_HZ = 100.0
+RATE_HZ = 100.0  # Hz; the paper gives no rate
 DURATION_S = 6.0 * np.pi
 """Three periods. The paper gives neither a rate nor a length."""
 
 SCORED_FROM_S = 2.0 * np.pi
-_SISO_ORDER = 2
+_SISO_ORDER = 2  # past forces and positions in equation (3), the order of the differential equation (1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from forefeel.diagnosis.reproduction.contact import Array
 from forefeel.diagnosis.reproduction.replay import RunPredictions
 from forefeel.diagnosis.reproduction.results import ThresholdRow, error_size
 
-RELATIVE = 0.07, 0.10
-ABSOLUTE_N = 0.029, 0.044
+RELATIVE = 0.07, 0.10  # share of the force, strict and lenient just noticeable difference (see above)
+ABSOLUTE_N = 0.029, 0.044  # N, strict and lenient absolute threshold of a finger (see above)
 
 Method = Literal["hold", "paper", "product"]
 METHODS: tuple[Method, ...] = ("hold", "paper", "product")

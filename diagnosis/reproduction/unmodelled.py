@@ -17,8 +17,9 @@ DURATION_S = 16.0 * pi
 SCORED_FROM_S = 4.0 * pi
 """Whole periods: over these the closed forms hold. In a longer run a bias drives the wind-up of (b), too."""
 
+# N, sizes of the bias and of the friction, 1 to 10 % of the force's amplitude; chosen as examples
 SIZES_N = 0.010, 0.030, 0.100
-SHOWN_N = 0.100
+SHOWN_N = 0.100  # N, the one of `SIZES_N` that is drawn
 
 What = Literal["bias", "friction"]
 
