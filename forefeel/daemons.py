@@ -38,8 +38,10 @@ if TYPE_CHECKING:
     from forefeel.slave.axis import SlaveAxis
     from forefeel.slave.daemon import SlaveDaemon
 
+# ns between two looks for notices; chosen, not measured: the terminal shows them as much later
 _SPEAK_NS = 100_000_000
 _BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
+# s that an end waits for the stage to rest; chosen, not measured: shorter ends it during a slow stop
 _REST_S = 2.0
 _FAREWELL_S = 0.3  # the master says "deadman released" for this long, and the force fades, before it goes
 

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from forefeel.master.axis import MasterAxis
     from forefeel.master.daemon import MasterDaemon
 
+# s between two looks while something is waited for; chosen, not measured: shorter costs processor time
 POLL_S = 0.05
-_ROUTER_S = 0.5
+_ROUTER_S = 0.5  # s between two attempts to reach the router; chosen, not measured: longer connects later
 
 
 def obstacles(settings: DaemonSettings, role: Role) -> Obstacles:

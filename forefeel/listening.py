@@ -7,7 +7,7 @@ from forefeel.common.errors import EndpointError
 
 INHERITED = "FOREFEEL_LISTENING"
 """The number of a descriptor that the parent left open: a socket that listens already."""
-BACKLOG = 64
+BACKLOG = 64  # connections that the kernel keeps before they are accepted (listen(2)); chosen, not measured
 
 
 def listening_at(address: str, port: int) -> socket.socket:

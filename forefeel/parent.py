@@ -6,7 +6,7 @@ import signal
 
 from forefeel.common.errors import RunError
 
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1  # option of prctl(2) (linux/prctl.h)
 _PARENT = "FOREFEEL_PARENT"
 
 

@@ -15,7 +15,7 @@ from forefeel.recorder import Recorder
 from forefeel.terminal import say
 from forefeel.waiting import Obstacles, Waiting, unheard
 
-_POLL_S = 0.1
+_POLL_S = 0.1  # s between two looks for an end; chosen, not measured: a signal is heeded as late
 
 
 def run_record(

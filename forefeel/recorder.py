@@ -17,9 +17,9 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 
-_QUEUE = 100_000
-_WRITE_EVERY_S = 0.1
-_FLUSH_EVERY = 10
+_QUEUE_MESSAGES = 100_000  # messages that wait for the disk: half a minute of an axis, three streams at 1 kHz
+_WRITE_EVERY_S = 0.1  # s between two batches; chosen, not measured: shorter costs processor time
+_FLUSH_ROUNDS = 10  # batches between two flushes: a killed recorder loses a second
 
 
 class Recorder:
@@ -47,7 +47,7 @@ class Recorder:
         self.newest: dict[str, bytes] = {}
         self.rounds = 0
         self._error: BaseException | None = None
-        self._queue: BoundedQueue[tuple[str, bytes, int]] = BoundedQueue(_QUEUE)
+        self._queue: BoundedQueue[tuple[str, bytes, int]] = BoundedQueue(_QUEUE_MESSAGES)
         self._closing = threading.Event()
         opening = partial(
             ZenohTransport.open, transport, MonotonicClock(), self._fail, party, insecure=insecure
@@ -128,7 +128,7 @@ class Recorder:
                 while not self._closing.wait(_WRITE_EVERY_S):
                     self._write_batch()
                     self.rounds += 1
-                    if self.rounds % _FLUSH_EVERY == 0:
+                    if self.rounds % _FLUSH_ROUNDS == 0:
                         self._writer.flush()
                 self._write_batch()
                 self._writer.add_metadata("recorder", {k: str(n) for k, n in self.missed.items()})

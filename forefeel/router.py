@@ -15,10 +15,11 @@ from forefeel.network_settings import RouterSettings
 from forefeel.parent import die_with_parent
 from forefeel.terminal import say
 
-_POLL_S = 0.2
+_POLL_S = 0.2  # s between two looks for events and for an end; chosen, not measured: both are heeded as late
 _PRIORITY = 30
 """Of SCHED_FIFO where it is granted, as the daemons' own transports: a command waits for no other program."""
-_EVENTS = 1024
+# events of links that wait for a look; chosen, not measured: of more, the oldest are not told
+_KEPT_EVENTS = 1024
 
 
 def run_router(settings: RouterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
@@ -54,7 +55,7 @@ def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop, faults:
         Exception: the first of the faults of a thread.
     """
     start_s = time.monotonic()
-    channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_EVENTS)
+    channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_KEPT_EVENTS)
     looks = count(1)
     attend = service_watchdog(lambda: "routing", lambda: next(looks))
     with session.info.declare_link_events_listener(channel, history=True) as links:

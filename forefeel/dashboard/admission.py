@@ -12,7 +12,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-_TOKEN_BYTES = 32
+_TOKEN_BYTES = 32  # bytes of randomness, 256 bits, as Python's `secrets` holds sufficient against guessing
 _OF_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 _FOREIGN = "Refused: a page of another site asked (Origin).\n"
 _NO_TOKEN = "Not allowed without the token: open the link that the dashboard's terminal shows.\n"

@@ -19,9 +19,12 @@ from forefeel.dashboard.rings import SampleRing
 from forefeel.dashboard.timeline import RESTART_NS, Timeline
 from forefeel.dashboard.trace import SPAN_S, MinMaxTrace
 
-_REMEMBERED = 8192
-_RATE_HZ = 1000
+# commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
+_REMEMBERED_COMMANDS = 8192
+_RATE_HZ = 1000  # Hz, rate of the force samples, of which a minute is kept
+# s by which a force may lie ahead of now; chosen, not measured: further ahead it is drawn at now
 _AHEAD_S = 1.0
+# s, bin of the trace of the energy, which changes slowly; chosen, not measured: shorter sends more points
 _ENERGY_BIN_S = 0.2
 
 
@@ -86,7 +89,7 @@ class AxisView:
         self.samples = new_samples()
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
-        self._said: list[CommandPrediction | None] = [None] * _REMEMBERED
+        self._said: list[CommandPrediction | None] = [None] * _REMEMBERED_COMMANDS
         self._answered: tuple[int, int] | None = None
         self._sampled_ns: int | None = None
 
@@ -123,7 +126,7 @@ class AxisView:
         if sample.predicted_n is not None:
             traces["predicted"].add(t_s, sample.predicted_n, low_n, high_n)
         said = CommandPrediction(sample.session_id, sample.sequence, low_n, high_n)
-        self._said[sample.sequence % _REMEMBERED] = said
+        self._said[sample.sequence % _REMEMBERED_COMMANDS] = said
         answered = None if sample.answered_sequence is None else (sample.session_id, sample.answered_sequence)
         if sample.delay_s is not None and answered not in (None, self._answered):
             self._answered = answered
@@ -161,7 +164,7 @@ class AxisView:
         """What was said with the command that a force answers, where a band was drawn for it."""
         if sample.answers_sequence is None:
             return None
-        said = self._said[sample.answers_sequence % _REMEMBERED]
+        said = self._said[sample.answers_sequence % _REMEMBERED_COMMANDS]
         if said is None or said[:2] != (sample.session_id, sample.answers_sequence):
             return None
         return said if isfinite(said.low_n) and isfinite(said.high_n) else None

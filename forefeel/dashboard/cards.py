@@ -28,17 +28,20 @@ from forefeel.diagnose.units import scale, split_unit
 from forefeel.report.wording import UNKNOWN, micros, number, quantity
 
 Card = dict[str, Any]
-_BINS = 36
+_BINS = 36  # bars of the histogram of the delay; chosen, not measured: more are thinner and noisier
+# s, least width of the histogram; chosen, not measured: narrower would show the jitter of the host
 _LEAST_SPREAD_S = 2e-3
-_FRESH_S = 0.5
+_FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
+# s for which a loop's lateness is shown after it was heard: it comes once a second, three may be lost
 _TIMING_S = 3.5
 _ROLES = ("master", "slave")
+# rows of the table of parameters; chosen, not measured: further parameters are not shown
 _MOST_PARAMETERS = 12
 _LEADS = {
     "": "nobody yet",
     "hold": "hold: the newest force that arrived",
 }
-_TICK_US = 1000.0
+_TICK_US = 1000.0  # us, period of a loop at 1 kHz
 _CONTACT = "mass_damper_spring"
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 _SOFT, _RULE = "#97a4b4", "#242d37"
 _FELT, _PREDICTED, _MEASURED, _READBACK = "#2fc296", "#56b4e9", "#f2f4f7", "#ff8f4d"
-_LEFT, _RIGHT = 52, 12
+_LEFT_PX, _RIGHT_PX = 52, 12  # pixels beside the charts; on the left there are the numbers of the axis
 Options = dict[str, Any]
 GRIDS = (("7%", "49%"), ("63%", "12%"), ("82%", "16%"))
 """Top and height of each chart."""
@@ -17,7 +17,9 @@ def force_options() -> Options:
     """
     return {
         "animation": False,
-        "grid": [{"left": _LEFT, "right": _RIGHT, "top": top, "height": height} for top, height in GRIDS],
+        "grid": [
+            {"left": _LEFT_PX, "right": _RIGHT_PX, "top": top, "height": height} for top, height in GRIDS
+        ],
         "xAxis": [_time_axis(index) for index in range(3)],
         "yAxis": [_value_axis(index, ticks) for index, ticks in enumerate((5, 2, 3))],
         "series": [

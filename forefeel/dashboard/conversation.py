@@ -8,8 +8,10 @@ from pydantic import ValidationError
 from forefeel.dashboard.sources import Ask, Source
 
 PATH = "/conversation"
-MOST_VIEWERS = 16
-_MOST_ASKED = 2048
+MOST_VIEWERS = 16  # open pages at once; chosen, not measured: each costs processor time of the dashboard
+# characters of a question; chosen, not measured: an axis of 256 characters and two numbers take less
+_MOST_ASKED_CHARACTERS = 2048
+# close codes: policy violation (RFC 6455, 7.4.1), try again later (IANA registry)
 _REFUSED, _FULL = 1008, 1013
 
 
@@ -40,7 +42,7 @@ class Conversations:
         while True:
             asked = await socket.receive_text()
             try:
-                if len(asked) > _MOST_ASKED:
+                if len(asked) > _MOST_ASKED_CHARACTERS:
                     raise ValueError("too long")
                 ask = Ask.model_validate_json(asked)
             except (ValueError, ValidationError):

@@ -16,9 +16,12 @@ from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.finding import LiveDiagnosis, wanted_s
 from forefeel.parent import child_environment
 
+# s after which a diagnosis is given up; chosen, not measured: it runs at the lowest priority, so shorter
+# gives up on a busy host
 _TIMEOUT_S = 120.0
+# s between two looks for an alarm; chosen, not measured: far shorter than the stretch that is waited for
 _LOOK_S = 0.5
-_LEAST_ROWS = 200
+_LEAST_ROWS = 200  # samples of a stretch; chosen, not measured: fewer tell no cause
 
 
 class Stretch(NamedTuple):

@@ -17,7 +17,7 @@ from forefeel.common.notices import printable
 from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level
 from forefeel.report.wording import quantity
 
-MOST = 200
+MOST = 200  # lines that are kept; chosen, not measured: older ones stand in a recording
 _AFTER: dict[str, Level] = {
     SafetyState.IDLE: OFF,
     SafetyState.READY: OFF,

@@ -29,7 +29,8 @@ from forefeel.network_settings import ObserverSettings
 from forefeel.parent import die_with_parent
 from forefeel.terminal import ask, say
 
-_POLL_S = 0.2
+_POLL_S = 0.2  # s between two looks for an end; chosen, not measured: a signal is heeded as late
+# niceness that is added (nice(2)): behind the daemons and other programs, before a diagnosis at 19
 _NICE = 10
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
 _PATIENCE_S = 30.0  # a page that stalls is not made to load anew

@@ -7,9 +7,9 @@ import numpy as np
 
 from forefeel.common.error_size import Floats
 
-BIN_S = 0.02
-SPAN_S = 60.0
-_GAP_S = 0.1
+BIN_S = 0.02  # s, of which the lowest and the highest sample are kept (docs/decisions/0018)
+SPAN_S = 60.0  # s that a trace holds (docs/decisions/0018)
+_GAP_S = 0.1  # s without a sample after which the line is broken, as in recordings (`recording.GAP_S`)
 
 
 class Points(NamedTuple):

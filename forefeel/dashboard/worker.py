@@ -16,13 +16,13 @@ from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.verdict import Diagnosis, Interval
 from forefeel.parent import die_with_parent
 
-_LOWEST = 19
+_LOWEST_NICE = 19  # niceness of the lowest priority (nice(2))
 _LEFT_OUT = "The model leaves out:"
 
 
 def main() -> None:
     """Diagnoses what stands on stdin at the lowest priority, whatever else the host does."""
-    os.nice(_LOWEST)
+    os.nice(_LOWEST_NICE)
     die_with_parent()
     rows = np.load(BytesIO(sys.stdin.buffer.read()), allow_pickle=False)
     print(json.dumps(diagnosed(rows)), flush=True)

@@ -15,6 +15,7 @@ from forefeel.doctor.findings import Finding
 from forefeel.probe.configured import ConfiguredDevice
 
 GROUP = "calibration"
+# days before the end from which it is amber; chosen, not measured: time to plan a calibration
 _SOON_DAYS = 30
 _COMMANDS = {"stage": "forefeel calibrate stage", "load_cell": "forefeel calibrate load-cell"}
 

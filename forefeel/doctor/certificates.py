@@ -16,6 +16,7 @@ from forefeel.common.transport.zenoh_config import secured_by_file
 from forefeel.doctor.findings import Finding, Level
 
 GROUP = "certificates"
+# days before the end from which it is amber, as in `forefeel pki show` (`pki.show.AMBER_DAYS`)
 _SOON_DAYS = 30
 _EVERYWHERE = {"0.0.0.0", "[::]", "::"}
 _THIS_HOST = {"127.0.0.1", "[::1]", "::1", "localhost"}

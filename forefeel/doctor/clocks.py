@@ -16,10 +16,12 @@ from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.doctor.findings import Finding
 
 GROUP = "clock"
+# ns, uncertainty of the offset; chosen, not measured: one and ten periods at 1 kHz
 _GOOD_NS, _ACCEPTABLE_NS = 1_000_000, 10_000_000
-_PATIENCE_S = 1.5
+_PATIENCE_S = 1.5  # s in which states are heard; chosen, not measured: the rarer ones come ten times a second
+# s of offset from which the clock has not settled; chosen, not measured: larger calls a worse clock good
 _FAR_S = 0.1
-_TOOL_TIMEOUT_S = 2.0
+_TOOL_TIMEOUT_S = 2.0  # s for the tool's answer; chosen, not measured: it asks a daemon on this host
 
 
 @dataclass(frozen=True, slots=True)

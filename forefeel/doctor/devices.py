@@ -17,7 +17,7 @@ from forefeel.probe.ports import CanInterface, can_interfaces
 from forefeel.probe.probe import Probed, probe
 
 GROUP = "devices"
-PROBE_S = 0.3
+PROBE_S = 0.3  # s for which a device is listened to; chosen, not measured: tens of readings at 100 Hz
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from forefeel.doctor.settings import judge_agreement, load_files
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.reaching import reach
 
+# priority of SCHED_FIFO that is tried without a file, the default of `realtime.priority`
 _NO_FILE_PRIORITY = 50
 _OBSERVERS: tuple[PartyRole, ...] = ("viewer", "recorder")
 Progress = Callable[[str], None]

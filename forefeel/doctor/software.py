@@ -10,8 +10,8 @@ from packaging.requirements import Requirement
 from forefeel.doctor.findings import Finding
 
 GROUP = "software"
-_OLDEST = (3, 11)
-_NEWEST_TRIED = (3, 13)
+_OLDEST = (3, 11)  # Python, as `requires-python` in pyproject.toml
+_NEWEST_TRIED = (3, 13)  # Python, the newest that this was tried with
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,10 @@ from pathlib import Path
 from forefeel.doctor.findings import Finding, Level
 
 GROUP = "storage"
+# bytes that are written to measure the speed; chosen, not measured: fewer measure the delay of one write,
+# more take longer
 _BYTES = 8_000_000
-_MB = 1e6
+_MB = 1e6  # bytes in a megabyte (SI)
 _PLENTY_MB, _LEAST_MB = 2000.0, 200.0  # a recording takes about 1 GB an hour
 _QUICK_MB_S, _SLOW_MB_S = 5.0, 1.0  # and 0.3 MB/s
 

@@ -14,8 +14,12 @@ if TYPE_CHECKING:
     from forefeel.slave.clearing import Clearing
     from forefeel.slave.daemon import SlaveDaemon
 
+# s between two looks while something is waited for; chosen, not measured: shorter costs processor time
 _POLL_S = 0.01
+# s that the answer waits for the stop to show; chosen, not measured: a master needs a round trip, by default
+# of at most 0.7 s
 _STOPS_S = 1.0
+# s that the answer waits for a tick to clear; chosen, not measured: a loop that lives ticks every ms
 _TICK_S = 1.0
 _LASTS_S = 0.5
 """A cause that lasts shows within this: a blind load cell takes 0.2 s, a silent drive 50 ms."""

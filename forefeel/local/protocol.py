@@ -6,11 +6,12 @@ import struct
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+# bytes of a request: two texts of the longest, each character escaped in 12 bytes, take 6144
 LONGEST_DATAGRAM = 8192
-LONGEST_TEXT = 256
+LONGEST_TEXT = 256  # characters of a text, as `messages.ShortText`
 _CREDENTIALS = struct.Struct("3i")
 """struct ucred of unix(7): process, user, group."""
-_NOBODY = 65534
+_NOBODY = 65534  # user id `nobody`, which the kernel gives for unknown ones (/proc/sys/kernel/overflowuid)
 
 
 class Request(NamedTuple):

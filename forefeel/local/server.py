@@ -18,7 +18,7 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.common.state.folder import SOCKET
 from forefeel.local.protocol import LONGEST_DATAGRAM, LONGEST_TEXT, Answer, Request, received, socket_path
 
-_AT_ONCE = 8
+_AT_ONCE = 8  # requests that are answered at once; chosen, not measured: further ones are refused
 _REQUEST = TypeAdapter(Request, config=ConfigDict(strict=True, str_max_length=LONGEST_TEXT))
 Act = Callable[[Request, str], Awaitable[Answer]]
 """Does what is asked for; who asks."""

@@ -25,8 +25,8 @@ from forefeel.daemon_settings import load_any
 from forefeel.network_settings import ObserverSettings, observer
 from forefeel.terminal import say
 
-EVERY_S = 0.020
-FOR_S = 2.0
+EVERY_S = 0.020  # s between two repetitions, as often as a master repeats its stop (`master/stop.py`)
+FOR_S = 2.0  # s for which it is repeated, as long as a master repeats its stop that often (`master/stop.py`)
 _ANYWHERE = ("0.0.0.0", "[::]", "")
 _NO_NAME = "unknown-host"
 

@@ -12,7 +12,9 @@ from forefeel.loopback.plan import Plan
 SIMULATED = "simulated"
 SERIAL, CAN = "emulated-serial", "emulated-can"
 HARDWARE = SIMULATED, SERIAL, CAN
+# m of travel beyond the workspace at each end; chosen, not measured: the end is never reached
 _BEYOND_M = 0.004
+# N, full scale of the emulated load cells; over three times the 3 N of the catheter's force limit
 _FULL_SCALE_N = 10.0
 _FASTER = 2.0
 """How much faster than the limits the drive could be, so that it follows them."""

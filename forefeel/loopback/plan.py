@@ -19,13 +19,12 @@ from forefeel.slave.settings import SlaveSettings
 AXIS = "insertion"
 STATE = "state"
 """Folder of both ends' audit logs and flight records."""
-DEFAULT_DURATION_S = 20.0
+DEFAULT_DURATION_S = 20.0  # s of a run; chosen, not measured: shorter tells less of the model that it learns
 _DEFAULT_PRESET = "catheter"
 _WORLD_MAX_N = {"catheter": 3.0, "guidewire": 0.3}
 """Force limit in a simulated world: about three times what its instrument meets."""
-_GUIDEWIRE_SCALE = (
-    10.0  # guidewire forces lie near the absolute threshold of the finger and are felt only when scaled
-)
+# guidewire forces lie near the absolute threshold of the finger and are felt only when scaled
+_GUIDEWIRE_SCALE = 10.0
 
 
 @dataclass(frozen=True, slots=True)

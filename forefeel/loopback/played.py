@@ -10,6 +10,7 @@ GAP_S = 0.1
 """A longer gap between samples is not interpolated."""
 HAND_MAX_N = 4.0
 """What the hand is given at most."""
+# m/s, fastest approach to the recording's start; chosen, not measured: slower takes longer
 _APPROACH_M_S = 0.03
 Axis = dict[str, Any]
 

@@ -24,12 +24,14 @@ from forefeel.loopback.watched import Watched
 from forefeel.parent import child_environment
 from forefeel.recorder import Recorder
 
-_POLL_S = 0.1
+_POLL_S = 0.1  # s between two looks at the processes; chosen, not measured: a signal is heeded as late
+# s from SIGTERM to SIGKILL; chosen, not measured: shorter cuts off what a daemon writes at its end
 _END_S = 10.0
 _START_S = 120.0
 """A daemon that ends is noticed at once. One that compiles its kernels anew on a slow or busy host needs
 longer than half a minute.
 """
+# s that the release may take to reach the slave; chosen, not measured: shorter counts a stop on a slow path
 _RELEASE_S = 1.0
 Progress = Callable[[float, str], None]
 

@@ -16,7 +16,8 @@ from forefeel.loopback.plan import Plan
 from forefeel.master.daemon import MasterDaemon
 from forefeel.slave.daemon import SlaveDaemon
 
-_S = 1_000_000_000
+_SECOND_NS = 1_000_000_000  # ns in a second
+# s of virtual time beyond twice the expected ones, after which a motion that does not end is cut off
 _GRACE_S = 60.0
 
 
@@ -54,7 +55,7 @@ class VirtualLoopback:
 
         gc.disable()  # what is made stays, as recorded payloads: collecting would find nothing
         try:
-            self.runtime.run(int(limit_s * _S), go_on)
+            self.runtime.run(int(limit_s * _SECOND_NS), go_on)
             self._come_to_rest()
         finally:
             gc.enable()
@@ -62,9 +63,9 @@ class VirtualLoopback:
     def _come_to_rest(self) -> None:
         """Master first, the slave when it has heard of it, as in real time."""
         self.master.shut_down()
-        self.runtime.run(_S, lambda _now_ns: not self.slave.at_rest)
+        self.runtime.run(_SECOND_NS, lambda _now_ns: not self.slave.at_rest)
         self.slave.shut_down()
-        self.runtime.run(_S // 10)
+        self.runtime.run(_SECOND_NS // 10)
         now_ns = self.runtime.clock.now_ns()
         self.master.close(now_ns)
         self.slave.close(now_ns)

@@ -13,8 +13,9 @@ from forefeel.extras import how_to_get
 from forefeel.listening import BACKLOG, INHERITED
 from forefeel.parent import child_environment
 
-PORT = 8600
+PORT = 8600  # TCP port of the page, the default of `forefeel dashboard --port`, where it is free
 LOG = "dashboard.log"
+# s that the dashboard gets to end by itself; chosen, not measured: it holds nothing that has to be kept
 _END_S = 0.5
 _BEHIND = ["nice", "-n", "19"]
 

@@ -40,6 +40,8 @@ from forefeel.common.topics import (
 _STATES = (SLAVE_STATE, MASTER_STATE, PARAMETERS, MASTER_TIMING, SLAVE_TIMING)
 _EVENTS = (LIMIT_EVENT, MASTER_LIMIT, SAFETY_EVENT, MASTER_EVENT)
 _READ = {topic.name: topic for topic in (*_STATES, *_EVENTS)}
+# axes, and names of each kind over all axes, that are counted apart; chosen, not measured: both come from
+# the network, so a bound is needed
 _MOST_AXES, _MOST_NAMES = 32, 64
 _OTHER = "other"
 

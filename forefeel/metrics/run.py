@@ -19,7 +19,7 @@ from forefeel.metrics.cell import CellMetrics
 from forefeel.network_settings import ObserverSettings
 from forefeel.terminal import say
 
-_POLL_S = 0.2
+_POLL_S = 0.2  # s between two looks for an end; chosen, not measured: a signal is heeded as late
 
 
 class CellCollector(Collector):

@@ -11,6 +11,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 AUTHORITY_NAME = "forefeel-ca"
+# days that an authority is valid: ten years; chosen, not measured: renewed certificates end with it
 AUTHORITY_DAYS = 3650
 EARLIER = timedelta(hours=1)
 """How far before now a certificate begins: the hosts' clocks need not agree to the second."""

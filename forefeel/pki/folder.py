@@ -19,6 +19,7 @@ from forefeel.interrupt import at_last
 from forefeel.pki.authority import Authority, certificate_pem, hosts_of, key_pem, new_key
 from forefeel.pki.layout import AUTHORITY_KEY, Member, members_of, party_named
 
+# modes of a key, a certificate and a folder (chmod(2)): keys for the owner only
 _SECRET, _PUBLIC, _FOLDER = 0o600, 0o644, 0o700
 
 

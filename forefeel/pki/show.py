@@ -14,7 +14,7 @@ from forefeel.pki.folder import find_members, read_certificate
 from forefeel.pki.layout import Member
 
 Colour = Literal["green", "amber", "red"]
-AMBER_DAYS = 30
+AMBER_DAYS = 30  # days before the end from which it is amber; chosen, not measured: time to renew and copy
 
 
 @dataclass(frozen=True, slots=True)

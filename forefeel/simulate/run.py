@@ -22,9 +22,10 @@ from forefeel.simulate.write import check_target, write_table
 from forefeel.terminal import progress, show
 
 MOTIONS = ("hand", "multisine", "sine")
+# Hz, lowest and highest rate; the highest is that of the physics, `world.PHYSICS_HZ`
 _RATES_HZ = (1.0, 10_000.0)
-_LONGEST_S = 86_400.0
-_MOST_SAMPLES = 40_000_000
+_LONGEST_S = 86_400.0  # s, longest recording: a day; chosen, not measured
+_MOST_SAMPLES = 40_000_000  # samples of a recording, 320 MB for each column of float64; chosen, not measured
 
 
 @dataclass(frozen=True, slots=True)
