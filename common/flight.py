@@ -12,11 +12,9 @@ from forefeel.common.messages import ControlCycle, Grip, Message, SafetyState
 from forefeel.common.topics import Qos, Topic, parse_key
 from forefeel.common.transport.port import Handler, KeyedHandler, Put, Transport
 
-# ns before the event that a record holds; chosen, not measured: longer shows more of the cause and takes
-# more memory
+# ns recorded before the event; chosen, not measured: longer shows more of the cause and takes more memory
 BEFORE_NS = 2_000_000_000
-# ns after the event that a record holds; chosen, not measured: longer shows more of the stop and is written
-# later
+# ns recorded after the event; chosen, not measured: longer shows more of the stop and is written later
 AFTER_NS = 500_000_000
 _SPARE_S = 1.5
 """For a writer that comes late."""

@@ -6,8 +6,7 @@ from threading import Lock
 
 from forefeel.common.limiter import LimitHit
 
-# ns, least time between two events of one rule: ten a second; chosen, not measured: shorter sends more
-# events
+# ns, least time between two events of one rule; chosen, not measured: shorter sends more, longer tells later
 _INTERVAL_NS = 100_000_000
 
 

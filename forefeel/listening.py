@@ -7,7 +7,9 @@ from forefeel.common.errors import EndpointError
 
 INHERITED = "FOREFEEL_LISTENING"
 """The number of a descriptor that the parent left open: a socket that listens already."""
-BACKLOG = 64  # connections that the kernel keeps before they are accepted (listen(2)); chosen, not measured
+# connections that the kernel keeps before they are accepted (listen(2)); chosen, not measured: pages that
+# open during the start wait there
+BACKLOG = 64
 
 
 def listening_at(address: str, port: int) -> socket.socket:

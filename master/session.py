@@ -12,8 +12,7 @@ from forefeel.common.topics import SLAVE_STATE
 _LOST_AFTER_NS = 1_000_000_000
 """Without a state of the slave that names our session, which comes 50 times a second; the slave's own lease
 lasts as long by default."""
-# ns between two handshakes until one is answered; chosen, not measured: shorter sends more, longer opens
-# later
+# ns between two handshakes until an answer; chosen, not measured: shorter sends more, longer opens later
 _RETRY_NS = 250_000_000
 _SILENT_AFTER_S = SLAVE_STATE.stale_after_s or 0.5
 """What the slave said is no cause any more when nothing was heard of it for so long."""

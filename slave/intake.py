@@ -12,7 +12,9 @@ from forefeel.slave.link import SlaveLink
 from forefeel.slave.settings import SlaveAxisSettings
 
 _RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsense, not merely too far
-_RANGE_SPEEDS = 10.0  # times `max_velocity_m_s`: a faster command is nonsense; chosen, not measured
+# times `max_velocity_m_s`, beyond which a speed is nonsense; chosen, not measured: smaller refuses what a
+# limit would only reduce
+_RANGE_SPEEDS = 10.0
 _LATE_FOR_NS = 3_000_000_000  # commands that are late for so long are not late, the way has become longer
 _SILENT_FOR_NS = 3_000_000_000  # a master that lives commands a thousand times a second
 _ONLY_LATE = "commands come late all the time: a new session takes the measure of the way again"

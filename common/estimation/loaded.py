@@ -29,8 +29,7 @@ _TICK_NS = 1_000_000  # ns, period of the commands at 1 kHz; each has a place of
 _GAP_S = 0.1  # s, a longer pause starts the filters anew, as in recordings (`recording.GAP_S`)
 # s, least time between two forces that are learned; chosen, not measured: shorter costs processor time
 _EVERY_S = 0.004
-# s between two solutions for theta; chosen, not measured: shorter costs processor time, longer corrects
-# later
+# s between two solutions; chosen, not measured: shorter costs processor time, longer corrects later
 _SOLVE_EVERY_S = 0.05
 # s, time constant of forgetting; chosen, not measured: shorter follows changes sooner and is noisier
 _MEMORY_S = 20.0

@@ -36,8 +36,7 @@ _PUBLISH_EVERY = 20
 # m/s and m/s^2, usual velocity and acceleration of a stage, which scale the prior; chosen, not measured:
 # larger makes the prior narrower, so that the lag is learned more slowly
 _TYPICAL_M_S, _TYPICAL_M_S2 = 0.02, 0.3
-# s of T1 and s^2 of T2, lower and upper bound; chosen, not measured: wider lets noise give a lag that no
-# drive has
+# s of T1 and s^2 of T2, lower and upper bound; chosen, not measured: wider allows lags that no drive has
 _BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))
 
 

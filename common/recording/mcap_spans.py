@@ -22,8 +22,7 @@ from forefeel.common.topics import Topic, parse_key
 
 _TIMES = struct.Struct("<QQ")
 _CHANNEL_ID = struct.Struct("<H")
-# unpacked chunks that stay in memory; chosen, not measured: fewer are unpacked again for each span, more
-# take memory
+# unpacked chunks in memory; chosen, not measured: fewer are unpacked more often, more take more memory
 _KEPT_CHUNKS = 4
 _LOG_NS = attrgetter("log_ns")
 

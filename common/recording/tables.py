@@ -13,7 +13,7 @@ from forefeel.common.recording.recording import Array, opened, room_of
 
 # characters of a bad cell that an error shows; chosen, not measured: longer hides the rest of the line
 _SHOWN_CHARACTERS = 40
-# bytes; a longer first line is no header, and the file is read cell by cell; chosen, not measured
+# bytes that are read as a header; chosen, not measured: with a longer one the file is read cell by cell
 _LONGEST_HEADER = 65_536
 # bytes that a Parquet file is read by; chosen, not measured: more take memory, fewer are slower
 _BUFFER_BYTES = 65_536

@@ -34,8 +34,7 @@ _OWN = 40
 """Descriptors that the process opens itself between two looks: 16 connections to each of two endpoints, and
 its devices. They are granted while nobody is silent.
 """
-# s between two looks; chosen, not measured: shorter costs processor time, longer lets more connections pile
-# up
+# s between two looks; chosen, not measured: shorter costs processor time, longer lets more pile up
 _LOOK_S = 0.1
 _LOOK_CLOSELY_S = 0.02
 """While there are as many silent ones as there may be."""

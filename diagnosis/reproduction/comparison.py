@@ -13,7 +13,8 @@ from forefeel.diagnosis.reproduction.results import (
 
 # N of force, or a parameter in SI units, that counts as no difference: 1 % of the force of 1 N in figure 4
 _COINCIDES_WITHIN = 0.01
-# share of the time within the stated bound that counts as staying within it; chosen, not measured
+# share of the time within the stated bound that counts as staying within it; chosen, not measured: larger
+# lets single samples decide
 _STABLE_SHARE = 0.95
 # s by which a lead may differ from the delay: one sample at the 100 Hz of figures 4 and 5
 _LEAD_WITHIN_S = 0.01

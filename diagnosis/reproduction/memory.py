@@ -11,8 +11,10 @@ from forefeel.diagnosis.reproduction.online import PAPER_LAMBDA, SAFE_MEMORY_S, 
 from forefeel.diagnosis.reproduction.results import MemoryResult, MemoryRow
 
 RATES_HZ = 1000.0, 100.0, 10.0  # Hz; the paper gives no rate, and a forgetting factor is a memory in samples
-NOISE_N = 0.005  # N, standard deviation of the noise, 0.5 % of the force's amplitude; chosen, not measured
-DURATION_S = 15.0  # s of each run, over two periods of x = sin t; chosen, not measured
+# N, standard deviation, 0.5 % of the force's amplitude; chosen, not measured: errors grow with it
+NOISE_N = 0.005
+# s of each run, over two periods of x = sin t; chosen, not measured: longer averages over more noise
+DURATION_S = 15.0
 # s after the start, and the delay, from which errors count; chosen, not measured: all start cold
 SCORED_FROM_S = 3.0
 SEEDS = 5  # noises for each rate; chosen, not measured: more show the spread better and take longer

@@ -11,7 +11,7 @@ from forefeel.diagnosis.reproduction.contact import Array, rms
 from forefeel.diagnosis.reproduction.online import held, learn_paper
 from forefeel.diagnosis.reproduction.results import BaselineRow, ErrorSummary, error_size, ratio
 
-# Hz, cutoff of the filter that differentiates the position; chosen, not measured: lower lags more, higher is
+# Hz, cutoff of the filter that gives the derivatives; chosen, not measured: lower lags more, higher is
 # noisier
 CUTOFF_HZ = 20.0
 SCORED_FROM_S = 3.0

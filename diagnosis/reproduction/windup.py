@@ -14,9 +14,11 @@ from forefeel.diagnosis.reproduction.results import Windup, WindupRow
 RATE_HZ = 1000.0  # Hz, rate of the control loop; the paper gives none
 # forgetting factors from the 0.95 to 0.99 that the paper recommends; 0.99 overflows only after 69 s
 LAMBDAS = 0.95, 0.96, 0.97, 0.98
-NOISE_N = 0.001  # N, standard deviation of the noise, 0.1 % of the force's amplitude; chosen, not measured
-# SI units of a parameter, beyond which it is called lost: 1e5 times the largest true one; chosen, not
-# measured
+# N, standard deviation of the noise, 0.1 % of the force's amplitude; chosen, not measured: with more a
+# parameter is lost sooner
+NOISE_N = 0.001
+# SI units of a parameter, beyond which it is lost: 1e5 times the largest true one; chosen, not measured:
+# larger is passed later
 LIMIT = 1e5
 SEEDS = 3  # noises for each forgetting factor; chosen, not measured: their median is reported
 _KEPT_EVERY = 20  # samples between two that are drawn: 20 ms at 1 kHz

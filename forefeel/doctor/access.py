@@ -24,8 +24,7 @@ GROUP = "access control"
 _AXIS = "doctor"
 # s in which what is allowed has to come through; chosen, not measured: shorter fails on a busy host
 _PATIENCE_S = 3.0
-# s in which what is refused must not come through; chosen, not measured: on loopback a message takes far
-# less
+# s in which what is refused must not come through; chosen, not measured: loopback takes far less
 _SILENCE_S = 0.3
 _OTHER: Mapping[Role, Role] = {"slave": "master", "master": "slave"}
 _OWN = {"slave": FORCE, "master": COMMAND}
