@@ -34,6 +34,7 @@ def peer(handshake: Handshake) -> dict[str, Detail]:
         "peer": handshake.instance_id,
         "software": handshake.software,
         "settings": handshake.settings_hash,
+        "drivers": dict(handshake.drivers),
     }
 
 

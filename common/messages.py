@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 2  # version of these messages; other versions are refused, except in a handshake
+PROTOCOL_VERSION = 3  # version of these messages; other versions are refused, except in a handshake
 
 NonNegativeInt = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Int64 = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
@@ -101,12 +101,15 @@ State = Annotated[SafetyState, Field(strict=False)]
 Gripper = Annotated[Grip, Field(strict=False)]
 
 
+_MOST_DRIVERS = 4  # slots of an axis, of master and slave together
+
+
 class Handshake(Message):
     """Opens a session (master) or answers it (slave). Both refuse to arm when protocol or settings differ.
 
     `answers_stamp_ns`: of the handshake that an answer answers. The master measures with it how long the
     answer took, for it asks several times under one session id. `full_scale_n`: of the slave's load cell; the
-    master takes no force beyond it.
+    master takes no force beyond it. `drivers`: by slot the driver of the axis, its distribution and version.
     """
 
     most_bytes: ClassVar[int] = 24 * 1024
@@ -120,6 +123,7 @@ class Handshake(Message):
     reason: ShortText = ""
     answers_stamp_ns: Stamp | None = None
     full_scale_n: Annotated[float, Field(ge=0.0, le=MOST_FORCE_N)] = 0.0
+    drivers: Annotated[dict[ShortText, ShortText], Field(max_length=_MOST_DRIVERS)] = {}
 
 
 class MotionCommand(Message):

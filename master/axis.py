@@ -9,6 +9,7 @@ from forefeel.common import topics
 from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.driver import driver_of
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import (
     MOST_POSITION_M,
@@ -61,6 +62,7 @@ class MasterAxis:
         self.handle = handle
         self._instance_id = new_id()
         self._shared = shared_text(cell, settings.name, settings.limits)
+        self._drivers = {"handle": driver_of("handle", settings.handle).origin}
         self._loop = loop
         self._bus = bus
         self._heartbeats = Heartbeats(bus.publisher(topics.MASTER_HEARTBEAT))
@@ -224,6 +226,7 @@ class MasterAxis:
                 software="forefeel",
                 settings_hash=settings_hash(self._shared),
                 settings=self._shared,
+                drivers=self._drivers,
             )
         )
 

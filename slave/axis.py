@@ -61,9 +61,7 @@ class SlaveAxis:
         self._axis_audit = SlaveAxisAudit(audit_sink, cell, settings.name)
         self._watch = DeviceWatch(devices, self._device_failed)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
-        self._link = SlaveLink(
-            cell, settings, devices.load_cell.full_scale_n, bus, instance_id, self._axis_audit
-        )
+        self._link = SlaveLink(cell, settings, devices, bus, instance_id, self._axis_audit)
         self._transitions: BoundedQueue[tuple[int, Transition]] = BoundedQueue(256)
         self._limits = LimitCoalescer()
         self._intake = CommandIntake(settings, self._link, self._limits)

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
-from typing import Any
 
 from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus
@@ -166,13 +165,12 @@ class SlaveDaemon:
 def _devices(settings: SlaveAxisSettings, clock: Clock) -> Devices:
     """The drivers that the settings name. All simulated ones of an axis share one world."""
     world = SimulatedWorld(settings.simulation, settings.seed)
-
-    def made(slot: Slot, section: DriverSettings) -> Any:  # noqa: ANN401 - the port of its slot
-        found = driver_of(slot, section)
-        return found.make(section, world if found.driver.in_world else clock)
-
-    return Devices(
-        made("stage", settings.stage),
-        made("gripper", settings.gripper),
-        made("load_cell", settings.load_cell),
-    )
+    sections: dict[Slot, DriverSettings] = {
+        "stage": settings.stage, "gripper": settings.gripper, "load_cell": settings.load_cell,
+    }  # fmt: skip
+    found = {slot: driver_of(slot, section) for slot, section in sections.items()}
+    ports = {
+        slot: driver.make(sections[slot], world if driver.driver.in_world else clock)
+        for slot, driver in found.items()
+    }
+    return Devices(**ports, drivers={slot: driver.origin for slot, driver in found.items()})

@@ -1,8 +1,8 @@
 """The devices of one axis as its control loop sees them: readings that can be believed, faults by name."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from forefeel.common.errors import DeviceError
 from forefeel.common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S
@@ -15,11 +15,12 @@ _NO_FORCE = LoadCellReading(0.0, 0, False)
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The three ports of one axis."""
+    """The three ports of one axis. `drivers`: by slot, see `Handshake`."""
 
     stage: Stage
     gripper: Gripper
     load_cell: LoadCell
+    drivers: Mapping[str, str] = field(default_factory=dict)
 
 
 class DeviceWatch:

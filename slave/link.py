@@ -12,6 +12,7 @@ from forefeel.common.notices import span
 from forefeel.common.settings import LONGEST_ROUND_TRIP_S, differences, settings_hash, shared_text
 from forefeel.common.slots import BoundedQueue
 from forefeel.slave.axis_audit import SlaveAxisAudit
+from forefeel.slave.devices import Devices
 from forefeel.slave.session import Lease
 from forefeel.slave.settings import SlaveAxisSettings
 
@@ -29,7 +30,7 @@ class SlaveLink:
         self,
         cell: str,
         settings: SlaveAxisSettings,
-        full_scale_n: float,
+        devices: Devices,
         bus: Bus,
         instance_id: int,
         axis_audit: SlaveAxisAudit,
@@ -38,7 +39,7 @@ class SlaveLink:
         self._ended = ""
         self._awaited = False
         self._shared = shared_text(cell, settings.name, settings.limits)
-        self._instance_id, self._full_scale_n = instance_id, full_scale_n
+        self._instance_id, self._devices = instance_id, devices
         self._axis_audit = axis_audit
         self._lease = Lease(int(settings.gate.lease_s * 1e9), int(LONGEST_ROUND_TRIP_S * 1e9))
         self._handshakes: BoundedQueue[tuple[Handshake, int]] = BoundedQueue(16)
@@ -106,7 +107,8 @@ class SlaveLink:
                     accepted=not reason,
                     reason=reason,
                     answers_stamp_ns=handshake.stamp_ns,
-                    full_scale_n=self._full_scale_n,
+                    full_scale_n=self._devices.load_cell.full_scale_n,
+                    drivers=dict(self._devices.drivers),
                 )
             )
 

@@ -65,6 +65,11 @@ class InstalledDriver(NamedTuple):
     version: str
     driver: Driver
 
+    @property
+    def origin(self) -> str:
+        """Name, distribution and version, such as `zaber_ascii (forefeel 0.1.0)`."""
+        return f"{self.name} ({self.distribution} {self.version})"
+
     def make(self, settings: DriverSettings, around: object) -> Any:  # noqa: ANN401 - the port of its slot
         """The device, not opened yet; `around`: the clock or the world, see `Driver`."""
         return imported(self.driver.make)(settings, around)

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from math import copysign
+from random import Random
 
 import can
 import canopen
@@ -15,6 +16,7 @@ from forefeel.devices.canopen.emulator import CanopenDevice, pdo_contents, unpac
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.settings import Cia404Settings
 from forefeel.devices.emulation.bench import (
+    NOISE_N,
     Emulation,
     Surroundings,
     felt,
@@ -109,9 +111,13 @@ class Transducer404(CanopenDevice):
 
 
 def build(settings: Cia404Settings, around: Surroundings, leave: ExitStack) -> Transducer404:
-    """See `Emulation`: the force transducer on the stage."""
-    feel = felt(around, settings.sign, leave)
-    return Transducer404(open_until(leave, settings.can), settings.node_id, feel, settings.full_scale_n)
+    """See `Emulation`: the transducer with noise, for a cell without can not be seen to stick."""
+    force_n, random = felt(around, settings.sign, leave), Random(f"transducer {around.seed}")
+
+    def noisy_n(t_s: float) -> float:
+        return force_n(t_s) + random.gauss(0.0, NOISE_N)
+
+    return Transducer404(open_until(leave, settings.can), settings.node_id, noisy_n, settings.full_scale_n)
 
 
-EMULATION = Emulation({"node_id": 2, "full_scale_n": 10.0}, build, on_can=True)
+EMULATION = Emulation({"node_id": 2, "full_scale_n": 10.0}, build, on_can=True, faults=Transducer404.faults)

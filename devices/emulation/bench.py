@@ -47,14 +47,17 @@ class SerialBench:
 class Emulation(NamedTuple):
     """How the device of a driver is emulated.
 
+    `faults`: what the device can be told to do. `port_key`: the setting that says where the device is.
     `defaults`: what the driver's settings are without a YAML file, but for the port. `build`: called with
-    (settings, surroundings, what is to be closed at the end), returns a `SerialBench`, or for a device on a
-    CAN bus a `forefeel.devices.canopen.emulator.CanopenDevice`.
+    (settings, surroundings, what is to be closed at the end), returns a `SerialBench`, or a device with
+    `faults`, `provoke` and a `step` of about a millisecond, such as one on a CAN bus.
     """
 
     defaults: dict[str, Any]
     build: Callable[[Any, Surroundings, ExitStack], Any]
     on_can: bool = False
+    faults: tuple[str, ...] = ()
+    port_key: str = "port"
 
 
 def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float, float, float, float], None]:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from pydantic import BaseModel
-
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.driver import (
@@ -21,7 +19,6 @@ from forefeel.common.hardware.driver import (
 )
 from forefeel.common.runtime.realtime import prepare_process, prepare_thread
 from forefeel.daemon_settings import load_daemon
-from forefeel.devices.canopen.emulator import CanopenDevice
 from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.emulation.bench import Emulation, Load, SerialBench, Surroundings
@@ -132,9 +129,12 @@ def _emulated(driver: InstalledDriver, options: EmulatorOptions, faults: Faults,
     if isinstance(bench, SerialBench):
         return _serial(bench, options, faults, load, leave)
     faults.require_known(bench.faults)
-    place = f"{settings.can.interface} {settings.can.channel}"
-    print(f"{options.device} node {settings.node_id} on {place}", flush=True)
-    return Running(_OnTimetable(bench, faults), lambda: {"node": settings.node_id}, load)
+    where = getattr(settings, emulation.port_key, None)
+    about: dict[str, Any] = {"where": str(where)}
+    if emulation.on_can:
+        about, where = {"node": settings.node_id}, f"{settings.can.interface} {settings.can.channel}"
+    print(f"{options.device} {f'node {settings.node_id} ' if emulation.on_can else ''}on {where}", flush=True)
+    return Running(_OnTimetable(bench, faults), lambda: about, load)
 
 
 def _serial(
@@ -163,9 +163,9 @@ def _hub(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
 
 
 class _OnTimetable:
-    """A CANopen device and what is to happen to it."""
+    """A device that is stepped, and what is to happen to it."""
 
-    def __init__(self, device: CanopenDevice, faults: Faults) -> None:
+    def __init__(self, device: Living, faults: Faults) -> None:
         self._device, self._timetable = device, Timetable(faults)
         self._start_s = time.monotonic()
         self.faults, self.provoke = device.faults, device.provoke
@@ -189,7 +189,7 @@ def section(
             raise ConfigurationError(
                 f"emulate {options.device}: expected --port LINK, or --config FILE that has it"
             )
-        place = {"can": _slcan(options.port)} if emulation.on_can else {"port": options.port}
+        place = {"can": _slcan(options.port)} if emulation.on_can else {emulation.port_key: options.port}
         given = {"driver": options.device, **place, **emulation.defaults}
         return checked(driver.driver.settings, given, f"emulate {options.device}"), preset("catheter")
     daemon = load_daemon(options.config)
@@ -206,14 +206,17 @@ def section(
         raise ConfigurationError(
             f"{options.config}: axis {axis.name} has no driver {options.device!r}; expected one"
         )
-    changed = found if options.port is None else found.model_copy(update=_elsewhere(found, options.port))
+    changed = (
+        found if options.port is None else found.model_copy(update=_elsewhere(found, emulation, options.port))
+    )
     world = axis.simulation if hasattr(axis, "simulation") else preset("catheter")
     return changed, world
 
 
-def _elsewhere(settings: BaseModel, port: str) -> dict[str, Any]:
-    can = getattr(settings, "can", None)
-    return {"port": port} if can is None else {"can": CanSettings(**_slcan(port), bitrate=can.bitrate)}
+def _elsewhere(settings: Any, emulation: Emulation, port: str) -> dict[str, Any]:  # noqa: ANN401
+    if not emulation.on_can:
+        return {emulation.port_key: port}
+    return {"can": CanSettings(**_slcan(port), bitrate=settings.can.bitrate)}
 
 
 def _slcan(port: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from forefeel.common.errors import ForefeelError
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.audit_sink import StateAuditSink
 from forefeel.common.state.folder import StateFolder, state_path
+from forefeel.probe.configured import configured
 from forefeel.terminal import say
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
@@ -82,6 +83,7 @@ def _facts(settings: DaemonSettings, role: str) -> dict[str, str]:
         "role": role,
         "cell": settings.cell,
         "software": software,
+        "drivers": "; ".join(f"{each.name} {each.driver.origin}" for each in configured(settings)),
         "settings": hashlib.sha256(dump_yaml(settings).encode()).hexdigest()[:16],
         "listen": " ".join(settings.transport.listen),
         "connect": " ".join(settings.transport.connect),

@@ -25,8 +25,8 @@ def raw(tmp_path: Path) -> Path:
 @pytest.fixture
 def cell(raw: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cell]:
     monkeypatch.syspath_prepend(DOCS / "examples" / "load-cell-driver")
-    driver = import_module("iio_cell")
-    settings = driver.IioSettings(
+    driver, settings_of = import_module("forefeel_iio.driver"), import_module("forefeel_iio.settings")
+    settings = settings_of.IioSettings(
         driver="iio", file=raw, newton_per_count=5e-6, zero_counts=84000, full_scale_n=10, rate_hz=200
     )
     made = driver.IioLoadCell(settings)

@@ -1,33 +1,16 @@
-"""A load cell behind Linux' industrial I/O: reading one file makes a conversion and gives its counts."""
+"""Reading one file makes a conversion and gives its counts; a thread of its own waits for them."""
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated, Literal
-
-from pydantic import Field
 
 from forefeel.common.clock import Clock, MonotonicClock
-from forefeel.common.config import Settings
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.slots import BoundedQueue
 from forefeel.devices.shared.conversation import Conversation
 from forefeel.devices.shared.force_scale import ForceScale, Native
-from forefeel.devices.shared.settings import Sign
 from forefeel.devices.shared.stuck import StuckWatch
-from forefeel.slave.load_cell import FullScale, LoadCellReading
-
-
-class IioSettings(Settings):
-    """`file`: the raw value of the channel. `zero_counts`: of the unloaded cell."""
-
-    driver: Literal["iio"]
-    file: Path
-    newton_per_count: Annotated[float, Field(gt=0, le=1)]
-    zero_counts: float = 0.0
-    sign: Sign = 1
-    full_scale_n: FullScale
-    rate_hz: Annotated[float, Field(ge=1, le=500)] = 80.0
+from forefeel.slave.load_cell import LoadCellReading
+from forefeel_iio.settings import IioSettings
 
 
 class IioLoadCell:

@@ -1,0 +1,120 @@
+"""Runs the checks of one driver and shows each."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from rich.text import Text
+
+from forefeel.calibrate.prompt import Prompt
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import ConfigurationError, ForefeelError, RunError
+from forefeel.common.hardware.driver import SLOTS, InstalledDriver, installed_drivers
+from forefeel.conformance.checks import CHECKS, Bench, BrokenError, NotTested
+from forefeel.conformance.emulators import EmulatedBench
+from forefeel.daemon_settings import load_daemon
+from forefeel.interrupt import breakable, heeded
+from forefeel.probe.configured import configured
+from forefeel.terminal import answer, show
+
+Verdict = Literal["kept", "broken", "not tested"]
+_STYLES = {"kept": "green", "broken": "red", "not tested": "dim"}
+
+
+@dataclass(frozen=True)
+class Checked:
+    """One promise of the port."""
+
+    check: str
+    verdict: Verdict
+    said: str
+
+
+@dataclass(frozen=True)
+class DriverTestOptions:
+    """What the user asked for. `config`: the YAML file of a real device; None: the emulator."""
+
+    name: str
+    config: Path | None
+    axis: str | None
+    moves: bool
+    yes: bool
+
+
+def run_driver_test(options: DriverTestOptions) -> None:
+    """Makes every check.
+
+    Raises:
+        InputError: no such driver, or no emulator of it. RunError: a promise is broken, or the user ended it.
+    """
+    driver = _driver(options)
+    found: list[Checked] = []
+    with heeded(lambda: None), breakable(), _bench(driver, options) as bench:
+        try:
+            for name in CHECKS:
+                found.append(_checked(name, bench))
+                show(_in_words(found[-1]))
+        except KeyboardInterrupt:
+            raise RunError(f"interrupted after {len(found)} of {len(CHECKS)} checks") from None
+    about = {"driver": driver.name, "slot": driver.slot, "distribution": driver.distribution}
+    document = {"schema": "forefeel.driver_test/1", **about, "version": driver.version}
+    answer(document=lambda: {**document, "checks": [asdict(each) for each in found]})
+    broken = [each for each in found if each.verdict == "broken"]
+    if broken:
+        raise RunError("; ".join(f"{each.check}: {each.said}" for each in broken))
+
+
+def _driver(options: DriverTestOptions) -> InstalledDriver:
+    drivers = [driver for slot in SLOTS for driver in installed_drivers(slot)]
+    hardware = [driver for driver in drivers if driver.driver.settings.hardware]
+    found = next((driver for driver in hardware if driver.name == options.name), None)
+    if found is None:
+        names = ", ".join(sorted(driver.name for driver in hardware))
+        raise ConfigurationError(f"{options.name!r}: expected one of {names}; `forefeel devices` lists them")
+    if options.config is None and found.driver.emulator is None:
+        raise ConfigurationError(f"{options.name}: has no emulator; expected --config FILE of a real device")
+    return found
+
+
+@contextmanager
+def _bench(driver: InstalledDriver, options: DriverTestOptions) -> Iterator[Bench]:
+    clock = MonotonicClock()
+    if options.config is not None:
+        device = next(
+            (
+                each
+                for each in configured(load_daemon(options.config))
+                if each.driver.name == driver.name and options.axis in (None, each.axis)
+            ),
+            None,
+        )
+        if device is None:
+            raise ConfigurationError(f"{options.config}: no axis has driver {driver.name!r}")
+        if options.moves:
+            Prompt(options.yes).agree(
+                f"{device.name} on {device.where} will move by 1 mm: take out the instrument, clear the way, "
+                "keep the stop at hand"
+            )
+        yield Bench(driver, device.settings, None, options.moves, clock)
+        return
+    with tempfile.TemporaryDirectory(prefix="forefeel-") as folder, ExitStack() as leave:
+        emulated = EmulatedBench(driver, Path(folder), leave)
+        yield Bench(driver, emulated.settings, emulated, True, clock)
+
+
+def _checked(name: str, bench: Bench) -> Checked:
+    try:
+        return Checked(name, "kept", CHECKS[name](bench))
+    except NotTested as reason:
+        return Checked(name, "not tested", str(reason))
+    except BrokenError as error:
+        return Checked(name, "broken", str(error))
+    except ForefeelError as error:
+        return Checked(name, "broken", f"DeviceError: {error}")
+
+
+def _in_words(found: Checked) -> Text:
+    return Text(f"{found.check}: ").append(found.verdict, _STYLES[found.verdict]).append(f"; {found.said}")

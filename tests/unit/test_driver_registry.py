@@ -1,0 +1,81 @@
+"""Drivers are found by entry points; what is wrong with one is said in one line."""
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint, EntryPoints
+from typing import Any
+
+import pytest
+
+from forefeel.common.config import checked
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware import driver
+from forefeel.common.hardware.driver import Driver, installed_driver
+from forefeel.devices.simulated.settings import SimulatedStageSettings
+from forefeel.slave.settings import SlaveSettings
+
+OTHER_NAME = Driver(SimulatedStageSettings, "nowhere:Nothing", "a stage")
+
+
+@pytest.fixture
+def only(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401
+    def only(value: str) -> None:
+        found = EntryPoints([EntryPoint("mine", value, "forefeel.stages")])
+        monkeypatch.setattr(driver, "entry_points", lambda group: found.select(group=group))
+
+    return only
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("not_installed_anywhere:DRIVER", "No module named 'not_installed_anywhere'"),
+        ("forefeel.devices.zaber:NOTHING", "has no attribute 'NOTHING'"),
+        ("forefeel.devices.zaber:ZaberSettings", "expected a Driver, not <class"),
+        (f"{__name__}:OTHER_NAME", "its settings have no `driver: Literal['mine']`"),
+    ],
+)
+def test_an_entry_point_that_is_no_driver_is_named(only: Any, value: str, message: str) -> None:  # noqa: ANN401
+    only(value)
+    with pytest.raises(ConfigurationError) as caught:
+        installed_driver("stage", "mine")
+    assert str(caught.value).startswith(f"driver 'mine' ({value}): ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_name_that_nobody_has_lists_those_that_are_installed(only: Any) -> None:  # noqa: ANN401
+    only("forefeel.devices.zaber:STAGE")
+    with pytest.raises(ConfigurationError, match=r"stage\.driver = 'yours': expected one of 'mine'"):
+        checked(SlaveSettings, {"axes": [{"stage": {"driver": "yours"}}]}, "slave.yaml")
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ("3", "expected a mapping such as {driver: simulated}"),
+        ({}, "axes[0].stage.driver: missing, a value is required"),
+        ({"driver": "recorded_not", "port": 1}, "expected one of 'cia402', 'simulated', 'zaber_ascii'"),
+        ({"driver": "simulated", "port": "/dev/x"}, "unknown key, expected one of driver"),
+    ],
+)
+def test_what_is_wrong_in_a_section_is_said_by_the_settings_of_its_driver(section: Any, message: str) -> None:  # noqa: ANN401
+    with pytest.raises(ConfigurationError) as caught:
+        checked(SlaveSettings, {"axes": [{"stage": section}]}, "slave.yaml")
+    assert message in str(caught.value)
+
+
+def test_only_the_driver_that_is_named_is_imported() -> None:
+    code = (
+        "import sys; from forefeel.slave import daemon; from forefeel.slave.settings import SlaveSettings;"
+        "from forefeel.common.clock import MonotonicClock;"
+        "daemon._devices(SlaveSettings().axes[0], MonotonicClock());"
+        "print(sorted({'serial', 'can', 'canopen'} & set(sys.modules)),"
+        "[name for name in sys.modules if name.startswith('forefeel.devices.') and 'simulated' not in name])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    print(done.stdout)
+    serial_modules, devices = done.stdout.split("] [")
+    assert serial_modules == "["
+    assert "zaber" not in devices
+    assert "cia40" not in devices
