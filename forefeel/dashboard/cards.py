@@ -24,8 +24,7 @@ from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
 from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.dashboard.words import lights
-from forefeel.diagnose.units import scale, split_unit
-from forefeel.report.wording import UNKNOWN, micros, number, quantity
+from forefeel.report.wording import UNKNOWN, micros, number, quantity, scale, split_unit
 
 Card = dict[str, Any]
 _BINS = 36  # bars of the histogram of the delay; chosen, not measured: more are thinner and noisier

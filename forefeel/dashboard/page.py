@@ -9,7 +9,7 @@ from nicegui import app, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from forefeel.dashboard.charts import GRIDS, delay_options, force_options
-from forefeel.report.text import DISCLAIMER
+from forefeel.report.wording import DISCLAIMER
 
 STATIC = "/forefeel"
 _HERE = Path(__file__).parent

@@ -10,11 +10,11 @@ import numpy as np
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import ForefeelError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.units import shown
 from forefeel.diagnose.words import headline, plain
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.verdict import Diagnosis, Interval
 from forefeel.parent import die_with_parent
+from forefeel.report.wording import shown
 
 _LOWEST_NICE = 19  # niceness of the lowest priority (nice(2))
 _LEFT_OUT = "The model leaves out:"

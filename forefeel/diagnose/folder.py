@@ -18,8 +18,7 @@ from forefeel.diagnose.words import named
 from forefeel.diagnosis.diagnose.verdict import Diagnosis
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
-from forefeel.report.text import DISCLAIMER
-from forefeel.report.wording import quantity
+from forefeel.report.wording import DISCLAIMER, quantity
 from forefeel.terminal import answer, progress, say, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"

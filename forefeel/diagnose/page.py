@@ -1,24 +1,43 @@
-"""report.html of a diagnosis."""
+"""report.html of a diagnosis: the verdict in words, what is wrong in figures, each cause and its evidence."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.effects.registry import effect_class
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.figures import drawings, named
-from forefeel.diagnose.parts import Parts
-from forefeel.diagnose.pictures import picture
-from forefeel.diagnose.sensor_pictures import sensor_picture
-from forefeel.diagnose.units import Shown, plain_value, shown, split_unit
+from forefeel.diagnose.parts import TRIM, Parts, Rows, density, rms
+from forefeel.diagnose.pictures import picture, sensor_picture
 from forefeel.diagnose.words import caution, gain_text, headline, on_readings, plain
 from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.diagnose.candidates import base_name
 from forefeel.diagnosis.diagnose.prediction import Across
 from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence
-from forefeel.report.svg import Drawing
+from forefeel.report.drawing import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    AxisUnit,
+    Drawing,
+    band_about_zero,
+    bars,
+    cloud,
+    common_legend,
+    drawn,
+    finish,
+    limit_y,
+    means,
+    new_figure,
+    one_plot,
+    plain_numbers,
+    plot,
+    styled,
+)
 from forefeel.report.template import render
-from forefeel.report.wording import quantity
+from forefeel.report.wording import Shown, plain_value, quantity, shown, split_unit
 
 _FORMS = {
     "asymmetric": "Its level differs by direction.",
@@ -32,6 +51,10 @@ _FORMS = {
 """What a form of a cause says beyond its name."""
 
 ON_READINGS = "Seen on the readings"
+
+_DETAIL_S = 5.0  # of the worst stretch
+_SIMULATION = "simulation"
+_COLOURS = ORANGE, BLUE  # before, after
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,3 +187,139 @@ def _rows(diagnosis: Diagnosis) -> list[ParameterRow]:
 def _owned(parameters: Mapping[str, float]) -> dict[str, float]:
     """By effect and name; those without an effect are of mass, damper and spring."""
     return {key if "." in key else f"mass_damper_spring.{key}": value for key, value in parameters.items()}
+
+
+@styled()
+def drawings(stem: str, parts: Parts, diagnosis: Diagnosis) -> list[Drawing]:
+    """Force over time and its worst stretch; what is left over time, over the motion, its spectrum, its
+    size.
+    """
+    return [
+        _force(stem, parts),
+        _detail(stem, parts),
+        _over_time(stem, parts, diagnosis),
+        _over_motion(stem, parts),
+        _spectrum(stem, parts),
+        _sizes(stem, parts, diagnosis),
+    ]
+
+
+def named(parts: Parts) -> str:
+    """What the simulation is."""
+    return f"{_SIMULATION} ({'the given model' if parts.given else 'mass, damper, spring'})"
+
+
+def worst_stretch(parts: Parts, length_s: float = _DETAIL_S) -> tuple[float, float]:
+    """From when to when the simulation errs most, in s since the start."""
+    t, error = parts.t[parts.rows], parts.before[parts.rows] ** 2
+    stretch = np.floor((t - t[0]) / length_s).astype(np.int64)
+    total = np.bincount(stretch, error)
+    count = np.bincount(stretch)
+    mean = np.where(count > 0.5 * count.max(), total / np.maximum(count, 1), 0.0)
+    start = float(t[0] + length_s * int(np.argmax(mean)))
+    return start, min(start + length_s, float(t[-1]))
+
+
+def _force(stem: str, parts: Parts) -> Drawing:
+    band = parts.analysis.regression.signals.cutoff_hz
+    caption = f"The whole recording below {band:.0f} Hz, the band in which motion and force are compared."
+    return _forces(stem, parts, "Simulation and measurement", caption, parts.rows)
+
+
+def _detail(stem: str, parts: Parts) -> Drawing:
+    start, end = worst_stretch(parts)
+    t = parts.t[parts.rows]
+    rows = parts.rows[(t >= start) & (t <= end)]
+    caption = f"{start:.1f} to {end:.1f} s, the stretch with the largest error."
+    return _forces(stem, parts, "Where the simulation errs most", caption, rows)
+
+
+def _forces(stem: str, parts: Parts, title: str, caption: str, rows: Rows) -> Drawing:
+    figure, axes = one_plot(2.9)
+    force = AxisUnit("force", "N", parts.force[rows])
+    simulated, measured, extended = (
+        force(values[rows]) for values in (parts.simulated, parts.force, parts.extended)
+    )
+    limit_y(axes, simulated, measured, extended, trim=TRIM, zero=True)
+    gap_s = _gap_s(parts)
+    plot(axes, parts.t[rows], measured, BLACK, "measured", width=2.0, gap_s=gap_s)
+    plot(axes, parts.t[rows], simulated, ORANGE, named(parts), gap_s=gap_s)
+    plot(axes, parts.t[rows], extended, BLUE, "extended by the causes", gap_s=gap_s)
+    finish(axes, "time in s", force.label)
+    return drawn(figure, stem, title, caption)
+
+
+def _over_time(stem: str, parts: Parts, diagnosis: Diagnosis) -> Drawing:
+    rows, (figure, axes) = parts.rows, one_plot(2.5)
+    residual = AxisUnit("residual", "N", parts.before[rows])
+    floor = float(residual(diagnosis.noise_floor_n))
+    limit_y(axes, *(residual(values[rows]) for values in (parts.before, parts.after)), trim=TRIM, zero=True)
+    band_about_zero(axes, 2.0 * floor, "± 2 x noise")
+    for values, colour, name in zip((parts.before, parts.after), _COLOURS, _names(), strict=True):
+        plot(axes, parts.t[rows], residual(values[rows]), colour, name, gap_s=_gap_s(parts))
+    finish(axes, "time in s", residual.label)
+    return drawn(figure, stem, "What is left over time", "Measured less modelled force.")
+
+
+def _over_motion(stem: str, parts: Parts) -> Drawing:
+    rows = parts.rows
+    columns = {
+        ("position", "m"): parts.x,
+        ("speed", "m/s"): parts.v,
+        ("distance since reversal, by direction,", "m"): parts.since * parts.direction,
+    }
+    figure = new_figure(3.1)
+    residual = AxisUnit("residual", "N", parts.before[rows])
+    grid = figure.subplots(1, 3, sharey=True)
+    for axes, ((label, unit), column) in zip(grid, columns.items(), strict=True):
+        across = AxisUnit(label, unit, column[rows])
+        for values, colour, name in zip((parts.before, parts.after), _COLOURS, _names(), strict=True):
+            cloud(axes, across(column[rows]), residual(values[rows]), colour)
+            axes.plot(
+                *means(across(column[rows]), residual(values[rows])),
+                color=colour,
+                linewidth=2.2,
+                label=name,
+                zorder=3,
+            )
+        finish(axes, across.label, residual.label if axes is grid[0] else "", legend=False)
+    common_legend(figure, grid[0])
+    limit_y(
+        grid[0], *(residual(values[rows]) for values in (parts.before, parts.after)), trim=TRIM, zero=True
+    )
+    caption = "Points, and their means in bins. A line that leaves zero is something missing."
+    return drawn(figure, stem, "What is left over position, speed and distance since reversal", caption)
+
+
+def _spectrum(stem: str, parts: Parts) -> Drawing:
+    figure, axes = one_plot(2.6)
+    for values, colour, name in zip((parts.before, parts.after), _COLOURS, _names(), strict=True):
+        axes.loglog(*density(parts.analysis.regression.signals, values), color=colour, label=name)
+    plain_numbers(axes.xaxis, axes.yaxis)
+    finish(axes, "frequency in Hz", "residual in N/√Hz")
+    caption = "A peak is periodic or swings; noise is flat or falls slowly."
+    return drawn(figure, stem, "Spectrum of what is left", caption)
+
+
+def _sizes(stem: str, parts: Parts, diagnosis: Diagnosis) -> Drawing:
+    rows = parts.rows
+    shown = [(f"left by the {_SIMULATION}", rms(parts.before[rows]), ORANGE)]
+    shown += [(cause.name, cause.explained_n, GREY) for cause in diagnosis.causes]
+    shown += [
+        ("left by the extended model", rms(parts.after[rows]), BLUE),
+        ("noise floor", diagnosis.noise_floor_n, BLACK),
+    ]
+    figure = new_figure(0.75 + 0.33 * len(shown))
+    bars(figure.subplots(), *(list(column) for column in zip(*shown, strict=True)))
+    caption = (
+        "rms. Grey is what the error on held-out blocks loses by one cause alone; squares add up, not bars."
+    )
+    return drawn(figure, stem, "How large it is", caption)
+
+
+def _names() -> tuple[str, str]:
+    return f"left by the {_SIMULATION}", "left by the extended model"
+
+
+def _gap_s(parts: Parts) -> float:
+    return max(0.1, 3.0 / parts.analysis.regression.signals.coarse_rate_hz)

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import csd, welch
 
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.error_size import Floats
@@ -12,11 +13,17 @@ from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES, MotionGrid
 from forefeel.diagnosis.diagnose.flexible import since_reversal
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.diagnose.signals import Signals
 
 Rows = NDArray[np.intp]
 
 _OF_ALL_COLUMNS = "motion", "contact", "alignment"
 """Kinds of causes without columns of their own: they change those of all others."""
+
+
+TRIM = 0.002  # share of the highest and of the lowest values that may lie outside of a picture
+_COHERENT = 0.8  # least coherence of a frequency at which phase and ratio are shown
+_STRETCHES = 8.0  # of the recording, over which a spectrum is averaged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +98,24 @@ def share_of(regression: RecordingRegression, fit: ModelFit, name: str) -> Float
     return np.asarray(whole - regression.predicted(replace(fit, model=rest)))
 
 
+def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple[Floats, Floats]:
+    """(Hz, measured force over that of the model without `name`), where their coherence is high."""
+    rest = {other: shape for other, shape in fit.model.items() if other != name}
+    signals = regression.signals
+    piece = max(signals.piecewise(fine=False), key=lambda p: p.stop - p.start)
+    sensed = [other for other in rest if CANDIDATES[other].kind == "sensor"]
+    added = sum((regression.block(rest, o, rest[o]) @ fit.of(o) for o in sensed), np.zeros(len(signals.t)))
+    without = regression.predicted(replace(fit, model=rest)) - added
+    model, force = without[piece], (signals.force - added)[piece]
+    rate = signals.coarse_rate_hz
+    count = max(32, int(len(model) / _STRETCHES))
+    frequency, cross = csd(model, force, rate, nperseg=count)
+    own, other = welch(model, rate, nperseg=count)[1], welch(force, rate, nperseg=count)[1]
+    coherent = np.abs(cross) ** 2 / np.maximum(own * other, 1e-300)
+    rows = (coherent > _COHERENT) & (frequency > 0.0) & (frequency < 0.7 * signals.cutoff_hz)
+    return frequency[rows], (cross / np.maximum(own, 1e-300))[rows]
+
+
 def strokes(parts: Parts, least_m: float) -> tuple[Floats, Floats]:
     """(direction, distance in m since the last reversal); a way back of up to `least_m` is no reversal.
 
@@ -120,6 +145,16 @@ def _turns(x: list[float], least: float) -> list[tuple[int, float]]:
             turns.append((low, 1.0))
             high = i
     return turns
+
+
+def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[Floats, Floats]:
+    """(Hz, amplitude density in N/sqrt(Hz)) of the longest stretch without gaps, within the pass-band."""
+    piece = max(signals.piecewise(fine=False), key=lambda p: p.stop - p.start)
+    rate = signals.coarse_rate_hz
+    kept = np.where(signals.rows[piece], values[piece], 0.0)
+    frequency, power = welch(kept, rate, nperseg=min(len(kept), int(longest_s * rate)))
+    inside = (frequency > 0.0) & (frequency < 0.75 * signals.cutoff_hz)
+    return frequency[inside], np.sqrt(power[inside])
 
 
 def rms(values: Floats) -> float:

@@ -1,28 +1,57 @@
 """One picture for each cause: what is left without it, against the variable in which it shows, and the cause
-itself over that.
+itself over that. One for each fault of the sensor, on the force as recorded.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import welch
 
 from forefeel.common.error_size import Floats
-from forefeel.diagnose.drawing import Axis, cloud, density, drawn, finish, logarithmic, medians, span
-from forefeel.diagnose.parts import Parts, rms, share_of, strokes
-from forefeel.diagnose.phase import phase
-from forefeel.diagnose.units import plain_value
+from forefeel.diagnose.parts import TRIM, Parts, density, response, rms, share_of, strokes
+from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.candidates import Shape, base_name
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.diagnose.faults import Fault
 from forefeel.diagnosis.diagnose.signals import Mask
-from forefeel.report.svg import BLUE, GREY, ORANGE, VERMILION, Drawing, new_figure, plot, styled
+from forefeel.diagnosis.diagnose.transfer import alignment
+from forefeel.report.drawing import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILION,
+    AxisUnit,
+    Drawing,
+    cloud,
+    common_legend,
+    drawn,
+    finish,
+    limit_y,
+    medians,
+    new_figure,
+    one_plot,
+    plain_numbers,
+    plot,
+    styled,
+)
+from forefeel.report.wording import plain_value
 
-WIDTH_IN, HEIGHT_IN = 6.2, 3.1
-_FINE = 120
+_WIDTH_IN, _HEIGHT_IN = 6.2, 3.1  # beside the numbers of its cause
+_FINE = 120  # bins of a cause's own line
 _WITHOUT = "left without it"
 _OWN = "the cause"
 _TREMOR = 0.5
 """Of a cause's length: a hand that trembles by less does not reverse."""
+
+_HIGHEST = 3.0  # ratio of forces that is shown
+_LEVELS = 8  # of a quantised force, shown to each side of the middle
+_AROUND_HZ = 20.0  # of a line of the mains, to each side
+_PHASES = {
+    "time_delay": "A delay turns the phase evenly with the frequency and leaves the size as it is.",
+    "unmodelled_resonance:fixture": "Below the mode the force is as modelled, above it turned and smaller.",
+    "sensor_lag": "A lag turns the phase by 90 degrees at most and makes a fast force smaller.",
+}
+"""What a phase says, by the name of the cause."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,11 +78,18 @@ class Component:
         return np.asarray(values[self.parts.rows])
 
 
+@styled()
 def picture(stem: str, parts: Parts, name: str) -> Drawing:
     """Of a cause of the model, by the name of its form; over time where no other picture suits it."""
-    draw = _PICTURES.get(name, _PICTURES.get(base_name(name), _time))
-    with styled():
-        return draw(f"{stem} {name}", Component.of(parts, name))
+    draw = _CAUSES.get(name, _CAUSES.get(base_name(name), _time))
+    return draw(f"{stem} {name}", Component.of(parts, name))
+
+
+@styled()
+def sensor_picture(stem: str, analysis: Analysis, fault: Fault) -> Drawing | None:
+    """Of a fault of the sensor, on the force as recorded; None where no picture suits it."""
+    draw = _FAULTS.get(fault.name)
+    return None if draw is None else draw(f"{stem} {fault.name}", analysis, fault)
 
 
 def _against(
@@ -66,11 +102,10 @@ def _against(
     caption: str,
 ) -> Drawing:
     """y = (left, own) over x as points and a line."""
-    figure = new_figure(HEIGHT_IN, WIDTH_IN)
-    axes = figure.subplots()
+    figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
     left, own = y
-    across, force = Axis(*label, x), Axis("force", "N", left)
-    span(axes, force(left), force(own))
+    across, force = AxisUnit(*label, x), AxisUnit("force", "N", left)
+    limit_y(axes, force(left), force(own), trim=TRIM, zero=True)
     cloud(axes, across(x), force(left), ORANGE, size=3.6)
     axes.plot([], [], ".", color=ORANGE, label=_WITHOUT)
     axes.plot(*medians(across(x), force(own), _FINE), color=BLUE, linewidth=1.5, label=_OWN, zorder=3)
@@ -132,10 +167,9 @@ def _groups(
     words: tuple[str, str],
 ) -> Drawing:
     """Points and the cause's line for each group of rows, in a colour of its own."""
-    figure = new_figure(HEIGHT_IN, WIDTH_IN)
-    axes = figure.subplots()
-    across, force = Axis(*label, x), Axis("force", "N", of.left)
-    span(axes, force(of.left), force(of.own))
+    figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
+    across, force = AxisUnit(*label, x), AxisUnit("force", "N", of.left)
+    limit_y(axes, force(of.left), force(of.own), trim=TRIM, zero=True)
     for (name, rows), colour in zip(groups.items(), (ORANGE, BLUE), strict=False):
         if np.count_nonzero(rows) > _FINE:
             cloud(axes, across(x[rows]), force(of.left[rows]), colour, size=3.0)
@@ -170,10 +204,9 @@ def _time(stem: str, of: Component) -> Drawing:
     start, end = _window(of)
     t = of.column(of.parts.t)
     rows = (t >= start) & (t <= end)
-    figure = new_figure(HEIGHT_IN, WIDTH_IN)
-    axes = figure.subplots()
-    force = Axis("force", "N", of.left[rows])
-    span(axes, force(of.left[rows]), force(of.own[rows]), least=0.0)
+    figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
+    force = AxisUnit("force", "N", of.left[rows])
+    limit_y(axes, force(of.left[rows]), force(of.own[rows]), trim=TRIM, zero=True)
     plot(axes, t[rows], force(of.left[rows]), ORANGE, _WITHOUT, width=3.0)
     plot(axes, t[rows], force(of.own[rows]), BLUE, _OWN)
     if base_name(of.name) == "stiffness_change" and start < of.shape[0] < end:
@@ -210,24 +243,40 @@ def _peak(stem: str, of: Component) -> Drawing:
     parts = of.parts
     signals, own = parts.analysis.regression.signals, np.zeros_like(parts.t)
     own[parts.rows] = of.own
-    figure = new_figure(HEIGHT_IN, WIDTH_IN)
-    axes = figure.subplots()
+    figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
     axes.loglog(*density(signals, own + parts.after), color=ORANGE, label=_WITHOUT)
     axes.loglog(*density(signals, own), color=BLUE, label=_OWN)
     axes.loglog(*density(signals, parts.after), color=GREY, label="left with it")
     axes.axvline(of.shape[0], color=VERMILION, linewidth=1.0)
-    logarithmic(axes)
+    plain_numbers(axes.xaxis, axes.yaxis)
     finish(axes, "frequency in Hz", "force in N/√Hz")
     return drawn(figure, stem, "Spectrum", f"The peak at {of.shape[0]:.3g} Hz (line).")
 
 
 def _phase(stem: str, of: Component) -> Drawing:
-    regression: RecordingRegression = of.parts.analysis.regression
-    fit: ModelFit = of.parts.analysis.fit
-    return phase(stem, regression, fit, of.name)
+    """Phase and ratio of the measured force to the model's without the cause, where both go together."""
+    frequency, ratio = response(of.parts.analysis.regression, of.parts.analysis.fit, of.name)
+    figure = new_figure(_HEIGHT_IN, _WIDTH_IN)
+    left, right = figure.subplots(1, 2)
+    hz = np.linspace(0.0, float(frequency.max(initial=1.0)), 400)
+    law = alignment(2.0 * np.pi * hz, {of.name: of.shape})
+    assert law is not None
+    angle = np.unwrap(np.angle(law))
+    near = np.interp(frequency, hz, angle)  # of several turns the one beside the law
+    measured = near + np.angle(ratio * np.exp(-1j * near))
+    for axes, dots, line, label in (
+        (left, np.degrees(measured), np.degrees(angle), "phase in degrees"),
+        (right, np.abs(ratio), np.abs(law), "measured / modelled"),
+    ):
+        axes.plot(frequency, dots, ".", color=ORANGE, markersize=5, label="measured")
+        axes.plot(hz, line, color=BLUE, linewidth=1.5, label=_OWN)
+        finish(axes, "frequency in Hz", label, legend=False)
+    common_legend(figure, left)
+    right.set_ylim(0.0, min(_HIGHEST, 1.2 * max(1.0, float(np.abs(law).max()), *np.abs(ratio).tolist())))
+    return drawn(figure, stem, "Phase and size over the frequency", _PHASES[of.name])
 
 
-_PICTURES: Mapping[str, Callable[[str, Component], Drawing]] = {
+_CAUSES: Mapping[str, Callable[[str, Component], Drawing]] = {
     "coulomb_friction": _speed,
     "stribeck_friction": _speed,
     "quadratic_drag": _speed,
@@ -247,4 +296,78 @@ _PICTURES: Mapping[str, Callable[[str, Component], Drawing]] = {
     "unmodelled_resonance:fixture": _phase,
     "time_delay": _phase,
     "sensor_lag": _phase,
+}
+
+
+def _raw(analysis: Analysis) -> Floats:
+    force_n = analysis.recording.force_n
+    assert force_n is not None
+    return force_n
+
+
+def _levels(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
+    force_n, step = _raw(analysis), fault.parameters["step_n"][0]
+    middle = step * round(float(np.median(force_n)) / step)
+    edges = middle + step * np.arange(-_LEVELS - 0.5, _LEVELS + 0.5 + 1e-9, 0.125)
+    caption = f"Levels {1e3 * step:.4g} mN apart, and nothing between them."
+    return _histogram(stem, force_n, edges, [], "Histogram of the readings", caption)
+
+
+def _ends(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
+    force_n, limit = _raw(analysis), fault.parameters["limit_n"][0]
+    margin = 0.03 * float(np.ptp(force_n))
+    edges = np.linspace(float(force_n.min()) - margin, float(force_n.max()) + margin, 121)
+    span = 2e-3 * float(np.ptp(force_n))
+    lines = [end for end in (limit, -limit) if force_n.min() - span <= end <= force_n.max() + span]
+    caption = "Readings pile up where the range ends (line)."
+    return _histogram(stem, force_n, edges, lines, "Histogram of the readings", caption)
+
+
+def _histogram(
+    stem: str, force_n: Floats, edges: Floats, lines: list[float], title: str, caption: str
+) -> Drawing:
+    figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
+    inside = force_n[(force_n >= edges[0]) & (force_n <= edges[-1])]
+    force = AxisUnit("force", "N", inside)
+    axes.hist(force(inside), force(edges).tolist(), color=ORANGE)
+    for line in lines:
+        axes.axvline(float(force(line)), color=VERMILION, linewidth=1.4)
+    finish(axes, force.label, "readings", legend=False)
+    return drawn(figure, stem, title, caption)
+
+
+def _spikes(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
+    t = analysis.recording.time_s - analysis.recording.time_s[0]
+    raw, cleaned = _raw(analysis), analysis.cleaned.force_n
+    figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
+    force = AxisUnit("force", "N", raw)
+    limit_y(axes, force(raw))
+    plot(axes, t, force(raw), ORANGE, "as recorded")
+    plot(axes, t, force(cleaned), BLUE, "without the outliers")
+    finish(axes, "time in s", force.label)
+    return drawn(figure, stem, "Over time", "Single readings far off their neighbours.")
+
+
+def _line(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
+    frequency_hz, rate = fault.parameters["frequency_hz"][0], analysis.recording.rate_hz
+    figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
+    for force_n, colour, name in (
+        (_raw(analysis), ORANGE, "as recorded"),
+        (analysis.cleaned.force_n, BLUE, "without the line"),
+    ):
+        piece = max(analysis.recording.segments(), key=lambda s: s.stop - s.start)
+        frequency, power = welch(force_n[piece], rate, nperseg=min(len(force_n[piece]), int(8.0 * rate)))
+        near = np.abs(frequency - frequency_hz) < _AROUND_HZ
+        axes.semilogy(frequency[near], np.sqrt(power[near]), color=colour, label=name)
+    axes.axvline(frequency_hz, color=GREY, linewidth=1.0, zorder=0)
+    plain_numbers(axes.yaxis)
+    finish(axes, "frequency in Hz", "force in N/√Hz")
+    return drawn(figure, stem, "Spectrum of the readings", f"A narrow line at {frequency_hz:.2f} Hz.")
+
+
+_FAULTS: Mapping[str, Callable[[str, Analysis, Fault], Drawing]] = {
+    "sensor_quantisation": _levels,
+    "sensor_saturation": _ends,
+    "sensor_spikes": _spikes,
+    "mains_hum": _line,
 }

@@ -8,10 +8,20 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
 from forefeel.diagnose.examine import FILES, JSON, Task, examine
 from forefeel.diagnose.folder import EARLIER, run_folder
-from forefeel.diagnose.stages import diagnosing
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order
-from forefeel.terminal import answer
+from forefeel.terminal import answer, stages
+
+_STAGES = {
+    "reading": "reading the recording",
+    "sensor": "looking at the load cell",
+    "search": "searching for causes",
+    "trust": "weighing the evidence",
+    "prediction": "predicting across 300 ms",
+    "report": "drawing the report",
+}
+_LONG = "search", "trust", "prediction", "report"
+"""The others are over before anyone wonders, and wrong input ends in them: its one line stands alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +58,7 @@ def run_diagnosis(options: DiagnosisOptions) -> None:
         ends_in_order("diagnosis", options.out) as written,
         results_folder(options.out, FILES, EARLIER, options.overwrite),
     ):
-        with diagnosing(options.source.stem) as tell:
+        with stages(options.source.stem, _STAGES, _LONG) as tell:
             result = examine(task, tell)
         write_all(options.out, result.texts, written)
     where = f"{', '.join(sorted(FILES, reverse=True))} in {options.out}"

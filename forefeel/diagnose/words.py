@@ -1,11 +1,9 @@
 """The answer in plain words, for an engineer who has to decide what to do next."""
 
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.units import shown
 from forefeel.diagnosis.diagnose.prediction import Across
 from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, HeldOut
-from forefeel.report.text import DISCLAIMER
-from forefeel.report.wording import quantity
+from forefeel.report.wording import DISCLAIMER, quantity, shown
 
 PLAIN = {
     "bias": "a constant offset of the load cell",

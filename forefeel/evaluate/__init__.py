@@ -1,1 +1,1 @@
-"""`forefeel evaluate`: the command, its table and its page."""
+"""`forefeel evaluate`: the command and its page."""

@@ -22,8 +22,7 @@ from forefeel.diagnosis.evaluation.evaluate import (
 )
 from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.diagnosis.evaluation.results import to_json
-from forefeel.evaluate.page import render_page
-from forefeel.evaluate.table import in_words
+from forefeel.evaluate.page import in_words, render_page
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.terminal import answer, complain, progress, say

@@ -17,9 +17,8 @@ from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.loopback.watched import LOG, Watched
-from forefeel.report.page import write_report
+from forefeel.report.page import ten_lines, write_report
 from forefeel.report.summary import RunReport
-from forefeel.report.text import ten_lines
 from forefeel.terminal import answer, progress, say, stages, warn
 
 _RECORDING = "recording.mcap"

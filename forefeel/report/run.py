@@ -6,8 +6,7 @@ from forefeel.common.recording.mcap_reader import read_run
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.model import RunReport
-from forefeel.report.page import FILES, make_pages
-from forefeel.report.text import ten_lines
+from forefeel.report.page import FILES, make_pages, ten_lines
 from forefeel.terminal import answer, stages
 
 

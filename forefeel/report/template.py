@@ -1,16 +1,10 @@
-"""Pages as one HTML file that needs nothing else: the templates, and the words that they use."""
+"""Pages as one HTML file that needs nothing else: `base.html.j2`, and a template for each kind of page."""
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from forefeel.report import wording
-from forefeel.report.svg import Drawing
-from forefeel.report.text import DISCLAIMER
-
-_WORDS = (
-    "quantity", "micros", "share", "ratio", "number", "verdict", "calibration",
-    "reasons", "refused", "injected",
-)  # fmt: skip
+from forefeel.report.drawing import Drawing
+from forefeel.report.wording import DISCLAIMER, UNKNOWN, micros, number, quantity, ratio, share
 
 
 def render(template: str, **values: object) -> str:
@@ -22,11 +16,8 @@ def render(template: str, **values: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals.update(
-        svg=_svg,
-        disclaimer=DISCLAIMER,
-        **{name: getattr(wording, name) for name in _WORDS},
-    )
+    words = {word.__name__: word for word in (quantity, micros, share, ratio, number)}
+    environment.globals.update(words, svg=_svg, disclaimer=DISCLAIMER, unknown=UNKNOWN)
     return environment.get_template(template).render(**values)
 
 

@@ -1,30 +1,53 @@
-"""Numbers in words: SI prefixes, three digits, and a dash for what is not known."""
+"""Numbers in words: SI prefixes, no more digits than are known, a dash for what is not known."""
 
 from collections.abc import Mapping
-from math import floor, log10
+from dataclasses import dataclass
+from math import floor, isfinite, log10
+from typing import TYPE_CHECKING
 
-from forefeel.report.model import CalibrationFigures, NotJudged
+if TYPE_CHECKING:  # the diagnosis imports scipy, for which `forefeel loopback` would wait
+    from forefeel.diagnosis.diagnose.verdict import Interval
 
+DISCLAIMER = "Research software, not a medical device."
 UNKNOWN = "–"
-REASONS = {
-    "not_followed": "not followed",
-    "skipped": "skipped",
-    "invalid_force": "invalid force",
-    "not_predicted": "not predicted",
+
+_PREFIXES = {0: "", -1: "m", -2: "µ", -3: "n"}
+_MASSES = {0: "kg", -1: "g", -2: "mg"}
+_PREFIXED = {"N", "m", "s", "m/s", "N/s"}
+_UNITS = {
+    "_n_s2_m2": "N s²/m²",
+    "_n_s_m2": "N s/m²",
+    "_n_s_m": "N s/m",
+    "_n_m3": "N/m³",
+    "_n_m2": "N/m²",
+    "_n_m": "N/m",
+    "_n_s": "N/s",
+    "_m_s": "m/s",
+    "_rad": "rad",
+    "_kg": "kg",
+    "_hz": "Hz",
+    "_n": "N",
+    "_m": "m",
+    "_s": "s",
 }
-"""Why a command was not judged, see `NotJudged`."""
-_PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
+"""By the end of a parameter's name, the longest first."""
+
+_USUAL, _MOST = 3, 6
+"""Digits of a value without an interval, and of any."""
 
 
 def quantity(value: float | None, unit: str) -> str:
     """`value` in `unit` with three digits and a prefix from nano to none: 0.0123 N is `12.3 mN`."""
     if value is None:
         return UNKNOWN
-    if value == 0.0:
-        return f"0 {unit}"
     rounded = float(f"{value:.3g}")
-    power = min(0, max(-3, floor(log10(abs(rounded)) / 3 + 1e-9)))
+    power = _power(rounded)
     return f"{rounded / 1000.0**power:.3g} {_PREFIXES[power]}{unit}"
+
+
+def _power(value: float, least: int = -3) -> int:
+    """The power of 1000 of the prefix, from `least` to none."""
+    return min(0, max(least, floor(log10(abs(value)) / 3.0 + 1e-9))) if value else 0
 
 
 def micros(value_us: float | None) -> str:
@@ -53,50 +76,75 @@ def number(value: float | None) -> str:
     )
 
 
-def reasons(found: NotJudged) -> str:
-    """Why commands were not judged, the most frequent reason first."""
-    return in_order({words: getattr(found, name) for name, words in REASONS.items()})
-
-
-def refused(counters: Mapping[str, int]) -> str:
-    """How many commands the slave's gate refused, and by which rules."""
-    start = "slave_refused_"
-    rules = {name.removeprefix(start): n for name, n in counters.items() if name.startswith(start)}
-    by_rule = in_order(rules)
-    return f"{sum(rules.values())} refused{f' ({by_rule})' if by_rule else ''}"
-
-
-def injected(counters: Mapping[str, int]) -> str:
-    """What the injected impairment did to messages of both ends."""
-
-    def total(what: str) -> int:
-        return sum(
-            n for name, n in counters.items() if name.startswith("impairment_") and name.endswith(what)
-        )
-
-    return ", ".join(f"{total(what)} {what}" for what in ("dropped", "duplicated", "delayed"))
-
-
 def in_order(counts: Mapping[str, int]) -> str:
     """Numbers with their names, the largest first, without those that are zero."""
     return ", ".join(f"{n} {name}" for name, n in sorted(counts.items(), key=lambda each: -each[1]) if n)
 
 
-def calibration(found: CalibrationFigures) -> str:
-    """A calibration in one line."""
-    who = f"{found.driver} {found.slot.replace('_', ' ')}, serial {found.serial}, calibrated {found.date}"
-    if found.slot == "stage":
-        scale = f"{number(found.native_per_m)} native units per m, zero at {number(found.zero)}"
-        return f"{who}: {scale}, home found again within {quantity(found.repeatability_m, 'm')}"
-    scale = f"{quantity(found.gain_n, 'N')} per native unit, zero at {number(found.zero)}"
-    left = f"residual {quantity(found.residual_n, 'N')}, hysteresis {quantity(found.hysteresis_n, 'N')}"
-    return f"{who}: {scale}, {left}"
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One parameter in words."""
+
+    label: str
+    value: str
+    interval: str
+    unit: str
+
+    def __str__(self) -> str:
+        return f"{self.label} {self.value} {self.unit}".rstrip() + f" ({self.interval})"
 
 
-def verdict(ratio_rms: float | None) -> str:
-    """What the ratio of the errors means."""
-    if ratio_rms is None:
-        return "nothing to compare"
-    if ratio_rms > 1:
-        return "worse than holding the last force"
-    return "better than holding the last force" if ratio_rms < 1 else "as good as holding the last force"
+def split_unit(name: str) -> tuple[str, str]:
+    """(label, unit) of a parameter: `damping_n_s_m` is `damping` in `N s/m`; the unit may be empty."""
+    for end, unit in _UNITS.items():
+        if name.endswith(end) and len(name) > len(end):
+            return name.removesuffix(end).replace("_", " "), unit
+    return name.replace("_", " "), ""
+
+
+def scale(unit: str, largest: float) -> tuple[float, str]:
+    """(factor, unit with prefix) so that `largest` reads between 1 and 1000 where a prefix can do that."""
+    known = _MASSES if unit == "kg" else {p: f"{word}{unit}" for p, word in _PREFIXES.items()}
+    if (unit not in _PREFIXED and unit != "kg") or not isfinite(largest):
+        return 1.0, unit
+    power = _power(largest, min(known))
+    return 1000.0**-power, known[power]
+
+
+def shown(name: str, interval: "Interval") -> Shown:
+    """A parameter with its 95 % interval."""
+    label, plain = split_unit(name)
+    largest = interval.value or max(abs(interval.low), abs(interval.high))
+    factor, unit = scale(plain, largest)
+    value, low, high = (factor * x for x in (interval.value, interval.low, interval.high))
+    places = _places(value, high - low)
+    ends = f"{_fixed(low, places)} to {_fixed(high, places)}"
+    return Shown(label, _fixed(value, places), ends, unit)
+
+
+def plain_value(name: str, value: float) -> str:
+    """A parameter without interval, such as `20 g`."""
+    unit = split_unit(name)[1]
+    factor, prefixed = scale(unit, value)
+    text = _fixed(factor * value, _places(factor * value, 0.0))
+    if "." in text and "e" not in text:
+        text = text.rstrip("0").rstrip(".")
+    return f"{text} {prefixed}".rstrip()
+
+
+def _places(value: float, width: float) -> int:
+    """Places behind the point, for two digits of the interval's width and of the value; may be negative."""
+    if not (isfinite(value) and isfinite(width)):
+        return 0
+    size = floor(log10(abs(value))) if value else 0
+    by_width = 1 - floor(log10(width)) if width > 0.0 else _USUAL - 1 - size
+    return min(max(by_width, 1 - size), _MOST - 1 - size)
+
+
+def _fixed(value: float, places: int) -> str:
+    if not isfinite(value):
+        return "unknown"
+    rounded = round(value, places) + 0.0  # no minus zero
+    if rounded and not 1e-4 <= abs(rounded) < 1e6:
+        return f"{rounded:.3g}"
+    return f"{rounded:.{max(0, places)}f}"

@@ -13,10 +13,8 @@ from forefeel.diagnosis.reproduction.results import Reproduction
 from forefeel.files import whole
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.reproduction.bench import INSTRUMENTS, STYLES, bench_run
-from forefeel.reproduction.draw import draw_all
-from forefeel.reproduction.page import render_page
+from forefeel.reproduction.page import draw_all, render_page, short_table
 from forefeel.reproduction.recordings import folders_to_read, recorded_runs
-from forefeel.reproduction.text import short_table
 from forefeel.terminal import Tell, answer, stages
 
 _JSON, _PAGE = "reproduction.json", "reproduction.html"
@@ -60,9 +58,9 @@ def _worked_out(
         runs += measured
     numbers, traces = assemble(runs, skipped, STYLES, seed, tell)
     tell("figures and page")
-    pictures = draw_all(numbers, traces)
-    files = {picture.file: picture.png for picture in pictures}
-    files[_PAGE] = render_page(numbers, pictures).encode()
+    drawings = draw_all(numbers, traces)
+    files = {f"{name}.png": drawing.png for name, drawing in drawings.items()}
+    files[_PAGE] = render_page(numbers, drawings).encode()
     files[_JSON] = numbers.to_json().encode()
     return numbers, files
 

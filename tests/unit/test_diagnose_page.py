@@ -6,19 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forefeel.diagnose.drawing import means
-from forefeel.diagnose.figures import worst_stretch
-from forefeel.diagnose.page import render_page
-from forefeel.diagnose.parts import Parts, share_of, strokes
-from forefeel.diagnose.phase import response
-from forefeel.diagnose.pictures import Component, picture
-from forefeel.diagnose.sensor_pictures import sensor_picture
-from forefeel.diagnose.units import plain_value
+from forefeel.diagnose.page import render_page, worst_stretch
+from forefeel.diagnose.parts import Parts, response, share_of, strokes
+from forefeel.diagnose.pictures import Component, picture, sensor_picture
 from forefeel.diagnose.words import PLAIN
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES, base_name
 from forefeel.diagnosis.diagnose.faults import Fault
+from forefeel.report.drawing import means
+from forefeel.report.wording import plain_value
 from tests.unit.diagnosis_samples import FRICTION_N, made
 
 FAULTS = {

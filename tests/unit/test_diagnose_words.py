@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from forefeel.common.effects.registry import OWN
-from forefeel.diagnose.units import plain_value, scale, shown, split_unit
 from forefeel.diagnose.words import FLAGS, PLAIN, answer, caution, headline, plain
 from forefeel.diagnosis.diagnose.parameters import NAMINGS
 from forefeel.diagnosis.diagnose.prediction import Across
 from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, ModelError
+from forefeel.report.wording import plain_value, scale, shown, split_unit
 from tests.unit.diagnosis_samples import made
 
 UNITLESS = {"ratio", "damping_ratio"}

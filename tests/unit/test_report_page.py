@@ -8,8 +8,8 @@ import pytest
 from forefeel.common.errors import RecordingError, RunError
 from forefeel.common.messages import MOST_FORCE_N
 from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.report.drawing import BINS, drawn, new_figure, thin
 from forefeel.report.page import write_report
-from forefeel.report.svg import BINS, new_figure, thin, to_svg
 from tests.unit.report_run import RunBuilder, S, recorded, write_known_run
 
 HOSTILE = '<script>alert("1")</script>'
@@ -183,5 +183,5 @@ def test_short_traces_stay_as_they_are() -> None:
 def test_titles_of_drawings_are_escaped() -> None:
     figure = new_figure(1.0)
     figure.subplots().set_title("<a> & b")
-    svg = to_svg(figure, "name", 'a "title" \\1 <b>')
-    assert ElementTree.fromstring(svg).get("aria-label") == 'a "title" \\1 <b>'
+    drawing = drawn(figure, "name", 'a "title" \\1 <b>', "")
+    assert ElementTree.fromstring(drawing.svg).get("aria-label") == 'a "title" \\1 <b>'

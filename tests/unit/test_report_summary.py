@@ -9,8 +9,9 @@ from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.report.model import LoopFigures, Loops, RunReport, SafetyNote
+from forefeel.report.page import ten_lines
 from forefeel.report.summary import summarise
-from forefeel.report.text import DISCLAIMER, ten_lines
+from forefeel.report.wording import DISCLAIMER
 from tests.unit.report_run import MS, SESSION, RunBuilder, S, recorded, write_known_run
 
 
