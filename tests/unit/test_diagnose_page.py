@@ -14,9 +14,9 @@ from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.candidates import CANDIDATES, base_name
 from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.report.drawing import means
 from forefeel.report.wording import plain_value
 from tests.unit.diagnosis_samples import FRICTION_N, made
+from tests.unit.page_checks import check_page
 
 FAULTS = {
     "sensor_quantisation": {"step_n": (0.01, 0.01, 0.01)},
@@ -49,17 +49,9 @@ def test_the_page_says_the_verdict_first_and_shows_the_cause(rubbing: Diagnosed)
     assert "95 % interval" in words
     assert "Research software, not a medical device." in words
     assert "schema: forefeel.model/1" in words
-    assert page.count("<svg ") == 7
+    check_page(page, drawings=7)
     assert "&lt;b&gt;rub &amp; run&lt;/b&gt;" in words
     assert "<b>rub" not in page
-
-
-def test_the_page_needs_nothing_else_and_is_the_same_for_the_same(rubbing: Diagnosed) -> None:
-    first, second = (render_page(rubbing.analysis.recording, rubbing, None) for _ in range(2))
-    assert first == second
-    addresses = set(re.findall(r"(?:src|href)=[\"']?([^\"' >]+)", first))
-    assert all(address.startswith("#") for address in addresses)
-    assert "<script" not in first
 
 
 def test_a_page_without_a_cause_shows_what_was_tried_and_names_nothing(rubbing: Diagnosed) -> None:
@@ -166,10 +158,3 @@ def test_a_parameter_of_both_models_is_one_row(rubbing: Diagnosed) -> None:
     said = [plain_value("stiffness_n_m", p["stiffness_n_m"]) for p in (before, after)]
     cells = "".join(f'<td class="n">{text}</td>' for text in said)
     assert f"<td>mass_damper_spring</td><td>stiffness</td>{cells}" in page
-
-
-def test_means_are_those_of_their_bins() -> None:
-    x = np.linspace(0.0, 1.0, 1001)
-    along, up = means(x, 3.0 * x + 1.0, 20)
-    assert up == pytest.approx(3.0 * along + 1.0)
-    assert np.all(np.diff(along) > 0.0)

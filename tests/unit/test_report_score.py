@@ -14,7 +14,6 @@ from forefeel.report.score import (
     stretches,
 )
 from forefeel.report.states import Span, armed_share, session_end_ns, spans
-from forefeel.report.wording import micros, number, quantity, ratio, share
 
 S = SafetyState
 BIG = 2**62
@@ -166,32 +165,3 @@ def test_the_session_ends_when_the_master_lets_go_by_choice_or_is_heard_last(
     transitions = [(int(at_ns), transition(event)) for at_ns, event in events]
     assert session_end_ns(transitions, WANTED_NS, HEARD_NS) == end_ns
     assert session_end_ns(transitions, None, HEARD_NS) == HEARD_NS
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (None, "–"),
-        (0.0, "0 N"),
-        (0.0123, "12.3 mN"),
-        (-0.0123, "-12.3 mN"),
-        (0.9996, "1 N"),
-        (0.0009996, "1 mN"),
-        (1.0, "1 N"),
-        (12.345, "12.3 N"),
-        (1e-6, "1 µN"),
-        (1e-12, "0.001 nN"),
-    ],
-)
-def test_quantities_have_three_digits_and_a_prefix(value: float | None, text: str) -> None:
-    assert quantity(value, "N") == text
-
-
-def test_other_words() -> None:
-    assert micros(1500.0) == "1.5 ms"
-    assert share(0.99999) == "99.9 %"
-    assert share(1.0) == "100 %"
-    assert ratio(1.3) == "1.30"
-    assert ratio(None) == "–"
-    assert number(1234567).replace("\N{NARROW NO-BREAK SPACE}", " ") == "1 234 567"
-    assert number(0.123456) == "0.1235"
