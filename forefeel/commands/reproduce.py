@@ -36,7 +36,7 @@ def reproduce(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.reproduction.run import run_reproduction  # noqa: PLC0415 - the help needs none of it
+    from forefeel.studies.paper.run import run_reproduction  # noqa: PLC0415 - the help needs none of it
 
     with output(as_json, quiet):
         run_reproduction(out, overwrite, recordings or (), seed, duration)

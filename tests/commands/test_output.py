@@ -70,8 +70,8 @@ def words(made_once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
     found = [Finding("settings", "slave.yaml", "amber", "loads", "wait")]
     monkeypatch.setattr("forefeel.doctor.run.examine", lambda *_: found)
     numbers = SimpleNamespace(to_json=lambda: '{"schema": "forefeel.reproduction/1"}\n')
-    monkeypatch.setattr("forefeel.reproduction.run._worked_out", lambda *_: (numbers, {}))
-    monkeypatch.setattr("forefeel.reproduction.run.short_table", lambda *_: ["a row"])
+    monkeypatch.setattr("forefeel.studies.paper.run._worked_out", lambda *_: (numbers, {}))
+    monkeypatch.setattr("forefeel.studies.paper.run.short_table", lambda *_: ["a row"])
     return lambda line: line.replace("@", str(tmp_path)).split()
 
 

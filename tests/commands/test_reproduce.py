@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from forefeel.__main__ import main
-from forefeel.diagnosis.reproduction import memory, windup
-from forefeel.reproduction import bench
-from forefeel.reproduction import run as reproduction
-from forefeel.reproduction.recordings import recorded_runs
+from forefeel.studies.paper import bench, memory, windup
+from forefeel.studies.paper import run as reproduction
+from forefeel.studies.paper.recordings import recorded_runs
 from tests.simulation.pair import write_csv
 from tests.unit.page_checks import check_page
 
@@ -165,7 +164,7 @@ def test_the_variable_names_a_folder_of_recordings(
 @pytest.mark.soak
 def test_on_measured_recordings_the_hold_stands_beside_the_paper(data_dir: Path) -> None:
     """The measured hold at 300 ms of these files, worked out independently of this code."""
-    from forefeel.diagnosis.reproduction.replay import baseline_row, replay
+    from forefeel.studies.paper.replay import baseline_row, replay
 
     said: list[str] = []
     runs, skipped = recorded_runs([data_dir], said.append)

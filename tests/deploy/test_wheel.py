@@ -12,15 +12,25 @@ import pytest
 from tests.commands.test_simulate import MODEL
 
 ROOT = Path(__file__).parents[2]
-OURS = "common", "master", "slave", "devices", "diagnosis", "tests"
-BUILT_FROM = "pyproject.toml", "README.md", "LICENSE", "forefeel", "common", "master", "slave", "diagnosis"
+OURS = "common", "master", "slave", "devices", "diagnosis", "studies", "tests"
+BUILT_FROM = (
+    "pyproject.toml",
+    "README.md",
+    "LICENSE",
+    "forefeel",
+    "common",
+    "master",
+    "slave",
+    "diagnosis",
+    "studies",
+)
 
 SCRIPT = """
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
-import common, devices, diagnosis, master, slave, tests
+import common, devices, diagnosis, master, slave, studies, tests
 import forefeel
 from forefeel.common.effects.registry import effect_class
 from forefeel.diagnosis import evaluation
@@ -28,7 +38,7 @@ from forefeel.master.daemon import MasterDaemon
 from forefeel.slave.daemon import SlaveDaemon
 
 here = Path(__file__).parent
-for theirs in (common, devices, diagnosis, master, slave, tests):
+for theirs in (common, devices, diagnosis, master, slave, studies, tests):
     assert Path(theirs.__file__).parent.parent == here, theirs
 assert Path(forefeel.__file__).parents[1] == Path(sys.argv[1]), forefeel
 run = next(iter(entry_points(group="console_scripts", name="forefeel"))).load()
@@ -58,6 +68,9 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_nothing_stands_beside_forefeel(installed: Path) -> None:
     found = {path.name for path in installed.iterdir()}
     assert found == {"forefeel", "forefeel-0.1.0.dist-info"}
+    templates = {str(path.relative_to(ROOT)) for path in (ROOT / "forefeel").glob("**/*.j2")}
+    templates |= {f"forefeel/{path.relative_to(ROOT)}" for path in (ROOT / "studies").glob("**/*.j2")}
+    assert templates == {str(path.relative_to(installed)) for path in installed.glob("**/*.j2")}
     links = [path for path in installed.rglob("*") if path.is_symlink()]
     assert not links
     assert (installed / "forefeel-0.1.0.dist-info" / "licenses" / "LICENSE").exists()

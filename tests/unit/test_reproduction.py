@@ -7,21 +7,26 @@ import pytest
 from numpy.typing import NDArray
 
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.reproduction import memory as memory_module
-from forefeel.diagnosis.reproduction import windup as windup_module
-from forefeel.diagnosis.reproduction.contact import THETA, force_amplitude_n, rms, sines
-from forefeel.diagnosis.reproduction.identifiability import combination, unidentifiable
-from forefeel.diagnosis.reproduction.memory import memory, memory_s
-from forefeel.diagnosis.reproduction.online import Pairing, held, learn_paper, learn_safe
-from forefeel.diagnosis.reproduction.pairing import expected_rms_n, pairing
-from forefeel.diagnosis.reproduction.product import product_prediction
-from forefeel.diagnosis.reproduction.replay import ReplayedRun, baseline_row, motion_rows, replay, thinned
-from forefeel.diagnosis.reproduction.results import ErrorSummary, error_size, ratio
-from forefeel.diagnosis.reproduction.simulated import lead_s, simulated_figure, siso_prediction
-from forefeel.diagnosis.reproduction.thresholds import share_unfelt
-from forefeel.diagnosis.reproduction.unmodelled import expected_rms_n as expected_unmodelled_n
-from forefeel.diagnosis.reproduction.unmodelled import unmodelled
-from forefeel.diagnosis.reproduction.windup import expected_overflow_s, windup
+from forefeel.studies.paper import memory as memory_module
+from forefeel.studies.paper import windup as windup_module
+from forefeel.studies.paper.contact import THETA, force_amplitude_n, rms, sines
+from forefeel.studies.paper.identifiability import combination, unidentifiable
+from forefeel.studies.paper.memory import memory, memory_s
+from forefeel.studies.paper.online import Pairing, held, learn_paper, learn_safe
+from forefeel.studies.paper.recordings import product_prediction
+from forefeel.studies.paper.replay import ReplayedRun, baseline_row, motion_rows, replay, thinned
+from forefeel.studies.paper.results import ErrorSummary, error_size, ratio
+from forefeel.studies.paper.simulated import (
+    expected_rms_n,
+    lead_s,
+    pairing,
+    simulated_figure,
+    siso_prediction,
+)
+from forefeel.studies.paper.thresholds import share_unfelt
+from forefeel.studies.paper.unmodelled import expected_rms_n as expected_unmodelled_n
+from forefeel.studies.paper.unmodelled import unmodelled
+from forefeel.studies.paper.windup import expected_overflow_s, windup
 
 Array = NDArray[np.float64]
 DELAY_S = 0.3

@@ -7,22 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from forefeel.diagnosis.reproduction.assemble import Traces
-from forefeel.diagnosis.reproduction.bench import FIGURES, BenchTraces
-from forefeel.diagnosis.reproduction.identifiability import AmplitudeTraces
-from forefeel.diagnosis.reproduction.memory import MemoryTraces
-from forefeel.diagnosis.reproduction.results import (
-    BaselineRow,
-    BenchFigure,
-    MemoryResult,
-    Reproduction,
-    Thresholds,
-    Unidentifiable,
-)
-from forefeel.diagnosis.reproduction.simulated import SimulatedTraces
-from forefeel.diagnosis.reproduction.thresholds import METHODS
-from forefeel.diagnosis.reproduction.unmodelled import SHOWN_N, UnmodelledTraces
-from forefeel.diagnosis.reproduction.windup import WindupTraces
 from forefeel.report.drawing import (
     BLACK,
     BLUE,
@@ -45,6 +29,22 @@ from forefeel.report.drawing import (
 )
 from forefeel.report.template import render
 from forefeel.report.wording import DISCLAIMER, quantity, ratio, share
+from forefeel.studies.paper.assemble import Traces
+from forefeel.studies.paper.bench import FIGURES, BenchTraces
+from forefeel.studies.paper.identifiability import AmplitudeTraces
+from forefeel.studies.paper.memory import MemoryTraces
+from forefeel.studies.paper.results import (
+    BaselineRow,
+    BenchFigure,
+    MemoryResult,
+    Reproduction,
+    Thresholds,
+    Unidentifiable,
+)
+from forefeel.studies.paper.simulated import SimulatedTraces
+from forefeel.studies.paper.thresholds import METHODS
+from forefeel.studies.paper.unmodelled import SHOWN_N, UnmodelledTraces
+from forefeel.studies.paper.windup import WindupTraces
 
 _BENCH = "Simulated bench, not the paper's phantom"
 _BY_METHOD = {"hold": ORANGE, "paper": VERMILION, "product": BLUE}
@@ -57,7 +57,7 @@ _Figure = tuple[str, Figure, str, str]
 
 def render_page(numbers: Reproduction, drawings: dict[str, Drawing]) -> str:
     """The page; `drawings` as `draw_all` makes them."""
-    return render("reproduction/page.html.j2", all=numbers, flaws=numbers.flaws, drawings=drawings)
+    return render("studies/paper/page.html.j2", all=numbers, flaws=numbers.flaws, drawings=drawings)
 
 
 @styled()

@@ -3,13 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from forefeel.diagnosis.reproduction.bench import FIGURES, BenchTraces, bench_figure
-from forefeel.diagnosis.reproduction.comparison import comparisons
-from forefeel.diagnosis.reproduction.identifiability import AmplitudeTraces, unidentifiable
-from forefeel.diagnosis.reproduction.memory import MemoryTraces, memory
-from forefeel.diagnosis.reproduction.pairing import pairing
-from forefeel.diagnosis.reproduction.replay import ReplayedRun, RunPredictions, baseline_row, replay
-from forefeel.diagnosis.reproduction.results import (
+from forefeel.studies.paper.bench import FIGURES, BenchTraces, bench_figure
+from forefeel.studies.paper.comparison import comparisons
+from forefeel.studies.paper.identifiability import AmplitudeTraces, unidentifiable
+from forefeel.studies.paper.memory import MemoryTraces, memory
+from forefeel.studies.paper.replay import ReplayedRun, RunPredictions, baseline_row, replay
+from forefeel.studies.paper.results import (
     Baseline,
     ErrorSummary,
     Flaws,
@@ -18,10 +17,10 @@ from forefeel.diagnosis.reproduction.results import (
     Thresholds,
     error_size,
 )
-from forefeel.diagnosis.reproduction.simulated import SCORED_FROM_S, SimulatedTraces, simulated_figure
-from forefeel.diagnosis.reproduction.thresholds import ABSOLUTE_N, RELATIVE, threshold_rows
-from forefeel.diagnosis.reproduction.unmodelled import UnmodelledTraces, unmodelled
-from forefeel.diagnosis.reproduction.windup import WindupTraces, windup
+from forefeel.studies.paper.simulated import SCORED_FROM_S, SimulatedTraces, pairing, simulated_figure
+from forefeel.studies.paper.thresholds import ABSOLUTE_N, RELATIVE, threshold_rows
+from forefeel.studies.paper.unmodelled import UnmodelledTraces, unmodelled
+from forefeel.studies.paper.windup import WindupTraces, windup
 
 DELAY_S = 0.3  # s, delay of all of the reproduction: a round trip of twice the 150 ms of the preset `paper`
 NORMAL = "normal"

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.reproduction.contact import Array, rms
-from forefeel.diagnosis.reproduction.online import held, learn_paper
-from forefeel.diagnosis.reproduction.results import BaselineRow, ErrorSummary, error_size, ratio
+from forefeel.studies.paper.contact import Array, rms
+from forefeel.studies.paper.online import held, learn_paper
+from forefeel.studies.paper.results import BaselineRow, ErrorSummary, error_size, ratio
 
 # Hz, cutoff of the filter that gives the derivatives; chosen, not measured: lower lags more, higher is
 # noisier

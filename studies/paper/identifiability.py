@@ -6,7 +6,7 @@ import numpy as np
 
 from forefeel.common.estimation.identifiability import analyse, information
 from forefeel.common.estimation.rls import RecursiveLeastSquares
-from forefeel.diagnosis.reproduction.contact import (
+from forefeel.studies.paper.contact import (
     OMEGA_RAD_S,
     PAPER_MOTION,
     THETA,
@@ -15,8 +15,8 @@ from forefeel.diagnosis.reproduction.contact import (
     force_amplitude_n,
     sines,
 )
-from forefeel.diagnosis.reproduction.online import learn_paper, learn_safe
-from forefeel.diagnosis.reproduction.results import AmplitudeRow, Unidentifiable, error_size
+from forefeel.studies.paper.online import learn_paper, learn_safe
+from forefeel.studies.paper.results import AmplitudeRow, Unidentifiable, error_size
 
 RATE_HZ = 100.0  # Hz, as in figures 4 and 5; the paper gives no rate
 # s of learning, three periods of x = sin t; chosen, not measured: the memory at 100 Hz is 0.25 s

@@ -6,9 +6,9 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.diagnosis.reproduction.contact import MASS_KG, THETA, Array, noise_n, rms, sines
-from forefeel.diagnosis.reproduction.online import PAPER_LAMBDA, SAFE_MEMORY_S, learn_paper, learn_safe
-from forefeel.diagnosis.reproduction.results import MemoryResult, MemoryRow
+from forefeel.studies.paper.contact import MASS_KG, THETA, Array, noise_n, rms, sines
+from forefeel.studies.paper.online import PAPER_LAMBDA, SAFE_MEMORY_S, learn_paper, learn_safe
+from forefeel.studies.paper.results import MemoryResult, MemoryRow
 
 RATES_HZ = 1000.0, 100.0, 10.0  # Hz; the paper gives no rate, and a forgetting factor is a memory in samples
 # N, standard deviation, 0.5 % of the force's amplitude; chosen, not measured: errors grow with it

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from forefeel.diagnosis.reproduction.contact import THETA, Array, rms, sines
-from forefeel.diagnosis.reproduction.online import PAPER_LAMBDA, learn_paper, learn_safe
-from forefeel.diagnosis.reproduction.results import Unmodelled, UnmodelledRow
+from forefeel.studies.paper.contact import THETA, Array, rms, sines
+from forefeel.studies.paper.online import PAPER_LAMBDA, learn_paper, learn_safe
+from forefeel.studies.paper.results import Unmodelled, UnmodelledRow
 
 RATE_HZ = 10.0
 """Where the paper's forgetting factor works best, see (c)."""

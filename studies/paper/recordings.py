@@ -5,16 +5,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
-from forefeel.diagnosis.reproduction.assemble import DELAY_S
-from forefeel.diagnosis.reproduction.product import product_prediction
-from forefeel.diagnosis.reproduction.replay import SCORED_FROM_S, ReplayedRun
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
+from forefeel.diagnosis.evaluation.methods import Forefeel
+from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.loopback.played import resisting_sign
+from forefeel.studies.paper.assemble import DELAY_S
+from forefeel.studies.paper.contact import Array
+from forefeel.studies.paper.online import held
+from forefeel.studies.paper.replay import SCORED_FROM_S, ReplayedRun
 
 VARIABLE = "FOREFEEL_DATA"
 _SUFFIXES = ".csv", ".parquet", ".mcap"
-_LEAST_S = 1.0
+_LEAST_S = 1.0  # s of a recording that are scored at least
 
 
 def folders_to_read(given: Sequence[Path]) -> list[Path]:
@@ -60,3 +67,13 @@ def _run(name: str, path: Path) -> ReplayedRun:
         raise RecordingError(f"{recording.duration_s:.3g} s, expected at least {least_s:g} s")
     turned = replace(recording, force_n=resisting_sign(recording) * recording.force_n)
     return ReplayedRun(name, turned, product_prediction(turned, DELAY_S))
+
+
+def product_prediction(recording: Recording, delay_s: float) -> Array:
+    """The product's force for each sample, shape (n,); before anything has arrived the held one.
+
+    As in `forefeel evaluate` it sees only what has arrived.
+    """
+    assert recording.force_n is not None
+    trace = replay(recording, arrivals(recording.time_s, DelayedLink(delay_s)), Forefeel(None))
+    return np.where(trace.answered, trace.force_n, held(recording.time_s, recording.force_n, delay_s))

@@ -1,14 +1,24 @@
-"""Figures 4 and 5: the paper's simulation without and with a delay."""
+"""The paper's simulation without and with a delay, figures 4 and 5; and (f), the newest motion paired with
+the delayed force.
+"""
 
 from collections import deque
 from dataclasses import dataclass
+from math import sin, sqrt
 
 import numpy as np
 
 from forefeel.common.estimation.paper import PaperRls, SisoRegressor
-from forefeel.diagnosis.reproduction.contact import OMEGA_RAD_S, THETA, Array, sines
-from forefeel.diagnosis.reproduction.online import PAPER_DELTA, PAPER_LAMBDA, held, learn_paper, newest_index
-from forefeel.diagnosis.reproduction.results import SimulatedFigure, error_size
+from forefeel.studies.paper.contact import OMEGA_RAD_S, THETA, Array, force_amplitude_n, rms, sines
+from forefeel.studies.paper.online import (
+    PAPER_DELTA,
+    PAPER_LAMBDA,
+    held,
+    learn_paper,
+    learn_safe,
+    newest_index,
+)
+from forefeel.studies.paper.results import ErrorSummary, Pairing, SimulatedFigure, error_size
 
 RATE_HZ = 100.0  # Hz; the paper gives no rate
 DURATION_S = 6.0 * np.pi
@@ -101,3 +111,24 @@ def _carry_on(theta: list[float], y: list[float], u: list[float], orders: tuple[
         value += sum(b * v for b, v in zip(theta[na:], inputs, strict=True))
         outputs.appendleft(value)
     return value
+
+
+def expected_rms_n(delay_s: float) -> float:
+    """rms of f(t - D) - f(t) for f = A sin(w t + c): sqrt(2) A |sin(w D / 2)|."""
+    return sqrt(2.0) * force_amplitude_n(THETA, OMEGA_RAD_S) * abs(sin(0.5 * OMEGA_RAD_S * delay_s))
+
+
+def pairing(figure: SimulatedFigure, hold: ErrorSummary) -> Pairing:
+    """The two pairings on x = sin t, beside the hold and the product there."""
+    motion = sines(RATE_HZ, DURATION_S)
+    force_n = motion.rows() @ THETA
+    product_n = learn_safe(motion.time_s, motion.rows(), force_n, figure.delay_s)[0].predicted_n
+    late = motion.time_s >= SCORED_FROM_S
+    return Pairing(
+        delay_s=figure.delay_s,
+        stamps_rms_n=figure.error.rms_n,
+        newest_rms_n=figure.newest_error.rms_n,
+        product_rms_n=rms((product_n - force_n)[late]),
+        hold_rms_n=hold.rms_n,
+        expected_n=expected_rms_n(figure.delay_s),
+    )

@@ -1,7 +1,7 @@
 """ "Paper says / we get": the lines of the table, in words."""
 
-from forefeel.diagnosis.reproduction.bench import FIGURES
-from forefeel.diagnosis.reproduction.results import (
+from forefeel.studies.paper.bench import FIGURES
+from forefeel.studies.paper.results import (
     BenchFigure,
     BoundedError,
     ErrorSummary,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.estimation.paper import PaperRls
 from forefeel.common.estimation.rls import RecursiveLeastSquares
-from forefeel.diagnosis.reproduction.contact import Array
+from forefeel.studies.paper.contact import Array
 
 PAPER_LAMBDA = 0.96  # forgetting factor of a sample; one of the 0.95 to 0.99 that the paper recommends
 PAPER_DELTA = 1e-6

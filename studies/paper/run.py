@@ -7,19 +7,19 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.diagnosis.reproduction.assemble import assemble
-from forefeel.diagnosis.reproduction.replay import ReplayedRun
-from forefeel.diagnosis.reproduction.results import Reproduction
 from forefeel.files import whole
 from forefeel.interrupt import ends_in_order, heeded
-from forefeel.reproduction.bench import INSTRUMENTS, STYLES, bench_run
-from forefeel.reproduction.page import draw_all, render_page, short_table
-from forefeel.reproduction.recordings import folders_to_read, recorded_runs
+from forefeel.studies.paper.assemble import assemble
+from forefeel.studies.paper.bench import FIGURES, STYLES, bench_run
+from forefeel.studies.paper.page import draw_all, render_page, short_table
+from forefeel.studies.paper.recordings import folders_to_read, recorded_runs
+from forefeel.studies.paper.replay import ReplayedRun
+from forefeel.studies.paper.results import Reproduction
 from forefeel.terminal import Tell, answer, stages
 
 _JSON, _PAGE = "reproduction.json", "reproduction.html"
 _OURS = "figure_*.png", "flaw_?.png", "thresholds.png", _JSON, _PAGE
-_ROOM_BYTES = 50e6
+_ROOM_BYTES = 50e6  # free space that is asked for; page and figures take 3 MB
 
 
 def run_reproduction(
@@ -67,7 +67,7 @@ def _worked_out(
 
 def _bench(duration_s: float, seed: int, tell: Tell) -> list[ReplayedRun]:
     runs = []
-    for instrument in INSTRUMENTS:
+    for instrument in FIGURES:
         for style in STYLES:
             tell(f"simulated bench: {instrument}, {style}, {duration_s:g} s")
             runs.append(bench_run(instrument, style, duration_s, seed))

@@ -7,9 +7,9 @@ from sys import float_info
 import numpy as np
 
 from forefeel.common.estimation.paper import PaperRls
-from forefeel.diagnosis.reproduction.contact import THETA, Array, noise_n, sines
-from forefeel.diagnosis.reproduction.online import PAPER_DELTA, PAPER_LAMBDA, safe_rls
-from forefeel.diagnosis.reproduction.results import Windup, WindupRow
+from forefeel.studies.paper.contact import THETA, Array, noise_n, sines
+from forefeel.studies.paper.online import PAPER_DELTA, PAPER_LAMBDA, safe_rls
+from forefeel.studies.paper.results import Windup, WindupRow
 
 RATE_HZ = 1000.0  # Hz, rate of the control loop; the paper gives none
 # forgetting factors from the 0.95 to 0.99 that the paper recommends; 0.99 overflows only after 69 s

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from forefeel.diagnosis.reproduction.contact import Array, rms
+from forefeel.studies.paper.contact import Array, rms
 
 
 class Part(BaseModel):

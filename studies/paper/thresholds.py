@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from forefeel.diagnosis.reproduction.contact import Array
-from forefeel.diagnosis.reproduction.replay import RunPredictions
-from forefeel.diagnosis.reproduction.results import ThresholdRow, error_size
+from forefeel.studies.paper.contact import Array
+from forefeel.studies.paper.replay import RunPredictions
+from forefeel.studies.paper.results import ThresholdRow, error_size
 
 RELATIVE = 0.07, 0.10  # share of the force, strict and lenient just noticeable difference (see above)
 ABSOLUTE_N = 0.029, 0.044  # N, strict and lenient absolute threshold of a finger (see above)

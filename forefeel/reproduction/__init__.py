@@ -1,1 +1,0 @@
-"""The command `forefeel reproduce`: makes the bench recordings, draws, writes the page."""
