@@ -21,6 +21,7 @@ BUILT_FROM = (
     "common",
     "master",
     "slave",
+    "devices",
     "diagnosis",
     "studies",
 )
@@ -41,6 +42,14 @@ here = Path(__file__).parent
 for theirs in (common, devices, diagnosis, master, slave, studies, tests):
     assert Path(theirs.__file__).parent.parent == here, theirs
 assert Path(forefeel.__file__).parents[1] == Path(sys.argv[1]), forefeel
+for kind in "stages", "grippers", "load_cells", "handles":
+    drivers = entry_points(group=f"forefeel.{kind}")
+    assert drivers, kind
+    for driver in drivers:
+        driver.load()
+for name, module in list(sys.modules.items()):  # an editable installation would find what the wheel has not
+    if name.partition(".")[0] == "forefeel":
+        assert Path(module.__file__).is_relative_to(sys.argv[1]), module
 run = next(iter(entry_points(group="console_scripts", name="forefeel"))).load()
 sys.argv[1:] = ["simulate", "--model", "model.yaml", "--duration", "1", "--out", "one.csv"]
 run()

@@ -2,7 +2,7 @@ from importlib.metadata import packages_distributions
 
 import pytest
 
-OURS = ("forefeel", "common", "master", "slave", "diagnosis", "studies")
+OURS = ("forefeel", "common", "master", "slave", "devices", "diagnosis", "studies")
 
 
 def foreign(installed: dict[str, list[str]]) -> list[str]:
