@@ -4,10 +4,9 @@ of the audit logs.
 
 from collections.abc import Callable
 
-from forefeel.common.audit import PEER_LOG, ChainEnd
-from forefeel.common.audit_sink import AuditSink
 from forefeel.common.bus import Bus
 from forefeel.common.errors import RecordingError
+from forefeel.common.events.audit import PEER_LOG, AuditSink, ChainEnd
 from forefeel.common.lateness import EDGES_US, Lateness
 from forefeel.common.messages import AuditHead, ImpairmentTrace, LoopTiming
 from forefeel.common.recording.mcap_reader import Run, read_run

@@ -39,7 +39,8 @@ Microseconds = Annotated[float, Field(ge=-1e16, le=1e16)]
 Energy = Annotated[float, Field(ge=-1e12, le=1e12)]
 """In J: the largest force at the largest velocity for a day."""
 Parameter = Annotated[float, Field(ge=-MOST_PARAMETER, le=MOST_PARAMETER)]
-Quantity = Annotated[float, Field(ge=-1e12, le=1e12)]
+MOST_QUANTITY = 1e12  # the end of the range of `Quantity`, in its unit
+Quantity = Annotated[float, Field(ge=-MOST_QUANTITY, le=MOST_QUANTITY)]
 """Of whatever unit: the largest velocity, reversed within 2 ns, is an acceleration of 1e12 m/s^2."""
 Native = Annotated[float, Field(ge=-1e12, le=1e12)]
 """In a device's own unit: 32 bits of counts, and per m of a micrometre's thousandth, are less."""

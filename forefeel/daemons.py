@@ -9,10 +9,12 @@ from contextlib import contextmanager
 from secrets import randbits
 from typing import TYPE_CHECKING
 
+from forefeel.common.events.console import ConsoleNotifier
 from forefeel.common.runtime.real import RealRuntime
 from forefeel.common.runtime.realtime import prepare_process, prepare_thread
 from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatchdog
 from forefeel.common.settings import DaemonSettings
+from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import Stop, heeded
 from forefeel.linking import (
     POLL_S,
@@ -28,8 +30,8 @@ from forefeel.local.daemon_state import daemon_state
 from forefeel.local.server import LocalServer
 from forefeel.master.settings import MasterSettings
 from forefeel.parent import die_with_parent
+from forefeel.probe.configured import configured
 from forefeel.slave.settings import SlaveSettings
-from forefeel.speaking import Speaker, endpoints, warn_of_latency
 from forefeel.terminal import say
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from forefeel.slave.daemon import SlaveDaemon
 
 # ns between two looks for notices; chosen, not measured: the terminal shows them as much later
-_SPEAK_NS = 100_000_000
+_NOTICES_NS = 100_000_000
 _BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
 # s that an end waits for the stage to rest; chosen, not measured: shorter ends it during a slow stop
 _REST_S = 2.0
@@ -83,18 +85,18 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
         with closed_on_failure(transport):
             daemon = SlaveDaemon(settings, transport, runtime, _new_id, state.audit_sink)
         with _closing(daemon, runtime):
-            speaker = Speaker("slave", {axis.name: axis.notices for axis in daemon.axes})
-            runtime.task("notices", _SPEAK_NS, speaker.speak)
+            notifier = _notifier("slave", daemon.axes)
+            runtime.task("notices", _NOTICES_NS, notifier.serve)
             warn_of_latency("slave", settings)
             attendance = _attendance(runtime, daemon.axes)
             acts = SlaveActs(daemon, state.audit_sink, runtime.clock)
             async with runtime, local.serving(acts):
-                say(f"slave: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for a master")
+                say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
                 await _until(runtime, duration_s, connecting(settings, transport, found))
                 attendance.stopping(_why(runtime))
                 daemon.shut_down()
                 await _rest(daemon, stop)
-        speaker.speak(runtime.clock.now_ns())
+        notifier.serve(runtime.clock.now_ns())
         end = "stage at rest" if daemon.at_rest else "stage told to hold"
         say(f"slave: {state.close(_ended(runtime, end))}")
         say(f"slave: {end}, closed")
@@ -118,11 +120,11 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
         with closed_on_failure(transport):
             daemon = MasterDaemon(settings, transport, runtime, _new_id, state.audit_sink)
         with _closing(daemon, runtime):
-            speaker = Speaker("master", {axis.name: axis.events.notices for axis in daemon.axes})
-            runtime.task("notices", _SPEAK_NS, speaker.speak)
+            notifier = _notifier("master", daemon.axes)
+            runtime.task("notices", _NOTICES_NS, notifier.serve)
             warn_of_latency("master", settings)
             attendance = _attendance(runtime, daemon.axes)
-            say(f"master: axes {_names(daemon.axes)}; {endpoints(settings)}; waiting for the slave")
+            say(f"master: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for the slave")
             async with runtime, local.serving(MasterActs(daemon, runtime.clock)):
                 link = MasterLink(daemon, settings, transport, found)
                 await open_session(link, runtime, settings.peer_timeout_s)
@@ -132,10 +134,31 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
                 attendance.stopping(_why(runtime))
                 daemon.shut_down()
                 await asyncio.sleep(_FAREWELL_S)
-        speaker.speak(runtime.clock.now_ns())
+        notifier.serve(runtime.clock.now_ns())
         say(f"master: {state.close(_ended(runtime, 'handle released'))}")
         say("master: handle released, closed")
         runtime.raise_fault()
+
+
+def _notifier(role: str, axes: "Sequence[SlaveAxis | MasterAxis]") -> ConsoleNotifier:
+    return ConsoleNotifier(role, {axis.name: axis.events.notices for axis in axes}, say)
+
+
+def warn_of_latency(role: str, settings: DaemonSettings) -> None:
+    """A line for each serial adapter that delays every answer."""
+    ports = dict.fromkeys(device.serial_port for device in configured(settings) if device.serial_port)
+    for warning in filter(None, map(latency_warning, ports)):
+        say(f"{role}: {warning}")
+
+
+def _endpoints(settings: DaemonSettings) -> str:
+    """Where it listens and connects, in words."""
+    transport = settings.transport
+    parts = [f"listening on {', '.join(transport.listen)}"] if transport.listen else []
+    parts += [f"connecting to {', '.join(transport.connect)}"] if transport.connect else []
+    if transport.pki is not None:
+        parts[-1:] = [f"{parts[-1]} with the certificates in {transport.pki}"] if parts else []
+    return " and ".join(parts) or "no endpoint configured"
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import IO, TYPE_CHECKING
 
-from forefeel.common.notices import printable
+from forefeel.common.events.console import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

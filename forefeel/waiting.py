@@ -8,7 +8,7 @@ from pathlib import Path
 
 from forefeel.common.clock import now_utc
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.notices import span
+from forefeel.common.events.text import span
 from forefeel.common.runtime.threads import in_thread
 from forefeel.common.transport.endpoints import address
 from forefeel.common.transport.pki import read_certificate, read_identity, renewal

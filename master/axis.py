@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Callable
 
 from forefeel.common import topics
-from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
+from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
+from forefeel.common.events.console import printable
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import (
@@ -23,18 +24,15 @@ from forefeel.common.messages import (
     SlaveState,
     within,
 )
-from forefeel.common.notices import printable
 from forefeel.common.settings import differences, settings_hash, shared_text
-from forefeel.master.axis_audit import MasterAxisAudit
+from forefeel.master.events import MasterEvents, Standing
 from forefeel.master.handle import Handle, Indication
 from forefeel.master.handle_watch import HandleWatch
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.identification import IdentificationTask
-from forefeel.master.own_events import OwnEvents, Standing
 from forefeel.master.samples import haptic_sample, model_parameters
 from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterAxisSettings
-from forefeel.master.slave_events import SlaveEvents
 from forefeel.master.stop import StopRequest
 
 
@@ -73,9 +71,7 @@ class MasterAxis:
         self._slave_state: SlaveState | None = None
         self._state_heard_ns = 0
         self.stop = StopRequest()
-        self.axis_audit = MasterAxisAudit(audit_sink, settings.name)
-        self.events = SlaveEvents(bus, self.axis_audit)
-        self._own = OwnEvents(bus)
+        self.events = MasterEvents(bus, audit_sink, settings.name)
         self._hand = HandleWatch(handle, self.events.notices, loop.release)
         self._deadman = False
         self._identifiable: tuple[str, ...] = ()
@@ -126,7 +122,7 @@ class MasterAxis:
             accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
         self.session.answered(handshake.session_id, accepted, reason, handshake.answers_stamp_ns, receive_ns)
         opened = before is not SessionState.OPEN and self.session.link is SessionState.OPEN
-        self.axis_audit.answered(handshake, opened, accepted, reason, receive_ns)
+        self.events.session_answered(handshake, opened, None if accepted else reason, receive_ns)
         if opened:
             self._heartbeats.restart()
             self._force = self._force_stamp_ns = self._slave_state = None
@@ -151,7 +147,8 @@ class MasterAxis:
         if reading.estop and (not self._pressed or state is not SafetyState.ESTOPPED):
             self.emergency_stop("the handle's button", now_ns, "handle")
         self._pressed = reading.estop
-        self._own.limited(outputs.hits)
+        for hit in outputs.hits:
+            self.events.limit(hit)
         held = outputs.deadman and not self.stopping and self._hand.fault is None
         self._deadman = held and not self.stop.wanted
         if self.session.link is SessionState.OPEN:
@@ -207,15 +204,16 @@ class MasterAxis:
 
     def serve(self, now_ns: int) -> None:
         """Asks for a session when there is none; about every 50 ms."""
-        self.axis_audit.serve(now_ns, self._bus, self._hand.fault, self.events.notices)
-        self._own.serve(now_ns, self.session.session_id, *self._standing(now_ns))
+        self.events.check(self._hand.fault, now_ns)
+        self.events.write(dict(self._bus.malformed), now_ns)
+        self._publish_events(now_ns)
         asks = (
             not self.stopping
             and self.session.link is not SessionState.MISMATCH
             and self.session.should_ask(now_ns)
         )
         if self.session.link is not SessionState.OPEN:
-            self.axis_audit.session_lost(now_ns, self.session.cause(now_ns))
+            self.events.session_lost(self.session.cause(now_ns), now_ns)
         if not asks:
             return
         self._handshake.send(
@@ -233,9 +231,14 @@ class MasterAxis:
     def last_words(self, now_ns: int) -> None:
         """Publishes and writes down what was gathered and not said yet; at the end, after the loop."""
         try:
-            self._own.serve(now_ns, self.session.session_id, *self._standing(now_ns), last=True)
+            self._publish_events(now_ns, last=True)
         finally:  # a link that is broken keeps nothing out of the audit log
-            self.axis_audit.last_words(now_ns)
+            self.events.write(dict(self._bus.malformed), now_ns, last=True)
+
+    def _publish_events(self, now_ns: int, last: bool = False) -> None:
+        session_id = self.session.session_id
+        self.events.stands(*self._standing(now_ns), session_id, now_ns)
+        self.events.publish(session_id, now_ns, last)
 
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz."""
@@ -280,8 +283,7 @@ class MasterAxis:
     def emergency_stop(self, reason: str, now_ns: int, by: str = "master") -> None:
         """The deadman counts as released at once, and the slave is told to stop until its state shows it."""
         if self.stop.ask(reason, now_ns):
-            self.axis_audit.stop_asked(now_ns, by, reason)
-            self.events.notices.add(f"emergency stop asked for by {by}: {reason}")
+            self.events.stop_asked(by, reason, now_ns)
         self.say_stop(now_ns)
 
     @property
@@ -312,7 +314,6 @@ class MasterAxis:
             "forces_unused": identification.unused,
             **{f"handle_{name}": number for name, number in dict(self.handle.counters).items()},
             **self.counters,
-            **self.events.counters,
-            **self._own.counts(),
+            **self.events.counts(),
             **self._bus.counts(),
         }

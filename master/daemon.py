@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
@@ -13,6 +12,7 @@ from forefeel.common.estimation.default_model import default_model
 from forefeel.common.estimation.forecast import compile_kernels
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
 from forefeel.common.estimation.transfer import lasting
+from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.flight import TappedTransport
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.model_file import load_model
@@ -100,14 +100,9 @@ class MasterDaemon:
     def fail(self, error: BaseException) -> None:
         """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
         with ExitStack() as reactions:
-            reactions.callback(self._note_fault, f"{type(error).__name__}: {error}"[:200])
+            reactions.callback(self._audit_sink.thread_fault, self.axes[0].name, error, self._now_ns())
             for axis in self.axes:
                 reactions.callback(axis.fail, error)
-
-    def _note_fault(self, reason: str) -> None:
-        now_ns = self._now_ns()
-        self._audit_sink.note("thread_fault", now_ns, reason=reason)
-        self._audit_sink.flight(self.axes[0].name, "thread_fault", reason, now_ns)
 
     def shut_down(self) -> None:
         """Releases the deadman and fades the force out; the loop tells the slave so until it ends."""

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from forefeel.common.errors import DeviceError
+from forefeel.common.events.console import Notices
 from forefeel.common.messages import MOST_POSITION_M, MOST_SECONDS, MOST_VELOCITY_M_S
-from forefeel.common.notices import Notices
 from forefeel.master.handle import Handle, HandleReading
 
 

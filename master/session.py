@@ -5,7 +5,7 @@ id. Pure.
 from collections.abc import Callable
 from enum import Enum
 
-from forefeel.common.notices import span
+from forefeel.common.events.text import span
 from forefeel.common.settings import LONGEST_ROUND_TRIP_S
 from forefeel.common.topics import SLAVE_STATE
 

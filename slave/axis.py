@@ -7,27 +7,23 @@ from collections import Counter
 from collections.abc import Iterable
 
 from forefeel.common import topics
-from forefeel.common.audit_sink import HALTED, NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
-from forefeel.common.limit_coalescer import LimitCoalescer
+from forefeel.common.events.audit import HALTED, NULL_AUDIT_SINK, AuditSink
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import (
     EmergencyStop,
     Grip,
-    LimitEvent,
     MotionCommand,
-    SafetyEvent,
     SafetyState,
     SlaveState,
 )
-from forefeel.common.notices import Lasting, Notices, in_words, long_round_trip
-from forefeel.common.slots import BoundedQueue, LatestValue
+from forefeel.common.slots import LatestValue
 from forefeel.slave.answers import ForceAnswers, Instant
-from forefeel.slave.axis_audit import SlaveAxisAudit
 from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
 from forefeel.slave.device_reports import DeviceReports
 from forefeel.slave.devices import Devices, DeviceWatch
+from forefeel.slave.events import SlaveEvents
 from forefeel.slave.intake import CommandIntake
 from forefeel.slave.link import SlaveLink
 from forefeel.slave.settings import SlaveAxisSettings
@@ -54,24 +50,20 @@ class SlaveAxis:
         self.name = settings.name
         self.settings = settings
         self.counters: Counter[str] = Counter()
-        self.notices = Notices()
+        self.events = SlaveEvents(bus, audit_sink, cell, settings.name)
         self.shutdown = False
         self._devices = devices
         self._audit_sink = audit_sink
-        self._axis_audit = SlaveAxisAudit(audit_sink, cell, settings.name)
         self._watch = DeviceWatch(devices, self._device_failed)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
-        self._link = SlaveLink(cell, settings, devices, bus, instance_id, self._axis_audit)
-        self._transitions: BoundedQueue[tuple[int, Transition]] = BoundedQueue(256)
-        self._limits = LimitCoalescer()
-        self._intake = CommandIntake(settings, self._link, self._limits)
+        self._link = SlaveLink(cell, settings, devices, bus, instance_id, self.events)
+        self._intake = CommandIntake(settings, self._link, self.events)
         self._estop: LatestValue[str] = LatestValue()
         self._fault: LatestValue[str] = LatestValue()
         self._clear: LatestValue[bool] = LatestValue()
         self._executing: MotionCommand | None = None
         self._grip = Grip.CLOSED
         self._unheard = ""
-        self._round_trip = Lasting()
         self._control: AxisControl | None = None
         self._bus = bus
         self._connect(bus)
@@ -79,8 +71,6 @@ class SlaveAxis:
     def _connect(self, bus: Bus) -> None:
         self._answers = ForceAnswers(bus.publisher(topics.FORCE))
         self._state: Publisher = bus.publisher(topics.SLAVE_STATE)
-        self._limit_event: Publisher = bus.publisher(topics.LIMIT_EVENT)
-        self._safety_event: Publisher = bus.publisher(topics.SAFETY_EVENT)
         bus.subscribe(topics.COMMAND, self._intake.heard)
         bus.subscribe(topics.EMERGENCY_STOP, self._on_estop, self._on_garbled_estop)
 
@@ -88,7 +78,7 @@ class SlaveAxis:
 
     def _on_estop(self, stop: EmergencyStop, receive_ns: int) -> None:
         del receive_ns
-        self._axis_audit.stop_asked(stop.source, stop.reason)
+        self.events.stop_asked(stop.source, stop.reason)
         self._estop.put(f"{stop.source}: {stop.reason}")
 
     def _on_garbled_estop(self) -> None:
@@ -99,7 +89,7 @@ class SlaveAxis:
 
     def emergency_stop(self, reason: str, by: str = "slave") -> None:
         """Latches the stop; idempotent, heeded at the next tick whatever else waits."""
-        self._axis_audit.stop_asked(by, reason)
+        self.events.stop_asked(by, reason)
         self._estop.put(reason or "emergency stop")
 
     def clear(self) -> None:
@@ -154,7 +144,7 @@ class SlaveAxis:
         return self._audit_sink.kept(self.name)
 
     def _device_failed(self, device: str, reason: str) -> None:
-        self._axis_audit.device_fault(device, reason)
+        self.events.device_fault(device, reason)
         self._fault.put(reason)
 
     def status(self, now_ns: int) -> str:
@@ -194,10 +184,10 @@ class SlaveAxis:
             self._answers.send(reading, holder, self._link.offset)
         self._executing = outputs.executing
         self._apply(outputs, now_ns)
-        self._axis_audit.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
+        self.events.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
         self._changed(now_ns, outputs.transitions)
         for hit in outputs.limits:
-            self._limits.add(hit)
+            self.events.limit(hit)
 
     def settle(self, now_ns: int) -> None:
         """Heeds the stop and the fault that wait for a tick; only ever called when none follows."""
@@ -206,8 +196,7 @@ class SlaveAxis:
 
     def _changed(self, now_ns: int, transitions: Iterable[Transition]) -> None:
         for transition in transitions:
-            self._transitions.put((now_ns, transition))
-            self._axis_audit.transition(now_ns, transition, self._link.holder)
+            self.events.transition(transition, self._link.holder, now_ns)
 
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
         command, released = self._intake.slot.take()
@@ -233,7 +222,7 @@ class SlaveAxis:
                 asked_m = outputs.target_m
                 applied_m = self._devices.stage.command(asked_m, outputs.velocity_m_s, now_ns)
                 if abs(applied_m - asked_m) > _EXACT_M:
-                    self._limits.add(LimitHit("travel", asked_m, applied_m, "m"))
+                    self.events.limit(LimitHit("travel", asked_m, applied_m, "m"))
             else:
                 self._devices.stage.hold(now_ns)
         except DeviceError as error:
@@ -251,33 +240,21 @@ class SlaveAxis:
         try:
             if unheard := self._link.unheard(now_ns):
                 self._unheard = unheard
-                self.notices.add(f"session lost: {unheard}")
+                self.events.notices.add(f"session lost: {unheard}")
             self._link.serve(now_ns, self.at_rest, self._opened)
             reason = self._intake.should_drop_session(now_ns, self.at_rest)
             if reason is not None:
                 self._link.release(now_ns, reason)
-            self._publish(now_ns, last)
+            self.events.publish(self._link.holder, now_ns, last)
         finally:  # what can not be published is written down all the same
-            lost = "" if self._link.live(now_ns) else self._link.lost_reason
-            self._axis_audit.serve(now_ns, self._bus, self._link.holder, lost, last)
-
-    def _publish(self, now_ns: int, last: bool) -> None:
-        for stamp_ns, (before, event, after, reason) in self._transitions.drain():
-            header = self._safety_event.header(self._link.holder, stamp_ns)
-            said = SafetyEvent(**header, before=before, event=event.value, after=after, reason=reason[:256])
-            self._safety_event.send(said)
-            self.notices.add(in_words(said))
-        for hit, count in self._limits.due(now_ns, last):
-            self._axis_audit.limits(hit, count)
-            if hit.rule == "round_trip" and self._round_trip.due(now_ns):
-                self.notices.add(f"not armed: {long_round_trip(hit.requested, hit.applied)}")
-            header = self._limit_event.header(self._link.holder, now_ns)
-            self._limit_event.send(LimitEvent(**header, **hit._asdict(), count=count))
+            if not self._link.live(now_ns):
+                self.events.session_lost(self._link.lost_reason, now_ns)
+            self.events.write({**dict(self._bus.malformed), **self._bus.refused}, now_ns, last)
 
     def _opened(self, session_id: int) -> None:
         self._intake.open(session_id)
         self._unheard = ""
-        self.notices.add("session open")
+        self.events.notices.add("session open")
 
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz; none without a session."""
@@ -310,8 +287,7 @@ class SlaveAxis:
     def _count(self) -> dict[str, int]:
         return {
             "commands_superseded": self._intake.slot.superseded,
-            "events_dropped": self._transitions.dropped,
-            "limit_interventions": self._limits.total,
+            **self.events.counts(),
             **self._device_reports.counts(),
             **self.counters,
             **self._intake.counters,

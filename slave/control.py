@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.events.text import ROUND_TRIP, long_round_trip
 from forefeel.common.limiter import LimitHit, MotionLimiter
 from forefeel.common.messages import Grip, MotionCommand, SafetyState
-from forefeel.common.notices import long_round_trip
 from forefeel.common.settings import AxisLimits
 from forefeel.slave.force_watch import ForceWatch
 from forefeel.slave.safety import SafetyEventName, SafetyMachine
@@ -217,7 +217,7 @@ class AxisControl:
         """Round-trip limit and alignment guard; a refusal is an intervention too."""
         gate = self._gate
         if clock.round_trip_ns > self._max_round_trip_ns:
-            hits.append(LimitHit("round_trip", clock.round_trip_ns * 1e-9, gate.max_round_trip_s, "s"))
+            hits.append(LimitHit(ROUND_TRIP, clock.round_trip_ns * 1e-9, gate.max_round_trip_s, "s"))
             return False
         if abs(command.position_m - position_m) > gate.alignment_m:
             hits.append(LimitHit("alignment", command.position_m, position_m, "m"))

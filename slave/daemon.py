@@ -4,10 +4,10 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
 
-from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
+from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.flight import TappedTransport
 from forefeel.common.hardware.driver import DriverSettings, Slot, driver_of
 from forefeel.common.runtime.port import Runtime
@@ -102,7 +102,7 @@ class SlaveDaemon:
     def fail(self, error: BaseException) -> None:
         """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
         with ExitStack() as reactions:
-            reactions.callback(self._note_fault, f"{type(error).__name__}: {error}"[:200])
+            reactions.callback(self._audit_sink.thread_fault, self.axes[0].name, error, self._now_ns())
             for axis in self.axes:
                 reactions.callback(self._settle, axis)
             for axis in self.axes:  # a stack: these are the first
@@ -112,11 +112,6 @@ class SlaveDaemon:
         """In place of the tick that never comes, when the control loop has ended by a fault."""
         if self._loop.ended:
             axis.settle(self._now_ns())
-
-    def _note_fault(self, reason: str) -> None:
-        now_ns = self._now_ns()
-        self._audit_sink.note("thread_fault", now_ns, reason=reason)
-        self._audit_sink.flight(self.axes[0].name, "thread_fault", reason, now_ns)
 
     def shut_down(self) -> None:
         """Asks every axis to come to rest and to arm no more; see `at_rest`."""

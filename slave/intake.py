@@ -4,7 +4,7 @@ from collections import Counter
 from threading import Lock
 from typing import NamedTuple
 
-from forefeel.common.limit_coalescer import LimitCoalescer
+from forefeel.common.events.axis import AxisEvents
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import MotionCommand
 from forefeel.slave.gate import SECOND_WRITER, CommandGate, GateLimits, Refusal
@@ -68,7 +68,7 @@ class CommandIntake:
         conflict: that two command in the session; one of them is not the master, and nobody can say which.
     """
 
-    def __init__(self, settings: SlaveAxisSettings, link: SlaveLink, limits: LimitCoalescer) -> None:
+    def __init__(self, settings: SlaveAxisSettings, link: SlaveLink, events: AxisEvents) -> None:
         self.counters: Counter[str] = Counter()
         self.slot = CommandSlot()
         self._late_ns: tuple[int, int] | None = None
@@ -76,7 +76,7 @@ class CommandIntake:
         self.conflict: str | None = None
         self._gate = CommandGate(_gate_limits(settings))
         self._link = link
-        self._limits = limits
+        self._events = events
 
     def open(self, session_id: int) -> None:
         """A new session."""
@@ -117,7 +117,7 @@ class CommandIntake:
         if refusal.rule == SECOND_WRITER:
             self.conflict = _TWO_WRITERS
         self.counters[f"refused_{refusal.rule}"] += 1
-        self._limits.add(LimitHit(refusal.rule, refusal.requested, refusal.limit, refusal.unit))
+        self._events.limit(LimitHit(refusal.rule, refusal.requested, refusal.limit, refusal.unit))
 
 
 def _gate_limits(settings: SlaveAxisSettings) -> GateLimits:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock_offset import MAX_RATE_PPM, OffsetEstimate
+from forefeel.common.events.text import span
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import Handshake, Heartbeat
-from forefeel.common.notices import span
 from forefeel.common.settings import LONGEST_ROUND_TRIP_S, differences, settings_hash, shared_text
 from forefeel.common.slots import BoundedQueue
-from forefeel.slave.axis_audit import SlaveAxisAudit
 from forefeel.slave.devices import Devices
+from forefeel.slave.events import SlaveEvents
 from forefeel.slave.session import Lease
 from forefeel.slave.settings import SlaveAxisSettings
 
@@ -33,14 +33,14 @@ class SlaveLink:
         devices: Devices,
         bus: Bus,
         instance_id: int,
-        axis_audit: SlaveAxisAudit,
+        events: SlaveEvents,
     ) -> None:
         self.counters: Counter[str] = Counter()
         self._ended = ""
         self._awaited = False
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._instance_id, self._devices = instance_id, devices
-        self._axis_audit = axis_audit
+        self._events = events
         self._lease = Lease(int(settings.gate.lease_s * 1e9), int(LONGEST_ROUND_TRIP_S * 1e9))
         self._handshakes: BoundedQueue[tuple[Handshake, int]] = BoundedQueue(16)
         self._heartbeats = Heartbeats(bus.publisher(topics.SLAVE_HEARTBEAT))
@@ -94,7 +94,7 @@ class SlaveLink:
         for handshake, receive_ns in self._handshakes.drain():
             before = self._lease.holder
             reason = self._open(handshake, receive_ns, at_rest, opened)
-            self._axis_audit.answered(now_ns, handshake, reason, before)
+            self._events.session_answered(handshake, handshake.session_id != before, reason or None, now_ns)
             self.counters["handshakes_refused" if reason else "handshakes_accepted"] += 1
             self._answer.send(
                 Handshake(

@@ -36,7 +36,10 @@ def _values(kind: Any, rules: tuple[Any, ...]) -> st.SearchStrategy[Any]:  # noq
     if origin is tuple:
         return st.lists(_values(arguments[0], ()), max_size=MOST_ITEMS).map(tuple)
     if origin is dict:
-        return st.dictionaries(_values(arguments[0], ()), _values(arguments[1], ()), max_size=MOST_ITEMS)
+        most = min(
+            [MOST_ITEMS, *(rule.max_length for rule in rules if isinstance(rule, annotated_types.MaxLen))]
+        )
+        return st.dictionaries(_values(arguments[0], ()), _values(arguments[1], ()), max_size=most)
     if origin is Literal:
         return st.sampled_from(arguments)
     return _scalars(kind, rules)

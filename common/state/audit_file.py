@@ -12,7 +12,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from forefeel.common.audit import CONTINUED, ChainEnd, Detail, Entry, Noted, parse, seal
+from forefeel.common.events.audit import CONTINUED, ChainEnd, Detail, Entry, Noted, parse, seal
 from forefeel.common.runtime.descriptors import DESCRIPTORS
 from forefeel.common.state.folder import own_file, sync_folder
 

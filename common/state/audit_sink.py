@@ -4,10 +4,9 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from forefeel.common.audit import SAFETY, ChainEnd, Detail
-from forefeel.common.audit_sink import AuditSink
 from forefeel.common.clock import Clock, WallClock
 from forefeel.common.errors import ConfigurationError
+from forefeel.common.events.audit import SAFETY, AuditSink, ChainEnd, Detail
 from forefeel.common.flight import Rings
 from forefeel.common.state.audit_writer import AuditWriter
 from forefeel.common.state.flight_writer import FlightWriter
@@ -55,25 +54,20 @@ class StateAuditSink(AuditSink):
         self.note("start", now_ns, **facts)
 
     def note(self, event: str, now_ns: int, axis: str = "", /, **details: Detail) -> None:
-        """See the port."""
         if event == SAFETY:
             self._latch.transition(axis, details)
         self._audit.note(event, now_ns, axis, details)
 
     def head(self) -> ChainEnd:
-        """See the port."""
         return self._audit.head
 
     def kept(self, axis: str) -> bool:
-        """See the port."""
         return self._latch.kept(axis)
 
     def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
-        """See the port."""
         self._flight.ask(axis, event, reason, now_ns)
 
     def problem(self, now_ns: int) -> str | None:
-        """See the port."""
         return self._audit.problem(now_ns) or self._latch.problem or self._flight.problem
 
     def _latch_said(self, before: str | None, problem: str | None) -> None:

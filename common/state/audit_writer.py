@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from forefeel.common.audit import CLOSING, PEER_LOG, ChainEnd, Detail, Noted
 from forefeel.common.clock import WallClock
+from forefeel.common.events.audit import CLOSING, PEER_LOG, ChainEnd, Detail, Noted
 from forefeel.common.state.audit_file import AuditFile
 
 # entries that wait for the disk; chosen, not measured: more bridge a longer stall and take memory

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from forefeel.common.audit import Detail
 from forefeel.common.clock import Clock, WallClock
 from forefeel.common.errors import InputError, RunError
+from forefeel.common.events.audit import Detail
 from forefeel.common.flight import AFTER_NS, BEFORE_NS, FlightRing, Rings, Row, cycle_message
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.descriptors import DESCRIPTORS

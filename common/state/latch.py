@@ -6,8 +6,7 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
-from forefeel.common.audit import Detail
-from forefeel.common.audit_sink import HALTED
+from forefeel.common.events.audit import HALTED, Detail
 from forefeel.common.messages import FOLLOWING, SafetyState
 from forefeel.common.state.folder import own_file, sync_folder
 

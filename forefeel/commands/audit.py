@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
-from forefeel.common.audit import is_hash
 from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.events.audit import is_hash
 from forefeel.local.audit_text import (
     describe,
     describe_heads,

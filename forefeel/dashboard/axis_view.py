@@ -14,7 +14,7 @@ from forefeel.common.messages import (
 )
 from forefeel.common.topics import MASTER_TIMING, Topic
 from forefeel.dashboard.detector import ModelWatch
-from forefeel.dashboard.happened import Happened
+from forefeel.dashboard.event_log import EventLog
 from forefeel.dashboard.rings import SampleRing
 from forefeel.dashboard.timeline import RESTART_NS, Timeline
 from forefeel.dashboard.trace import SPAN_S, MinMaxTrace
@@ -85,7 +85,7 @@ class AxisView:
         self.timeline = Timeline()
         self.traces = new_traces()
         self.watch = ModelWatch()
-        self.happened = Happened()
+        self.events = EventLog()
         self.samples = new_samples()
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
@@ -111,7 +111,7 @@ class AxisView:
             case LoopTiming():
                 newest.timings["master" if topic.name == MASTER_TIMING.name else "slave"] = message
             case _:
-                self.happened.hear(message, topic.name.partition("/")[0], receive_ns)
+                self.events.hear(message, topic.name.partition("/")[0], receive_ns)
         newest.heard_ns[topic.name] = receive_ns
 
     def _felt(self, sample: HapticSample, receive_ns: int) -> None:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from forefeel.common.error_size import Floats
+from forefeel.common.events.console import printable
+from forefeel.common.events.text import UNKNOWN, quantity
 from forefeel.common.messages import LoopTiming, ModelParameters
-from forefeel.common.notices import printable
 from forefeel.common.topics import (
     FORCE,
     HAPTICS,
@@ -19,12 +20,12 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
 )
 from forefeel.dashboard.axis_view import AxisView
-from forefeel.dashboard.happened import Happened
+from forefeel.dashboard.event_log import EventLog
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
+from forefeel.dashboard.lights import lights
 from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
-from forefeel.dashboard.words import lights
-from forefeel.report.wording import UNKNOWN, micros, number, quantity, scale, split_unit
+from forefeel.report.wording import micros, number, scale, split_unit
 
 Card = dict[str, Any]
 _BINS = 36  # bars of the histogram of the delay; chosen, not measured: more are thinner and noisier
@@ -191,8 +192,8 @@ def _counted_words(view: AxisView, now_ns: int) -> str:
     return f"{' and '.join(missing)} not heard now" if missing else ""
 
 
-def events(happened: Happened) -> list[Card]:
-    """What happened, the newest first; `heard_s`: when, on the clock of who listens."""
+def events(log: EventLog) -> list[Card]:
+    """The newest first; `heard_s`: when, on the clock of who listens."""
     return [
         {
             "number": line.number,
@@ -201,7 +202,7 @@ def events(happened: Happened) -> list[Card]:
             "who": line.who,
             "text": line.text,
         }
-        for line in reversed(list(happened))
+        for line in reversed(list(log))
     ]
 
 

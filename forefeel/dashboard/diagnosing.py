@@ -11,7 +11,7 @@ from typing import NamedTuple, TypedDict
 import numpy as np
 
 from forefeel.common.error_size import Floats
-from forefeel.common.notices import printable
+from forefeel.common.events.console import printable
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.finding import LiveDiagnosis, wanted_s
 from forefeel.parent import child_environment

@@ -79,7 +79,7 @@ class Feed:
             "model": (_SLOW_NS, lambda: cards.model(view, now_ns)),
             "loops": (_SLOW_NS, lambda: cards.loops(view, now_ns)),
             "counters": (_SLOW_NS, lambda: cards.counters(view, now_ns, cell.refused)),
-            "events": (_QUICK_NS, lambda: cards.events(view.happened)),
+            "events": (_QUICK_NS, lambda: cards.events(view.events)),
         }
         return {name: card for name, (every_ns, make) in made.items()
                 for card in self._changed(name, every_ns, make, now_ns)}  # fmt: skip

@@ -7,7 +7,7 @@ from forefeel.common.topics import PARAMETERS
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Alarm, Signs
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN
-from forefeel.dashboard.words import SILENT_NS
+from forefeel.dashboard.lights import SILENT_NS
 from forefeel.report.wording import share
 
 LEAST_S = 12.0

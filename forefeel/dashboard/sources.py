@@ -10,14 +10,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
-from forefeel.common.notices import span
+from forefeel.common.events.text import span
 from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Answer, Feed
 from forefeel.dashboard.finding import LiveDiagnosis
+from forefeel.dashboard.lights import silent_s
 from forefeel.dashboard.replay import ReplayClock
 from forefeel.dashboard.trace import SPAN_S
-from forefeel.dashboard.words import silent_s
 
 R = TypeVar("R")
 

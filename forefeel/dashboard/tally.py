@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from forefeel.common.events.console import printable
 from forefeel.common.messages import MasterState, SlaveState
-from forefeel.common.notices import printable
 
 _KINDS = (
     ("late", ("late",)),

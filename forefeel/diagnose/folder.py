@@ -12,13 +12,14 @@ from rich.table import Table
 from rich.text import Text
 
 from forefeel.common.errors import ConfigurationError, InputError, RunError
+from forefeel.common.events.text import quantity
 from forefeel.diagnose.examine import FILES, JSON, Task
 from forefeel.diagnose.parallel import TaskOutcome, outcomes
 from forefeel.diagnose.words import named
 from forefeel.diagnosis.diagnose.verdict import Diagnosis
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
-from forefeel.report.wording import DISCLAIMER, quantity
+from forefeel.report.wording import DISCLAIMER
 from forefeel.terminal import answer, progress, say, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"

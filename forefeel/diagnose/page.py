@@ -7,6 +7,7 @@ import numpy as np
 
 from forefeel.common.effects.model import ContactModel
 from forefeel.common.effects.registry import effect_class
+from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.parts import TRIM, Parts, Rows, density, rms
 from forefeel.diagnose.pictures import picture, sensor_picture
@@ -37,7 +38,7 @@ from forefeel.report.drawing import (
     styled,
 )
 from forefeel.report.template import render
-from forefeel.report.wording import Shown, plain_value, quantity, shown, split_unit
+from forefeel.report.wording import Shown, plain_value, shown, split_unit
 
 _FORMS = {
     "asymmetric": "Its level differs by direction.",

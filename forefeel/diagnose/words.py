@@ -1,9 +1,10 @@
 """The answer in plain words, for an engineer who has to decide what to do next."""
 
+from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.prediction import Across
 from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, HeldOut
-from forefeel.report.wording import DISCLAIMER, quantity, shown
+from forefeel.report.wording import DISCLAIMER, shown
 
 PLAIN = {
     "bias": "a constant offset of the load cell",

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from forefeel.common.error_size import Floats
+from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import GAP_S
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
@@ -26,7 +27,7 @@ from forefeel.report.drawing import (
     styled,
 )
 from forefeel.report.template import render
-from forefeel.report.wording import DISCLAIMER, quantity, share
+from forefeel.report.wording import DISCLAIMER, share
 from forefeel.terminal import table
 
 _WORST_S = 6.0  # drawn around the worst error

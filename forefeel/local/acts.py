@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from forefeel.common.audit_sink import AuditSink
 from forefeel.common.clock import Clock
+from forefeel.common.events.audit import AuditSink
 from forefeel.common.messages import SafetyState
 from forefeel.local.protocol import Answer, Request
 

@@ -4,8 +4,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from forefeel.common.audit import PEER_LOG, ChainEnd, Entry, Flaw, Verdict, parse, verify
 from forefeel.common.errors import ConfigurationError
+from forefeel.common.events.audit import PEER_LOG, ChainEnd, Entry, Flaw, Verdict, parse, verify
+from forefeel.common.events.console import printable
 
 
 def read_verdict(path: Path, head: str | None = None) -> Verdict:
@@ -111,7 +112,7 @@ def entry_text(entry: Entry) -> str:
     details = ", ".join(f"{name} {value}" for name, value in noted.details.items() if value != "")
     axis = f" axis {noted.axis}:" if noted.axis else ""
     text = f"{entry.number:6d} {noted.utc} {noted.event}:{axis} {details}"
-    return "".join(c if c.isprintable() else "?" for c in text)
+    return printable(text)
 
 
 def _open_end(verdict: Verdict) -> str:

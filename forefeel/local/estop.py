@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from forefeel.alone import check_alone
 from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.common.notices import printable
+from forefeel.common.events.console import printable
 from forefeel.common.state.folder import unnamed_path
 from forefeel.common.yaml_file import load_yaml
 from forefeel.local.client import ask

@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from forefeel.common.error_size import ErrorSize, Floats
+from forefeel.common.events.console import printable
+from forefeel.common.events.text import quantity
 from forefeel.common.limiter import MOTION_RULES
 from forefeel.common.messages import LoopTiming, SafetyState
 from forefeel.common.recording.mcap_reader import Run, read_run
@@ -43,7 +45,7 @@ from forefeel.report.states import START_S
 from forefeel.report.summary import last_timing, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, CommandTraces, ParameterTraces, axis_traces
-from forefeel.report.wording import DISCLAIMER, in_order, micros, number, quantity, ratio, share
+from forefeel.report.wording import DISCLAIMER, in_order, micros, number, ratio, share
 
 FILES = ("report.json", "report.html")
 REASONS = {
@@ -462,5 +464,5 @@ def _count(value: int | None) -> str:
 
 def _fitted(line: str) -> str:
     """One printable line: names in a recording may hold anything."""
-    clean = "".join(c if c.isprintable() else "?" for c in line)
+    clean = printable(line)
     return clean if len(clean) <= _LONGEST else f"{clean[: _LONGEST - 3]}..."

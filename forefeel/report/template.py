@@ -3,8 +3,9 @@
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from forefeel.common.events.text import UNKNOWN, quantity
 from forefeel.report.drawing import Drawing
-from forefeel.report.wording import DISCLAIMER, UNKNOWN, micros, number, quantity, ratio, share
+from forefeel.report.wording import DISCLAIMER, micros, number, ratio, share
 
 
 def render(template: str, **values: object) -> str:

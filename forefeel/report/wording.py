@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
+from forefeel.common.events.text import UNKNOWN, quantity
+
 if TYPE_CHECKING:  # the diagnosis imports scipy, for which `forefeel loopback` would wait
     from forefeel.diagnosis.diagnose.verdict import Interval
 
 DISCLAIMER = "Research software, not a medical device."
-UNKNOWN = "–"
 
 _PREFIXES = {0: "", -1: "m", -2: "µ", -3: "n"}
 _MASSES = {0: "kg", -1: "g", -2: "mg"}
@@ -34,15 +35,6 @@ _UNITS = {
 
 _USUAL, _MOST = 3, 6
 """Digits of a value without an interval, and of any."""
-
-
-def quantity(value: float | None, unit: str) -> str:
-    """`value` in `unit` with three digits and a prefix from nano to none: 0.0123 N is `12.3 mN`."""
-    if value is None:
-        return UNKNOWN
-    rounded = float(f"{value:.3g}")
-    power = _power(rounded)
-    return f"{rounded / 1000.0**power:.3g} {_PREFIXES[power]}{unit}"
 
 
 def _power(value: float, least: int = -3) -> int:

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from forefeel.common.events.text import quantity
 from forefeel.report.drawing import (
     BLACK,
     BLUE,
@@ -28,7 +29,7 @@ from forefeel.report.drawing import (
     styled,
 )
 from forefeel.report.template import render
-from forefeel.report.wording import DISCLAIMER, quantity, ratio, share
+from forefeel.report.wording import DISCLAIMER, ratio, share
 from forefeel.studies.paper.assemble import Traces
 from forefeel.studies.paper.bench import FIGURES, BenchTraces
 from forefeel.studies.paper.identifiability import AmplitudeTraces

@@ -245,7 +245,9 @@ def terminal_escapes(name: str) -> Outcome:
     stop = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason=evil)
     scene.put(EMERGENCY_STOP, encode(stop))
     scene.run(0.2)
-    heard += scene.pair.slave.axes[0].notices.drain() + scene.pair.master.axes[0].events.notices.drain()
+    heard += (
+        scene.pair.slave.axes[0].events.notices.drain() + scene.pair.master.axes[0].events.notices.drain()
+    )
     heard += [scene.pair.heard.messages(MASTER_STATE)[-1].reason]
     outcome = scene.end(Expected("handshakes_refused", 1, "estop", armed=0.0, ends="estopped"))
     outcome.require(any("owned" in text for text in heard), "the text was not shown at all")

@@ -11,8 +11,8 @@ from typing import Any
 import msgpack
 import zenoh
 
-from forefeel.common.audit import SAFETY, parse
 from forefeel.common.codec import encode
+from forefeel.common.events.audit import SAFETY, parse
 from forefeel.common.messages import EmergencyStop, Handshake, MotionCommand
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
 from forefeel.common.topics import (

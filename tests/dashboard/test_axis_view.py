@@ -10,7 +10,7 @@ from forefeel.common.messages import ForceSample
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import BEYOND, MOST_AXES, CellView
-from forefeel.dashboard.happened import MOST
+from forefeel.dashboard.event_log import MOST
 from tests.dashboard.said import (
     AHEAD_NS,
     AXIS,
@@ -121,11 +121,11 @@ def test_events_are_kept_in_words_and_bounded() -> None:
     view, _ = heard(0.01)
     view.take(FORCE, force(1, 1, None), 20 * S)
     for count in range(3 * MOST):
-        view.happened.hear(limit(count=count + 1), "slave", count)
-    view.happened.hear(safety(reason=HOSTILE + "\x1b[2J\n"), "slave", 1)
-    lines = list(view.happened)
+        view.events.hear(limit(count=count + 1), "slave", count)
+    view.events.hear(safety(reason=HOSTILE + "\x1b[2J\n"), "slave", 1)
+    lines = list(view.events)
     assert len(lines) == MOST
-    assert lines[-1].text == f"armed → stopping · watchdog: {HOSTILE}?[2J?"
+    assert lines[-1].text == f"armed -> stopping, watchdog: {HOSTILE}?[2J?"
     assert lines[-2].text == f"limit velocity: asked 300 mm/s, applied 200 mm/s, {3 * MOST} times"
     assert lines[-1].level == "warn"
 

@@ -85,7 +85,7 @@ def test_answers_are_json_without_nan_and_keep_hostile_text_as_it_is() -> None:
     now_ns = hear(cell, talk(1, 700))
     view = cell.axes[AXIS]
     view.newest.slave = slave_state(reason=HOSTILE)
-    view.happened.hear(safety(reason=HOSTILE), "slave", now_ns)
+    view.events.hear(safety(reason=HOSTILE), "slave", now_ns)
     answer: dict[str, Any] = json.loads(json.dumps(feed.answer(cell, AXIS, now_ns), allow_nan=False))
     assert answer["cards"]["standing"][2]["more"].endswith(HOSTILE)
     assert answer["cards"]["events"][0]["text"].endswith(HOSTILE)

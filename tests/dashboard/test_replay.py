@@ -128,7 +128,7 @@ def test_any_time_shows_what_was_known_then(run_file: Path) -> None:
         view = replay.cell.axes[AXIS]
         assert view.newest.haptics is not None
         assert view.newest.haptics.stamp_ns == pytest.approx(START_NS + at_s * S, abs=3e6)
-        assert len(list(view.happened)) == events
+        assert len(list(view.events)) == events
 
 
 def test_going_on_is_the_same_as_going_there(run_file: Path) -> None:

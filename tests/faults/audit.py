@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.audit import Entry
+from forefeel.common.events.audit import Entry
 from forefeel.common.messages import SafetyState
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS

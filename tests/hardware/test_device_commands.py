@@ -20,9 +20,9 @@ from forefeel.common.hardware.driver import (
     installed_drivers,
 )
 from forefeel.daemon_settings import load_daemon
+from forefeel.daemons import warn_of_latency
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.ports import can_interfaces, serial_ports
-from forefeel.speaking import warn_of_latency
 from tests.hardware.fake_devices import FakeCell, FakeHandle, FakeStage, SteppedClock
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "hardware.md"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.audit import verify
+from forefeel.common.events.audit import verify
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.state.folder import AUDIT
 from forefeel.common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS, SAFETY_EVENT

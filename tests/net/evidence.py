@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.audit import SAFETY
+from forefeel.common.events.audit import SAFETY
 from forefeel.common.messages import FOLLOWING
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, Topic

@@ -2,7 +2,7 @@
 
 import pytest
 
-from forefeel.common.notices import Notices
+from forefeel.common.events.console import Notices
 from forefeel.common.topics import COMMAND, HAPTICS, MASTER_EVENT, MASTER_STATE, SLAVE_STATE
 from tests.simulation.pair import Pair
 
@@ -35,7 +35,7 @@ def test_a_round_trip_beyond_the_limit_opens_a_session_and_does_not_arm_and_both
     slave, master = pair.slave.axes[0], pair.master.axes[0]
     assert {state.state.value for state in pair.heard.messages(SLAVE_STATE)} == {"idle", "ready"}
     assert any(command.deadman for command in pair.heard.messages(COMMAND))
-    told = {"slave": said(slave.notices, "limit"), "master": said(master.events.notices, "limit")}
+    told = {"slave": said(slave.events.notices, "limit"), "master": said(master.events.notices, "limit")}
     for texts in told.values():
         assert len(texts) == 1  # in 5 s
     shown = [
@@ -66,7 +66,7 @@ def test_beyond_two_seconds_of_round_trip_both_ends_say_that_there_is_no_answer(
     slave, master = pair.slave.axes[0], pair.master.axes[0]
     assert pair.heard.events() == []
     assert (pair.heard.messages(MASTER_EVENT), pair.heard.messages(HAPTICS)) == ([], [])
-    assert said(slave.notices, "lost")[0] == "session lost: no heartbeat from the master for 3.0 s"
+    assert said(slave.events.notices, "lost")[0] == "session lost: no heartbeat from the master for 3.0 s"
     causes = {state.reason for state in pair.heard.messages(MASTER_STATE)}
     assert "no answer within 2 s: it takes 2.2 s" in causes
     assert all("no answer" in cause for cause in causes)

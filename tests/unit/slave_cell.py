@@ -1,7 +1,6 @@
 """A slave of two simulated axes in virtual time, and the audit log that it writes."""
 
-from forefeel.common.audit import Detail
-from forefeel.common.audit_sink import AuditSink
+from forefeel.common.events.audit import AuditSink, Detail
 from forefeel.common.messages import SafetyState
 from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.transport.memory import MemoryBus

@@ -3,10 +3,10 @@
 from typing import Any
 
 from forefeel.common import topics
-from forefeel.common.audit_sink import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
+from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.messages import (
     EmergencyStop,
     ForceSample,

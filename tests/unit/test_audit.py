@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.audit import GENESIS, ChainEnd, Noted, Verdict, is_hash, parse, seal, verify
+from forefeel.common.events.audit import GENESIS, ChainEnd, Noted, Verdict, is_hash, parse, seal, verify
 
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=20)
 DETAILS = st.dictionaries(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.audit import Entry, Noted, parse, verify
+from forefeel.common.events.audit import Entry, Noted, parse, verify
 from forefeel.common.state.audit_file import AuditFile
 from forefeel.common.state.folder import AUDIT
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from forefeel.common.audit import parse, verify
 from forefeel.common.clock import MonotonicClock
+from forefeel.common.events.audit import parse, verify
 from forefeel.common.state.audit_sink import StateAuditSink
 from forefeel.common.state.folder import AUDIT, StateFolder
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.audit import Noted, parse
 from forefeel.common.clock import MonotonicClock
+from forefeel.common.events.audit import Noted, parse
 from forefeel.common.messages import SafetyState
 from forefeel.common.state.audit_file import AuditFile
 from forefeel.common.state.folder import AUDIT, SOCKET

@@ -3,19 +3,10 @@
 import pytest
 
 from forefeel.common.effects.registry import OWN
+from forefeel.common.events.text import quantity
 from forefeel.diagnose.words import PLAIN
 from forefeel.diagnosis.diagnose.verdict import Interval
-from forefeel.report.wording import (
-    micros,
-    number,
-    plain_value,
-    quantity,
-    ratio,
-    scale,
-    share,
-    shown,
-    split_unit,
-)
+from forefeel.report.wording import micros, number, plain_value, ratio, scale, share, shown, split_unit
 
 UNITLESS = {"ratio", "damping_ratio"}
 

@@ -6,7 +6,7 @@ import pytest
 
 from forefeel.common import topics
 from forefeel.common.codec import encode
-from forefeel.common.messages import EmergencyStop, Grip, SafetyState
+from forefeel.common.messages import MOST_QUANTITY, EmergencyStop, Grip, SafetyState
 from forefeel.common.settings import settings_hash
 from tests.unit.slave_rig import MS, SESSION, SHARED, START_M, SlaveRig, other_limits
 
@@ -95,7 +95,7 @@ def test_a_session_in_which_the_master_is_never_heard_is_told_to_have_ended() ->
     rig.step(2990)
     assert rig.shake(SESSION + 1).reason == "another session holds the lease"
     rig.step(100)
-    assert rig.axis.notices.drain() == ["session open", f"session lost: {UNHEARD}"]
+    assert rig.axis.events.notices.drain() == ["session open", f"session lost: {UNHEARD}"]
     assert (rig.events, rig.states[-1].state, rig.states[-1].reason) == ([], S.IDLE, UNHEARD)
     assert rig.axis.status(rig.now_ns) == f"idle ({UNHEARD})"
     assert rig.shake(SESSION + 1).accepted
@@ -112,6 +112,14 @@ def test_the_id_of_an_old_session_is_refused_with_everything_recorded_of_it() ->
     refused = rig.counters().get("refused_session", 0)
     rig.put_raw(topics.COMMAND, encode(recorded))
     assert rig.counters()["refused_session"] == refused + 1
+
+
+def test_a_jump_to_the_largest_number_of_a_command_refuses_the_others_and_is_told() -> None:
+    rig = SlaveRig().armed()
+    rig.put_raw(topics.COMMAND, encode(rig.command().model_copy(update={"sequence": 2**63 - 1})))
+    rig.step(200)
+    assert rig.limits[-1].rule in ("sequence", "second_writer")
+    assert rig.limits[-1].applied == MOST_QUANTITY
 
 
 def test_a_repeated_handshake_does_not_reset_the_sequence() -> None:

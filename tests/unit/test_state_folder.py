@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.audit import Entry, Noted, Verdict, parse, verify
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError
+from forefeel.common.events.audit import Entry, Noted, Verdict, parse, verify
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.audit_file import AuditFile
 from forefeel.common.state.audit_sink import StateAuditSink

@@ -1,4 +1,4 @@
-"""The audit log: entries that are chained by their hashes. Pure.
+"""The audit log: entries that are chained by their hashes, and the port that takes them.
 
 One line of canonical JSON each: keys sorted, no blanks, ASCII. `hash` is the SHA-256 (FIPS 180-4) of the
 line without it; `previous` is the hash of the entry before, so that no entry can be changed, taken out, put
@@ -12,6 +12,9 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
+
+from forefeel.common.flight import Rings
+from forefeel.common.messages import FOLLOWING, Handshake, SafetyState
 
 GENESIS = "0" * 64
 """`previous` of the first entry there is."""
@@ -27,6 +30,13 @@ SAFETY = "safety"
 
 PEER_LOG = "peer_log"
 """The event of an entry that holds the end of the other end's log."""
+
+HALTED = frozenset({SafetyState.FAULT, SafetyState.ESTOPPED})
+UNASKED = frozenset({"watchdog", "session_lost", "misaligned", "round_trip"})
+"""Events that end a motion without the person's wish."""
+
+REFUSALS = frozenset({"session", "sequence", "late", "future", "range", "alignment", "round_trip"})
+"""Rules by which a command is refused; the others change a motion, and stand in the recording."""
 
 Detail = str | int | float | bool | None | list[str] | dict[str, str]
 _KEYS = frozenset({"number", "utc", "monotonic_ns", "event", "axis", "details", "previous", "hash"})
@@ -154,6 +164,65 @@ def verify(lines: Iterable[bytes], head: str | None = None) -> Verdict:
 def is_hash(text: str) -> bool:
     """Whether it has the shape of an entry's hash."""
     return len(text) == len(GENESIS) and set(text) <= _HEX
+
+
+def worth_a_record(before: SafetyState, event: str, after: SafetyState) -> bool:
+    """Whether a flight record is kept of a transition: whatever halts, or ends a motion unasked."""
+    return after in HALTED or (before in FOLLOWING and event in UNASKED)
+
+
+def peer(handshake: Handshake) -> dict[str, Detail]:
+    """Who the other end is, for an entry about a session."""
+    return {
+        "session": handshake.session_id,
+        "peer": handshake.instance_id,
+        "software": handshake.software,
+        "settings": handshake.settings_hash,
+        "drivers": dict(handshake.drivers),
+    }
+
+
+class AuditSink:
+    """The audit log and the flight recorder as loops see them: no call blocks, any thread may call.
+
+    This one keeps nothing, for simulations in virtual time; `forefeel.common.state` has the one that does.
+
+    Attributes:
+        rings: what the flight recorder holds in memory; None where there is none.
+        latched: axes whose emergency stop, or fault of a motion, outlived the daemon before, with its reason.
+    """
+
+    rings: Rings | None = None
+    latched: Mapping[str, str] = {}
+
+    def note(self, event: str, now_ns: int, axis: str = "", /, **details: Detail) -> None:
+        """One entry of the audit log, with the wall clock of now."""
+
+    def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
+        """Asks for a record of what led to this and of half a second after it."""
+
+    def thread_fault(self, axis: str, error: BaseException, now_ns: int) -> None:
+        """A thread of the daemon has failed; `axis` names the flight record."""
+        reason = f"{type(error).__name__}: {error}"[:200]
+        self.note("thread_fault", now_ns, reason=reason)
+        self.flight(axis, "thread_fault", reason, now_ns)
+
+    def head(self) -> ChainEnd | None:
+        """The end of the audit log, for the log of the other end; None where there is no log."""
+        return None
+
+    def kept(self, axis: str) -> bool:
+        """Whether what is latched of the axis would be found by a new start: it is on the disk."""
+        del axis
+        return True
+
+    def problem(self, now_ns: int) -> str | None:
+        """Why something that has to be kept can not be written, if it can not."""
+        del now_ns
+        return None
+
+
+NULL_AUDIT_SINK = AuditSink()
 
 
 def _require_tied(entry: Entry, last: Entry | None) -> None:

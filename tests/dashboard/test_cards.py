@@ -5,14 +5,14 @@ from typing import get_args
 
 import pytest
 
+from forefeel.common.events.text import long_round_trip
 from forefeel.common.messages import SafetyState
-from forefeel.common.notices import long_round_trip
 from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING
 from forefeel.dashboard import cards
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.levels import Level
+from forefeel.dashboard.lights import lights, silent_s
 from forefeel.dashboard.tally import tallies, totals
-from forefeel.dashboard.words import lights, silent_s
 from tests.dashboard.said import HOSTILE, S, heard, master_state, parameters, slave_state, timing
 
 
@@ -151,6 +151,6 @@ def test_every_card_is_json_whatever_was_heard() -> None:
     made = [
         *(card(view, S) for card in (cards.numbers, cards.standing, cards.delay, cards.model)),
         *(card(view, S) for card in (cards.energy, cards.loops, cards.counters)),
-        cards.events(view.happened),
+        cards.events(view.events),
     ]
     assert json.dumps(made, allow_nan=False)

@@ -1,7 +1,8 @@
-"""How link, lease and safety stand, in words. Pure: time is an argument."""
+"""How link, lease and safety stand: a light and a word for each. Pure: time is an argument."""
 
+from forefeel.common.events.console import printable
+from forefeel.common.events.text import is_long_round_trip, span
 from forefeel.common.messages import SafetyState, SlaveState
-from forefeel.common.notices import is_long_round_trip, printable, span
 from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level, Light

@@ -1,0 +1,103 @@
+"""What happens on one axis, as master and slave tell it alike."""
+
+from collections.abc import Mapping
+
+from forefeel.common.bus import Bus
+from forefeel.common.events.audit import AuditSink, Detail, peer, worth_a_record
+from forefeel.common.events.coalescer import EventCoalescer
+from forefeel.common.events.console import Notices
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import MOST_QUANTITY, Handshake, LimitEvent, SafetyState, within
+from forefeel.common.topics import Topic
+
+# ns, least time between two events of one rule; chosen, not measured: shorter sends more, longer tells later
+_LIMIT_NS = 100_000_000
+# ns, least time between two entries of one name; chosen, not measured: shorter fills the log faster in a
+# flood, longer tells of a flood's end later
+_AUDIT_NS = 1_000_000_000
+
+AuditCoalescer = EventCoalescer[tuple[str, str], dict[str, Detail]]
+"""Of entries of the audit log: event and what it is counted by, details."""
+Transition = tuple[SafetyState, str, SafetyState, str]
+"""Of the safety state machine: before, event, after, reason."""
+
+
+class AxisEvents:
+    """Takes events from any thread. `publish` and `write` hand on, on asyncio, what was coalesced.
+
+    Attributes:
+        limits: interventions and refusals, on their way to the network.
+        notices: lines for the console.
+    """
+
+    def __init__(self, bus: Bus, limit: Topic[LimitEvent], audit_sink: AuditSink, axis: str) -> None:
+        self.limits: EventCoalescer[str, LimitHit] = EventCoalescer(_LIMIT_NS)
+        self.notices = Notices()
+        self._audit_sink, self._axis = audit_sink, axis
+        self._limit = bus.publisher(limit)
+        self._repeated: AuditCoalescer = EventCoalescer(_AUDIT_NS)
+        self._payloads: dict[str, int] = {}
+        self._session: int | None = None
+
+    def limit(self, hit: LimitHit) -> None:
+        self.limits.add(hit.rule, hit)
+
+    def session_answered(self, handshake: Handshake, opened: bool, refused: str | None, now_ns: int) -> None:
+        """A handshake was answered. `handshake`: the other end's. `refused`: why it was, if it was."""
+        if refused is not None:
+            self._repeat("session_refused", "handshake", **{**peer(handshake), "reason": refused})
+        elif opened:
+            self._session = handshake.session_id
+            self._note("session_opened", now_ns, **peer(handshake))
+
+    def session_lost(self, reason: str, now_ns: int) -> bool:
+        """There is no session; whether there was one until now."""
+        session, self._session = self._session, None
+        if session is not None:
+            self._note("session_lost", now_ns, session=session, reason=reason)
+        return session is not None
+
+    def publish(self, session_id: int, now_ns: int, last: bool = False) -> None:
+        """Publishes the limits that are due; with `last` all there are."""
+        for _, hit, count in self.limits.drain(now_ns, last):
+            self._limited(hit, count, now_ns)  # first: what can not be published is written down all the same
+            # a number of a command may be 2^63
+            asked, applied = (within(value, MOST_QUANTITY) for value in (hit.requested, hit.applied))
+            header = self._limit.header(session_id, now_ns)
+            self._limit.send(
+                LimitEvent(
+                    **header, rule=hit.rule, requested=asked, applied=applied, unit=hit.unit, count=count
+                )
+            )
+
+    def write(self, malformed: Mapping[str, int], now_ns: int, last: bool = False) -> None:
+        """Writes what is due into the audit log. `malformed`: payloads that were no message, by topic."""
+        for topic, count in malformed.items():
+            new = count - self._payloads.get(topic, 0)
+            if new:
+                self._payloads[topic] = count
+                self._repeat("malformed", topic, new)
+        self._drain(self._repeated, now_ns, last)
+
+    def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
+        """Is overridden by an end that tells of its limits elsewhere, too."""
+
+    def _note(self, event: str, now_ns: int, /, **details: Detail) -> None:
+        self._audit_sink.note(event, now_ns, self._axis, **details)
+
+    def _repeat(self, event: str, name: str, count: int = 1, /, **details: Detail) -> None:
+        """Adds an event that may come in floods. `name`: what entries of this event are counted by."""
+        self._repeated.add((event, name), details, count)
+
+    def _drain(self, coalescer: AuditCoalescer, now_ns: int, last: bool) -> None:
+        for (event, name), details, count in coalescer.drain(now_ns, last):
+            self._note(event, now_ns, name=name, count=count, **details)
+
+    def _transition(self, entry: str, transition: Transition, session: int, now_ns: int) -> None:
+        before, event, after, reason = transition
+        self._note(
+            entry, now_ns,
+            before=before.value, event=str(event), after=after.value, reason=reason, session=session,
+        )  # fmt: skip
+        if worth_a_record(before, event, after):
+            self._audit_sink.flight(self._axis, str(event), reason, now_ns)

@@ -1,0 +1,86 @@
+"""The text of each event, for the console and the dashboard, and of the quantities in it. Pure.
+
+Texts may hold what came from the network; who shows them makes them `printable`.
+"""
+
+from math import floor, log10
+
+from forefeel.common.messages import (
+    EmergencyStop,
+    Handshake,
+    LimitEvent,
+    MasterEvent,
+    Message,
+    SafetyEvent,
+)
+
+UNKNOWN = "–"
+ROUND_TRIP = "round_trip"
+"""The rule by which an axis does not arm over a link that is too slow."""
+_ROUND_TRIP = "round trip "
+_PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
+
+
+def event_text(message: Message) -> str:
+    """The event in one line; empty for a message that is no event."""
+    match message:
+        case SafetyEvent() | MasterEvent():
+            return f"{message.before} -> {message.after}, {message.event}: {message.reason}"
+        case LimitEvent(rule=rule) if rule == ROUND_TRIP:
+            return not_armed(message.requested, message.applied)
+        case LimitEvent():
+            return _limit(message)
+        case EmergencyStop():
+            return emergency_stop(message.source, message.reason)
+        case Handshake(role="slave"):
+            return "session accepted" if message.accepted else f"session refused: {message.reason}"
+        case _:
+            return ""
+
+
+def emergency_stop(by: str, reason: str) -> str:
+    return f"emergency stop by {by}: {reason}"
+
+
+def not_armed(round_trip_s: float, limit_s: float) -> str:
+    return f"not armed: {long_round_trip(round_trip_s, limit_s)}"
+
+
+def long_round_trip(round_trip_s: float, limit_s: float) -> str:
+    """Why an axis does not arm over a link that is too slow."""
+    return f"{_ROUND_TRIP}{round_trip_s * 1e3:.0f} ms, limit {limit_s * 1e3:.0f} ms"
+
+
+def is_long_round_trip(reason: str) -> bool:
+    """Whether a reason is one of `long_round_trip`."""
+    return reason.startswith(_ROUND_TRIP)
+
+
+def _limit(event: LimitEvent) -> str:
+    asked, applied = quantity(event.requested, event.unit), quantity(event.applied, event.unit)
+    times = f", {event.count} times" if event.count > 1 else ""
+    return f"limit {event.rule.replace('_', ' ')}: asked {asked}, applied {applied}{times}"
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """`value` in `unit` with three digits and a prefix from nano to none: 0.0123 N is `12.3 mN`."""
+    if value is None:
+        return UNKNOWN
+    if value == 0.0:
+        return f"0 {unit}"
+    rounded = float(f"{value:.3g}")
+    power = min(0, max(-3, floor(log10(abs(rounded)) / 3 + 1e-9)))
+    return f"{rounded / 1000.0**power:.3g} {_PREFIXES[power]}{unit}"
+
+
+def span(seconds: float) -> str:
+    """A time that has passed: 3.2 s, 48 s, 2 min 05 s, 1 h 07 min."""
+    if seconds < 10.0:
+        return f"{max(seconds, 0.0):.1f} s"
+    whole = int(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"

@@ -1,0 +1,94 @@
+"""What happens on one axis of the master, and what it hears of the slave's events."""
+
+from collections import Counter, deque
+from typing import Literal
+
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.events.audit import REFUSALS, AuditSink
+from forefeel.common.events.axis import AxisEvents
+from forefeel.common.events.text import ROUND_TRIP, emergency_stop, event_text
+from forefeel.common.messages import LimitEvent, MasterEvent, SafetyEvent
+
+Standing = Literal["no_link", "linked", "handle_fault", "failed"]
+_EVENTS: dict[Standing, str] = {
+    "no_link": "session_lost",
+    "linked": "session_opened",
+    "handle_fault": "handle_fault",
+    "failed": "fault",
+}
+# events by which a doubled one is known; chosen, not measured: fewer miss one that comes late
+_REMEMBERED_EVENTS = 64
+
+
+class MasterEvents(AxisEvents):
+    """The slave's events come where the transport delivers; one that a network doubled counts once."""
+
+    def __init__(self, bus: Bus, audit_sink: AuditSink, axis: str) -> None:
+        super().__init__(bus, topics.MASTER_LIMIT, audit_sink, axis)
+        self._counters: Counter[str] = Counter()
+        self._event = bus.publisher(topics.MASTER_EVENT)
+        self._standing: Standing = "no_link"
+        self._handle_fault: str | None = None
+        self._problem: str | None = None
+        self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED_EVENTS)
+        bus.subscribe(topics.LIMIT_EVENT, self._on_limit)
+        bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
+
+    def _on_limit(self, event: LimitEvent, receive_ns: int) -> None:
+        if not self._is_new(event):
+            return
+        self._counters[f"limit_{event.rule}"] += event.count
+        if event.rule in REFUSALS:
+            self._repeat("slave_refused", event.rule, event.count)
+        if event.rule == ROUND_TRIP:
+            self.notices.repeat(f"slave {event_text(event)}", receive_ns)
+
+    def _on_safety(self, event: SafetyEvent, receive_ns: int) -> None:
+        if self._is_new(event):
+            self.notices.add(f"slave {event_text(event)}")
+            transition = event.before, event.event, event.after, event.reason
+            self._transition("slave_safety", transition, event.session_id, receive_ns)
+
+    def _is_new(self, event: LimitEvent | SafetyEvent) -> bool:
+        key = (type(event) is LimitEvent, event.sequence, event.stamp_ns)
+        new = key not in self._heard
+        self._heard.append(key)
+        return new
+
+    def session_lost(self, reason: str, now_ns: int) -> bool:
+        """See `AxisEvents`. A flight record is kept, for nobody else heard what the hand felt."""
+        lost = super().session_lost(reason, now_ns)
+        if lost:
+            self._audit_sink.flight(self._axis, "session_lost", reason, now_ns)
+        return lost
+
+    def stop_asked(self, by: str, reason: str, now_ns: int) -> None:
+        """The person asked for an emergency stop."""
+        self._note("emergency_stop", now_ns, by=by, reason=reason)
+        self.notices.add(emergency_stop(by, reason))
+
+    def stands(self, standing: Standing, reason: str, session_id: int, now_ns: int) -> None:
+        """How the master stands now, and why; a change is published."""
+        before, self._standing = self._standing, standing
+        if before != standing:
+            header = self._event.header(session_id, now_ns)
+            event = _EVENTS[standing]
+            self._event.send(
+                MasterEvent(**header, before=before, event=event, after=standing, reason=reason[:256])
+            )
+
+    def check(self, handle_fault: str | None, now_ns: int) -> None:
+        """Tells of a handle that has failed, and of an audit log that can not be written, each once."""
+        if handle_fault is not None and self._handle_fault is None:
+            self._note("device_fault", now_ns, name="handle", reason=handle_fault)
+            self._audit_sink.flight(self._axis, "handle_fault", handle_fault, now_ns)
+        self._handle_fault = handle_fault
+        problem = self._audit_sink.problem(now_ns)
+        if problem is not None and self._problem is None:
+            self.notices.add(f"{problem}; what happens is not written down")
+        self._problem = problem
+
+    def counts(self) -> dict[str, int]:
+        """The slave's interventions and refusals by rule, and how often a limit changed the force."""
+        return {**self._counters, "force_limited": self.limits.total}

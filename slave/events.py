@@ -1,0 +1,87 @@
+"""What happens on one axis of the slave: transitions, limits, faults; and cycles for the flight recorder."""
+
+from collections.abc import Mapping
+
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.events.audit import REFUSALS, SAFETY, AuditSink
+from forefeel.common.events.axis import AuditCoalescer, AxisEvents, Transition
+from forefeel.common.events.coalescer import EventCoalescer
+from forefeel.common.events.text import ROUND_TRIP, event_text, not_armed
+from forefeel.common.flight import CycleRow
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import Grip, SafetyEvent, SafetyState
+from forefeel.common.slots import BoundedQueue
+from forefeel.slave.control import ControlOutputs
+from forefeel.slave.devices import DeviceWatch
+
+_MINUTE_NS = 60_000_000_000  # ns in a minute, the interval of what fails at every tick
+
+
+class SlaveEvents(AxisEvents):
+    """Adds the safety state machine, the devices and the flight recorder's cycles to `AxisEvents`."""
+
+    def __init__(self, bus: Bus, audit_sink: AuditSink, cell: str, axis: str) -> None:
+        super().__init__(bus, topics.LIMIT_EVENT, audit_sink, axis)
+        self._safety = bus.publisher(topics.SAFETY_EVENT)
+        self._transitions: BoundedQueue[tuple[Transition, int]] = BoundedQueue(256)
+        self._faults: AuditCoalescer = EventCoalescer(_MINUTE_NS)
+        key = topics.CONTROL_CYCLE.key(cell, axis)
+        self._add_cycle = audit_sink.rings.ring(key).add if audit_sink.rings is not None else None
+
+    def counts(self) -> dict[str, int]:
+        """Transitions that the network did not get, for too many came at once, and interventions."""
+        return {"events_dropped": self._transitions.dropped, "limit_interventions": self.limits.total}
+
+    def transition(self, transition: Transition, session: int, now_ns: int) -> None:
+        """Writes it down at once and keeps it for the network; called by the control loop."""
+        self._transitions.put((transition, now_ns))
+        self._transition(SAFETY, transition, session, now_ns)
+
+    def stop_asked(self, by: str, reason: str) -> None:
+        """Somebody asked for an emergency stop."""
+        self._repeat("emergency_stop", "any", by=by, reason=reason)
+
+    def device_fault(self, device: str, reason: str) -> None:
+        self._faults.add(("device_fault", device), {"reason": reason})
+
+    def cycle(
+        self,
+        now_ns: int,
+        outputs: ControlOutputs,
+        watch: DeviceWatch,
+        grip: Grip,
+        state: SafetyState,
+        session: int,
+    ) -> None:
+        """One control cycle for the flight recorder: a tuple, and nothing else."""
+        if self._add_cycle is None:
+            return
+        executing = outputs.executing
+        row: CycleRow = (
+            now_ns, outputs.target_m, outputs.velocity_m_s, outputs.moving, *watch.stage,
+            watch.force.force_n, watch.force.valid, state, grip,
+            None if executing is None else executing.sequence, session,
+        )  # fmt: skip
+        self._add_cycle(row)
+
+    def publish(self, session_id: int, now_ns: int, last: bool = False) -> None:
+        """Publishes the transitions, then the limits that are due."""
+        for (before, event, after, reason), stamp_ns in self._transitions.drain():
+            header = self._safety.header(session_id, stamp_ns)
+            message = SafetyEvent(**header, before=before, event=str(event), after=after, reason=reason[:256])
+            self._safety.send(message)
+            self.notices.add(event_text(message))
+        super().publish(session_id, now_ns, last)
+
+    def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
+        """Writes refusals into the audit log; the other limits stand in the recording."""
+        if hit.rule in REFUSALS:
+            asked, limit = (f"{value:g} {hit.unit}".strip() for value in (hit.requested, hit.applied))
+            self._repeat("refused", hit.rule, count, requested=asked, limit=limit)
+        if hit.rule == ROUND_TRIP:
+            self.notices.repeat(not_armed(hit.requested, hit.applied), now_ns)
+
+    def write(self, malformed: Mapping[str, int], now_ns: int, last: bool = False) -> None:
+        super().write(malformed, now_ns, last)
+        self._drain(self._faults, now_ns, last)

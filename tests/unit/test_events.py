@@ -1,0 +1,189 @@
+"""What happens on an axis: coalesced, worded, published, and told at the console."""
+
+import pytest
+
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.clock import VirtualClock
+from forefeel.common.events.audit import NULL_AUDIT_SINK
+from forefeel.common.events.coalescer import EventCoalescer
+from forefeel.common.events.console import ConsoleNotifier, Notices
+from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span
+from forefeel.common.limiter import LimitHit
+from forefeel.common.messages import EmergencyStop, LimitEvent, MasterEvent, Message, SafetyEvent, SafetyState
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.master.events import MasterEvents
+from tests.dashboard.said import limit, safety, slave_state
+
+MS = 1_000_000
+S = 1000 * MS
+STOP = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason="pressed")
+
+
+# --- coalescer ---
+
+
+def test_the_first_of_a_key_is_told_at_once_then_the_first_of_each_interval_with_the_count() -> None:
+    coalescer: EventCoalescer[str, int] = EventCoalescer(100 * MS)
+    told = []
+    coalescer.add("range", 0)
+    assert coalescer.drain(0) == [("range", 0, 1)]  # keys do not wait for each other
+    for ms in range(250):
+        coalescer.add("late", ms)
+        told += coalescer.drain(ms * MS)
+    told += coalescer.drain(250 * MS, last=True)
+    assert told == [("late", 0, 1), ("late", 1, 100), ("late", 101, 100), ("late", 201, 49)]
+    assert coalescer.total == 251
+    assert coalescer.drain(S, last=True) == []
+
+
+# --- text ---
+
+
+@pytest.mark.parametrize(
+    ("event", "text"),
+    [
+        (safety(reason="no command"), "armed -> stopping, watchdog: no command"),
+        (limit(count=3), "limit velocity: asked 300 mm/s, applied 200 mm/s, 3 times"),
+        (limit(count=1), "limit velocity: asked 300 mm/s, applied 200 mm/s"),
+        (
+            limit(rule="round_trip", requested=0.812, applied=0.7, unit="s", count=9),
+            "not armed: round trip 812 ms, limit 700 ms",
+        ),
+        (STOP, "emergency stop by x: pressed"),
+        (slave_state(), ""),
+    ],
+)
+def test_each_event_has_one_text(event: Message, text: str) -> None:
+    assert event_text(event) == text
+
+
+def test_times_that_have_passed() -> None:
+    assert [span(s) for s in (-1, 3.24, 48.9, 125, 4020)] == [
+        "0.0 s", "3.2 s", "48 s", "2 min 05 s", "1 h 07 min",
+    ]  # fmt: skip
+
+
+def test_a_round_trip_that_is_too_long_is_known_by_its_words() -> None:
+    assert is_long_round_trip(long_round_trip(0.812, 0.7))
+    assert not is_long_round_trip("ramp done")
+
+
+# --- console ---
+
+
+def test_a_notice_is_one_printable_line_and_very_many_keep_the_newest() -> None:
+    notices = Notices()
+    notices.add("a\nb\x1b[2J")
+    assert notices.drain() == ["a?b?[2J"]
+    assert notices.drain() == []
+    for i in range(1000):
+        notices.add(str(i))
+    assert notices.drain()[-1] == "999"
+
+
+def test_a_cause_that_lasts_is_told_at_once_and_every_five_seconds() -> None:
+    notices = Notices()
+    for at_s in range(3, 20):
+        notices.repeat(str(at_s), at_s * S)
+    assert notices.drain() == ["3", "8", "13", "18"]
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 100])
+def test_a_second_has_ten_lines_and_the_next_says_how_many_more_there_were(at_once: int) -> None:
+    notices, lines = Notices(), list[str]()
+    notifier = ConsoleNotifier("slave", {"insertion": notices}, lines.append)
+    texts = [f"slave: axis insertion: {i}" for i in range(100)]
+    waiting = 64 if at_once == 100 else 100  # the queue of an axis drops the oldest
+    for first in range(0, 100, at_once):
+        for i in range(first, min(first + at_once, 100)):
+            notices.add(str(i))
+        notifier.serve(S + first)
+    assert lines == texts[100 - waiting :][:10]
+    lines.clear()
+    notifier.serve(2 * S)
+    notices.add("again")
+    notifier.serve(2 * S + 1)
+    notifier.serve(3 * S)
+    assert lines == [
+        f"slave: axis insertion: {waiting - 10} more, not shown",
+        "slave: axis insertion: again",
+    ]
+
+
+def test_a_terminal_that_is_gone_stops_nothing() -> None:
+    def gone(text: str) -> None:
+        raise BrokenPipeError(text)
+
+    notices = Notices()
+    notices.add("a")
+    ConsoleNotifier("slave", {"insertion": notices}, gone).serve(S)
+    assert notices.drain() == []
+
+
+# --- the master ---
+
+
+class Rig:
+    """The events of a master, and the other ends of its network."""
+
+    def __init__(self) -> None:
+        self.clock, network = VirtualClock(), MemoryBus()
+        self.limits, self.transitions = list[LimitEvent](), list[MasterEvent]()
+        self.slave = Bus(network.session(self.clock), "c", "a", self.clock)
+        self.slave.subscribe(topics.MASTER_LIMIT, lambda event, _: self.limits.append(event))
+        self.slave.subscribe(topics.MASTER_EVENT, lambda event, _: self.transitions.append(event))
+        own = Bus(network.session(self.clock), "c", "a", self.clock)
+        self.events = MasterEvents(own, NULL_AUDIT_SINK, "a")
+
+
+def test_a_change_of_how_the_master_stands_is_one_event() -> None:
+    rig = Rig()
+    rig.events.stands("no_link", "no answer", 7, 0)
+    rig.events.stands("linked", "accepted", 7, 50 * MS)
+    rig.events.stands("linked", "accepted", 7, 100 * MS)
+    rig.events.stands("handle_fault", "x" * 1000, 7, 150 * MS)
+    told = [(t.before, t.event, t.after, len(t.reason), t.session_id) for t in rig.transitions]
+    assert told == [
+        ("no_link", "session_opened", "linked", 8, 7),
+        ("linked", "handle_fault", "handle_fault", 256, 7),
+    ]
+
+
+def test_limits_of_the_force_are_published_with_their_count() -> None:
+    rig = Rig()
+    for tick in range(1000):
+        rig.events.limit(LimitHit("rendered_force", 9.0, 4.0, "N"))
+        rig.events.publish(1, tick * MS, last=tick == 999)
+    assert len(rig.limits) == 11
+    assert sum(event.count for event in rig.limits) == 1000 == rig.events.counts()["force_limited"]
+    assert rig.limits[0].model_dump(include=set(LimitHit._fields)) == {
+        "rule": "rendered_force", "requested": 9.0, "applied": 4.0, "unit": "N",
+    }  # fmt: skip
+
+
+def test_the_slaves_limits_are_counted_by_rule_and_its_transitions_told_each_once() -> None:
+    rig = Rig()
+    limit, safety = rig.slave.publisher(topics.LIMIT_EVENT), rig.slave.publisher(topics.SAFETY_EVENT)
+    for rule, count in (("force", 3), ("force", 4), ("late", 5)):
+        message = LimitEvent(
+            **limit.header(1, 7), rule=rule, requested=1.0, applied=0.0, unit="N", count=count
+        )
+        limit.send(message)
+        limit.send(message)  # doubled on the way
+    for _ in range(2):
+        header = safety.header(1, 7)
+        moved = SafetyEvent(
+            **header, before=SafetyState.READY, event="engage", after=SafetyState.ENGAGING, reason="pressed"
+        )
+        safety.send(moved)
+        safety.send(moved)
+    for _ in range(8):
+        rig.clock.set_ns(rig.clock.now_ns() + S)
+        header = limit.header(1, rig.clock.now_ns())
+        limit.send(LimitEvent(**header, rule="round_trip", requested=0.812, applied=0.7, unit="s", count=9))
+    slow = ["slave not armed: round trip 812 ms, limit 700 ms"] * 2  # in 8 s, every 5 s
+    assert rig.events.counts() == {
+        "limit_force": 7, "limit_late": 5, "limit_round_trip": 72, "force_limited": 0,
+    }  # fmt: skip
+    assert rig.events.notices.drain() == ["slave ready -> engaging, engage: pressed"] * 2 + slow
