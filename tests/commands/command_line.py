@@ -14,7 +14,8 @@ COMMANDS = [
     ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
     ["pki", "init"], ["pki", "add"], ["pki", "show"], ["pki", "renew"], ["pki", "bundle"],
     ["pki", "rules"],
-    ["doctor"], ["devices"], ["device", "probe"], ["driver", "test"], ["calibrate", "load-cell"], ["calibrate", "stage"],
+    ["doctor"], ["devices"], ["device", "probe"], ["driver", "test"],
+    ["calibrate", "load-cell"], ["calibrate", "stage"],
     ["estop"], ["clear"], ["audit", "verify"], ["audit", "show"],
 ]  # fmt: skip
 ROOT = Path(__file__).parents[2]

@@ -38,8 +38,8 @@ ANSWERS = {
 }
 """A command line -> the file of the document that it answers with `--json`, where it writes one."""
 QUICK = [line for line, file in ANSWERS.items() if file in {None, "evaluation.json"}]
-CALIBRATIONS = {"calibrate load-cell", "calibrate stage"}
-"""See tests/hardware: they need a device."""
+WITH_DEVICES = {"calibrate load-cell", "calibrate stage", "driver test"}
+"""See tests/hardware and tests/integration: they need a device."""
 LASTING = {"slave", "master", "router", "record", "metrics", "dashboard", "view", "simulate"}
 """Without an answer: `--quiet` alone."""
 
@@ -83,7 +83,7 @@ def test_every_command_that_answers_is_tested_and_has_both_options() -> None:
     named = {" ".join(command): options(command) for command in COMMANDS}
     tested = {name for name in named for line in ANSWERS if line.startswith(f"{name} ") or line == name}
     both = {name for name, found in named.items() if {"--json", "--quiet"} <= found}
-    assert both == tested | CALIBRATIONS
+    assert both == tested | WITH_DEVICES
     assert {name for name, found in named.items() if "--quiet" in found} - both == LASTING
     assert {name for name, found in named.items() if "--json" in found} - both == {"audit show"}
 
