@@ -21,6 +21,7 @@ from forefeel.probe.configured import configured
 from forefeel.terminal import answer, show
 
 Verdict = Literal["kept", "broken", "not tested"]
+_MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None  # an emulated device waits for no disk
 _STYLES = {"kept": "green", "broken": "red", "not tested": "dim"}
 
 
@@ -100,7 +101,7 @@ def _bench(driver: InstalledDriver, options: DriverTestOptions) -> Iterator[Benc
             )
         yield Bench(driver, device.settings, None, options.moves, clock)
         return
-    with tempfile.TemporaryDirectory(prefix="forefeel-") as folder, ExitStack() as leave:
+    with tempfile.TemporaryDirectory(prefix="forefeel-", dir=_MEMORY) as folder, ExitStack() as leave:
         emulated = EmulatedBench(driver, Path(folder), leave)
         yield Bench(driver, emulated.settings, emulated, True, clock)
 

@@ -29,7 +29,8 @@ def verdicts_of(name: str, site: Path | None = None) -> tuple[int, dict[str, str
 )
 def test_every_driver_with_hardware_keeps_its_port(name: str) -> None:
     code, verdicts, said = verdicts_of(name)
-    assert (code, said) == (0, "")
+    assert code == 0, said
+    assert said == ""
     assert "broken" not in verdicts.values()
     assert {verdicts[each] for each in ("opens", "reads", "refuses", "freezes", "unplugs")} == {"kept"}
 
@@ -40,5 +41,6 @@ def test_the_example_package_is_found_where_it_is_installed(tmp_path: Path) -> N
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation"]
     subprocess.run([*pip, "--target", str(tmp_path / "site"), str(example)], check=True)
     code, verdicts, said = verdicts_of("iio", tmp_path / "site")
-    assert (code, said) == (0, "")
+    assert code == 0, said
+    assert said == ""
     assert {"measures", "distrusts", "freezes", "unplugs"} <= {c for c, v in verdicts.items() if v == "kept"}

@@ -1,5 +1,6 @@
 """The file of a channel, written as the kernel would answer, with noise and faults."""
 
+import os
 import time
 from contextlib import ExitStack
 
@@ -7,7 +8,7 @@ from forefeel.devices.emulation.bench import NOISE_N, Emulation, Surroundings, f
 from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
 from forefeel_iio.settings import IioSettings
 
-_PERIOD_S = 0.001  # s, as often as the driver could ask
+_PERIOD_S = 0.002  # s, as often as the driver may ask
 
 
 class EmulatedChannel:
@@ -18,28 +19,30 @@ class EmulatedChannel:
     def __init__(self, settings: IioSettings, around: Surroundings, leave: ExitStack) -> None:
         sensing = Sensing(1.0 / _PERIOD_S, settings.full_scale_n, NOISE_N, seed=around.seed)
         self._sensor = EmulatedSensor(sensing, felt(around, settings.sign, leave))
-        self._settings, self._plugged = settings, True
-        leave.callback(settings.file.unlink, missing_ok=True)
-        self.step()
+        self._settings, self._file = settings, settings.file.open("wb", buffering=0)
+        leave.callback(self.provoke, "unplug")
+        self._write()
 
     def provoke(self, fault: str) -> None:
         """`stuck`, `overrange` and `free` are of the cell; `unplug` takes the file away until `plug`."""
-        if fault in ("unplug", "plug"):
-            self._plugged = fault == "plug"
+        if fault == "unplug":
+            self._settings.file.unlink(missing_ok=True)
+        elif fault == "plug":
+            self._file.close()
+            self._file = self._settings.file.open("wb", buffering=0)
         else:
             self._sensor.provoke(fault)
 
     def step(self) -> None:
-        """One conversion; the file is replaced at once, so that no reader meets half of it."""
-        s = self._settings
-        if self._plugged:
-            counts = round(s.zero_counts + self._sensor.measure(time.monotonic()) / s.newton_per_count)
-            fresh = s.file.with_suffix(".new")
-            fresh.write_text(f"{counts}\n", encoding="ascii")
-            fresh.replace(s.file)
-        else:
-            s.file.unlink(missing_ok=True)
+        """One conversion."""
+        self._write()
         time.sleep(_PERIOD_S)
+
+    def _write(self) -> None:
+        """In place and at once, so that no reader meets half a number, and no disk has to be waited for."""
+        s = self._settings
+        counts = round(s.zero_counts + self._sensor.measure(time.monotonic()) / s.newton_per_count)
+        os.pwrite(self._file.fileno(), b"%11d\n" % counts, 0)
 
 
 EMULATION = Emulation(
