@@ -37,6 +37,7 @@ pytestmark = pytest.mark.usefixtures("ahead_of_other_work")
 MAX_VELOCITY_M_S, QUICK_STOP_M_S2 = 0.2, 20.0
 STALL_S = 0.05  # of a busy machine
 CALM_S = 1.0  # a silence that it does not reach
+PATIENT_TRIES = 12  # of 0.3 s each: a busy machine answers within 3.6 s
 
 
 class Seen(NamedTuple):
@@ -150,6 +151,7 @@ def test_a_cable_that_is_pulled_and_plugged_again(tmp_path: Path, monkeypatch: p
     # a busy machine is silent for longer than a drive may be
     monkeypatch.setattr("forefeel.devices.cia402.driver.SILENT_S", CALM_S)
     monkeypatch.setattr("forefeel.devices.cia404.driver._SILENT_S", CALM_S)
+    monkeypatch.setattr("forefeel.devices.canopen.sdo._TRIES", PATIENT_TRIES)
     links = [tmp_path / name for name in ("host", "drive", "cell")]
     buses = [CanSettings(interface="slcan", channel=str(link)) for link in links]
     hub = CanHub(links)
