@@ -13,6 +13,7 @@ from forefeel.calibrate.prompt import Prompt
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import ConfigurationError, ForefeelError, RunError
 from forefeel.common.hardware.driver import SLOTS, InstalledDriver, installed_drivers
+from forefeel.common.runtime.realtime import prepare_thread
 from forefeel.conformance.checks import CHECKS, Bench, BrokenError, NotTested
 from forefeel.conformance.emulators import EmulatedBench
 from forefeel.daemon_settings import load_daemon
@@ -22,6 +23,7 @@ from forefeel.terminal import answer, show
 
 Verdict = Literal["kept", "broken", "not tested"]
 _MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None  # an emulated device waits for no disk
+_PRIORITY = 50  # of SCHED_FIFO, as the loops of the daemons have it
 _STYLES = {"kept": "green", "broken": "red", "not tested": "dim"}
 
 
@@ -55,6 +57,7 @@ def run_driver_test(options: DriverTestOptions) -> None:
     found: list[Checked] = []
     with heeded(lambda: None), breakable(), _bench(driver, options) as bench:
         try:
+            prepare_thread(_PRIORITY)  # the driver's threads inherit it, as they do in a daemon
             for name in CHECKS:
                 found.append(_checked(name, bench))
                 show(_in_words(found[-1]))

@@ -126,9 +126,10 @@ def run(trial: Trial, ready: Path, port: int, here: Path, nice: int) -> Ended:
             finished = process.poll() is not None
             start_s, waited_s = time.monotonic(), 0.0
             if not finished:
-                waited_s = _ready_s(process.pid)
+                before_s = _ready_s(process.pid)
                 _send(process.pid, trial.signal)
-                waited_s = max(0.0, _end_ready_s(process, start_s + _PATIENCE_S) - waited_s)
+                after_s = _end_ready_s(process, start_s + _PATIENCE_S)
+                waited_s = sum(after_s[pid] - before_s.get(pid, 0.0) for pid in after_s)
             code = process.wait(0.0)
             seconds = 0.0 if finished else time.monotonic() - start_s
             left = _gone(mark, start_s + BOUND_S + 1.0)
@@ -180,19 +181,24 @@ def _catches_sigint(pid: int) -> bool:
     return False
 
 
-def _ready_s(pid: int) -> float:
-    """For how long its main thread could have run while another process had the processor."""
-    with suppress(OSError):
-        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
-    return 0.0
+def _ready_s(group: int) -> dict[int, float]:
+    """For how long the main threads of a command and of its children could have run while another process had
+    the processor; a command that waits for its children waits as long as they do.
+    """
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if os.getpgid(int(path.name)) == group:
+                found[int(path.name)] = int((path / "schedstat").read_text().split()[1]) * 1e-9
+    return found
 
 
-def _end_ready_s(process: "subprocess.Popen[bytes]", until_s: float) -> float:
-    """Waits for the end; what `_ready_s` said last."""
-    last_s = 0.0
+def _end_ready_s(process: "subprocess.Popen[bytes]", until_s: float) -> dict[int, float]:
+    """Waits for the end; what `_ready_s` said last of each process."""
+    last_s: dict[int, float] = {}
     while process.poll() is None and time.monotonic() < until_s:
-        last_s = max(last_s, _ready_s(process.pid))
-        time.sleep(0.01)
+        last_s |= _ready_s(process.pid)
+        time.sleep(0.02)
     return last_s
 
 
