@@ -106,7 +106,7 @@ def _difference(name: str, packets: float | None, injected: float | None) -> str
 def _figures(report: RunReport) -> list[str]:
     return [
         millinewtons(report.prediction.rms_n),
-        millinewtons(report.hold.rms_n),
+        millinewtons(report.zoh.rms_n),
         ratio(report.ratio.rms),
         ratio(report.settled.ratio.rms),
         f"{100 * (report.armed_share or 0.0):.1f}",

@@ -87,7 +87,7 @@ def in_service(effect: str, folder: Path) -> Row:
         names or diagnosed.diagnosis.verdict,
         (_mn(before.prediction.rms_n), _mn(before.settled.prediction.rms_n)),
         (_mn(after.prediction.rms_n), _mn(after.settled.prediction.rms_n)),
-        (_mn(before.hold.rms_n), _mn(before.settled.hold.rms_n)),
+        (_mn(before.zoh.rms_n), _mn(before.settled.zoh.rms_n)),
     )
 
 
@@ -110,7 +110,7 @@ def _mn(rms_n: float | None) -> float:
 def main(names: list[str]) -> None:
     """Prints the table, a row as soon as it is known."""
     print(f"{DURATION_S:g} s in virtual time, impairment paper, seed {SEED}; rms in mN: all / settled")
-    print(f"{'hidden':28}{'named':48}{'before':>14}{'after':>14}{'hold':>14}")
+    print(f"{'hidden':28}{'named':48}{'before':>14}{'after':>14}{'ZOH':>14}")
     start_s = time.process_time()
     for name in names or HIDDEN:
         with tempfile.TemporaryDirectory() as folder:

@@ -11,7 +11,7 @@ it computes is within them (`within`).
 from enum import StrEnum
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
 
 PROTOCOL_VERSION = 3  # version of these messages; other versions are refused, except in a handshake
 
@@ -153,14 +153,17 @@ class ForceSample(Message):
     clock_bound_ns: NonNegativeInt | None = None
 
 
+Leading = Annotated[ShortText, BeforeValidator(lambda name: "zoh" if name == "hold" else name)]  # 0.1.0: hold
+
+
 class HapticSample(Message):
     """One tick of the haptic loop: what the hand did and felt. `sequence` is that of the command sent in the
     same tick.
 
     `delay_s`: from the command `answered_sequence` to the arrival of the force that answers it, both on the
     master's clock. `low_n`, `high_n`: the 95 % band of the prediction; `leading`: the expert that led it, or
-    `hold`. `energy_j`: what the hand has put into the handle since the start; negative where the
-    rendered force gave it more than it took.
+    `zoh`. `zoh_n`: the last received force, a zero-order hold. `energy_j`: what the hand has put into the
+    handle since the start; negative where the rendered force gave it more than it took.
     """
 
     handle_position_m: Position
@@ -168,8 +171,8 @@ class HapticSample(Message):
     predicted_n: Force | None
     low_n: Force | None = None
     high_n: Force | None = None
-    leading: ShortText = ""
-    held_n: Force | None
+    leading: Leading = ""
+    zoh_n: Annotated[Force | None, Field(validation_alias=AliasChoices("zoh_n", "held_n"))]  # 0.1.0: held_n
     rendered_n: Force
     force_age_s: Seconds | None
     delay_s: Seconds | None

@@ -29,7 +29,7 @@ COMMANDS = {
     "view": "Show a recorded run in the same page, at any of its times.",
     "router": "Route between the ends of several cells, each kept to itself, until Ctrl-C.",
     "loopback": "Run master and slave on this machine, record, and report.",
-    "evaluate": "Replay recordings honestly: hold, the paper, m-b-k-bias and forefeel across a delay.",
+    "evaluate": "Replay recordings across a delay: zero-order hold, the paper, m-b-k-bias and forefeel.",
     "diagnose": "Show what the simulation gets wrong on a recording, name the cause, extend the model, "
     "measure the gain.",
     "simulate": "Make a recording of any model: time_s, position_m, force_n.",

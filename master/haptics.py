@@ -47,7 +47,7 @@ class HapticOutputs(NamedTuple):
     gripper: Grip
     recording_time_s: float | None
     predicted: Estimate | None
-    held_n: float | None
+    zoh_n: float | None
     rendered_n: float
     hits: tuple[LimitHit, ...]
     energy_j: float
@@ -60,7 +60,7 @@ class HapticLoop:
         self.clutch = Clutch()
         self._prediction = prediction
         self._renderer = ForceRenderer(settings)
-        self._feels_hold = settings.source == "held"
+        self._feels_zoh = settings.source == "zoh"
         self._stale_ns = int(settings.stale_s * 1e9)
 
     def tick(self, now_ns: int, inputs: HapticInputs) -> HapticOutputs:
@@ -70,8 +70,8 @@ class HapticLoop:
         predicted = self._predict(now_ns, position_m, inputs)
         fresh = force is not None and force.is_fresh(now_ns, self._stale_ns)
         live = fresh and reading.deadman and inputs.state in FOLLOWING
-        held_n = force.sample.force_n if force else None
-        felt_n = held_n if self._feels_hold else predicted.force_n if predicted else None
+        zoh_n = force.sample.force_n if force else None
+        felt_n = zoh_n if self._feels_zoh else predicted.force_n if predicted else None
         rendered = self._renderer.render(now_ns, felt_n, live, reading.position_m)
         return HapticOutputs(
             position_m=position_m,
@@ -80,7 +80,7 @@ class HapticLoop:
             gripper=reading.gripper,
             recording_time_s=reading.recording_time_s,
             predicted=predicted,
-            held_n=held_n,
+            zoh_n=zoh_n,
             rendered_n=rendered.force_n,
             hits=rendered.hits,
             energy_j=rendered.energy_j,

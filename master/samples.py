@@ -64,7 +64,7 @@ def haptic_sample(
         handle_position_m=handle_m,
         command_position_m=within(outputs.position_m, MOST_POSITION_M),
         **forecast_fields(outputs.predicted),
-        held_n=outputs.held_n,
+        zoh_n=outputs.zoh_n,
         rendered_n=outputs.rendered_n,
         force_age_s=age_s,
         delay_s=delay_s,

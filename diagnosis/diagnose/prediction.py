@@ -22,7 +22,7 @@ class Across:
     """rms errors in N across `delay_s`: of a hold, of the forecaster with m, b, k, bias, and extended."""
 
     delay_s: float
-    hold_n: float
+    zoh_n: float
     before_n: float
     after_n: float
 
@@ -51,7 +51,7 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
     errors = []
     for model in (linear_model(), extended):
         trace = replay(recording, prepared.arrivals, METHODS["forefeel"](model))
-        errors.append(completed(trace, prepared.held) - prepared.force_n)
-    hold = completed(prepared.held, prepared.held) - prepared.force_n
+        errors.append(completed(trace, prepared.zoh) - prepared.force_n)
+    hold = completed(prepared.zoh, prepared.zoh) - prepared.force_n
     sizes = [float(np.sqrt(np.mean(e[prepared.rows] ** 2))) for e in (hold, *errors)]
     return Across(DELAY_S, *sizes)

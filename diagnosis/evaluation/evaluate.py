@@ -11,7 +11,7 @@ from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.recording.recording import GAP_S, Recording
 from forefeel.diagnosis.evaluation.arrivals import Arrivals, DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.describe import gap_count, notes
-from forefeel.diagnosis.evaluation.methods import METHODS, Hold
+from forefeel.diagnosis.evaluation.methods import METHODS, ZeroOrderHold
 from forefeel.diagnosis.evaluation.replay import Mask, MethodTrace, replay
 from forefeel.diagnosis.evaluation.score import (
     RUNAWAY,
@@ -26,14 +26,14 @@ from forefeel.diagnosis.evaluation.score import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A recording that can be evaluated. `arrivals`: its late forces; `held`: what a hold says; `rows`: the
+    """A recording that can be evaluated. `arrivals`: its late forces; `zoh`: what a hold says; `rows`: the
     stamps that are scored.
     """
 
     recording: Recording
     force_n: Floats
     arrivals: Arrivals
-    held: MethodTrace
+    zoh: MethodTrace
     rows: Mask
 
 
@@ -70,13 +70,13 @@ def prepare(recording: Recording, link: DelayedLink) -> Prepared:
             f"({SETTLING_S:g} s and the delay)"
         )
     late = arrivals(recording.time_s, link)
-    held = replay(recording, late, Hold())
-    rows = scored_stamps(recording.time_s, link.delay_s, held)
+    zoh = replay(recording, late, ZeroOrderHold())
+    rows = scored_stamps(recording.time_s, link.delay_s, zoh)
     if not rows.any():
         raise RecordingError(
             f"{recording.source}: no force arrives before the end, expected less delay or loss"
         )
-    return Prepared(recording, recording.force_n, late, held, rows)
+    return Prepared(recording, recording.force_n, late, zoh, rows)
 
 
 def evaluate(
@@ -89,20 +89,20 @@ def evaluate(
         model: of a model.yaml, for forefeel; None: its own.
         progress: is told the name of each method before it starts.
     """
-    recording, held = prepared.recording, prepared.held
+    recording, zoh = prepared.recording, prepared.zoh
     seen_n = largest_seen(prepared.force_n, prepared.arrivals)
     traces: dict[str, MethodTrace] = {}
     for name, make in METHODS.items():
         progress(name)
-        traces[name] = held if name == "hold" else replay(recording, prepared.arrivals, make(model))
+        traces[name] = zoh if name == "zoh" else replay(recording, prepared.arrivals, make(model))
     return Evaluated(
         prepared,
         _notes(prepared),
         {
-            name: score(recording.time_s, prepared.force_n, trace, held, prepared.rows, seen_n)
+            name: score(recording.time_s, prepared.force_n, trace, zoh, prepared.rows, seen_n)
             for name, trace in traces.items()
         },
-        {name: completed(trace, held) for name, trace in traces.items()},
+        {name: completed(trace, zoh) for name, trace in traces.items()},
         traces,
     )
 
@@ -124,13 +124,13 @@ def rules(link: DelayedLink, model: ContactModel | None) -> tuple[str, ...]:
         )
         + (f" {100 * link.loss:.3g} % of them are lost." if link.loss else "")
         + (f" Seed {link.seed}." if link.jitter_s or link.loss else ""),
-        "hold is the newest force by stamp among those that have arrived.",
+        "zoh, the zero-order hold, is the newest force by stamp among those that have arrived.",
         f"Scored at the recording's own stamps, against the force as recorded, from {SETTLING_S:g} s + delay "
         "after the first stamp on.",
         "Every recording is a cold start with the same settings; nothing is keyed to a file, a method is not "
         "told the delay.",
         f"Derivatives and filters are causal; a gap over {GAP_S:g} s is never interpolated across.",
-        "Where a method has no prediction yet the hold's counts. One that is not finite, or beyond "
+        "Where a method has no prediction yet the zero-order hold counts. One that is not finite, or beyond "
         f"{RUNAWAY:g} times the largest force seen, has diverged: no rms.",
         "paper: lambda 0.96 per sample, P symmetrised, each force paired with the motion of its own stamp. "
         f"forefeel: {'its own model' if model is None else f'model {model.name!r}'}.",

@@ -101,10 +101,10 @@ class Pairs(Generic[T]):
         return [(stamp_s, known[stamp_s], force_n) for stamp_s, force_n in late if stamp_s in known]
 
 
-class Hold:
+class ZeroOrderHold:
     """The newest force by stamp among those that arrived."""
 
-    name = "hold"
+    name = "zoh"
 
     def __init__(self) -> None:
         self._stamp_s = -inf
@@ -290,7 +290,7 @@ class Forefeel:
 
 
 METHODS: Mapping[str, Callable[[ContactModel | None], Method]] = {
-    "hold": lambda model: Hold(),
+    "zoh": lambda model: ZeroOrderHold(),
     "paper": lambda model: PaperMethod(),
     "mbk_bias": lambda model: ContactMethod("mbk_bias", linear_model()),
     "forefeel": Forefeel,

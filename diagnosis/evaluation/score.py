@@ -39,9 +39,9 @@ class Score:
     band: BandScore = BandScore()
 
 
-def scored_stamps(time_s: Floats, delay_s: float, held: MethodTrace) -> Mask:
+def scored_stamps(time_s: Floats, delay_s: float, zoh: MethodTrace) -> Mask:
     """From 3 s + delay after the first stamp on, as soon as there is a force to hold."""
-    return np.asarray((time_s - time_s[0] >= SETTLING_S + delay_s) & held.answered)
+    return np.asarray((time_s - time_s[0] >= SETTLING_S + delay_s) & zoh.answered)
 
 
 def largest_seen(force_n: Floats, arrivals: Arrivals) -> Floats:
@@ -50,23 +50,23 @@ def largest_seen(force_n: Floats, arrivals: Arrivals) -> Floats:
     return np.asarray(largest[arrivals.edges[1:]], dtype=np.float64)
 
 
-def completed(trace: MethodTrace, held: MethodTrace) -> Floats:
+def completed(trace: MethodTrace, zoh: MethodTrace) -> Floats:
     """What counts as the method's prediction: the hold's where it said nothing."""
-    return np.where(trace.answered, trace.force_n, held.force_n)
+    return np.where(trace.answered, trace.force_n, zoh.force_n)
 
 
 def score(
-    time_s: Floats, force_n: Floats, trace: MethodTrace, held: MethodTrace, rows: Mask, seen_n: Floats
+    time_s: Floats, force_n: Floats, trace: MethodTrace, zoh: MethodTrace, rows: Mask, seen_n: Floats
 ) -> Score:
     """The score of one method over the scored stamps `rows`; all arrays have shape (n,).
 
     It diverged when it said, at one of them, something that is not finite or beyond 1e6 times the largest
     force seen.
     """
-    said_n = completed(trace, held)
+    said_n = completed(trace, zoh)
     with np.errstate(over="ignore"):
         beyond = (seen_n > 0.0) & (np.abs(said_n) > RUNAWAY * seen_n)
-    runaway = held.answered & (beyond | ~np.isfinite(said_n))
+    runaway = zoh.answered & (beyond | ~np.isfinite(said_n))
     if np.any(runaway & rows):
         first = int(np.flatnonzero(runaway)[0])
         return Score(ErrorSize(), diverged_at_s=float(time_s[first] - time_s[0]))

@@ -39,7 +39,7 @@ _ROLES = ("master", "slave")
 _MOST_PARAMETERS = 12
 _LEADS = {
     "": "nobody yet",
-    "hold": "hold: the newest force that arrived",
+    "zoh": "zero-order hold: the newest force that arrived",
 }
 _TICK_US = 1000.0  # us, period of a loop at 1 kHz
 _CONTACT = "mass_damper_spring"

@@ -142,7 +142,7 @@ def _predicted(diagnosis: Diagnosis, across: Across | None) -> list[str]:
     if across is not None:
         lines.append(
             f"Predicted   {1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
-            f"{quantity(across.after_n, 'N')} extended, {quantity(across.hold_n, 'N')} held"
+            f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold"
         )
     before, after = diagnosis.forward_rmse.get("before_m"), diagnosis.forward_rmse.get("after_m")
     if before is not None and after is not None:

@@ -48,7 +48,7 @@ def render_page(
         skipped=skipped,
         methods=list(METHODS),
         best=best,
-        ratio_to_hold=ratio_to_hold,
+        ratio_to_zoh=ratio_to_zoh,
         drawings=drawings,
     )
 
@@ -111,12 +111,12 @@ def _forces(
 ) -> Drawing:
     time_s = _time_s(evaluated)
     rows = (time_s >= span_s[0]) & (time_s <= span_s[1])
-    held_n, said_n = evaluated.said_n["hold"][rows], evaluated.said_n["forefeel"][rows]
+    zoh_n, said_n = evaluated.said_n["zoh"][rows], evaluated.said_n["forefeel"][rows]
     force_n, trace = evaluated.prepared.force_n[rows], evaluated.traces["forefeel"]
     figure, axes = one_plot(3.3)
-    limit_y(axes, held_n, force_n, beside=said_n, trim=_TRIM)
+    limit_y(axes, zoh_n, force_n, beside=said_n, trim=_TRIM)
     band(axes, time_s[rows], trace.low_n[rows], trace.high_n[rows], "95 % band", GAP_S)
-    plot(axes, time_s[rows], held_n, ORANGE, "hold", gap_s=GAP_S)
+    plot(axes, time_s[rows], zoh_n, ORANGE, "zero-order hold", gap_s=GAP_S)
     plot(axes, time_s[rows], force_n, BLACK, "measured", width=1.7, gap_s=GAP_S)
     plot(axes, time_s[rows], said_n, BLUE, "forefeel", gap_s=GAP_S)
     finish(axes, "time in s", "force in N")
@@ -126,19 +126,19 @@ def _forces(
 def _errors(stem: str, evaluated: Evaluated) -> Drawing:
     rows, force_n = evaluated.prepared.rows, evaluated.prepared.force_n
     time_s = _time_s(evaluated)[rows]
-    held_n, said_n = ((evaluated.said_n[name] - force_n)[rows] for name in ("hold", "forefeel"))
+    zoh_n, said_n = ((evaluated.said_n[name] - force_n)[rows] for name in ("zoh", "forefeel"))
     figure, axes = one_plot(3.0)
-    limit_y(axes, held_n, beside=said_n, trim=_TRIM)
-    plot(axes, time_s, held_n, ORANGE, "hold - measured", gap_s=GAP_S)
+    limit_y(axes, zoh_n, beside=said_n, trim=_TRIM)
+    plot(axes, time_s, zoh_n, ORANGE, "zero-order hold - measured", gap_s=GAP_S)
     plot(axes, time_s, said_n, BLUE, "forefeel - measured", gap_s=GAP_S)
     finish(axes, "time in s", "error in N")
     return drawn(figure, stem, "Error over time", f"All scored stamps. {_LIMITS}")
 
 
-def ratio_to_hold(evaluated: Evaluated, name: str) -> float | None:
+def ratio_to_zoh(evaluated: Evaluated, name: str) -> float | None:
     """rms over that of the hold; None when either is unknown, or the hold makes no error."""
-    rms_n, hold_n = evaluated.scores[name].size.rms_n, evaluated.scores["hold"].size.rms_n
-    return rms_n / hold_n if rms_n is not None and hold_n else None
+    rms_n, zoh_n = evaluated.scores[name].size.rms_n, evaluated.scores["zoh"].size.rms_n
+    return rms_n / zoh_n if rms_n is not None and zoh_n else None
 
 
 def best(evaluated: Evaluated) -> str | None:
@@ -159,7 +159,7 @@ def in_words(
 
 
 def _table(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> Table:
-    title = f"Error, rms and (its ratio to hold), delay {link.delay_s:g} s; * best"
+    title = f"Error, rms and (its ratio to the zero-order hold), delay {link.delay_s:g} s; * best"
     numbers = (*METHODS, "95 % band")
     made = table("recording", *numbers, title=title, right=numbers)
     for stem, evaluated in recordings.items():
@@ -172,8 +172,8 @@ def _cell(evaluated: Evaluated, name: str) -> Text:
     if score.diverged_at_s is not None:
         return Text(f"diverged at {score.diverged_at_s:.1f} s  ", style="red")
     text = quantity(score.size.rms_n, "N")
-    relative = ratio_to_hold(evaluated, name)
-    if name != "hold" and relative is not None:
+    relative = ratio_to_zoh(evaluated, name)
+    if name != "zoh" and relative is not None:
         text += f" ({relative:.3f})"
     first = name == best(evaluated)
     return Text(f"{text} {'*' if first else ' '}", style="bold green" if first else "")

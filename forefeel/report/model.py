@@ -137,7 +137,7 @@ class AxisReport(_Part):
     axis: str | None = None
     commands: ScoredCommands = ScoredCommands()
     prediction: ErrorSize = ErrorSize()
-    hold: ErrorSize = ErrorSize()
+    zoh: ErrorSize = ErrorSize()
     ratio: ErrorRatio = ErrorRatio()
     settled: PredictionComparison = PredictionComparison()
     predictor: PredictorFigures = PredictorFigures()

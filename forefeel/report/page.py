@@ -149,7 +149,7 @@ def _force(traces: AxisTraces) -> Figure | None:
 def _force_detail(traces: AxisTraces) -> Figure | None:
     """A stretch from the middle of what was scored."""
     commands = traces.commands
-    times = commands.time_s[scored(commands.predicted_n, commands.held_n, commands.force_n)]
+    times = commands.time_s[scored(commands.predicted_n, commands.zoh_n, commands.force_n)]
     if not len(times) or np.ptp(commands.time_s) < 2 * _DETAIL_S:
         return None
     start_s = float(np.median(times)) - _DETAIL_S / 2
@@ -161,9 +161,9 @@ def _force_detail(traces: AxisTraces) -> Figure | None:
 
 
 def _contact_force(axes: Axes, commands: CommandTraces, x: str = "") -> None:
-    limit_y(axes, commands.held_n, commands.force_n, beside=commands.predicted_n, trim=_TRIM)
+    limit_y(axes, commands.zoh_n, commands.force_n, beside=commands.predicted_n, trim=_TRIM)
     band(axes, commands.time_s, commands.low_n, commands.high_n, "95 % band")
-    plot(axes, commands.time_s, commands.held_n, ORANGE, "held (newest that had arrived)")
+    plot(axes, commands.time_s, commands.zoh_n, ORANGE, "zero-order hold (newest that had arrived)")
     plot(axes, commands.time_s, commands.force_n, BLACK, "measured, by command", width=1.7)
     plot(axes, commands.time_s, commands.predicted_n, BLUE, "predicted")
     finish(axes, x, "force in N")
@@ -171,15 +171,15 @@ def _contact_force(axes: Axes, commands: CommandTraces, x: str = "") -> None:
 
 def _error(traces: AxisTraces) -> Figure | None:
     commands = traces.commands
-    rows = scored(commands.predicted_n, commands.held_n, commands.force_n)
+    rows = scored(commands.predicted_n, commands.zoh_n, commands.force_n)
     if not rows.any():
         return None
-    held_mn = 1e3 * (commands.held_n - commands.force_n)[rows]
+    zoh_mn = 1e3 * (commands.zoh_n - commands.force_n)[rows]
     predicted_mn = 1e3 * (commands.predicted_n - commands.force_n)[rows]
     figure, axes = one_plot(3.0)
-    limit_y(axes, held_mn, beside=predicted_mn, trim=_TRIM)
+    limit_y(axes, zoh_mn, beside=predicted_mn, trim=_TRIM)
     axes.axhline(0, color="#8a939e", linewidth=0.8)
-    plot(axes, commands.time_s[rows], held_mn, ORANGE, "held - measured")
+    plot(axes, commands.time_s[rows], zoh_mn, ORANGE, "zero-order hold - measured")
     plot(axes, commands.time_s[rows], predicted_mn, BLUE, "predicted - measured")
     finish(axes, "time in s", "error in mN")
     _whole_time(axes, traces)
@@ -311,8 +311,8 @@ _FIGURES: tuple[tuple[Callable[[AxisTraces], Figure | None], str, str], ...] = (
     (
         _force,
         "Force",
-        "Above: predicted and held when a command was sent, and the force that was measured when the slave "
-        "executed that command, drawn at the time of the command. Below: what the hand felt, which is the "
+        "Above: prediction and zero-order hold when a command was sent, and the force measured when the "
+        "slave executed it, drawn at the time of the command. Below: what the hand felt, which is the "
         "prediction scaled to the hand, limited, kept passive, and faded out while the slave does not "
         f"follow. The band should hold 95 % of the measured forces. {_THINNED}",
     ),
@@ -324,7 +324,7 @@ _FIGURES: tuple[tuple[Callable[[AxisTraces], Figure | None], str, str], ...] = (
     ),
     (
         _error,
-        "Error of prediction and hold",
+        "Error of prediction and zero-order hold",
         f"Against the measured force, on the same commands. The highest and lowest {_TRIM:.1%}, and a "
         "prediction that is far off, may lie outside of the picture; the figures in numbers count them. "
         f"{_THINNED}",
@@ -407,7 +407,7 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
         f"Run        {_what_ran(report)}",
         f"Prediction {_size(report.prediction)}; {report.commands.scored} of {report.commands.sent} "
         "commands scored",
-        f"Hold       {_size(report.hold)}; prediction / hold {ratio(report.ratio.rms)}, "
+        f"Hold       {_size(report.zoh)}; prediction / hold {ratio(report.ratio.rms)}, "
         f"settled {ratio(report.settled.ratio.rms)}",
         f"Delay      {quantity(report.delay_s.p50, 's')} p50, {quantity(report.delay_s.p99, 's')} p99, "
         f"{quantity(report.delay_s.max, 's')} max; force age {quantity(report.force_age_s.p50, 's')}; "

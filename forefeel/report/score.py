@@ -3,7 +3,7 @@
 A prediction is made for a command. What it should have been is known later: the first force that the slave
 measured while it executed that very command. So both are paired by the command's number, not by a clock, and
 neither delay nor loss of the network enters the score. The baseline is to go on showing the newest force
-that had arrived (a hold); it is scored on the same commands.
+that had arrived (a zero-order hold, ZOH); it is scored on the same commands.
 """
 
 from dataclasses import dataclass, field
@@ -32,7 +32,7 @@ class PredictionComparison:
 
     commands: int = 0
     prediction: ErrorSize = field(default_factory=ErrorSize)
-    hold: ErrorSize = field(default_factory=ErrorSize)
+    zoh: ErrorSize = field(default_factory=ErrorSize)
     ratio: ErrorRatio = field(default_factory=ErrorRatio)
 
 
@@ -110,22 +110,22 @@ def of_one_stretch(stretch: Indices) -> NDArray[np.bool_]:
     return np.asarray((edged[before] == edged[after]) & (edged[before] >= 0))
 
 
-def scored(predicted_n: Floats, held_n: Floats, force_n: Floats) -> NDArray[np.bool_]:
+def scored(predicted_n: Floats, zoh_n: Floats, force_n: Floats) -> NDArray[np.bool_]:
     """Where all three exist (are not NaN)."""
-    return np.isfinite(predicted_n) & np.isfinite(held_n) & np.isfinite(force_n)
+    return np.isfinite(predicted_n) & np.isfinite(zoh_n) & np.isfinite(force_n)
 
 
-def compare(predicted_n: Floats, held_n: Floats, force_n: Floats) -> PredictionComparison:
+def compare(predicted_n: Floats, zoh_n: Floats, force_n: Floats) -> PredictionComparison:
     """Errors of prediction and hold over the commands where both and the answer exist."""
-    rows = scored(predicted_n, held_n, force_n)
+    rows = scored(predicted_n, zoh_n, force_n)
     prediction = error_size(predicted_n[rows], force_n[rows])
-    hold = error_size(held_n[rows], force_n[rows])
+    zoh = error_size(zoh_n[rows], force_n[rows])
     ratio = ErrorRatio(
-        rms=_ratio(prediction.rms_n, hold.rms_n),
-        p95=_ratio(prediction.p95_n, hold.p95_n),
-        max=_ratio(prediction.max_n, hold.max_n),
+        rms=_ratio(prediction.rms_n, zoh.rms_n),
+        p95=_ratio(prediction.p95_n, zoh.p95_n),
+        max=_ratio(prediction.max_n, zoh.max_n),
     )
-    return PredictionComparison(int(np.count_nonzero(rows)), prediction, hold, ratio)
+    return PredictionComparison(int(np.count_nonzero(rows)), prediction, zoh, ratio)
 
 
 def spread(values: Floats) -> Spread:

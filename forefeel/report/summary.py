@@ -50,7 +50,7 @@ _SILENT_S = 1.0
 MOST_EVENTS = 100
 _TIMINGS = {"master": MASTER_TIMING, "slave": SLAVE_TIMING}
 _HOW = (
-    "Scored by command: a prediction, and the hold of the newest force, against the first force that "
+    "Scored by command: a prediction, and the newest force (zero-order hold), against the first force that "
     "the slave measured while it executed the command of the same tick.",
     "Both are scored on the same commands, from the first one for which both exist; "
     f"'settled' starts {SETTLING_S:g} s after it.",
@@ -104,7 +104,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         axis=axis,
         commands=commands,
         prediction=overall.prediction,
-        hold=overall.hold,
+        zoh=overall.zoh,
         ratio=overall.ratio,
         settled=settled,
         predictor=_predictor(run, axis, traces.commands),
@@ -128,7 +128,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
 
 def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionComparison]:
     """(all scored commands, those from SETTLING_S after the first of them)."""
-    forces = commands.predicted_n, commands.held_n, commands.force_n
+    forces = commands.predicted_n, commands.zoh_n, commands.force_n
     rows = np.flatnonzero(scored(*forces))
     if not len(rows):
         return PredictionComparison(), PredictionComparison()
@@ -159,7 +159,7 @@ def _hand(commands: CommandTraces) -> HandFigures:
 def _scored_commands(commands: CommandTraces) -> ScoredCommands:
     sent = len(commands.time_s)
     answered = int(np.count_nonzero(np.isfinite(commands.force_n)))
-    both = int(np.count_nonzero(scored(commands.predicted_n, commands.held_n, commands.force_n)))
+    both = int(np.count_nonzero(scored(commands.predicted_n, commands.zoh_n, commands.force_n)))
     return ScoredCommands(
         sent=sent,
         answered=answered,
@@ -283,7 +283,7 @@ def _notes(run: Run, axis: str, commands: ScoredCommands) -> tuple[str, ...]:
     if not commands.answered:
         notes.append("No command was answered by a valid force: nothing could be scored.")
     elif not commands.scored:
-        notes.append("No answered command had a prediction and a held force: nothing could be scored.")
+        notes.append("No answered command had a prediction and a received force: nothing could be scored.")
     handshake = last(run.messages(axis, SLAVE_HANDSHAKE))
     if handshake is not None and not handshake.accepted:
         notes.append(f"The slave refused the session: {handshake.reason}")

@@ -29,7 +29,7 @@ from forefeel.report.states import Span, session_end_ns, spans
 
 Flags = NDArray[np.bool_]
 
-_SAID = "predicted_n", "low_n", "high_n", "held_n", "rendered_n", "energy_j"
+_SAID = "predicted_n", "low_n", "high_n", "zoh_n", "rendered_n", "energy_j"
 _JUMP_NS = 10_000_000_000
 """Messages of one clock may be out of order by less."""
 _HANDLE_FAULT = "handle_fault"
@@ -49,7 +49,7 @@ class CommandTraces:
     predicted_n: Floats
     low_n: Floats
     high_n: Floats
-    held_n: Floats
+    zoh_n: Floats
     rendered_n: Floats
     energy_j: Floats
     force_n: Floats

@@ -140,7 +140,7 @@ def bench_figure(made: RunPredictions, delay_s: float) -> tuple[BenchFigure, Ben
         force_peak_n=float(np.max(np.abs(run.force_n[rows]), initial=0.0)),
         without_delay=bounded(prompt_n),
         delayed=bounded(made.paper_n),
-        hold=bounded(made.hold_n),
+        zoh=bounded(made.zoh_n),
         product=bounded(product_n),
         delayed_rms_by_rate_hz={f"{rate_hz:g}": _rms_at(made, rate_hz, delay_s) for rate_hz in RATES_HZ},
     )

@@ -83,7 +83,7 @@ def _bounded(figure: BenchFigure) -> PaperComparison:
     prompt, late = figure.without_delay, figure.delayed
     stable = [
         one.share_within is not None and one.share_within >= _STABLE_SHARE
-        for one in (prompt, late, figure.hold)
+        for one in (prompt, late, figure.zoh)
     ]
     verdict = {
         (True, True, True): "reproduced, but the hold does it as well",
@@ -96,7 +96,7 @@ def _bounded(figure: BenchFigure) -> PaperComparison:
         subject=f"Figures {first}, {second}: {figure.instrument}, simulated bench",
         paper=f"error stable within 0-{1e3 * figure.stated_bound_n:.0f} mN",
         ours=f"without delay {_bound(prompt)}; {1e3 * figure.delay_s:.0f} ms late {_bound(late)}; "
-        f"holding the late force {_bound(figure.hold)}; the force itself is "
+        f"holding the late force {_bound(figure.zoh)}; the force itself is "
         f"{_newton(figure.force_rms_n)} rms, {_newton(figure.force_peak_n)} at most",
         verdict=verdict,
     )

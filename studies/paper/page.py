@@ -48,7 +48,7 @@ from forefeel.studies.paper.unmodelled import SHOWN_N, UnmodelledTraces
 from forefeel.studies.paper.windup import WindupTraces
 
 _BENCH = "Simulated bench, not the paper's phantom"
-_BY_METHOD = {"hold": ORANGE, "paper": VERMILION, "product": BLUE}
+_BY_METHOD = {"zoh": ORANGE, "paper": VERMILION, "product": BLUE}
 _LABEL: dict[str, Any] = {"textcoords": "offset points", "color": "#3c4450", "fontsize": 9.5}
 _WIDE = 0.05  # share of the axis beside what is drawn, where a marker or a bar stands at its end
 
@@ -205,7 +205,7 @@ def _bench_figures(traces: BenchTraces, numbers: BenchFigure) -> list[_Figure]:
             f"Figure {second}: error of the prediction, {what}, simulated bench",
             f"{_BENCH}. Grey: the bound that the paper states, {1e3 * traces.bound_n:.0f} mN. Within it: "
             f"{_percent(numbers.without_delay.share_within)} of the time without a delay, "
-            f"{_percent(numbers.delayed.share_within)} with 300 ms, {_percent(numbers.hold.share_within)} by "
+            f"{_percent(numbers.delayed.share_within)} with 300 ms, {_percent(numbers.zoh.share_within)} by "
             f"holding the late force. The force itself reaches {1e3 * numbers.force_peak_n:.0f} mN.",
         ),
     ]
@@ -379,7 +379,9 @@ def _pairing(rows: tuple[BaselineRow, ...], simulated: SimulatedTraces) -> Figur
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
     late = simulated.time_s > 2 * np.pi
     time_s, truth = simulated.time_s[late], simulated.force_n[late]
-    left.plot(time_s, 1e3 * (simulated.arrived_n[late] - truth), color=ORANGE, linewidth=7, label="hold")
+    left.plot(
+        time_s, 1e3 * (simulated.arrived_n[late] - truth), color=ORANGE, linewidth=7, label="zero-order hold"
+    )
     left.plot(
         time_s,
         1e3 * (simulated.newest_n[late] - truth),
@@ -442,22 +444,22 @@ def short_table(numbers: Reproduction, folder: Path) -> list[str]:
         f"(d) bias            {quantity(bias.size_n, 'N')} leave {quantity(bias.paper_rms_n, 'N')}; "
         f"product {quantity(bias.product_rms_n, 'N')}",
         f"(f) pairing         {quantity(flaws.pairing.newest_rms_n, 'N')} rms, "
-        f"hold {quantity(flaws.pairing.hold_rms_n, 'N')}",
+        f"zero-order hold {quantity(flaws.pairing.zoh_rms_n, 'N')}",
         f"{'(e) rms over that of the hold':<48} {'paper':>8} {'tared':>8} {'product':>8}",
     ]
     lines += [
         f"    {row.name + (', simulated bench' if row.source == 'simulated bench' else ''):<44} "
-        f"{ratio(row.paper_over_hold):>8} {ratio(row.tared_over_hold):>8} {ratio(row.product_over_hold):>8}"
+        f"{ratio(row.paper_over_zoh):>8} {ratio(row.tared_over_zoh):>8} {ratio(row.product_over_zoh):>8}"
         for row in flaws.baseline.rows
     ]
     if not flaws.baseline.recordings_given:
         lines.append("    no measured recordings given (--recordings DIR)")
     lines.append(
-        f"{'Error not felt (29 mN or 7 %), share of time':<48} {'hold':>8} {'paper':>8} {'product':>8}"
+        f"{'Error not felt (29 mN or 7 %), share of time':<48} {'zoh':>8} {'paper':>8} {'product':>8}"
     )
     shares = {(row.instrument, row.style, row.method): row.strict_share for row in numbers.thresholds.rows}
     for instrument, style in dict.fromkeys((key[0], key[1]) for key in shares):
-        values = [shares[instrument, style, method] for method in ("hold", "paper", "product")]
+        values = [shares[instrument, style, method] for method in ("zoh", "paper", "product")]
         lines.append(f"    {f'{instrument}, {style}':<44} {' '.join(f'{share(v):>8}' for v in values)}")
     lines += [f"Files      reproduction.html, reproduction.json, figures in {folder}", DISCLAIMER]
     return lines

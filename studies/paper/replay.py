@@ -47,7 +47,7 @@ class RunPredictions:
     """Predictions for every sample of a run, shape (n,); `scored`: where they are compared."""
 
     run: ReplayedRun
-    hold_n: Array
+    zoh_n: Array
     paper_n: Array
     newest_n: Array
     tared_n: Array
@@ -55,8 +55,8 @@ class RunPredictions:
 
     def method(self, name: str) -> Array:
         """The predictions of `hold`, `paper`, `newest`, `tared` or `product`."""
-        known = {"hold": self.hold_n, "paper": self.paper_n, "newest": self.newest_n, "tared": self.tared_n}
-        nothing = np.full(len(self.hold_n), np.nan)
+        known = {"zoh": self.zoh_n, "paper": self.paper_n, "newest": self.newest_n, "tared": self.tared_n}
+        nothing = np.full(len(self.zoh_n), np.nan)
         product = self.run.product_n if self.run.product_n is not None else nothing
         return known.get(name, product)
 
@@ -123,7 +123,7 @@ def thinned(recording: Recording, rate_hz: float) -> Recording:
 
 def baseline_row(made: RunPredictions) -> BaselineRow:
     """One run's errors side by side."""
-    names = "hold", "paper", "newest", "tared", "product"
+    names = "zoh", "paper", "newest", "tared", "product"
     hold, paper, newest, tared, product = (made.error(name) for name in names)
     return BaselineRow(
         name=made.run.name,
@@ -131,13 +131,13 @@ def baseline_row(made: RunPredictions) -> BaselineRow:
         scored=int(np.count_nonzero(made.scored)),
         scored_s=made.scored_s,
         force_rms_n=rms(made.run.force_n[made.scored]),
-        hold=hold,
+        zoh=hold,
         paper=paper,
         newest=newest,
         tared=tared,
         product=product,
-        paper_over_hold=ratio(paper, hold),
-        newest_over_hold=ratio(newest, hold),
-        tared_over_hold=ratio(tared, hold),
-        product_over_hold=ratio(product, hold),
+        paper_over_zoh=ratio(paper, hold),
+        newest_over_zoh=ratio(newest, hold),
+        tared_over_zoh=ratio(tared, hold),
+        product_over_zoh=ratio(product, hold),
     )

@@ -65,7 +65,7 @@ class BenchFigure(Part):
     force_peak_n: float
     without_delay: BoundedError
     delayed: BoundedError
-    hold: BoundedError
+    zoh: BoundedError
     product: BoundedError
     delayed_rms_by_rate_hz: dict[str, float | None]
 
@@ -191,15 +191,15 @@ class BaselineRow(Part):
     scored: int
     scored_s: float
     force_rms_n: float | None
-    hold: ErrorSummary
+    zoh: ErrorSummary
     paper: ErrorSummary
     newest: ErrorSummary
     tared: ErrorSummary
     product: ErrorSummary
-    paper_over_hold: float | None
-    newest_over_hold: float | None
-    tared_over_hold: float | None
-    product_over_hold: float | None
+    paper_over_zoh: float | None
+    newest_over_zoh: float | None
+    tared_over_zoh: float | None
+    product_over_zoh: float | None
 
 
 class Baseline(Part):
@@ -221,7 +221,7 @@ class Pairing(Part):
     stamps_rms_n: float | None
     newest_rms_n: float | None
     product_rms_n: float | None
-    hold_rms_n: float | None
+    zoh_rms_n: float | None
     expected_n: float
 
 
@@ -234,7 +234,7 @@ class ThresholdRow(Part):
 
     instrument: str
     style: str
-    method: Literal["hold", "paper", "product"]
+    method: Literal["zoh", "paper", "product"]
     force_scale: float
     scored_s: float
     error_at_hand: ErrorSummary

@@ -129,6 +129,6 @@ def pairing(figure: SimulatedFigure, hold: ErrorSummary) -> Pairing:
         stamps_rms_n=figure.error.rms_n,
         newest_rms_n=figure.newest_error.rms_n,
         product_rms_n=rms((product_n - force_n)[late]),
-        hold_rms_n=hold.rms_n,
+        zoh_rms_n=hold.rms_n,
         expected_n=expected_rms_n(figure.delay_s),
     )

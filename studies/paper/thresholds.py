@@ -15,8 +15,8 @@ from forefeel.studies.paper.results import ThresholdRow, error_size
 RELATIVE = 0.07, 0.10  # share of the force, strict and lenient just noticeable difference (see above)
 ABSOLUTE_N = 0.029, 0.044  # N, strict and lenient absolute threshold of a finger (see above)
 
-Method = Literal["hold", "paper", "product"]
-METHODS: tuple[Method, ...] = ("hold", "paper", "product")
+Method = Literal["zoh", "paper", "product"]
+METHODS: tuple[Method, ...] = ("zoh", "paper", "product")
 
 
 def share_unfelt(error_n: Array, force_n: Array, absolute_n: float, relative: float) -> float | None:

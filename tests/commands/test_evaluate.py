@@ -83,7 +83,7 @@ def test_the_ratio_in_the_table_is_that_of_the_document(
     methods = document(tmp_path / "out")["recordings"]["contact"]["methods"]  # type: ignore[index]
     shown = capsys.readouterr().out
     for name in "paper", "mbk_bias", "forefeel":
-        assert f"({methods[name]['rms_n'] / methods['hold']['rms_n']:.3f})" in shown
+        assert f"({methods[name]['rms_n'] / methods['zoh']['rms_n']:.3f})" in shown
 
 
 def test_the_page_stands_alone_and_its_figures_are_well_formed(run: Run, tmp_path: Path) -> None:

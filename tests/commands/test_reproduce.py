@@ -86,7 +86,7 @@ def check_numbers(numbers: dict[str, Any]) -> None:
     assert [one["instrument"] for one in numbers["bench"]] == ["catheter", "guidewire"]
     for one in numbers["bench"]:
         assert one["round_trip_s"] == pytest.approx(0.3, abs=0.02)
-        errors = [one[name]["error"]["rms_n"] for name in ("without_delay", "product", "hold")]
+        errors = [one[name]["error"]["rms_n"] for name in ("without_delay", "product", "zoh")]
         assert 0.0 < errors[0] < errors[2]  # what is not late is better
         assert errors[1] > 0.0
         assert one["force_peak_n"] < (1.0 if one["instrument"] == "catheter" else 0.1)
@@ -100,8 +100,8 @@ def check_numbers(numbers: dict[str, Any]) -> None:
         "short": True,
     }
     good = baseline["rows"][2]
-    assert good["product_over_hold"] < 1.0  # it resists the motion only when turned
-    assert good["tared_over_hold"] < good["paper_over_hold"]  # of an offset of 1 N
+    assert good["product_over_zoh"] < 1.0  # it resists the motion only when turned
+    assert good["tared_over_zoh"] < good["paper_over_zoh"]  # of an offset of 1 N
     scales = {(row["instrument"], row["force_scale"]) for row in numbers["thresholds"]["rows"]}
     assert scales == {("catheter", 1.0), ("guidewire", 10.0)}
     for row in numbers["thresholds"]["rows"]:
@@ -177,6 +177,6 @@ def test_on_measured_recordings_the_hold_stands_beside_the_paper(data_dir: Path)
         for i, t in enumerate(time_s)
         if t >= time_s[0] + 3.3 - 1e-9
     ]
-    assert row.hold.rms_n == pytest.approx(float(np.sqrt(np.mean(np.square(errors)))), rel=1e-3)
-    assert row.product_over_hold is not None
-    assert row.product_over_hold < 1.0
+    assert row.zoh.rms_n == pytest.approx(float(np.sqrt(np.mean(np.square(errors)))), rel=1e-3)
+    assert row.product_over_zoh is not None
+    assert row.product_over_zoh < 1.0

@@ -52,7 +52,7 @@ def haptics(sequence: int, stamp_ns: int, **changes: object) -> HapticSample:
         "low_n": force_n - 0.02,
         "high_n": force_n + 0.03,
         "leading": "friction, recent",
-        "held_n": 0.1,
+        "zoh_n": 0.1,
         "rendered_n": 0.5 * force_n,
         "force_age_s": 0.15,
         "delay_s": 0.3,

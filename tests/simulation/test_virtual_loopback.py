@@ -118,14 +118,14 @@ def test_the_prediction_beats_the_late_force_by_far() -> None:
     haptics = {sample.sequence: sample for sample in heard.messages(HAPTICS)}
     met = {s.answers_sequence: s.force_n for s in heard.messages(FORCE) if s.answers_sequence and s.valid}
     pairs = [
-        (force_n, haptics[sequence].predicted_n, haptics[sequence].held_n)
+        (force_n, haptics[sequence].predicted_n, haptics[sequence].zoh_n)
         for sequence, force_n in met.items()
         if first_s + 2.0 < haptics[sequence].stamp_ns / S < 1.0 + duration_s("paper")
     ]
-    forces_n, predicted_n, held_n = np.array(pairs, dtype=np.float64).T
+    forces_n, predicted_n, zoh_n = np.array(pairs, dtype=np.float64).T
     assert len(pairs) > 1500
     assert np.isfinite(predicted_n).all()
-    error_n, late_n = (np.sqrt(np.mean((x - forces_n) ** 2)) for x in (predicted_n, held_n))
+    error_n, late_n = (np.sqrt(np.mean((x - forces_n) ** 2)) for x in (predicted_n, zoh_n))
     assert error_n < 0.6 * late_n
 
 

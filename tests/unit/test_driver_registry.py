@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib.metadata import EntryPoint, EntryPoints
 from typing import Any
 
@@ -18,12 +19,14 @@ OTHER_NAME = Driver(SimulatedStageSettings, "nowhere:Nothing", "a stage")
 
 
 @pytest.fixture
-def only(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401
+def only(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     def only(value: str) -> None:
         found = EntryPoints([EntryPoint("mine", value, "forefeel.stages")])
         monkeypatch.setattr(driver, "entry_points", lambda group: found.select(group=group))
 
-    return only
+    driver._found.cache_clear()
+    yield only
+    driver._found.cache_clear()
 
 
 @pytest.mark.parametrize(

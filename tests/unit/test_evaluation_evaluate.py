@@ -26,7 +26,7 @@ def test_the_hold_is_scored_as_numpy_does() -> None:
     assert SAMPLE.force_n is not None
     error = hold_oracle(SAMPLE.time_s, SAMPLE.force_n, 0.3) - SAMPLE.force_n
     error = error[SAMPLE.time_s - SAMPLE.time_s[0] >= 3.3]
-    size = evaluate(prepare(SAMPLE, LINK), None).scores["hold"].size
+    size = evaluate(prepare(SAMPLE, LINK), None).scores["zoh"].size
     assert size.rms_n == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
     assert size.p95_n == pytest.approx(np.quantile(np.abs(error), 0.95), rel=1e-12)
     assert size.max_n == pytest.approx(np.max(np.abs(error)), rel=1e-12)
@@ -71,8 +71,8 @@ def test_the_document_has_the_agreed_form_and_no_nan() -> None:
     assert list(one) == ["samples", "duration_s", "rate_hz", "gaps", "notes", "methods"]
     assert (one["samples"], one["gaps"]) == (600, 1)
     assert one["rate_hz"] == pytest.approx(100, rel=0.01)
-    assert list(one["methods"]) == list(METHODS) == ["hold", "paper", "mbk_bias", "forefeel"]
-    for name in "hold", "paper", "mbk_bias":
+    assert list(one["methods"]) == list(METHODS) == ["zoh", "paper", "mbk_bias", "forefeel"]
+    for name in "zoh", "paper", "mbk_bias":
         assert list(one["methods"][name]) == ["rms_n", "p95_n", "max_n"]
     assert list(one["methods"]["forefeel"]) == [
         "rms_n", "p95_n", "max_n", "coverage_95", "band_width_n", "leading_expert",
@@ -108,7 +108,7 @@ def test_motion_that_tells_nothing_still_has_numbers(speed_m_s: float) -> None:
     force_n = 0.1 + 0.01 * np.sin(7 * time_s)
     evaluated = evaluate(prepare(recording(time_s, speed_m_s * time_s, force_n), LINK), None)
     assert any("motion tells nothing, expect hold" in note for note in evaluated.notes)
-    assert all(np.isfinite(evaluated.scores[name].size.rms_n or np.nan) for name in ("hold", "mbk_bias"))
+    assert all(np.isfinite(evaluated.scores[name].size.rms_n or np.nan) for name in ("zoh", "mbk_bias"))
 
 
 def test_jitter_and_loss_are_repeatable_and_change_the_score() -> None:

@@ -33,7 +33,7 @@ def test_every_method_has_a_finite_score_and_the_hold_is_numpys(name: str) -> No
     newest = np.searchsorted(time_s, time_s - 0.3, side="right") - 1
     rows = time_s - time_s[0] >= 3.3
     error = force_n[newest[rows]] - force_n[rows]
-    assert evaluated.scores["hold"].size.rms_n == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
+    assert evaluated.scores["zoh"].size.rms_n == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
     for score in evaluated.scores.values():
         assert score.diverged_at_s is None
         assert np.isfinite(score.size.rms_n or np.nan)

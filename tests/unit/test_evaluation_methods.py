@@ -12,14 +12,14 @@ from tests.unit.evaluation_samples import Floats, hold_oracle, made_up, recordin
 def test_the_hold_is_its_definition(delay_s: float, uneven: float) -> None:
     sample = made_up(duration_s=5.0, uneven=uneven)
     assert sample.force_n is not None
-    trace = replay(sample, arrivals(sample.time_s, DelayedLink(delay_s)), METHODS["hold"](None))
+    trace = replay(sample, arrivals(sample.time_s, DelayedLink(delay_s)), METHODS["zoh"](None))
     expected = hold_oracle(sample.time_s, sample.force_n, delay_s)
     np.testing.assert_array_equal(trace.force_n, expected)
     np.testing.assert_array_equal(trace.answered, np.isfinite(expected))
 
 
 def test_the_hold_keeps_the_newest_stamp_whatever_the_order() -> None:
-    hold = METHODS["hold"](None)
+    hold = METHODS["zoh"](None)
     assert hold.predict() is None
     for stamp_s, force_n in (1.0, 10.0), (3.0, 30.0), (2.0, 20.0):
         hold.observe(stamp_s, force_n)

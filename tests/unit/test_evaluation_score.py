@@ -42,9 +42,9 @@ def test_scored_from_three_seconds_and_the_delay_on() -> None:
 
 
 def test_before_a_force_can_be_held_nothing_is_scored() -> None:
-    held_n = FORCE_N.copy()
-    held_n[:500] = np.nan
-    assert np.flatnonzero(scored_stamps(TIME_S, 0.3, trace(held_n)))[0] == 500
+    zoh_n = FORCE_N.copy()
+    zoh_n[:500] = np.nan
+    assert np.flatnonzero(scored_stamps(TIME_S, 0.3, trace(zoh_n)))[0] == 500
 
 
 def test_sizes_are_numpys() -> None:

@@ -53,8 +53,8 @@ def test_the_band_covers_95_percent_and_is_narrow(delay_s: float) -> None:
 def test_the_name_that_leads_is_an_expert_or_the_hold() -> None:
     sample = contact()
     said = replayed(sample, 0.3)
-    assert set(said.leading) <= {"", "hold", *NAMES[:OUTSIDE]}
-    assert said.leading[-1] not in ("", "hold")
+    assert set(said.leading) <= {"", "zoh", *NAMES[:OUTSIDE]}
+    assert said.leading[-1] not in ("", "zoh")
 
 
 def test_a_perfect_model_from_outside_is_trusted_from_early_on() -> None:

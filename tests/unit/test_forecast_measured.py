@@ -28,12 +28,12 @@ def test_error_and_band(name: str, delay_s: float, data_dir: Path) -> None:
     assert recording.force_n is not None
     sample = Sample(recording.time_s, recording.position_m, recording.force_n)
     said, rows = replayed(sample, delay_s), scored(sample, delay_s)
-    error_n, held_n = (said.force - sample.f)[rows], (said.held - sample.f)[rows]
-    rms_n, hold_rms_n = said.rms(sample.f, rows), said.hold_rms(sample.f, rows)
-    assert rms_n <= 1.05 * hold_rms_n
-    assert np.abs(error_n).max() <= 1.1 * np.abs(held_n).max()
+    error_n, zoh_n = (said.force - sample.f)[rows], (said.held - sample.f)[rows]
+    rms_n, zoh_rms_n = said.rms(sample.f, rows), said.hold_rms(sample.f, rows)
+    assert rms_n <= 1.05 * zoh_rms_n
+    assert np.abs(error_n).max() <= 1.1 * np.abs(zoh_n).max()
     inside = ((said.low <= sample.f) & (sample.f <= said.high))[rows]
     assert 0.93 <= np.mean(inside) <= 0.97
     assert np.mean((said.high - said.low)[rows]) <= 5.0 * rms_n
     if delay_s == 0.3:
-        assert rms_n <= BOUNDS[name] * hold_rms_n
+        assert rms_n <= BOUNDS[name] * zoh_rms_n

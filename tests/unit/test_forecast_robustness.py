@@ -126,7 +126,7 @@ def test_a_delay_longer_than_what_is_kept_becomes_the_hold() -> None:
     said = replayed(sample, 45.0)
     rows = sample.t > 48.0
     np.testing.assert_array_equal(said.force[rows], said.held[rows])
-    assert set(np.array(said.leading)[rows]) == {"hold"}
+    assert set(np.array(said.leading)[rows]) == {"zoh"}
     assert np.mean((said.low <= sample.f) & (sample.f <= said.high), where=rows) > 0.9
 
 

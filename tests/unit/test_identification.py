@@ -217,19 +217,19 @@ def predicted_and_held(loss: float) -> tuple[float, float, ContactEstimate]:
     identifier = ContactIdentifier(contact(), IdentificationSettings())
     predictor = ContactPredictor(contact(), cutoff_hz=40.0)
     estimate: ContactEstimate | None = None
-    held_n, errors, held_errors = 0.0, [], []
+    zoh_n, errors, held_errors = 0.0, [], []
     samples = list(recorded(rng, 9.0))
     for i in range(DELAY, len(samples)):
         if rng.random() >= loss:
             identifier.observe(*samples[i - DELAY])
-            held_n = samples[i - DELAY][2]
+            zoh_n = samples[i - DELAY][2]
         if i % 50 == 0:
             estimate = identifier.estimate()
         x, v, _ = motion(i * 1e-3)
         force_n = predictor.predict(i * MS, round(x * 1e6) * 1e-6, v, estimate)
         if i > 3000 and force_n is not None:
             errors.append(force_n - linear_force_n(i * 1e-3))
-            held_errors.append(held_n - linear_force_n(i * 1e-3))
+            held_errors.append(zoh_n - linear_force_n(i * 1e-3))
     assert estimate is not None
     assert len(errors) == len(samples) - 3001
     return rms(errors), rms(held_errors), estimate
@@ -241,8 +241,8 @@ def rms(values: Sequence[float]) -> float:
 
 @pytest.mark.parametrize("loss", [0.0, 0.1, 0.5])
 def test_the_prediction_is_far_better_than_holding_the_late_force(loss: float) -> None:
-    predicted_n, held_n, estimate = predicted_and_held(loss)
-    assert predicted_n < held_n / 60.0
+    predicted_n, zoh_n, estimate = predicted_and_held(loss)
+    assert predicted_n < zoh_n / 60.0
     assert predicted_n < 0.004
     assert by_name(estimate) == pytest.approx(TRUTH, rel=0.03)
 

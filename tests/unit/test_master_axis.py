@@ -80,7 +80,7 @@ def test_a_session_that_the_slave_lost_is_replaced_and_nothing_of_it_is_felt(rig
     assert len(rig.commands) == sent
     rig.answer()
     rig.step(1, state=None, force=False)
-    assert rig.haptics[-1].held_n is None
+    assert rig.haptics[-1].zoh_n is None
     assert rig.handle.shown.state is None
 
 
@@ -93,7 +93,7 @@ def test_a_slave_whose_clock_began_anew_is_heard_after_the_handshake(rig: Rig) -
     rig.answer()
     rig.step(10)
     assert rig.handle.shown.state is S.ARMED
-    assert rig.haptics[-1].held_n == 0.3
+    assert rig.haptics[-1].zoh_n == 0.3
 
 
 # --- forces and states ---
@@ -103,7 +103,7 @@ def test_forces_of_another_session_are_counted_and_not_used(rig: Rig) -> None:
     for session_id in (0, 5, 5):
         rig.say_force(session_id, position_m=0.9)
     rig.step(1, state=S.ARMED, force=False)
-    assert rig.haptics[-1].held_n is None
+    assert rig.haptics[-1].zoh_n is None
     assert rig.handle.shown.stage_position_m is None
     assert rig.counters()["forces_of_another_session"] == 2
 
@@ -114,7 +114,7 @@ def test_a_force_beyond_the_load_cell_is_counted_and_reaches_neither_hand_nor_pr
         rig.clock.set_ns(rig.now_ns + MS)
         rig.say_force(force_n=force_n)
     rig.step(1, force=False)
-    assert rig.haptics[-1].held_n == FULL_SCALE_N
+    assert rig.haptics[-1].zoh_n == FULL_SCALE_N
     assert rig.counters()["forces_out_of_range"] == 2
     assert [sample.force_n for sample in rig.axis.identification.queue.drain()] == [0.3, FULL_SCALE_N]
 
@@ -127,7 +127,7 @@ def test_a_force_beyond_the_range_of_its_message_is_malformed(rig: Rig) -> None:
     )  # fmt: skip
     rig.put_raw(msgpack.packb({**dict(force), "gripper": "closed", "force_n": 1e300}))
     rig.step(1, force=False)
-    assert rig.haptics[-1].held_n == 0.3
+    assert rig.haptics[-1].zoh_n == 0.3
     assert rig.counters()["malformed_slave_force"] == 1
 
 
@@ -136,7 +136,7 @@ def test_a_force_that_was_overtaken_is_learned_from_but_not_shown(rig: Rig) -> N
     rig.say_force(force_n=0.8, position_m=0.06, stamp_ns=500)
     rig.say_force(force_n=0.9, position_m=0.07, stamp_ns=499)
     rig.step(1, force=False)
-    assert rig.haptics[-1].held_n == 0.3
+    assert rig.haptics[-1].zoh_n == 0.3
     assert rig.counters()["forces_reordered"] == 2
     assert len(rig.axis.identification.queue.drain()) == 3
 
@@ -146,7 +146,7 @@ def test_an_invalid_force_tells_the_position_but_is_not_held(rig: Rig) -> None:
     rig.clock.set_ns(rig.now_ns + MS)
     rig.say_force(valid=False, force_n=9.0, position_m=0.055)
     rig.step(1, force=False)
-    assert rig.haptics[-1].held_n == 0.3
+    assert rig.haptics[-1].zoh_n == 0.3
     assert rig.handle.shown.stage_position_m == 0.055
 
 

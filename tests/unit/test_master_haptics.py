@@ -80,12 +80,12 @@ def _said(out: HapticOutputs) -> float | None:
 
 def test_the_hand_feels_the_prediction_and_not_the_late_force() -> None:
     out = Bench().tick(300)
-    assert (out.rendered_n, _said(out), out.held_n, out.hits) == (1.0, 1.0, 0.7, ())
+    assert (out.rendered_n, _said(out), out.zoh_n, out.hits) == (1.0, 1.0, 0.7, ())
 
 
 def test_for_comparison_the_hand_feels_the_late_force() -> None:
     out = Bench(RenderingSettings(source="held")).tick(300)
-    assert (out.rendered_n, _said(out), out.held_n) == (0.7, 1.0, 0.7)
+    assert (out.rendered_n, _said(out), out.zoh_n) == (0.7, 1.0, 0.7)
 
 
 def test_the_model_sees_the_position_of_the_command_and_the_velocity_of_the_handle() -> None:
@@ -138,7 +138,7 @@ def test_forces_that_keep_coming_but_are_old_by_measurement_are_not_felt(late_ns
 
 def test_before_any_force_nothing_is_felt() -> None:
     out = Bench().tick(500, fresh=False)
-    assert (out.rendered_n, out.held_n) == (0.0, None)
+    assert (out.rendered_n, out.zoh_n) == (0.0, None)
 
 
 @pytest.mark.parametrize("state", [None, *(s for s in SafetyState if s not in (S.ENGAGING, S.ARMED))])

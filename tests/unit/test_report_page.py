@@ -71,7 +71,7 @@ def test_an_empty_run_has_a_page(tmp_path: Path) -> None:
 
 def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(tmp_path: Path) -> None:
     with recorded(tmp_path / "run.mcap") as run:
-        run.haptics(0, 1, predicted_n=MOST_FORCE_N, held_n=0.0, answered=1, delay_s=0.0)
+        run.haptics(0, 1, predicted_n=MOST_FORCE_N, zoh_n=0.0, answered=1, delay_s=0.0)
         run.force(0, 1.0, answers=1)
         run.slave_state(0, S.ARMED)
         run.parameters(0, 1.0)
@@ -113,7 +113,7 @@ def test_two_axes_of_a_killed_recorder_have_a_page(tmp_path: Path) -> None:
         for axis in "insertion", "rotation":
             run = RunBuilder(writer, axis)
             for k in range(1, 20):
-                run.haptics(k, k, predicted_n=1.0, held_n=2.0)
+                run.haptics(k, k, predicted_n=1.0, zoh_n=2.0)
                 run.force(k, 0.0, answers=k)
         writer.flush()
         (tmp_path / "run.mcap").write_bytes((tmp_path / "whole.mcap").read_bytes())

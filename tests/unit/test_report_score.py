@@ -68,12 +68,12 @@ def test_errors_of_one_to_thousand() -> None:
 def test_prediction_and_hold_are_scored_on_the_same_commands() -> None:
     nan = np.nan
     predicted_n = np.array([nan, 1.0, 3.0, 9.0, 1.0])
-    held_n = np.array([5.0, 2.0, nan, 9.0, 3.0])
+    zoh_n = np.array([5.0, 2.0, nan, 9.0, 3.0])
     force_n = np.array([0.0, 0.0, 0.0, nan, 0.0])
-    comparison = compare(predicted_n, held_n, force_n)
+    comparison = compare(predicted_n, zoh_n, force_n)
     assert comparison.commands == 2
     assert comparison.prediction.rms_n == 1.0
-    assert comparison.hold.rms_n == pytest.approx(np.sqrt(6.5))
+    assert comparison.zoh.rms_n == pytest.approx(np.sqrt(6.5))
     assert comparison.ratio.max == pytest.approx(1 / 3)
 
 

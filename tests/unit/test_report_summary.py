@@ -35,7 +35,7 @@ def test_scores_are_exact(report: RunReport) -> None:
     assert report.prediction.rms_n == pytest.approx(1e-3 * np.sqrt(1001 * 2001 / 6))
     assert report.prediction.p95_n == pytest.approx(0.95005)
     assert report.prediction.max_n == pytest.approx(1.0)
-    assert report.hold.rms_n == pytest.approx(2e-3 * np.sqrt(1001 * 2001 / 6))
+    assert report.zoh.rms_n == pytest.approx(2e-3 * np.sqrt(1001 * 2001 / 6))
     assert report.ratio.rms == pytest.approx(0.5)
 
 
@@ -139,9 +139,9 @@ def test_clock_is_graded_by_its_bound(tmp_path: Path, bound_ns: int | None, grad
 
 def test_only_valid_answers_of_the_same_session_count(tmp_path: Path) -> None:
     with recorded(tmp_path / "run.mcap") as run:
-        run.haptics(0, 1, predicted_n=2.0, held_n=4.0)
-        run.haptics(1, 2, predicted_n=2.0, held_n=4.0)
-        run.haptics(2, 1, predicted_n=2.0, held_n=4.0, session_id=SESSION + 1)
+        run.haptics(0, 1, predicted_n=2.0, zoh_n=4.0)
+        run.haptics(1, 2, predicted_n=2.0, zoh_n=4.0)
+        run.haptics(2, 1, predicted_n=2.0, zoh_n=4.0, session_id=SESSION + 1)
         run.force(3, 50.0, answers=1, valid=False)
         run.force(5, 3.0, answers=1, session_id=SESSION + 1)
         run.force(4, 1.0, answers=1)
@@ -149,12 +149,12 @@ def test_only_valid_answers_of_the_same_session_count(tmp_path: Path) -> None:
     report = _summary(tmp_path / "run.mcap")
     assert (report.commands.sent, report.commands.answered, report.commands.scored) == (3, 2, 2)
     assert report.prediction.rms_n == pytest.approx(1.0)
-    assert report.hold.max_n == pytest.approx(3.0)
+    assert report.zoh.max_n == pytest.approx(3.0)
 
 
 REQUIRED = (
     "schema prediction.rms_n prediction.p95_n prediction.max_n hold.rms_n hold.p95_n hold.max_n ratio.rms "
-    "settled.prediction.rms_n settled.hold.rms_n delay_s.p50 delay_s.p99 delay_s.max delay_s.mean "
+    "settled.prediction.rms_n settled.zoh.rms_n delay_s.p50 delay_s.p99 delay_s.max delay_s.mean "
     "force_age_s.p50 force_age_s.p99 armed_share stops clock.offset_s clock.bound_s clock.grade duration_s "
     "seed impairment metadata parameters identifiable samples truncated counters axes notes "
     + " ".join(
@@ -256,7 +256,7 @@ def test_what_the_recorder_missed_is_counted(tmp_path: Path, lost: str) -> None:
 def test_every_command_that_is_not_judged_is_counted_under_one_reason(tmp_path: Path) -> None:
     with recorded(tmp_path / "run.mcap") as run:
         for k in range(1, 9):
-            run.haptics(10 * k, k, predicted_n=None if k == 2 else 1.0, held_n=1.0)
+            run.haptics(10 * k, k, predicted_n=None if k == 2 else 1.0, zoh_n=1.0)
         run.force(1, 1.0, answers=None)
         for k in (2, 4, 5):
             run.force(10 * k + 1, 1.0, answers=k, valid=k != 4)
@@ -384,7 +384,7 @@ def test_every_axis_has_a_report_and_the_loops_are_found_on_any(tmp_path: Path) 
         rotation.timing(0, "master")
         rotation.impairment(0, "slave", ((), (1,)))
         for run, error_n in (insertion, 1.0), (rotation, 2.0):
-            run.haptics(1, 1, predicted_n=error_n, held_n=5.0)
+            run.haptics(1, 1, predicted_n=error_n, zoh_n=5.0)
             run.force(2, 0.0, answers=1)
     report = _summary(tmp_path / "run.mcap")
     assert report.axis == "insertion"

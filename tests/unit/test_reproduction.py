@@ -126,7 +126,7 @@ def test_the_prediction_is_that_of_the_weighted_batch(pairing_by: Pairing) -> No
 
 
 PREDICTORS: dict[str, Callable[[Recording], Array]] = {
-    "hold": lambda r: replay(ReplayedRun("r", r), DELAY_S).hold_n,
+    "zoh": lambda r: replay(ReplayedRun("r", r), DELAY_S).zoh_n,
     "paper": lambda r: replay(ReplayedRun("r", r), DELAY_S).paper_n,
     "newest": lambda r: replay(ReplayedRun("r", r), DELAY_S).newest_n,
     "tared": lambda r: replay(ReplayedRun("r", r), DELAY_S).tared_n,
@@ -244,7 +244,7 @@ def test_f_the_wrong_pairing_learns_the_delayed_force() -> None:
     late = traces.time_s >= figure.scored_from_s
     found = pairing(figure, error_size(traces.arrived_n[late], traces.force_n[late]))
     assert found.newest_rms_n == pytest.approx(found.expected_n, rel=1e-3)
-    assert found.hold_rms_n == pytest.approx(found.expected_n, rel=1e-3)
+    assert found.zoh_rms_n == pytest.approx(found.expected_n, rel=1e-3)
     assert (found.stamps_rms_n or 1.0) < 1e-9
     assert (found.product_rms_n or 1.0) < 1e-3
 
@@ -271,10 +271,10 @@ def test_e_a_run_is_scored_late_enough_and_against_the_hold() -> None:
     late = after >= 3.3
     hold = held(recording.time_s, recording.force_n, DELAY_S)
     expected = np.sqrt(np.mean((hold - recording.force_n)[late] ** 2))
-    assert row.hold.rms_n == pytest.approx(expected)
-    assert row.product_over_hold == pytest.approx((row.product.rms_n or 0.0) / expected)
-    assert row.product_over_hold is not None
-    assert row.product_over_hold < 0.5
+    assert row.zoh.rms_n == pytest.approx(expected)
+    assert row.product_over_zoh == pytest.approx((row.product.rms_n or 0.0) / expected)
+    assert row.product_over_zoh is not None
+    assert row.product_over_zoh < 0.5
     assert row.source == "recording"
     assert row.scored == late.sum()
 
@@ -287,8 +287,8 @@ def test_where_the_product_predicted_nothing_nothing_is_scored() -> None:
     assert np.flatnonzero(made.scored).tolist() == list(range(300, 320))
     nothing = baseline_row(replay(ReplayedRun("hand", recording, np.full(len(recording), np.nan)), DELAY_S))
     assert nothing.scored == 0
-    assert nothing.hold == ErrorSummary()
-    assert nothing.paper_over_hold is None
+    assert nothing.zoh == ErrorSummary()
+    assert nothing.paper_over_zoh is None
 
 
 def test_thinning_keeps_every_nth_sample() -> None:

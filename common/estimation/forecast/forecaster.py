@@ -11,7 +11,7 @@ from forefeel.common.estimation.forecast.bank import RING
 from forefeel.common.estimation.forecast.experts import NAMES
 from forefeel.common.estimation.forecast.state import new_state
 
-HOLD = "hold"
+ZOH = "zoh"
 
 
 class Estimate(NamedTuple):
@@ -86,7 +86,7 @@ class Forecaster:
         if not isfinite(abs(force_n) + half_n):
             self._begin_anew()
             return None
-        name = HOLD if leading < 0 else NAMES[int(leading)]
+        name = ZOH if leading < 0 else NAMES[int(leading)]
         return Estimate(force_n, force_n - half_n, force_n + half_n, name)
 
     def restart(self) -> None:
