@@ -15,8 +15,11 @@ from forefeel.devices.emulation.bench import (
 )
 from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
 
+# Hz, conversions of the emulated cells where no other rate is asked for; 80 is the faster of the two output
+# rates in the HX711's data sheet, 150 is chosen, not measured
 LOADSTAR_RATE_HZ, HX711_RATE_HZ = 150.0, 80.0
-_LONGEST_COMMAND = 64
+# bytes of a command that are kept; chosen, not measured: the longest command known here has four
+_LONGEST_COMMAND_BYTES = 64
 
 
 class EmulatedLoadstar:
@@ -44,7 +47,7 @@ class EmulatedLoadstar:
             if byte == 0x0D:
                 self._obey(self._line.decode("ascii", "replace").strip())
                 self._line.clear()
-            elif len(self._line) < _LONGEST_COMMAND:
+            elif len(self._line) < _LONGEST_COMMAND_BYTES:
                 self._line.append(byte)
 
     def advance(self, t_s: float) -> bytes:

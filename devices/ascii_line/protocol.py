@@ -18,7 +18,9 @@ NEWTON_PER_UNIT = {"newton": 1.0, "millipound_force": 4.4482216152605e-3}
 COUNTS_RANGE = -(1 << 23), (1 << 23) - 1
 """Where the 24 bit of an HX711 end: at either end it is overrange."""
 
-_MAX_LINE = 64
+# bytes of a line that may be a number: label, number and unit take at most 57 (`_LINE`), blanks not counted;
+# chosen, not measured: more keeps bytes without a line end for longer
+_MAX_LINE_BYTES = 64
 _ENDS = re.compile(rb"[\r\n]+")
 _LINE = re.compile(
     rb"(?:[A-Za-z][\w ]{0,30}[:=])?[ \t]*([-+]?\d{1,12}(?:\.\d{0,9})?)[ \t]*(N?)[ \t]*", re.ASCII
@@ -61,7 +63,7 @@ class LineParser:
             for line in lines
             if (number := self._number(bytes(line))) is not None
         ]
-        if len(rest) > _MAX_LINE:
+        if len(rest) > _MAX_LINE_BYTES:
             self.counters["junk_bytes"] += len(rest)
             self._skipping, rest = True, bytearray()
         self._buffer = bytearray(rest)
@@ -71,7 +73,7 @@ class LineParser:
         skipping, self._skipping = self._skipping, False
         if not line and not skipping:
             return None
-        number = None if skipping or len(line) > _MAX_LINE else parse_line(line, self._unit)
+        number = None if skipping or len(line) > _MAX_LINE_BYTES else parse_line(line, self._unit)
         if number is None:
             self.counters["junk_lines"] += 1
             self.counters["junk_bytes"] += len(line)

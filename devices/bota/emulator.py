@@ -16,9 +16,9 @@ from forefeel.devices.emulation.bench import (
 )
 from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
 
-RATE_HZ = 800.0
-_US = 1_000_000
-_WRAP_US = 1 << 32
+RATE_HZ = 800.0  # Hz, frames of the emulated cell, the default of `BotaSettings.rate_hz`
+_US_PER_S = 1_000_000  # us in a second
+_WRAP_US = 1 << 32  # us after which the clock in a frame, a u32, begins anew
 
 
 class EmulatedBota:
@@ -72,14 +72,14 @@ class EmulatedBota:
 
     def reset(self) -> None:
         """Its clock begins anew, as after a loss of power."""
-        self._start_us = -floor(self.made_s(self.sent) * self._pace * _US)
+        self._start_us = -floor(self.made_s(self.sent) * self._pace * _US_PER_S)
 
     def _frame(self, t_s: float) -> BotaFrame:
         force_n = nan if self._broken else self._sensor.measure(t_s)
         status = self.status | (OVERRANGE if self._sensor.saturated else 0)
         others = {name: self._others.measure(t_s) for name in BotaFrame._fields[1:7]}
         others[self._field] = force_n
-        t_us = (self._start_us + floor(t_s * self._pace * _US)) % _WRAP_US
+        t_us = (self._start_us + floor(t_s * self._pace * _US_PER_S)) % _WRAP_US
         return self._resting._replace(status=status, t_us=t_us, **others)
 
 

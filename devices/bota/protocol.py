@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 from forefeel.devices.shared.crc import crc_x25
 
-BAUD = 460_800
-HEADER = 0xAA
+BAUD = 460_800  # bit/s, the default of `BotaSettings.baud`
+HEADER = 0xAA  # first byte of a frame; it may stand within one, too
+# bits of the status word; names and order as in the maker's own drivers for ROS and Arduino (`DataStatus`)
 APP_TOOK_TOO_LONG, OVERRANGE, INVALID, RAW = 1, 2, 4, 8
 STATUS_BITS = {
     APP_TOOK_TOO_LONG: "app_took_too_long",

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-SYNC = 0x080
+SYNC = 0x080  # CAN identifier, the default of object 1005 (CiA 301)
 EMERGENCY, TPDO1, RPDO1, HEARTBEAT = 0x080, 0x180, 0x200, 0x700  # + node
 SDO_TO_DEVICE, SDO_TO_HOST = 0x600, 0x580  # + node
-NMT = 0x000
-START, ENTER_PREOPERATIONAL = 1, 128
-OPERATIONAL = 5
+NMT = 0x000  # CAN identifier of network management (CiA 301)
+START, ENTER_PREOPERATIONAL = 1, 128  # NMT commands (CiA 301)
+OPERATIONAL = 5  # state in a heartbeat (CiA 301)
+# bits 31 and 30 of a PDO's COB-ID: the PDO is not valid, remote frames are not allowed (CiA 301)
 _PDO_OFF, _NO_REMOTE = 0x8000_0000, 0x4000_0000
 _EMERGENCY = struct.Struct("<HB5s")
 

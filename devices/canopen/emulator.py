@@ -21,9 +21,11 @@ _TYPES = {
     "I": datatypes.UNSIGNED32,
     "f": datatypes.REAL32,
 }
+# largest transmission type of a PDO that waits for SYNC: 0 acyclic, 1 to 240 at every n-th SYNC (CiA 301)
 _MOST_SYNCHRONOUS = 240
-_PDO_OFF = 1 << 31
-_AT_ONCE = 200
+_PDO_OFF = 1 << 31  # bit of a PDO's COB-ID: the PDO is not valid (CiA 301)
+# frames that one round takes from the bus; chosen, not measured: more delays what the device itself sends
+_MOST_FRAMES = 200
 Contents = Mapping[ObjectEntry, float]
 
 
@@ -181,7 +183,7 @@ class CanopenDevice:
     def step(self, timeout_s: float = 0.001) -> None:
         """One round: what arrived, up to that long waited for, and life until now."""
         message = self._bus.recv(timeout_s)
-        left = _AT_ONCE
+        left = _MOST_FRAMES
         while message is not None:
             t_s = self._now()
             self.live(t_s)

@@ -14,7 +14,7 @@ from forefeel.devices.canopen.settings import CanSettings
 
 HOST_NODE = 127
 """The identifier of our heartbeat; no device may have it."""
-_RECEIVE_S = 0.05
+_RECEIVE_S = 0.05  # s between two looks for an end; chosen, not measured: `close` waits for as long
 _BUS_OFF = 0x40  # CAN_ERR_BUSOFF of Linux' error frames
 
 Heard = Callable[[int, bytearray, float], None]

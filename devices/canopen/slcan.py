@@ -24,7 +24,7 @@ _LONGEST = 64  # of a line: T, 8 digits, length, 16 digits, 4 of a time stamp ar
 _ID_DIGITS = {"t": 3, "r": 3, "T": 8, "R": 8}
 _MOST_ID = {3: 0x7FF, 8: 0x1FFF_FFFF}
 _HEX = frozenset("0123456789abcdefABCDEF")
-_STAMP_DIGITS = 4
+_STAMP_DIGITS = 4  # hexadecimal digits of the time stamp, in ms, that an adapter may append (LAWICEL)
 
 
 class Frame(NamedTuple):

@@ -39,11 +39,20 @@ from forefeel.slave.stage import StageReading, require_finite
 # --- What one cycle of a CiA 402 drive decides: controlword and setpoint out of what was heard. Pure.
 SILENT_PERIODS, SILENT_S = 3, 0.05
 """So many SYNC in a row without a TPDO, and for so long, are a fault: a host pauses for more than 12 ms."""
+# s for the first TPDO and the first heartbeat; chosen, not measured: shorter fails on a slow drive
 _FIRST_TPDO_S = 0.5
+# s in which a reset or an enabling must be done; chosen, not measured: longer notices later that the drive
+# does not follow
 _ENABLE_S = 1.0
+# cycles in a row with a following error that are a fault; chosen, not measured: fewer stop for a late answer
 _BEHIND_CYCLES = 5
-_REMEMBERED = 4
+# setpoints that a readback may belong to; chosen, not measured: a drive shows a setpoint one or two cycles
+# later, and more setpoints hide a drive that lags further behind
+_REMEMBERED_SETPOINTS = 4
+# s after which a command is over and the setpoint comes to rest: the default of the slave's `watchdog_s`
 _STREAM_S = 0.060
+# s by which a command is carried on with its velocity: two periods at 1 kHz; chosen, not measured: longer
+# overshoots where the hand turns
 _CARRY_S = 0.002
 
 
@@ -110,7 +119,7 @@ class DriveCycle:
         self._patience = max(SILENT_PERIODS, round(SILENT_S / period_s))
         self._grace = round(_FIRST_TPDO_S / period_s)
         self._heard_once = False
-        self._sent: deque[float] = deque(maxlen=_REMEMBERED)
+        self._sent: deque[float] = deque(maxlen=_REMEMBERED_SETPOINTS)
         self._statusword = 0
         self.passive_cycles = 0
 
@@ -179,6 +188,7 @@ class DriveCycle:
 
 
 # --- The handshake of a CiA 402 drive: who it is, and everything that its safety depends on written by us.
+# SYNC periods beyond the window after which the drive itself reports a following error, as `_BEHIND_CYCLES`
 _FOLLOWING_PERIODS = 5
 _SWITCH_OFF = [(transmit, number) for transmit in (False, True) for number in (2, 3, 4)]
 
@@ -451,8 +461,12 @@ class DriveVoice:
 
 
 # --- A CiA 402 drive in cyclic synchronous position mode behind the stage port.
+# s for the handshake; chosen, not measured: some dozens of objects are written and read back, and each may
+# take several attempts
 _OPEN_S = 8.0
+# m/s^2 with which `hold` comes to rest: the default of the slave's `stop_deceleration_m_s2`
 _DECELERATION_M_S2 = 4.0
+# answers of a drive that was told to stand, before it is enabled; chosen, not measured: more start it later
 _STAND_CYCLES = 3
 
 

@@ -34,8 +34,9 @@ from forefeel.slave.plant.settings import StageSettings
 from forefeel.slave.plant.stage import PlantStage
 
 # --- The mode of homing of an emulated CiA 402 drive: onto a limit switch, off it again. Pure.
+# m from a limit switch to the end of the mechanics, and from the travel to its switch; chosen, not measured:
+# farther makes a search longer
 SWITCH_M = 0.5e-3
-_AT_REST_M_S = 1e-6
 METHODS = frozenset({NEGATIVE_SWITCH, POSITIVE_SWITCH}) | HERE
 
 
@@ -147,8 +148,11 @@ class DriveHoming:
 
 
 # --- A CiA 402 drive without its bus: the state machine, the cyclic setpoint and the servo. Pure.
+# emergency codes: current at the output (CiA 402), lost heartbeat (CiA 301), following error (CiA 402)
 OVERCURRENT, HEARTBEAT_LOST, FOLLOWING = 0x2310, 0x8130, 0x8611
+# statusword (CiA 402): voltage enabled, no quick stop, remote, and in the cyclic mode: follows the target
 _VOLTAGE, _QUICK_STOP_OFF, _REMOTE, _FOLLOWS = 1 << 4, 1 << 5, 1 << 9, 1 << 12
+# m/s below which the motor is at rest, while homing, too; chosen, not measured: above what rounding leaves
 _AT_REST_M_S = 1e-9
 _POWERED = frozenset({DriveState.ENABLED, DriveState.QUICK_STOP, DriveState.FAULT_REACTION})
 
@@ -386,7 +390,7 @@ class DriveModel:
 
 
 # --- A CiA 402 drive in the modes of cyclic synchronous position and homing on any python-can bus.
-SERIAL = 0x0402_0001
+SERIAL = 0x0402_0001  # serial number of the emulated drive, object 1018:04; made up
 _INVALID = 0x0609_0030  # value of a parameter
 _SHOWN = {
     cia402.STATUSWORD.index: "statusword",

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from forefeel.common.errors import DeviceError
 from forefeel.devices.canopen.cia301 import ObjectEntry
 
-PROFILE = 402
+PROFILE = 402  # device profile, the lower half of object 1000
 CSP = 8
 """Mode of operation: cyclic synchronous position."""
 CSP_SUPPORTED = 1 << (CSP - 1)
@@ -40,15 +40,17 @@ ABORT_QUICK_STOP = 3
 STAY_IN_QUICK_STOP = 6
 """605A: slows down on the quick-stop ramp and holds its position in QUICK_STOP_ACTIVE."""
 
+# commands in the controlword, bits 0 to 3 (CiA 402)
 DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x00, 0x02, 0x06, 0x07, 0x0F
-FAULT_RESET = 0x80
+FAULT_RESET = 0x80  # bit 7 of the controlword: its rising edge resets a fault (CiA 402)
+# statusword (CiA 402): an internal limit is active; following error, in the cyclic mode of position
 LIMIT_ACTIVE, FOLLOWING_BIT = 1 << 11, 1 << 13
 
 NEGATIVE_SWITCH, POSITIVE_SWITCH = 17, 18
 """6098: onto that limit switch, then off it; its edge is the reference."""
 HERE = frozenset({35, 37})
 """6098: where it stands is the reference; nothing moves."""
-HALT = 1 << 8
+HALT = 1 << 8  # bit of the controlword: interrupts a motion (CiA 402)
 HOMING_START = 1 << 4
 """Controlword in the mode of homing: the rising edge begins, it ends when the bit falls."""
 TARGET_REACHED, HOMING_ATTAINED, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13

@@ -20,11 +20,14 @@ from forefeel.devices.shared.pacing import Pacer
 from forefeel.devices.shared.stuck import StuckWatch
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading, NativeReading
 
+# s for the handshake; chosen, not measured: shorter gives up on a bus where objects have to be tried again
 _OPEN_S = 5.0
-_RANK = 0
+_RANK = 0  # of who sends SYNC on a shared bus: a drive, of rank 1, goes before
+# periods without a TPDO that are a fault, but at least so many s (docs/decisions/0014); the periods are
+# chosen, not measured: fewer make a fault of a short pause of the host
 _SILENT_PERIODS, _SILENT_S = 10, 0.05
-_MICRO = 1e6
-_MOST_MICRO = 2**62
+_MILLIONTHS_PER_UNIT = 1e6  # `raw_counts` in one unit of the device
+_MOST_MILLIONTHS = 2**62  # bound of `raw_counts`, which a message carries as a signed 64-bit number
 
 
 class Cia404LoadCell:
@@ -119,7 +122,7 @@ class Cia404LoadCell:
             assert self.scale is not None, "_scale finds it"
             force_n = native * self.scale.newton_per_native
         force_n *= self._settings.sign
-        raw = round(within(native * _MICRO, _MOST_MICRO))
+        raw = round(within(native * _MILLIONTHS_PER_UNIT, _MOST_MILLIONTHS))
         if abs(force_n) > VALID_SHARE * self.full_scale_n:
             flaws = (*flaws, "beyond_full_scale")
         if self._stuck.take(native, timed.host_ns * 1e-9):

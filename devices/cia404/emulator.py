@@ -22,7 +22,8 @@ from forefeel.devices.emulation.bench import (
     felt,
 )
 
-SERIAL = 0x0404_0001
+SERIAL = 0x0404_0001  # serial number of the emulated transducer, object 1018:04; made up
+# sensor type, object 6110: meant as a strain gauge, not checked against CiA 404; no driver of ours reads it
 _STRAIN_GAUGE = 70
 _REFUSED = 0x0800_0020  # data can not be transferred
 

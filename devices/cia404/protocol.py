@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from forefeel.devices.canopen.cia301 import TPDO1, ObjectEntry, Pdo
 
-PROFILE = 404
+PROFILE = 404  # device profile, the lower half of object 1000
 SENSOR_TYPE = ObjectEntry(0x6110, 1, "H")
 OPERATING_MODE = ObjectEntry(0x6112, 1, "B")
 AUTOZERO = ObjectEntry(0x6125, 1, "I")
@@ -35,12 +35,12 @@ NOT_VALID, OVER, UNDER = 1, 2, 4
 _FLAWS = {NOT_VALID: "not_valid", OVER: "overrange", UNDER: "underrange"}
 
 _NEWTON = 0x21  # CiA 303-2
-_PREFIX, _NUMERATOR, _DENOMINATOR = 24, 16, 8
+_PREFIX_BIT, _NUMERATOR_BIT, _DENOMINATOR_BIT = 24, 16, 8  # lowest bits of the parts of 6131, see the module
 
 
 def unit_code(prefix: int, numerator: int, denominator: int = 0) -> int:
     """6131 after CiA 303-2: 10^prefix numerator / denominator."""
-    return (prefix & 0xFF) << _PREFIX | numerator << _NUMERATOR | denominator << _DENOMINATOR
+    return (prefix & 0xFF) << _PREFIX_BIT | numerator << _NUMERATOR_BIT | denominator << _DENOMINATOR_BIT
 
 
 NEWTON = unit_code(0, _NEWTON)
@@ -51,7 +51,7 @@ def newton_per_unit(code: int) -> float | None:
     """How many N the unit is; None: it is no unit of force."""
     if code & 0x00FF_FFFF != NEWTON:
         return None
-    prefix = code >> _PREFIX
+    prefix = code >> _PREFIX_BIT
     return 10.0 ** (prefix - 256 if prefix > 127 else prefix)
 
 

@@ -31,7 +31,7 @@ from forefeel.devices.simulated.operator import Operator
 from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.master.handle import Handle, HandleReading, Indication
 
-_PERIOD_S = 0.001
+_PERIOD_S = 0.001  # s between two states: the protocol's 1 kHz
 _COOL = 0.7  # of the heat that trips: where the coil counts as cool again
 _LOST_S = 1.0  # how long the encoder looks for its zero
 _HANG_S = 0.5  # after which the hardware's own watchdog starts the firmware anew

@@ -17,7 +17,7 @@ from cobs import cobs
 from forefeel.common.messages import SafetyState
 from forefeel.devices.shared.crc import crc_ccitt_false
 
-PROTOCOL = 1
+PROTOCOL = 1  # version of this protocol; a device of another one is refused
 NAME = "forefeel-coil"
 MAX_BUFFER = 512
 """Bytes without a delimiter that are kept: no frame is as long."""
@@ -26,9 +26,10 @@ _CRC = struct.Struct("<H")
 _STATE = struct.Struct("<HIiiBBh")
 _COMMAND = struct.Struct("<HhBiB")
 _IDENTIFY = struct.Struct("<BHH")
-_TEXT_MAX = 32
-_I16, _I32, _U16 = 2**15 - 1, 2**31 - 1, 2**16 - 1
-_NOWHERE = -(2**31)
+# bytes of a text in an identity; chosen, not measured: three of them keep a frame far below `MAX_BUFFER`
+_MOST_TEXT_BYTES = 32
+_MOST_I16, _MOST_I32, _MOST_U16 = 2**15 - 1, 2**31 - 1, 2**16 - 1  # largest of i16, i32 and u16
+_NO_POSITION_UM = -(2**31)  # `stage_um` of an unknown position: a position is clamped to +-(2**31 - 1)
 
 _LAMPS: tuple[SafetyState | None, ...] = (
     None,
@@ -118,17 +119,17 @@ def encode(frame: Frame) -> bytes:
     """The frame on the wire; numbers that do not fit are clamped, texts cut to 32 characters."""
     match frame:
         case CoilState():
-            sequence, time_us = frame.sequence & _U16, frame.time_us & 0xFFFFFFFF
-            counts, velocity = _clamped(frame.counts, _I32), _clamped(frame.velocity, _I32)
-            current_ma = _clamped(frame.current_ma, _I16)
+            sequence, time_us = frame.sequence & _MOST_U16, frame.time_us & 0xFFFFFFFF
+            counts, velocity = _clamped(frame.counts, _MOST_I32), _clamped(frame.velocity, _MOST_I32)
+            current_ma = _clamped(frame.current_ma, _MOST_I16)
             body = _STATE.pack(
                 sequence, time_us, counts, velocity, frame.buttons & 0xFF, frame.flags & 0xFF, current_ma
             )
             kind = _Kind.STATE
         case CoilCommand():
-            stage_um = _NOWHERE if frame.stage_um is None else _clamped(frame.stage_um, _I32)
-            lamp, current_ma = _LAMPS.index(frame.lamp), _clamped(frame.current_ma, _I16)
-            body = _COMMAND.pack(frame.sequence & _U16, current_ma, lamp, stage_um, frame.enabled)
+            stage_um = _NO_POSITION_UM if frame.stage_um is None else _clamped(frame.stage_um, _MOST_I32)
+            lamp, current_ma = _LAMPS.index(frame.lamp), _clamped(frame.current_ma, _MOST_I16)
+            body = _COMMAND.pack(frame.sequence & _MOST_U16, current_ma, lamp, stage_um, frame.enabled)
             kind = _Kind.COMMAND
         case Identify():
             body, kind = _identify(frame), _Kind.IDENTIFY
@@ -199,7 +200,7 @@ def _state(body: bytes) -> CoilState:
 
 def _command(body: bytes) -> CoilCommand:
     sequence, current_ma, lamp, stage_um, enabled = _COMMAND.unpack(body)
-    where = None if stage_um == _NOWHERE else stage_um
+    where = None if stage_um == _NO_POSITION_UM else stage_um
     return CoilCommand(sequence, current_ma, _LAMPS[lamp], where, bool(enabled))
 
 
@@ -223,11 +224,13 @@ _DECODERS: dict[int, Callable[[bytes], Frame]] = {
 
 
 def _identify(frame: Identify | CoilIdentity) -> bytes:
-    return _IDENTIFY.pack(frame.protocol & 0xFF, min(frame.watchdog_ms, _U16), min(frame.limit_ma, _U16))
+    return _IDENTIFY.pack(
+        frame.protocol & 0xFF, min(frame.watchdog_ms, _MOST_U16), min(frame.limit_ma, _MOST_U16)
+    )
 
 
 def _text(text: str) -> bytes:
-    raw = text.encode("ascii", "replace")[:_TEXT_MAX]
+    raw = text.encode("ascii", "replace")[:_MOST_TEXT_BYTES]
     return bytes([len(raw)]) + raw
 
 

@@ -18,15 +18,16 @@ from forefeel.devices.emulation.wire import Faults, Timetable, Wire
 
 # --- The baud rate that a host has set on a pseudo terminal, and what is heard at another than was spoken.
 _TCGETS2, _TCSETS2 = 0x802C_542A, 0x402C_542B  # of x86 and Arm
-_SIZE, _CFLAG, _SPEEDS = 44, 8, 36
-_CBAUD, _BOTHER = 0o010_017, 0o010_000
+# bytes of `struct termios2`, and where its c_cflag and its two speeds begin (asm-generic/termbits.h)
+_STATE_BYTES, _CFLAG_AT, _SPEEDS_AT = 44, 8, 36
+_CBAUD, _BOTHER = 0o010_017, 0o010_000  # mask of the rate in c_cflag, and: the rate is in the speeds
 _TOLERANCE = 0.03  # a UART loses its place after half a bit in ten
 
 
 def host_baud(terminal: int) -> int | None:
     """The rate at which the host sends on an open terminal; None where the system does not tell."""
     state = _state(terminal)
-    return None if state is None else struct.unpack_from("<II", state, _SPEEDS)[1]
+    return None if state is None else struct.unpack_from("<II", state, _SPEEDS_AT)[1]
 
 
 def set_baud(terminal: int, baud: int) -> None:
@@ -34,9 +35,9 @@ def set_baud(terminal: int, baud: int) -> None:
     state = _state(terminal)
     if state is None:
         return
-    (flags,) = struct.unpack_from("<I", state, _CFLAG)
-    struct.pack_into("<I", state, _CFLAG, (flags & ~_CBAUD) | _BOTHER)
-    struct.pack_into("<II", state, _SPEEDS, baud, baud)
+    (flags,) = struct.unpack_from("<I", state, _CFLAG_AT)
+    struct.pack_into("<I", state, _CFLAG_AT, (flags & ~_CBAUD) | _BOTHER)
+    struct.pack_into("<II", state, _SPEEDS_AT, baud, baud)
     with suppress(OSError):
         fcntl.ioctl(terminal, _TCSETS2, bytes(state))
 
@@ -71,7 +72,7 @@ def _falling_edge(bits: list[int], at: int) -> int | None:
 
 
 def _state(terminal: int) -> bytearray | None:
-    state = bytearray(_SIZE)
+    state = bytearray(_STATE_BYTES)
     try:
         fcntl.ioctl(terminal, _TCGETS2, state)
     except OSError:
@@ -80,8 +81,8 @@ def _state(terminal: int) -> bytearray | None:
 
 
 # --- An emulated device on a pseudo terminal: what a serial port is to the host.
-_PERIOD_S = 0.001
-_CHUNK = 4096
+_PERIOD_S = 0.001  # s that a round waits at most: the period of the devices that send at 1 kHz
+_CHUNK_BYTES = 4096  # bytes of one read; chosen, not measured: the rest comes with the next one
 
 
 class Pty:
@@ -140,7 +141,7 @@ class Pty:
         if not select.select([self._master], [], [], timeout_s)[0]:
             return b""
         try:
-            return self._heard(os.read(self._master, _CHUNK), to_host=False)
+            return self._heard(os.read(self._master, _CHUNK_BYTES), to_host=False)
         except OSError as error:
             if error.errno in (errno.EIO, errno.EAGAIN):
                 return b""

@@ -13,7 +13,7 @@ from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.runtime.realtime import go_before
 
 T = TypeVar("T")
-RETRY_S = 0.5
+RETRY_S = 0.5  # s from a fault to the next handshake; chosen, not measured: longer comes back later
 _STEPS = 10
 """Short and paced, so ahead of what computes in this process and in others, and behind the 1 kHz loop."""
 

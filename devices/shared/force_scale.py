@@ -8,8 +8,8 @@ from forefeel.common.messages import within
 from forefeel.devices.shared.stuck import StuckWatch
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading
 
-_MICRO = 1_000_000
-_MAX_COUNTS = (1 << 63) - 1
+_MICRONEWTON_PER_N = 1_000_000  # uN in a N, for the raw counts
+_MAX_COUNTS = (1 << 63) - 1  # a message carries raw counts as a signed 64-bit number
 
 
 class Native(NamedTuple):
@@ -60,7 +60,7 @@ class ForceScale:
     def reading(self, checked: Native) -> LoadCellReading:
         """What the control loop gets: finite, never more than the full scale."""
         force_n, raw_n = self._forces(checked.value)
-        counts = checked.value if self._newton_per_native is None else raw_n * _MICRO
+        counts = checked.value if self._newton_per_native is None else raw_n * _MICRONEWTON_PER_N
         return LoadCellReading(
             within(force_n, self._full_scale_n),
             round(within(counts, _MAX_COUNTS)),

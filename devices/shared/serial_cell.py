@@ -24,10 +24,16 @@ OpenStream = Callable[[SerialSettings, float], ByteStream]
 
 S = TypeVar("S", BotaSettings, AsciiLineSettings)
 
+# s for the first reading, beyond what the cell says of itself and two periods; chosen, not measured: shorter
+# fails on a slow adapter
 _IDENTIFY_S = 1.0
+# share by which the measured rate may differ from `rate_hz`; chosen, not measured: larger passes a wrong
+# setting, smaller refuses a cell whose clock is off
 _RATE_TOLERANCE = 0.1
+# s of silence that are a fault where five periods are shorter (docs/decisions/0014)
 _LEAST_SILENCE_S = 0.05
-_QUEUE = 4096
+# readings that wait for the control loop: 5 s at 800 Hz; chosen, not measured: beyond, the oldest are dropped
+_QUEUED_READINGS = 4096
 
 
 class Cell(Protocol):
@@ -96,8 +102,8 @@ class SerialLoadCell(Generic[S]):
         self._clock = clock or MonotonicClock()
         self._open_stream, self._today = open_stream, today
         self._silence_ns = round(max(5.0 / settings.rate_hz, _LEAST_SILENCE_S) * 1e9)
-        self._queue = BoundedQueue[LoadCellReading](_QUEUE)
-        self._native_queue = BoundedQueue[NativeReading](_QUEUE)
+        self._queue = BoundedQueue[LoadCellReading](_QUEUED_READINGS)
+        self._native_queue = BoundedQueue[NativeReading](_QUEUED_READINGS)
         self._native = False
         self._conversation: Conversation | None = None
 

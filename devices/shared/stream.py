@@ -18,9 +18,10 @@ from forefeel.devices.shared.settings import SerialSettings
 
 _BROKEN = (serial.SerialException, OSError, termios.error, TypeError, ValueError)
 """The last two: closed while it reads."""
-_CHUNK = 4096
+_CHUNK_BYTES = 4096  # bytes of one read; chosen, not measured: the rest comes with the next one
+# s that a write waits for a port that takes no bytes; chosen, not measured: longer notices the fault later
 _WRITE_S = 0.5
-_USUAL_LATENCY_MS = 1
+_USUAL_LATENCY_MS = 1  # ms, the least that an FTDI adapter can be set to; what deploy/udev sets
 
 
 class ByteStream(Protocol):
@@ -63,7 +64,7 @@ class SerialStream:
             number = self._serial.fileno()
             if not select.select([number], [], [], self._timeout_s)[0]:
                 return b""
-            data = os.read(number, _CHUNK)
+            data = os.read(number, _CHUNK_BYTES)
         except _BROKEN as error:
             raise DeviceError(f"{self.name}: gone while reading ({_short(error)})") from error
         if not data:

@@ -1,9 +1,14 @@
 """A load cell that repeats itself though it has noise. Pure."""
 
+# s that one value may last; chosen, not measured: shorter suspects a cell of coarse resolution at rest
 _LONGEST_S = 1.0
-_FEWEST = 30
+_FEWEST_REPEATS = 30  # repetitions that it takes at least, for slow cells; chosen, not measured
+# share of readings that turn from which a cell is noisy: about half of the 2/3 of white noise; chosen, not
+# measured: smaller takes motion for noise
 _NOISY_SHARE = 0.3
-_FORGET = 1 / 50
+# weight of the newest reading in the share that turns: a memory of some fifty; chosen, not measured: longer
+# notices later that the noise has gone
+_NEWEST_WEIGHT = 1 / 50
 
 
 class StuckWatch:
@@ -26,7 +31,7 @@ class StuckWatch:
         """Whether this reading only repeats those before it, for too long."""
         if raw == self._raw:
             self._repeats += 1
-            return self._noisy and self._repeats >= _FEWEST and t_s - self._since_s >= _LONGEST_S
+            return self._noisy and self._repeats >= _FEWEST_REPEATS and t_s - self._since_s >= _LONGEST_S
         if self._raw is not None:
             self._changed(raw > self._raw)
         self._raw, self._since_s, self._repeats = raw, t_s, 0
@@ -35,6 +40,6 @@ class StuckWatch:
     def _changed(self, rising: bool) -> None:
         turned = self._rising is not None and rising is not self._rising
         self._rising = rising
-        self._share *= (1.0 - _FORGET) ** min(self._repeats, 10_000)
-        self._share += _FORGET * (turned - self._share)
+        self._share *= (1.0 - _NEWEST_WEIGHT) ** min(self._repeats, 10_000)
+        self._share += _NEWEST_WEIGHT * (turned - self._share)
         self._noisy = self._share >= _NOISY_SHARE

@@ -38,8 +38,12 @@ from forefeel.slave.stage import StageReading, require_finite
 
 # --- Commands to a Zaber device and its replies, over a byte stream. One thread.
 _SLACK_S = 0.05  # of the device, the adapter and the host, beside the bytes' own time
-_BITS = 10
-_USUAL_REPLY = 40
+_BITS_PER_BYTE = 10  # bits of a byte on the wire: start, eight data bits, stop
+# bytes of a reply, for the time that it is waited for; chosen, not measured: a reply with a position and a
+# checksum has about 30
+_USUAL_REPLY_BYTES = 40
+# unanswered exchanges in a row that are a fault; chosen, not measured: fewer make a fault of a lost reply,
+# more notice a dead device later
 _MOST_SILENT = 3
 
 
@@ -66,7 +70,7 @@ class ZaberTalk:
     def __init__(
         self, stream: ByteStream, clock: Clock, address: tuple[int, int], baud: int, link: DeviceLink
     ) -> None:
-        self._stream, self._clock, self._byte_s = stream, clock, _BITS / baud
+        self._stream, self._clock, self._byte_s = stream, clock, _BITS_PER_BYTE / baud
         self._device, self._axis = address
         self._name, self._counters = link.name, link.counters
         self._encoder = CommandEncoder(self._device)
@@ -136,7 +140,7 @@ class ZaberTalk:
         return [message_id for message_id, _ in lines]
 
     def _collect(self, ids: Sequence[int], sent_ns: int) -> dict[int, Timed[Reply]]:
-        wire_s = (self._sent + _USUAL_REPLY * len(ids)) * self._byte_s
+        wire_s = (self._sent + _USUAL_REPLY_BYTES * len(ids)) * self._byte_s
         deadline_ns = sent_ns + int((wire_s + _SLACK_S) * 1e9)
         found: dict[int, Timed[Reply]] = {}
         while len(found) < len(ids):
@@ -345,10 +349,14 @@ def _ensure(talk: ZaberTalk, name: str, value: int, axis: int | None = None) -> 
 
 
 # --- Exchanges with a Zaber stage that is configured: targets out, positions in. One thread.
+# s by which a position is carried on with its velocity, as `_CARRIED_S` of `slave.stage`
 _CARRIED_S = 0.020
+# ns that a stage may take to rest after a stop; chosen, not measured: longer waits for one that never does
 _REST_NS = 2_000_000_000
 _SMOOTHED = 0.1  # weight of the newest exchange in the usual time of one
 _READINGS = 3  # a velocity is taken over: two exchanges
+# ns between two positions after which older ones give no velocity; chosen, not measured: longer takes a mean
+# over a stall for the velocity of now
 _GAP_NS = 100_000_000
 
 
@@ -499,7 +507,9 @@ class ZaberExchange:
 
 
 # --- The driver of a Zaber stage that speaks ASCII.
+# s for the handshake; chosen, not measured: each of its commands may take several attempts
 _OPEN_S = 8.0
+# s between two readings while motion is inhibited; chosen, not measured: longer shows an older position
 _WATCH_S = 0.05
 
 

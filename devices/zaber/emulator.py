@@ -26,8 +26,9 @@ from forefeel.devices.zaber.protocol import ACCELERATION_DATA, SPEED_DATA, WARNI
 from forefeel.devices.zaber.settings import ZaberSettings
 
 # --- The axis of an emulated Zaber stage: trapezoidal motion in steps of 1 ms, homing, stalls. Pure.
+# s, step of the emulated motion; chosen, not measured: shorter costs processor time
 STEP_S = 0.001
-_STALL_S = 0.05
+_STALL_S = 0.05  # s for which the motor stands before it gives up with FS; chosen, not measured
 _NEAR = 1e-6  # microsteps
 
 
@@ -174,7 +175,8 @@ class ZaberAxis:
 
 # --- The settings of an emulated Zaber stage, with their ranges, and what its axis takes from them. Pure.
 _WHOLE = re.compile(r"-?\d{1,12}")
-_FAR = 1_000_000_000
+# microsteps, bound of the settings `limit.min` and `limit.max`; chosen, not measured
+_FAR_MICROSTEPS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,9 +265,9 @@ class ZaberRegister:
         if name in ("comm.alert", "comm.checksum"):
             return 0, 1
         if name == "limit.min":
-            return -_FAR, int(self._values["limit.max"])
+            return -_FAR_MICROSTEPS, int(self._values["limit.max"])
         if name == "limit.max":
-            return int(self._values["limit.min"]), _FAR
+            return int(self._values["limit.min"]), _FAR_MICROSTEPS
         if name in ("maxspeed", "limit.approach.maxspeed"):
             return 1, self._speed_data(self._model.max_velocity_m_s)
         if name == "accel":
@@ -296,7 +298,9 @@ def whole(args: list[str]) -> int:
 # --- An emulated Zaber stage that speaks ASCII, at the level of its bytes. Pure in time.
 Moved = Callable[[float, float, float, float], None]
 _ENDS = re.compile(rb"[\r\n]")
-_MAX_LINE = 128
+# bytes of a command without its end that are kept; chosen, not measured: more than the 80 of
+# `comm.packet.size.max`, which `ZaberRegister` shows
+_MAX_LINE_BYTES = 128
 _GRAVITY = list(WARNINGS)
 
 
@@ -343,7 +347,7 @@ class ZaberDevice:
         """See `EmulatedDevice`."""
         self._live(t_s)
         *lines, partial = _ENDS.split(self._partial + data)
-        self._partial = partial if len(partial) <= _MAX_LINE else b""
+        self._partial = partial if len(partial) <= _MAX_LINE_BYTES else b""
         for line in filter(None, lines):
             self._line(line)
 

@@ -52,8 +52,10 @@ WARNINGS = {
 UNHOMED = frozenset({"WR", "WH"})
 DRIVER_OFF = frozenset({"FD", "FO"})
 _ALSO_FAULTS = frozenset({"WL", "NC"}) | UNHOMED
-_MAX_LINE = 256
-_IDS = 100
+# bytes of a line that are kept; chosen, not measured: fewer would drop long replies, more keep bytes without
+# a line end for longer
+_MAX_LINE_BYTES = 256
+_MESSAGE_IDS = 100  # message ids: two digits, 00 to 99 (Zaber ASCII protocol manual)
 _ENDS = re.compile(rb"[\r\n]")
 _START = re.compile(rb"[@!#]")
 _CHECKSUM = re.compile(rb":([0-9A-F]{2})\Z")
@@ -129,7 +131,7 @@ class CommandEncoder:
         colon is damaged or lost on the way, the line is no valid command with a longer number.
         """
         while True:
-            message_id, self._next = self._next, (self._next + 1) % _IDS
+            message_id, self._next = self._next, (self._next + 1) % _MESSAGE_IDS
             body = f"{self._device} {axis} {message_id:02d}{' ' if text else ''}{text}"
             checksum = f"{lrc(body.encode('ascii')):02X}"
             if not text[-1:].isdigit() or checksum[1] in "ABCDEF":
@@ -152,7 +154,7 @@ class Parser:
     def feed(self, data: bytes) -> list[Message]:
         """The messages that these bytes complete."""
         *lines, partial = _ENDS.split(self._partial + data)
-        if len(partial) > _MAX_LINE:
+        if len(partial) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             partial = b""
         self._partial = partial
@@ -160,7 +162,7 @@ class Parser:
 
     def _message(self, line: bytes) -> Message | None:
         """What a line holds; where its beginning is damaged, what begins within it."""
-        if len(line) > _MAX_LINE:
+        if len(line) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             return None
         starts = [found.start() for found in _START.finditer(line)]
