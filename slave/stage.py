@@ -8,6 +8,8 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.driver import DriverSettings, Slot
 from forefeel.common.hardware.link import DeviceLink
 
+# s by which a reading is carried on with its velocity; chosen, not measured: longer shows motion that a stage
+# which fell silent no longer makes, shorter a position that lags behind
 _CARRIED_S = 0.020
 
 

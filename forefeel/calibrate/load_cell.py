@@ -31,7 +31,10 @@ from forefeel.probe.probe import SleepingClock
 from forefeel.slave.load_cell import NativeLoadCell, NativeReading
 from forefeel.terminal import answer, say
 
+# ns between two looks for readings, which a queue keeps meanwhile; chosen, not measured: longer ends a level
+# later
 _POLL_NS = 5_000_000
+# s in which a level must be read; chosen, not measured: a cell of one reading a second needs some ten
 _SLOWEST_S = 30.0
 
 

@@ -21,7 +21,7 @@ from forefeel.probe.configured import ConfiguredDevice, device_of
 from forefeel.slave.stage import Homing
 from forefeel.terminal import answer, say
 
-_PRIORITY = 50
+_PRIORITY = 50  # of SCHED_FIFO, the default of `realtime.priority`
 
 
 @dataclass(frozen=True, slots=True)

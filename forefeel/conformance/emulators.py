@@ -15,9 +15,8 @@ from forefeel.common.errors import RunError
 from forefeel.common.hardware.driver import DriverSettings, InstalledDriver, imported
 from forefeel.devices.emulation.bench import Emulation
 
-_STARTS_S = (
-    20.0  # s until an emulator must have printed its port; chosen, not measured: a busy host takes 3 s
-)
+# s until an emulator must have printed its port; chosen, not measured: a busy host takes 3 s
+_STARTS_S = 20.0
 _ENDS_S = 5.0  # s until it must have ended after SIGTERM, else it is killed
 
 

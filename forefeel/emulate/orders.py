@@ -10,10 +10,10 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.devices.emulation.bench import Load
 from forefeel.terminal import complain
 
-_LONGEST_LINE = 200
-_SHOWN = 40
-_CHUNK = 4096
-_MOST_N = 1e6
+_LONGEST_LINE = 200  # characters of an order; chosen, not measured: the longest one has far fewer
+_SHOWN_CHARACTERS = 40  # characters of an unknown order that the complaint repeats; chosen, not measured
+_CHUNK_BYTES = 4096  # bytes of one read; chosen, not measured: the rest comes with the next one
+_MOST_N = 1e6  # N, largest load; chosen, not measured: far above the full scale of any cell here
 
 
 class OrderReader:
@@ -47,7 +47,7 @@ class OrderReader:
         elif words[0] == "load" and len(words) == 2 and self._load is not None and len(line) <= _LONGEST_LINE:
             self._load.force_n = _force_n(words[1])
         else:
-            raise ConfigurationError(f"{line.strip()[:_SHOWN]!r}: expected {self.words}")
+            raise ConfigurationError(f"{line.strip()[:_SHOWN_CHARACTERS]!r}: expected {self.words}")
 
 
 def _force_n(word: str) -> float:
@@ -77,7 +77,7 @@ class OrdersFromStdin:
         if self._end is None or not select.select([self._end], [], [], 0.0)[0] or _in_background(self._end):
             return
         try:
-            data = os.read(self._end, _CHUNK)
+            data = os.read(self._end, _CHUNK_BYTES)
         except OSError:
             data = b""
         *lines, partial = (self._partial + data).split(b"\n")

@@ -11,7 +11,7 @@ from forefeel.devices.shared.stream import latency_timer_ms, latency_warning
 _BY_ID = Path("/dev/serial/by-id")
 _NET = Path("/sys/class/net")
 _CAN = "280"  # ARPHRD_CAN
-_IFF_UP = 1
+_IFF_UP = 1  # flag of an interface that is up (netdevice(7))
 
 
 @dataclass(frozen=True, slots=True)

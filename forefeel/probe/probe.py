@@ -10,7 +10,7 @@ from forefeel.common.errors import DeviceError, ForefeelError, InputError
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.probe.configured import ConfiguredDevice
 
-_PERIOD_NS = 1_000_000
+_PERIOD_NS = 1_000_000  # ns between two reads: the 1 kHz of the loops
 Verdict = Literal["ready", "simulated", "refused", "failed"]
 
 

@@ -44,9 +44,12 @@ from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_s
 
 __all__ = ["RunReport", "last_timing", "summarise"]
 
+# s from the first scored command to the first one that counts as settled; chosen, not measured: shorter
+# scores a model that is still being learnt
 SETTLING_S = 3.0
 _SILENT_S = 1.0
 """A master that is silent for so long has missed ten of its states."""
+# safety events that are listed; chosen, not measured: the counters count all, so a longer list tells little
 MOST_EVENTS = 100
 _TIMINGS = {"master": MASTER_TIMING, "slave": SLAVE_TIMING}
 _HOW = (
