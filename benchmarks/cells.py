@@ -32,9 +32,9 @@ from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
 
 _AXIS = "insertion"
-_START_S = 120.0
-_SETTLE_S = 3.0
-_FORGED = 200
+_START_S = 120.0  # s until a daemon must be ready; chosen, not measured: many start at once on few processors
+_SETTLE_S = 3.0  # s from the last start to the measurement; chosen, not measured: shorter measures the start
+_FORGED_COMMANDS = 200  # commands to another cell; chosen, not measured: one that arrives is one too many
 _MALFORMED = "malformed_master_command"
 _TIMINGS = {"slave": SLAVE_TIMING, "master": MASTER_TIMING}
 
@@ -233,7 +233,7 @@ def _print_isolation(laboratory: Laboratory, found: dict[str, Heard]) -> None:
     for prefix, keys in wildcards.items():
         print(f"  {prefix}/** hears {', '.join(sorted(keys)) or 'nothing'}")
     for cell, count in reached.items():
-        print(f"  of {_FORGED} forged commands to {cell} its slave got {count}")
+        print(f"  of {_FORGED_COMMANDS} forged commands to {cell} its slave got {count}")
 
 
 def _note(cells: set[str], key: str, _payload: bytes, _receive_ns: int) -> None:
@@ -244,7 +244,7 @@ def _forge(master: ZenohTransport, cell: str, heard: Heard) -> int:
     """How many unreadable commands reach that cell's slave."""
     before, put = heard.malformed(), master.publisher(COMMAND.key(cell, _AXIS), COMMAND.qos)
     time.sleep(0.5)
-    for _ in range(_FORGED):
+    for _ in range(_FORGED_COMMANDS):
         put(b"forged")
         time.sleep(0.002)
     time.sleep(1.0)

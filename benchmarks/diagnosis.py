@@ -24,8 +24,8 @@ from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 
-RATE_HZ = 1000.0
-LENGTHS_S = 10.0, 30.0, 120.0, 600.0, 3600.0
+RATE_HZ = 1000.0  # Hz, rate of the recordings: that of the service's streams
+LENGTHS_S = 10.0, 30.0, 120.0, 600.0, 3600.0  # s, lengths of the recordings: seconds to an hour
 _ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 

@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 Update = Callable[[Array, Array], None]
 """Learns from the rows and the forces, all of them."""
 
-_SAMPLES, _TURNS = 2000, 9
-_DT_S, _DELAY = 1e-3, 300
+_SAMPLES, _TURNS = 2000, 9  # updates in a turn, turns; chosen, not measured: more take longer, fewer scatter
+_DT_S, _DELAY_SAMPLES = 1e-3, 300  # s between samples at 1 kHz, and by how many of them a force comes later
 
 
 def main() -> None:
@@ -143,9 +143,9 @@ def _ticks() -> None:
     forecaster = Forecaster()
     learning_us, tick_us = [], []
     for n in range(count):
-        if n >= _DELAY:
+        if n >= _DELAY_SAMPLES:
             start_s = time.perf_counter()
-            forecaster.observe(float(t[n - _DELAY]), float(f[n - _DELAY]))
+            forecaster.observe(float(t[n - _DELAY_SAMPLES]), float(f[n - _DELAY_SAMPLES]))
             learning_us.append((time.perf_counter() - start_s) * 1e6)
         start_s = time.perf_counter()
         forecaster.move(float(t[n]), float(x[n]))

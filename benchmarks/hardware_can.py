@@ -34,11 +34,11 @@ from forefeel.devices.emulation.wire import Faults, Wire
 from forefeel.devices.shared.pacing import Pacer
 from forefeel.slave.plant.settings import preset
 
-_RATES_HZ = 250, 500
-_LASTS_S, _PRIORITY = 10.0, 50
-_DRIVE, _CELL = 5, 6
-_COUNTS_PER_M = 1e6
-_FRAMES, _SHARE = 100_000, 0.01
+_RATES_HZ = 250, 500  # Hz of SYNC: the default of `sync_hz`, and twice that
+_LASTS_S, _PRIORITY = 10.0, 50  # s of each measurement, chosen; SCHED_FIFO as `realtime.priority` by default
+_DRIVE_NODE, _CELL_NODE = 5, 6  # CANopen nodes, arbitrary
+_COUNTS_PER_M = 1e6  # of the emulated drive: a count is a micrometre
+_FRAMES, _DAMAGED = 100_000, 0.01  # frames, and share of them with one damaged byte; chosen, not measured
 
 
 def main() -> None:
@@ -68,14 +68,14 @@ def _hub(links: list[Path]) -> None:
 
 def _drive(link: Path) -> None:
     _prepare()
-    device = Drive402(_bus(link), _DRIVE, preset("catheter").stage, _COUNTS_PER_M, rate_hz=1000)
+    device = Drive402(_bus(link), _DRIVE_NODE, preset("catheter").stage, _COUNTS_PER_M, rate_hz=1000)
     while True:
         device.step()
 
 
 def _cell(link: Path) -> None:
     _prepare()
-    device = Transducer404(_bus(link), _CELL, lambda t_s: 0.5)
+    device = Transducer404(_bus(link), _CELL_NODE, lambda t_s: 0.5)
     while True:
         device.step()
 
@@ -184,7 +184,7 @@ def _instrument(shared: SharedNetwork, trips: _RoundTrips) -> None:
         send(can_id, data)
 
     shared.send = stamped  # type: ignore[method-assign]
-    shared.subscribe(state_pdo(_DRIVE).can_id, lambda _id, _data, _stamp: trips.answer())
+    shared.subscribe(state_pdo(_DRIVE_NODE).can_id, lambda _id, _data, _stamp: trips.answer())
 
 
 def _control(stage: Cia402Stage, cell: Cia404LoadCell, start_s: float) -> int:
@@ -206,7 +206,7 @@ def _stage_settings(bus: CanSettings, rate_hz: int) -> Cia402Settings:
     return Cia402Settings(
         driver="cia402",
         can=bus,
-        node_id=_DRIVE,
+        node_id=_DRIVE_NODE,
         counts_per_m=_COUNTS_PER_M,
         travel_m=(stage.travel_lower_m, stage.travel_upper_m),
         sync_hz=rate_hz,
@@ -215,13 +215,13 @@ def _stage_settings(bus: CanSettings, rate_hz: int) -> Cia402Settings:
 
 
 def _cell_settings(bus: CanSettings, rate_hz: int) -> Cia404Settings:
-    return Cia404Settings(driver="cia404", can=bus, node_id=_CELL, full_scale_n=10.0, rate_hz=rate_hz)
+    return Cia404Settings(driver="cia404", can=bus, node_id=_CELL_NODE, full_scale_n=10.0, rate_hz=rate_hz)
 
 
 def _raw(settings: CanSettings, rate_hz: int) -> None:
     """The same frames through python-can alone, to the devices that the drivers have configured."""
     bus, trips = open_bus(settings), _RoundTrips()
-    stopping, answer_id = threading.Event(), state_pdo(_DRIVE).can_id
+    stopping, answer_id = threading.Event(), state_pdo(_DRIVE_NODE).can_id
 
     def receive() -> None:
         while not stopping.is_set():
@@ -234,7 +234,7 @@ def _raw(settings: CanSettings, rate_hz: int) -> None:
     bus.send(_frame(NMT, bytes([START, 0])))
     time.sleep(0.1)
     start_s, start_cpu_s, clock = time.monotonic(), time.process_time(), MonotonicClock()
-    pacer, command = Pacer(clock, round(1e9 / rate_hz)), command_pdo(_DRIVE)
+    pacer, command = Pacer(clock, round(1e9 / rate_hz)), command_pdo(_DRIVE_NODE)
     while time.monotonic() - start_s < _LASTS_S:
         bus.send(_frame(command.can_id, command.pack(cia402.QUICK_STOP, 0)))
         trips.sync()
@@ -255,7 +255,7 @@ def _frame(can_id: int, data: bytes) -> can.Message:
 
 def _corruption() -> None:
     """Each frame carries its number, so that a lost and a changed one are told apart."""
-    wire, parser, random = Wire(12_000_000, Faults(corrupt=_SHARE), "corruption"), SlcanParser(), Random(1)
+    wire, parser, random = Wire(12_000_000, Faults(corrupt=_DAMAGED), "corruption"), SlcanParser(), Random(1)
     sent = {}
     found: dict[bytes, int] = {}
     start_s = time.process_time()

@@ -23,13 +23,13 @@ from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
 from forefeel.devices.zaber.protocol import Message, Parser, lrc
 from forefeel.devices.zaber.settings import ZaberSettings
 
-_SECONDS = 10.0
-_FRAMES = 100_000
-_SHARE = 0.01
+_SECONDS = 10.0  # s of each measurement; chosen, not measured: longer scatters less
+_FRAMES = 100_000  # frames of the test of damage; chosen, not measured: fewer damage too few to count
+_DAMAGED = 0.01  # share of these that is damaged; chosen, not measured: more damages neighbours, too
 _MODEL = ZaberModel(limits_m=(0.0, 0.2))
 _QUESTION = b"/1 1 05 move abs 123456:2F\n/1 1 06 get pos:26\n"  # an exchange of the driver
-_UNPACED = 12_000_000
-_WIRES = (115_200, _UNPACED)
+_UNPACED_BAUD = 12_000_000  # bit/s: full speed of USB, so that the wire takes hardly any time
+_WIRES = (115_200, _UNPACED_BAUD)
 
 
 def main() -> None:
@@ -129,7 +129,7 @@ def _damaged() -> None:
     """One byte of a share of the frames is another: what is lost, what is taken for something else."""
     chosen = random.Random(1)
     frames = [_frame(number) for number in range(_FRAMES)]
-    damaged = {number for number in range(_FRAMES) if chosen.random() < _SHARE}
+    damaged = {number for number in range(_FRAMES) if chosen.random() < _DAMAGED}
     stream = b"".join(_hurt(frame, chosen) if n in damaged else frame for n, frame in enumerate(frames))
     wanted = {Parser().feed(frame)[0] for frame in frames}
     start_s, parser = time.perf_counter(), Parser()

@@ -26,8 +26,8 @@ from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise
 
-DURATION_S = 20.0
-SEED = 1
+DURATION_S = 20.0  # s of a run, the default of `forefeel loopback --duration`
+SEED = 1  # of operator, world and network in both runs; arbitrary
 WALL = {"mass_kg": 0.02, "damping_n_s_m": 0.6, "stiffness_n_m": 12.0}
 HIDDEN: dict[str, dict[str, float]] = {
     "bias": {"force_n": 0.1},

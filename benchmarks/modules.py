@@ -15,6 +15,7 @@ import forefeel
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 
+# s of virtual time that are looked at: after the start, while the stage follows; chosen, not measured
 _FROM_S, _TO_S = 3.0, 3.5
 _TICKS = round((_TO_S - _FROM_S) * 1e3)
 """Of each loop: both run at 1 kHz."""
