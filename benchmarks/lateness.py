@@ -30,7 +30,6 @@ Late = tuple[float, float, float]
 
 
 def main() -> None:
-    """See the module."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.lateness")
     parser.add_argument("--rounds", type=int, default=_ROUNDS)
     parser.add_argument("--seconds", type=float, default=_SECONDS)
@@ -71,7 +70,7 @@ def measured(seconds: float) -> dict[str, Late]:
 
 
 def cyclictest(seconds: float) -> Late:
-    """Of one thread."""
+    """(p50, p99, p99.9) in us of a `cyclictest` with one thread."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / "found.json"
         subprocess.run(
@@ -84,7 +83,7 @@ def cyclictest(seconds: float) -> Late:
 
 
 def quantiles(counts: Mapping[int, int]) -> Late:
-    """Of whole us that were counted: in the middle of the one that holds the quantile."""
+    """Quantiles of counted whole us: each is the middle of the microsecond that holds it."""
     late_us = np.array(sorted(counts))
     total = np.cumsum([counts[each] for each in late_us])
     p50, p99, p999 = (float(late_us[np.searchsorted(total, q * total[-1])]) + 0.5 for q in _QUANTILES)

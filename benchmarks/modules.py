@@ -18,7 +18,7 @@ from forefeel.loopback.virtual import VirtualLoopback
 # s of virtual time that are looked at: after the start, while the stage follows; chosen, not measured
 _FROM_S, _TO_S = 3.0, 3.5
 _TICKS = round((_TO_S - _FROM_S) * 1e3)
-"""Of each loop: both run at 1 kHz."""
+"""Ticks of each loop in that time: both run at 1 kHz."""
 _FOLDERS = "common", "slave", "master"
 _PACKAGE = Path(forefeel.__file__).parent
 _HARNESS = {"common/runtime/virtual.py", "common/transport/memory.py"}

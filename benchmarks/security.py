@@ -198,7 +198,7 @@ def _raise(error: BaseException) -> None:
 
 
 def _echo(folder: Path, ports: list[int]) -> None:
-    """Until standard input ends."""
+    """Echoes until the standard input ends."""
     prepare_process()
     declared: list[Any] = []
     ends = _ends(folder, ports, listens=True)

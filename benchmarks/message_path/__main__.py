@@ -36,7 +36,6 @@ Times = tuple[float, float, float, int]
 
 
 def main() -> None:
-    """See the module."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.message_path")
     parser.add_argument("--rounds", type=int, default=_ROUNDS)
     parser.add_argument("--json", type=Path, help="the figures, too")

@@ -16,11 +16,9 @@ class Mqtt(Way):
     name = "MQTT (mosquitto)"
 
     def version(self) -> str:
-        """See `Way`."""
         return f"paho-mqtt {version('paho-mqtt')}, {broker_version('mosquitto')}"
 
     def echo(self, ready: Callable[[], None]) -> None:
-        """See `Way`."""
         client = self._client()
         client.on_message = lambda _client, _data, message: client.publish(BACK, message.payload)
         client.subscribe(TO)
@@ -29,7 +27,6 @@ class Mqtt(Way):
         client.loop_stop()
 
     def measure(self, warm: int, count: int) -> list[float]:
-        """See `Way`."""
         client, watch = self._client(), Stopwatch()
         client.on_message = lambda _client, _data, message: watch.answered(message.payload)
         client.subscribe(BACK)
@@ -59,11 +56,9 @@ class Nats(AsyncWay):
     name = "NATS, asyncio"
 
     def version(self) -> str:
-        """See `Way`."""
         return f"nats-py {version('nats-py')}, {broker_version('nats-server')}"
 
     def echo(self, ready: Callable[[], None]) -> None:
-        """See `Way`."""
         asyncio.run(self._echo(ready))
 
     async def _echo(self, ready: Callable[[], None]) -> None:
@@ -79,7 +74,6 @@ class Nats(AsyncWay):
         await client.close()
 
     def measure(self, warm: int, count: int) -> list[float]:
-        """See `Way`."""
         return asyncio.run(self._measure(warm, count))
 
     async def _measure(self, warm: int, count: int) -> list[float]:
@@ -106,11 +100,9 @@ class Redis(AsyncWay):
     name = "Redis, asyncio"
 
     def version(self) -> str:
-        """See `Way`."""
         return f"redis-py {version('redis')}, {broker_version('redis-server')}"
 
     def echo(self, ready: Callable[[], None]) -> None:
-        """See `Way`."""
         asyncio.run(self._echo(ready))
 
     async def _echo(self, ready: Callable[[], None]) -> None:
@@ -127,7 +119,6 @@ class Redis(AsyncWay):
         serving.cancel()
 
     def measure(self, warm: int, count: int) -> list[float]:
-        """See `Way`."""
         return asyncio.run(self._measure(warm, count))
 
     async def _measure(self, warm: int, count: int) -> list[float]:

@@ -16,13 +16,11 @@ class ZeroMq(AsyncWay):
     name = "ZeroMQ, asyncio"
 
     def version(self) -> str:
-        """See `Way`."""
         import zmq  # noqa: PLC0415
 
         return f"pyzmq {version('pyzmq')}, libzmq {zmq.zmq_version()}"
 
     def echo(self, ready: Callable[[], None]) -> None:
-        """See `Way`."""
         asyncio.run(self._echo(ready))
 
     async def _echo(self, ready: Callable[[], None]) -> None:
@@ -40,7 +38,6 @@ class ZeroMq(AsyncWay):
         socket.close(0)
 
     def measure(self, warm: int, count: int) -> list[float]:
-        """See `Way`."""
         return asyncio.run(self._measure(warm, count))
 
     async def _measure(self, warm: int, count: int) -> list[float]:
@@ -70,11 +67,9 @@ class Grpc(AsyncWay):
     name = "gRPC stream, asyncio"
 
     def version(self) -> str:
-        """See `Way`."""
         return f"grpcio {version('grpcio')}"
 
     def echo(self, ready: Callable[[], None]) -> None:
-        """See `Way`."""
         asyncio.run(self._echo(ready))
 
     async def _echo(self, ready: Callable[[], None]) -> None:
@@ -94,7 +89,6 @@ class Grpc(AsyncWay):
         await server.stop(0)
 
     def measure(self, warm: int, count: int) -> list[float]:
-        """See `Way`."""
         return asyncio.run(self._measure(warm, count))
 
     async def _measure(self, warm: int, count: int) -> list[float]:

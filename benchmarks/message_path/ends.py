@@ -64,7 +64,7 @@ class Way(ABC):
 
     @abstractmethod
     def version(self) -> str:
-        """Of the library, and of the broker where there is one."""
+        """The version of the library, and of the broker where there is one."""
 
     @abstractmethod
     def echo(self, ready: Callable[[], None]) -> None:
@@ -93,7 +93,7 @@ class AsyncWay(Way):
     async def warmed(
         self, send: Callable[[bytes], Awaitable[object]], watch: Stopwatch, warm: int, count: int
     ) -> list[float]:
-        """The times of `count` after `warm`."""
+        """The times of `count` round trips in us, after `warm` that do not count."""
         await self.paced(send, watch, warm)
         watch.restart()
         await self.paced(send, watch, count)
@@ -101,12 +101,12 @@ class AsyncWay(Way):
 
 
 async def input_ended() -> None:
-    """Until the standard input ends."""
+    """Waits until the standard input ends."""
     await asyncio.to_thread(sys.stdin.read)
 
 
 def paced(send: Callable[[bytes], object], watch: Stopwatch, count: int) -> None:
-    """As `AsyncWay.paced`, in a plain thread."""
+    """Asks every millisecond as `AsyncWay.paced` does, in a plain thread."""
     due_s = time.perf_counter()
     for _ in range(count):
         due_s += PERIOD_S

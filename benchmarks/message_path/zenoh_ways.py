@@ -27,7 +27,6 @@ class _ZenohWay(Way):
     """The measuring end is the same for all: Zenoh's own callback."""
 
     def version(self) -> str:
-        """See `Way`."""
         return f"eclipse-zenoh {version('eclipse-zenoh')}"
 
     def _open(self, listens: bool) -> ZenohTransport:
@@ -36,7 +35,6 @@ class _ZenohWay(Way):
         return ZenohTransport.open(settings, _CLOCK, _raise)
 
     def measure(self, warm: int, count: int) -> list[float]:
-        """See `Way`."""
         transport, watch = self._open(listens=False), Stopwatch()
         subscriber = _bare(transport).declare_subscriber(
             _HERE, lambda sample: watch.answered(sample.payload.to_bytes())
@@ -62,7 +60,6 @@ class _CallbackWay(_ZenohWay):
         """What is done with each sample before it is put back."""
 
     def echo(self, ready: Callable[[], None]) -> None:
-        """See `Way`."""
         transport = self._open(listens=True)
         answer = self.answer(transport.publisher(_HERE, Qos.STREAM))
         subscriber = _bare(transport).declare_subscriber(_THERE, answer)
@@ -78,7 +75,6 @@ class BareZenoh(_CallbackWay):
     name = "Zenoh, bare callbacks"
 
     def answer(self, put: Put) -> Callable[[zenoh.Sample], None]:
-        """See `_CallbackWay`."""
         return lambda sample: put(sample.payload.to_bytes())
 
 
@@ -88,7 +84,6 @@ class GatedInCallback(_CallbackWay):
     name = "forefeel's gate in Zenoh's callback"
 
     def answer(self, put: Put) -> Callable[[zenoh.Sample], None]:
-        """See `_CallbackWay`."""
         admit = gated(put)
         return lambda sample: admit(sample.payload.to_bytes(), _CLOCK.now_ns())
 
@@ -99,7 +94,6 @@ class Own(_ZenohWay):
     name = "forefeel"
 
     def echo(self, ready: Callable[[], None]) -> None:
-        """See `Way`."""
         transport = self._open(listens=True)
         transport.subscribe(_THERE, gated(transport.publisher(_HERE, Qos.STREAM)))
         ready()
@@ -108,12 +102,11 @@ class Own(_ZenohWay):
 
 
 class OwnAsyncio(_ZenohWay):
-    """As the daemons hand what is not urgent to asyncio."""
+    """Hands messages to asyncio as the daemons do with what is not urgent."""
 
     name = "forefeel, on asyncio"
 
     def echo(self, ready: Callable[[], None]) -> None:
-        """See `Way`."""
         asyncio.run(self._echo(ready))
 
     async def _echo(self, ready: Callable[[], None]) -> None:

@@ -46,8 +46,11 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
 
 
 class AsciiCell:
-    """See `Cell`. With a request: a carriage return ends a stream that may still run; the first request shows
-    whether the cell answers it once or begins to stream. Who answers once is asked once a period.
+    """The protocol of a cell that prints a number a line.
+
+    Where the settings have a request, a carriage return first ends a stream that may still run. The first
+    request shows whether the cell answers it once or begins to stream; a cell that answers once is asked once
+    a period.
     """
 
     def __init__(self, settings: AsciiLineSettings, counters: Counter[str]) -> None:
@@ -74,7 +77,7 @@ class AsciiCell:
 
     @property
     def measured_hz(self) -> float | None:
-        """By the host's clock, over half a second or eight readings."""
+        """The rate by the host's clock, over half a second, but at least eight readings."""
         if len(self._arrived) < (self._arrived.maxlen or 0):
             return None
         span_ns = self._arrived[-1] - self._arrived[0]
@@ -83,7 +86,6 @@ class AsciiCell:
     # --- asking ---
 
     def due(self, now_ns: int) -> bytes:
-        """See `Cell`."""
         if self._request is None or self._streams:
             return b""
         if self._quiet_ns is None:
@@ -113,7 +115,6 @@ class AsciiCell:
     # --- hearing ---
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
-        """See `Cell`."""
         if self._request is not None and self._asked_ns is None:
             return []  # what it still says before it is asked
         lines = self._parser.feed(data)

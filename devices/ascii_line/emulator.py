@@ -23,7 +23,7 @@ _LONGEST_COMMAND_BYTES = 64
 
 
 class EmulatedLoadstar:
-    """See `EmulatedDevice`. `O0W1` and `W` ask for one reading in millipound-force, `O0W0` for a stream of
+    """A Loadstar cell. `O0W1` and `W` ask for one reading in millipound-force, `O0W0` for a stream of
     them; `SS1` and `SLC` for its number and its capacity in pounds; `CT0` tares. A carriage return ends every
     command, and alone a stream; it is answered with `A`.
     """
@@ -41,7 +41,6 @@ class EmulatedLoadstar:
         self._conversions, self._force_n = 0, 0.0
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """See `EmulatedDevice`."""
         self._convert(t_s)
         for byte in data:
             if byte == 0x0D:
@@ -51,13 +50,12 @@ class EmulatedLoadstar:
                 self._line.append(byte)
 
     def advance(self, t_s: float) -> bytes:
-        """See `EmulatedDevice`."""
         self._convert(t_s)
         out, self._out = bytes(self._out), bytearray()
         return out
 
     def provoke(self, fault: str) -> None:
-        """See `EmulatedDevice`: `stuck`, `overrange`; `free` ends both."""
+        """Begins `stuck` or `overrange`; `free` ends both."""
         self._sensor.provoke(fault)
 
     def _convert(self, t_s: float) -> None:
@@ -88,7 +86,7 @@ class EmulatedLoadstar:
 
 
 class EmulatedHx711:
-    """See `EmulatedDevice`. Prints counts by itself, with a label before each; they have 24 bit."""
+    """An HX711 behind a microcontroller, which prints counts of 24 bit by itself, each after `label`."""
 
     faults = FAULTS
 
@@ -107,10 +105,9 @@ class EmulatedHx711:
         self.sent = 0
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """It does not listen."""
+        """Ignores the bytes: the sketch does not listen."""
 
     def advance(self, t_s: float) -> bytes:
-        """See `EmulatedDevice`."""
         found = b""
         while (made_s := (self.sent + 1) / self.sensing.rate_hz) <= t_s:
             found += self._label + encode_line(self._counts(self._sensor.measure(made_s)), "counts")
@@ -118,7 +115,7 @@ class EmulatedHx711:
         return found
 
     def provoke(self, fault: str) -> None:
-        """See `EmulatedDevice`: `stuck`, `overrange`; `free` ends both."""
+        """Begins `stuck` or `overrange`; `free` ends both."""
         self._sensor.provoke(fault)
 
     def _counts(self, force_n: float) -> int:
@@ -129,7 +126,7 @@ class EmulatedHx711:
 
 
 def build(settings: AsciiLineSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
-    """See `Emulation`: an HX711 that streams counts, or a Loadstar cell."""
+    """Builds an HX711 where the unit is counts, else a Loadstar cell, for `Emulation`."""
     sensing = Sensing(settings.rate_hz, full_scale_n=settings.full_scale_n, noise_n=NOISE_N, seed=around.seed)
     feel = felt(around, settings.sign, leave)
     device = EmulatedHx711(feel, sensing) if settings.unit == "counts" else EmulatedLoadstar(feel, sensing)

@@ -50,7 +50,7 @@ class LineParser:
         self._skipping = True  # until the next line end
 
     def begin(self) -> None:
-        """What comes next is the begin of a line: the answer to a request."""
+        """Drops what has come: the next byte begins a line, the answer to a request."""
         self._buffer.clear()
         self._skipping = False
 

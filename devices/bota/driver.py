@@ -32,7 +32,7 @@ class BotaSerialLoadCell(SerialLoadCell[BotaSettings]):
 
 
 class BotaCell:
-    """See `Cell`. A measurement is the configured component of a frame, in N."""
+    """The protocol of a Bota cell: a measurement is the configured component of a frame, in N."""
 
     settle_s, wait_s = 0.0, 0.02
 
@@ -49,7 +49,7 @@ class BotaCell:
 
     @property
     def measured_hz(self) -> float | None:
-        """By the cell's clock: the median, so that lost frames do not count."""
+        """The rate by the cell's clock, from the median step, so that lost frames do not count."""
         if len(self._steps_us) < (self._steps_us.maxlen or 0):
             return None
         step_us = median(self._steps_us)
@@ -60,7 +60,6 @@ class BotaCell:
         return b""
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
-        """See `Cell`."""
         frames = self._parser.feed(data)
         if not frames:
             return []

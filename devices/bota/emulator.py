@@ -22,7 +22,7 @@ _WRAP_US = 1 << 32  # us after which the clock in a frame, a u32, begins anew
 
 
 class EmulatedBota:
-    """See `EmulatedDevice`. The force that is felt is `component`; the others are noise.
+    """A Bota cell in run mode. The force that is felt is `component`; the others are noise.
 
     Its clock is `drift_ppm` fast and begins at `start_us`; `status` is set in every frame.
     """
@@ -50,10 +50,10 @@ class EmulatedBota:
         self._resting = BotaFrame(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 25.0)
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """In run mode it does not listen."""
+        """Ignores the bytes: a cell in run mode does not listen."""
 
     def advance(self, t_s: float) -> bytes:
-        """See `EmulatedDevice`: the frames since the last call."""
+        """The frames since the last call."""
         found = b""
         while (made_s := self.made_s(self.sent)) <= t_s:
             found += encode(self._frame(made_s))
@@ -65,13 +65,13 @@ class EmulatedBota:
         return (number + 1) / self.sensing.rate_hz
 
     def provoke(self, fault: str) -> None:
-        """See `EmulatedDevice`: `stuck`, `overrange`; `nan`: forces that are no numbers; `free` ends it."""
+        """Begins `stuck`, `overrange` or `nan` (forces that are no numbers); `free` ends it."""
         self._broken = fault == "nan"
         if not self._broken:
             self._sensor.provoke(fault)
 
     def reset(self) -> None:
-        """Its clock begins anew, as after a loss of power."""
+        """Lets its clock begin anew, as after a loss of power."""
         self._start_us = -floor(self.made_s(self.sent) * self._pace * _US_PER_S)
 
     def _frame(self, t_s: float) -> BotaFrame:
@@ -84,7 +84,7 @@ class EmulatedBota:
 
 
 def build(settings: BotaSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
-    """See `Emulation`: the six-axis cell on the stage."""
+    """Builds the six-axis cell on the stage for `Emulation`."""
     sensing = Sensing(settings.rate_hz, full_scale_n=settings.full_scale_n, noise_n=NOISE_N, seed=around.seed)
     device = EmulatedBota(felt(around, settings.sign, leave), sensing, settings.component)
     return SerialBench(device, Path(settings.port), settings.baud)

@@ -44,7 +44,7 @@ class BotaFrame(NamedTuple):
 
     @property
     def finite(self) -> bool:
-        """Whether each number is one."""
+        """Whether all its numbers are finite."""
         return all(map(isfinite, self))
 
     @property

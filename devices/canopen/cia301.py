@@ -31,7 +31,7 @@ class ObjectEntry:
 
     @property
     def mapping(self) -> int:
-        """As PDO mappings name it."""
+        """The entry as a PDO mapping names it: index, subindex, and bits (CiA 301)."""
         return self.index << 16 | self.sub << 8 | 8 * self.size
 
     def pack(self, value: float) -> bytes:
@@ -82,7 +82,7 @@ class Pdo(NamedTuple):
         return sum(entry.size for entry in self.entries)
 
     def parameters(self) -> list[tuple[ObjectEntry, int]]:
-        """What to write, in this order: off, transmission type, mapping, on."""
+        """The entries to write, in this order: off, transmission type, mapping, on."""
         communication, mapping = pdo_objects(self.transmit, self.number)
         can_id = self.can_id | (_NO_REMOTE if self.transmit else 0)
         return [
@@ -95,7 +95,6 @@ class Pdo(NamedTuple):
         ]
 
     def pack(self, *values: float) -> bytes:
-        """The frame's bytes."""
         return b"".join(entry.pack(value) for entry, value in zip(self.entries, values, strict=True))
 
     def unpack(self, data: bytes | bytearray) -> tuple[float, ...] | None:
@@ -116,7 +115,7 @@ def pdo_objects(transmit: bool, number: int) -> tuple[int, int]:
 
 
 def pdo_off(transmit: bool, number: int, node: int) -> tuple[ObjectEntry, int]:
-    """What switches one of the first four PDOs off."""
+    """The entry and value that switch one of the first four PDOs off."""
     can_id = (TPDO1 if transmit else RPDO1) + 0x100 * (number - 1) + node
     return ObjectEntry(pdo_objects(transmit, number)[0], 1, "I"), can_id | _PDO_OFF
 
@@ -127,5 +126,4 @@ def emergency(data: bytes | bytearray) -> int | None:
 
 
 def emergency_frame(code: int, register: int = 1) -> bytes:
-    """The bytes of an emergency."""
     return _EMERGENCY.pack(code, register, b"")

@@ -87,14 +87,14 @@ class _SteppedNetwork(canopen.Network):
             super().send_message(can_id, data, remote)
 
     def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> "_Periodic":
-        """As canopen's."""
+        """Has `send_due` send the frame every `period` s, where canopen would start a thread."""
         del remote
         task = _Periodic(can_id, bytes(data), period, self._now_s() + period)
         self._periodic.append(task)
         return task
 
     def send_due(self, t_s: float) -> None:
-        """What is due by then."""
+        """Sends the periodic frames that are due by then."""
         self._periodic = [task for task in self._periodic if not task.stopped]
         for task in self._periodic:
             if t_s >= task.next_s:
@@ -149,13 +149,13 @@ class CanopenDevice:
         """SYNC: after the PDOs that were received are applied, before others are sent."""
 
     def live(self, t_s: float) -> None:
-        """Up to that time."""
+        """Lets the device live up to that time."""
 
     def left_operational(self) -> None:
-        """NMT took the PDOs away."""
+        """Called when the device has left OPERATIONAL: no PDOs are exchanged any longer."""
 
     def heard(self, can_id: int, t_s: float) -> None:
-        """Any frame that arrived."""
+        """Called with every frame that arrived."""
 
     # --- what it does ---
 
@@ -171,17 +171,17 @@ class CanopenDevice:
         self._network.muted = fault == "unplug"
 
     def report(self, code: int) -> None:
-        """An emergency."""
+        """Sends an emergency."""
         self._network.send_message(cia301.EMERGENCY + self.node_id, cia301.emergency_frame(code))
 
     def enter_preoperational(self) -> None:
-        """By itself: the default after an error of communication."""
+        """Goes to PRE-OPERATIONAL by itself, the default after an error of communication (CiA 301)."""
         if self.operational:
             self._node.nmt.state = "PRE-OPERATIONAL"
             self.left_operational()
 
     def step(self, timeout_s: float = 0.001) -> None:
-        """One round: what arrived, up to that long waited for, and life until now."""
+        """One round: waits for a frame, takes all that have arrived, and lives until now."""
         message = self._bus.recv(timeout_s)
         left = _MOST_FRAMES
         while message is not None:
@@ -230,7 +230,7 @@ class CanopenDevice:
         return self.shown(index, subindex)
 
     def value(self, entry: ObjectEntry) -> float:
-        """As a client would read it."""
+        """The value that a client would read."""
         return entry.unpack(self._node.get_data(entry.index, entry.sub))
 
     # --- PDOs ---

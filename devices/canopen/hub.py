@@ -208,7 +208,7 @@ class CanHub:
         return [by_end[end] for end in select.select(list(by_end), [], [], self._wait_s())[0]]
 
     def _wait_s(self) -> float:
-        """Until something on a wire is complete."""
+        """The time until something on a wire is complete."""
         due = [self.wire.next_s, *(w.next_s for p in self._ports for w in (p.to_host, p.to_adapter))]
         soonest_s = min((each for each in due if each is not None), default=None)
         if soonest_s is None:

@@ -81,13 +81,13 @@ class SharedNetwork:
             return self._sync[0] is owner
 
     def leave_sync(self, owner: object) -> None:
-        """Another may send SYNC now."""
+        """Lets another driver send SYNC."""
         with self._sync_lock:
             if self._sync is not None and self._sync[0] is owner:
                 self._sync = None
 
     def counts(self) -> dict[str, int]:
-        """What was dropped and failed on this bus."""
+        """Counters of what was dropped and what failed on this bus."""
         parser = self._bus.parser.counts if isinstance(self._bus, SlcanBus) else Counter[str]()
         kept = {key: count for key, count in parser.items() if key != "frames" and count}
         return {**kept, **self.counters}

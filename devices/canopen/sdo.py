@@ -64,7 +64,7 @@ class RemoteDevice:
         shared.network.add_node(self._remote)
 
     def forget(self) -> None:
-        """Leaves the network."""
+        """Takes the node off the network."""
         del self._shared.network[self.node]
 
     def introduce(self, expected: int) -> None:
@@ -75,7 +75,7 @@ class RemoteDevice:
         self._link.advance(LinkState.IDENTIFIED)
 
     def order(self, command: int) -> None:
-        """An NMT command to this node."""
+        """Sends an NMT command to this node."""
         self._shared.send(NMT, bytes([command, self.node]))
 
     def identify(self, expected: int) -> dict[str, int]:
@@ -127,7 +127,6 @@ class RemoteDevice:
             raise DeviceSetupError(f"{self.name}: {entry} = {found:g} after {value:g} was written")
 
     def write_all(self, values: Iterable[tuple[ObjectEntry, float]]) -> None:
-        """`write`, one after the other."""
         for entry, value in values:
             self.write(entry, value)
 

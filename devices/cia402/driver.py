@@ -57,7 +57,7 @@ _CARRY_S = 0.002
 
 
 class Readback(NamedTuple):
-    """What a TPDO says: when it came, the statusword, where the drive is and how fast."""
+    """A received TPDO: the host's stamp, the statusword, and position and velocity of the drive."""
 
     host_ns: int
     statusword: int
@@ -194,12 +194,12 @@ _SWITCH_OFF = [(transmit, number) for transmit in (False, True) for number in (2
 
 
 def command_pdo(node: int) -> Pdo:
-    """Controlword and target, applied at every SYNC."""
+    """The RPDO with controlword and target, applied at every SYNC."""
     return Pdo(False, 1, RPDO1 + node, 1, (cia402.CONTROLWORD, cia402.TARGET_POSITION))
 
 
 def state_pdo(node: int) -> Pdo:
-    """Statusword and position, at every SYNC."""
+    """The TPDO with statusword and position, sent at every SYNC."""
     return Pdo(True, 1, TPDO1 + node, 1, (cia402.STATUSWORD, cia402.POSITION_ACTUAL))
 
 
@@ -218,7 +218,7 @@ def calibration_of(settings: Cia402Settings, serial: str) -> StageCalibration | 
 
 
 def scale_of(settings: Cia402Settings, calibration: StageCalibration | None) -> PositionScale:
-    """Of the calibration if there is one, else of the settings."""
+    """The scale of the calibration if there is one, else that of the settings."""
     if calibration is None:
         return PositionScale(0.0, settings.sign * settings.counts_per_m)
     return PositionScale(calibration.zero, settings.sign * calibration.native_per_m)
@@ -291,7 +291,8 @@ def require_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
 
 
 def configure_homing(device: RemoteDevice, settings: Cia402Settings, pause: Callable[[float], None]) -> None:
-    """As `configure`, for the mode of homing. The software limits stay: they belong to the count before.
+    """Configures as `configure` does, for the mode of homing. The software limits stay as they are: they
+    belong to the count before.
 
     Raises:
         DeviceError, DeviceSetupError: as `configure`.
@@ -432,7 +433,7 @@ class DriveVoice:
         self.asked_ns: int | None = None
 
     def send(self, word: int, target: int, now_ns: int) -> None:
-        """One cycle.
+        """Sends one cycle: the PDO, SYNC, and our heartbeat when it is due.
 
         Raises:
             DeviceError: the bus failed.
@@ -446,7 +447,7 @@ class DriveVoice:
             self._shared.send(HEARTBEAT + HOST_NODE, bytes([OPERATIONAL]))
 
     def tell(self) -> None:
-        """What became of the bus' frames stands in the link's counters."""
+        """Adds what became of the bus' frames to the link's counters."""
         self._shared.tell(self._link)
 
     def release(self, target: int, now_ns: int) -> None:
@@ -503,7 +504,7 @@ class Cia402Stage:
         self._conversation.start(_OPEN_S)
 
     def close(self) -> None:
-        """Comes to rest, quick stop, lets go."""
+        """Comes to rest, sends a quick stop, and releases the bus."""
         if self._conversation is not None:
             self._conversation.stop()
 
@@ -518,7 +519,6 @@ class Cia402Stage:
             self._rearm = True
 
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
-        """See the port."""
         require_finite(position_m, velocity_m_s)
         self.link.require_ready()
         applied_m = self._limits.within_travel(position_m)
@@ -526,13 +526,12 @@ class Cia402Stage:
         return applied_m
 
     def hold(self, now_ns: int) -> None:
-        """See the port."""
         del now_ns
         self._wanted = None
         self.link.require_ready()
 
     def read(self, now_ns: int) -> StageReading:
-        """See the port; velocity is the difference of the drive's positions at SYNC."""
+        """The newest readback, carried on to now; its velocity is the difference of two positions at SYNC."""
         self.link.require_ready()
         found = self._readback
         if found is None:

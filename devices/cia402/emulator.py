@@ -41,7 +41,7 @@ METHODS = frozenset({NEGATIVE_SWITCH, POSITIVE_SWITCH}) | HERE
 
 
 class HomingPhase(Enum):
-    """What it is about."""
+    """How far homing has come."""
 
     IDLE = "not begun, or interrupted"
     SEARCHING = "towards the switch"
@@ -79,11 +79,11 @@ class DriveHoming:
         self.reference_m = self.velocity_m_s = 0.0
 
     def hold(self, position_m: float) -> None:
-        """It is switched on there."""
+        """Rests at that position: the drive is switched on there."""
         self.reference_m, self.velocity_m_s = position_m, 0.0
 
     def start(self, position_m: float) -> float | None:
-        """Begins; the reference, when that is all."""
+        """Begins to home; the reference, where the method moves nothing."""
         if self.method in HERE:
             self.phase = HomingPhase.ATTAINED
             return position_m
@@ -92,12 +92,12 @@ class DriveHoming:
         return None
 
     def interrupt(self) -> None:
-        """Ends it before its time; it comes to rest."""
+        """Ends homing before its time; the reference slows down to rest."""
         if self.phase in _MOVING:
             self.phase = HomingPhase.IDLE
 
     def step(self, position_m: float, velocity_m_s: float) -> float | None:
-        """One step of the servo, which is there and goes so fast; the reference, when it is just found."""
+        """Makes one step, given the servo's position and velocity; returns the reference when it finds it."""
         found = None
         if self.phase is HomingPhase.SEARCHING:
             if self._active(position_m):
@@ -113,7 +113,7 @@ class DriveHoming:
         return found
 
     def status(self, at_rest: bool) -> int:
-        """Its bits of the statusword."""
+        """The bits of the statusword that the mode of homing has."""
         match self.phase:
             case HomingPhase.IDLE:
                 return TARGET_REACHED
@@ -205,34 +205,34 @@ class DriveModel:
 
     @property
     def position_m(self) -> float:
-        """Of the motor."""
+        """Position of the motor, from the servo's own zero."""
         return self._servo.position_m
 
     @property
     def velocity_m_s(self) -> float:
-        """Of the motor."""
+        """Velocity of the motor; 0 while it is stuck."""
         return 0.0 if self.stuck else self._servo.velocity_m_s
 
     @property
     def position(self) -> int:
-        """In counts."""
+        """Position of the motor in counts, object 6064."""
         return round((self._servo.position_m - self.origin_m) * self._counts_per_m)
 
     @property
     def velocity(self) -> int:
-        """In counts per second."""
+        """Velocity of the motor in counts/s, object 606C."""
         return round(self.velocity_m_s * self._counts_per_m)
 
     @property
     def following_error(self) -> int:
-        """In counts; 0 while it does not follow."""
+        """The following error in counts, object 60F4; 0 while the drive does not follow."""
         if self.state is not DriveState.ENABLED:
             return 0
         return round((self._reference_m(self._t_s)[0] - self._servo.position_m) * self._counts_per_m)
 
     @property
     def statusword(self) -> int:
-        """As 6041."""
+        """The value of object 6041."""
         word = PATTERNS[self.state][1] | _VOLTAGE | _REMOTE
         if self.state is DriveState.DISABLED:
             word |= _QUICK_STOP_OFF
@@ -249,7 +249,7 @@ class DriveModel:
     # --- what it is told ---
 
     def control(self, word: int) -> None:
-        """A controlword."""
+        """Obeys a controlword, object 6040."""
         rising = word & ~self._control
         self._control = word
         if self.state is DriveState.FAULT:
@@ -274,11 +274,11 @@ class DriveModel:
             self.origin_m = reference_m - self.home_offset / self._counts_per_m
 
     def target(self, counts: int) -> None:
-        """A target position, for the next SYNC."""
+        """Keeps a target position, object 607A, for the next SYNC."""
         self._target = counts
 
     def sync(self, t_s: float) -> None:
-        """SYNC: the target counts from now on; the drive interpolates over one period."""
+        """At SYNC the target becomes valid; the drive interpolates to it over one period."""
         self._from_m = self._reference_m(t_s)[0]
         if self._target is not None and self.mode == cia402.CSP:
             low, high = self.soft_limits
@@ -288,7 +288,7 @@ class DriveModel:
         self._synced_s = t_s
 
     def lose_host(self) -> None:
-        """The heartbeat that it listens to has ended, or the PDOs: what 6007 says."""
+        """Reacts, as object 6007 says, to the end of the host's heartbeat or of the PDOs."""
         if self.state is not DriveState.ENABLED:
             return
         if self.abort_option == cia402.ABORT_QUICK_STOP:
@@ -299,7 +299,7 @@ class DriveModel:
             self.fail(HEARTBEAT_LOST)
 
     def fail(self, code: int, broken: bool = False) -> None:
-        """A fault; a broken drive stays in it whatever it is told."""
+        """Begins a fault; a broken drive stays in it whatever it is told."""
         self._broken = self._broken or broken
         if self.state not in (DriveState.FAULT, DriveState.FAULT_REACTION):
             self.state, self.error_code = DriveState.FAULT_REACTION, code
@@ -308,7 +308,7 @@ class DriveModel:
     # --- time ---
 
     def advance(self, t_s: float) -> None:
-        """Servo steps up to that time."""
+        """Makes the servo's steps up to that time."""
         while self._t_s + self._dt_s <= t_s:
             self._t_s += self._dt_s
             self._step(self._t_s)
@@ -406,7 +406,7 @@ _SIGNED = frozenset(
 
 
 def contents(node: int) -> dict[ObjectEntry, float]:
-    """The object dictionary of the drive."""
+    """The object dictionary at the start."""
     return {
         cia301.DEVICE_TYPE: 0x0002_0000 | cia402.PROFILE,  # a servo drive
         cia301.ERROR_REGISTER: 0,
@@ -498,7 +498,6 @@ class Drive402(CanopenDevice):
             super().provoke(fault)
 
     def written(self, index: int, sub: int, value: bytes) -> None:
-        """See `CanopenDevice`."""
         model = self.model
         if index == cia402.CONTROLWORD.index:
             model.control(unpacked(cia402.CONTROLWORD, value))
@@ -514,26 +513,22 @@ class Drive402(CanopenDevice):
             self._configured((index, sub), value)
 
     def shown(self, index: int, sub: int) -> float | None:
-        """See `CanopenDevice`."""
         del sub
         name = _SHOWN.get(index)
         return None if name is None else int(getattr(self.model, name))
 
     def synchronised(self, t_s: float) -> None:
-        """See `CanopenDevice`."""
         self.model.sync(t_s)
 
     def heard(self, can_id: int, t_s: float) -> None:
-        """See `CanopenDevice`."""
         if can_id == cia301.HEARTBEAT + self._listens_to and self._silence_s:
             self._last_beat_s = t_s
 
     def left_operational(self) -> None:
-        """See `CanopenDevice`."""
         self.model.lose_host()
 
     def live(self, t_s: float) -> None:
-        """See `CanopenDevice`; the host is lost when its heartbeat, once heard, stays away."""
+        """Moves the drive on; the host is lost when its heartbeat, once heard, stays away."""
         if self._last_beat_s is not None and t_s - self._last_beat_s > self._silence_s:
             self.model.advance(self._last_beat_s + self._silence_s)
             self._last_beat_s = None
@@ -585,7 +580,7 @@ class Drive402(CanopenDevice):
 
 
 def build(settings: Cia402Settings, around: Surroundings, leave: ExitStack) -> Drive402:
-    """See `Emulation`: the drive of the world's stage, with the vessel in front of it.
+    """Builds the drive of the world's stage, with the vessel in front of it, for `Emulation`.
 
     Its limit switches lie beyond the travel; the one that it is homed to lies where the settings have it.
     """

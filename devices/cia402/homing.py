@@ -117,8 +117,8 @@ _OFF_SWITCH_M = 0.01
 
 
 class Cia402Homing:
-    """See `Homing`. Where it is sent it goes in cyclic synchronous position mode, as in service, under the
-    same supervision; from one motion to the next the drive stands in quick stop.
+    """Homes a CiA 402 drive and runs over its travel. To a target it goes in cyclic synchronous position
+    mode, under the same supervision as in service; between two motions the drive stands in quick stop.
 
     Attributes:
         link: identity and counters.
@@ -181,7 +181,7 @@ class Cia402Homing:
         return Home(self._scale.zero, None)
 
     def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
-        """See `Homing`: where it has been, a little beyond both ends of `travel_m`.
+        """Where it has been, in counts: a little beyond both ends of `travel_m`.
 
         Raises:
             DeviceError: as `home`.

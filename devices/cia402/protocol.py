@@ -58,7 +58,7 @@ TARGET_REACHED, HOMING_ATTAINED, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 
 
 class DriveState(Enum):
-    """The states of CiA 402."""
+    """The states of a drive (CiA 402)."""
 
     NOT_READY = "not ready to switch on"
     DISABLED = "switch on disabled"
@@ -103,7 +103,7 @@ def interpolation_period(rate_hz: int) -> tuple[int, int] | None:
 
 
 class Phase(Enum):
-    """What the host is about."""
+    """What the host does with the drive."""
 
     PASSIVE = "passive"
     RESETTING = "resetting"
@@ -146,7 +146,7 @@ class DriveMachine:
         self._begin(Phase.RESETTING)
 
     def stop(self) -> None:
-        """Quick stop, from now on."""
+        """Answers every statusword with quick stop from now on."""
         self.phase = Phase.PASSIVE
 
     def step(self, statusword: int) -> int:

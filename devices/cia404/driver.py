@@ -70,23 +70,21 @@ class Cia404LoadCell:
         self._conversation.start(_OPEN_S)
 
     def open_native(self) -> None:
-        """As `open`, for `read_native` alone, whatever its unit. See `NativeLoadCell`."""
+        """Opens the transducer, whatever its unit, for `read_native` alone (`NativeLoadCell`)."""
         self._native = True
         self.open()
 
     def close(self) -> None:
-        """See the port."""
         if self._conversation is not None:
             self._conversation.stop()
 
     def rearm(self) -> None:
-        """See the port; what came before it is forgotten."""
+        """Permits readings again; those from before are forgotten."""
         if self.link.inhibited is not None:
             self._readings.drain()
             self.link.rearm()
 
     def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
-        """See the port."""
         del now_ns, recording_time_s
         self.link.require_ready()
         if self._native:
@@ -101,7 +99,7 @@ class Cia404LoadCell:
 
     @property
     def dropped(self) -> int:
-        """Readings that nobody took in time."""
+        """The number of readings that were dropped because nobody took them in time."""
         return self._readings.dropped
 
     def _native_reading(self, timed: Timed[cia404.Measured]) -> NativeReading:

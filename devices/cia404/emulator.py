@@ -29,7 +29,7 @@ _REFUSED = 0x0800_0020  # data can not be transferred
 
 
 def contents(node: int, unit: int, digits: int) -> dict[ObjectEntry, float]:
-    """The object dictionary of the transducer."""
+    """The object dictionary at the start."""
     return {
         cia301.DEVICE_TYPE: 0x0002_0000 | cia404.PROFILE,  # analogue inputs
         cia301.ERROR_REGISTER: 0,
@@ -87,7 +87,7 @@ class Transducer404(CanopenDevice):
             super().provoke(fault)
 
     def written(self, index: int, sub: int, value: bytes) -> None:
-        """See `CanopenDevice`; autozero takes nothing but the word for it."""
+        """Tares on the word `zero` at 6125; any other value there is refused."""
         del sub
         if index == cia404.AUTOZERO.index:
             if unpacked(cia404.AUTOZERO, value) != cia404.ZERO:
@@ -95,14 +95,12 @@ class Transducer404(CanopenDevice):
             self._zero += self._value
 
     def shown(self, index: int, sub: int) -> float | None:
-        """See `CanopenDevice`."""
         del sub
         if index == cia404.PROCESS_VALUE.index:
             return self._value
         return self._status if index == cia404.STATUS.index else None
 
     def synchronised(self, t_s: float) -> None:
-        """See `CanopenDevice`."""
         if self._stuck:
             return
         felt = 2.0 * self._full_scale if self._over else self._feel(t_s) - self._zero
@@ -112,7 +110,7 @@ class Transducer404(CanopenDevice):
 
 
 def build(settings: Cia404Settings, around: Surroundings, leave: ExitStack) -> Transducer404:
-    """See `Emulation`: the transducer with noise, for a cell without can not be seen to stick."""
+    """Builds the transducer for `Emulation`. It has noise: a cell without can not be seen to stick."""
     force_n, random = felt(around, settings.sign, leave), Random(f"transducer {around.seed}")
 
     def noisy_n(t_s: float) -> float:

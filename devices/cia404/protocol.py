@@ -61,7 +61,7 @@ def reading_pdo(node: int, every: int = 1) -> Pdo:
 
 
 class Measured(NamedTuple):
-    """What one TPDO says, in the unit of 6131."""
+    """A received TPDO: the process value in the unit of 6131, and the status of 6150."""
 
     value: float
     status: int
@@ -83,6 +83,6 @@ class Measured(NamedTuple):
 
 
 def measured(pdo: Pdo, data: bytes | bytearray) -> Measured | None:
-    """What a TPDO says; None: it has another length."""
+    """Decodes a TPDO; None where it has another length."""
     values = pdo.unpack(data)
     return None if values is None else Measured(values[0], int(values[1]))

@@ -70,7 +70,7 @@ class DeviceClock:
         self._offset_ns = 0.0
 
     def host_ns(self, time_us: int, arrived_ns: int) -> int:
-        """When the device measured, not after `arrived_ns`."""
+        """The host's stamp of a measurement, never after `arrived_ns`."""
         if self._last_us is None:
             self._offset_ns = float(arrived_ns)
         else:
@@ -304,7 +304,6 @@ class CoilHandle:
 
     @property
     def pressed_anew(self) -> bool:
-        """See `Handle`."""
         return self.link.state is LinkState.CONFIGURED and self._talk.pressed_anew
 
     def open(self) -> None:

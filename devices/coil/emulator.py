@@ -77,7 +77,7 @@ class QuadratureEncoder:
         return round(max(-bound, min(bound, self._rate)))
 
     def move(self, position_m: float, t_s: float) -> None:
-        """The hand is there at that time."""
+        """Sets where the hand is at that time."""
         exact = position_m * self._per_m
         before, was_s = self._exact, self._t_s
         self._exact, self._t_s = exact, t_s
@@ -125,7 +125,6 @@ class CoilDevice:
         self._answer = self._sent = b""
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """See `EmulatedDevice`."""
         if t_s < self._hangs_until_s:
             return
         for frame in self._parser.feed(data):
@@ -138,7 +137,6 @@ class CoilDevice:
                 self._command, self._command_s = frame, t_s
 
     def advance(self, t_s: float) -> bytes:
-        """See `EmulatedDevice`."""
         sent, self._answer = bytearray(self._answer), b""
         while self._next * _PERIOD_S <= t_s + 1e-9:
             sent += self._step(self._next * _PERIOD_S)
@@ -211,7 +209,11 @@ class CoilDevice:
         return reading
 
     def _protect(self, t_s: float, heard: bool) -> None:
-        """What the firmware lets through; two flags stay until `Identify`, heat and zero by nature."""
+        """Sets the flags and the current that the firmware permits.
+
+        WATCHDOG and OVERCURRENT stay until `Identify`, OVER_TEMPERATURE until the coil has cooled, NOT_HOMED
+        until the zero is found.
+        """
         hardware = self.hardware
         share = _PERIOD_S / hardware.thermal_s
         self._heat += share * (self.current_a**2 - self._heat)
@@ -239,7 +241,7 @@ def _buttons(reading: HandleReading) -> Button:
 
 
 def build(settings: CoilSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
-    """See `Emulation`: the handle in the hand of the synthetic operator."""
+    """Builds the handle, in the hand of the synthetic operator, for `Emulation`."""
     del leave
     hardware = CoilHardware(
         counts_per_m=settings.counts_per_m,

@@ -52,7 +52,7 @@ class _Kind(IntEnum):
 
 
 class Button(IntFlag):
-    """What is pressed."""
+    """Bits of the buttons that are pressed."""
 
     DEADMAN = 1
     GRIPPER = 2

@@ -50,17 +50,17 @@ class ForceSender:
         self._socket.setblocking(False)
 
     def send(self, force_n: float) -> None:
-        """The newest force."""
+        """Sends the newest force, in N."""
         with suppress(OSError):  # nobody listens yet, or does not keep up: the next one counts
             self._socket.sendto(_FORCE.pack(force_n), self._path)
 
     def close(self) -> None:
-        """Idempotent."""
+        """Closes the socket; idempotent."""
         self._socket.close()
 
 
 class ForceReceiver:
-    """The force that an emulated stage tells."""
+    """Receives the force that an emulated stage sends."""
 
     def __init__(self, path: Path) -> None:
         with suppress(FileNotFoundError):
@@ -79,7 +79,7 @@ class ForceReceiver:
         return self._force_n
 
     def close(self) -> None:
-        """Idempotent."""
+        """Closes the socket; idempotent."""
         self._socket.close()
         with suppress(FileNotFoundError):
             self._path.unlink()

@@ -9,15 +9,15 @@ class EmulatedDevice(Protocol):
 
     @property
     def faults(self) -> Sequence[str]:
-        """What `provoke` takes."""
+        """The faults that `provoke` takes."""
         ...
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """Bytes of the host that have arrived at that time."""
+        """Takes bytes of the host that have arrived at that time."""
         ...
 
     def advance(self, t_s: float) -> bytes:
-        """Lives up to that time; what it sends now."""
+        """Lets the device live up to that time; the bytes that it sends now."""
         ...
 
     def provoke(self, fault: str) -> None:

@@ -31,7 +31,7 @@ def host_baud(terminal: int) -> int | None:
 
 
 def set_baud(terminal: int, baud: int) -> None:
-    """As a host that opens the port at that rate; nothing where the system has other calls for it."""
+    """Sets the rate as a host that opens the port does; nothing where the system has other calls for it."""
     state = _state(terminal)
     if state is None:
         return
@@ -106,7 +106,7 @@ class Pty:
             set_baud(self._slave, baud)
 
     def plug(self) -> None:
-        """A new terminal behind the same link."""
+        """Makes a new terminal behind the same link."""
         if self._master >= 0:
             return
         if self.link.exists() and not self.link.is_symlink():
@@ -134,7 +134,7 @@ class Pty:
         return self._master
 
     def read(self, timeout_s: float) -> bytes:
-        """What the host wrote, waiting for at most that long."""
+        """What the host wrote, after waiting for at most `timeout_s`."""
         if self._master < 0:
             time.sleep(timeout_s)
             return b""
@@ -159,7 +159,7 @@ class Pty:
                 return
 
     def _heard(self, data: bytes, to_host: bool) -> bytes:
-        """What the other end makes of it."""
+        """What the other end receives where the two rates differ."""
         device, host = self._baud, host_baud(self._slave) if self._baud else None
         if not device or not host:
             return data
@@ -206,7 +206,7 @@ class PtyServer:
 
     @property
     def faults(self) -> Sequence[str]:
-        """What `provoke` takes."""
+        """The faults that `provoke` takes."""
         return ("unplug", "plug", *self._device.faults)
 
     def provoke(self, fault: str) -> None:

@@ -59,13 +59,13 @@ class Faults:
 
 
 class Timetable:
-    """What of `Faults.at` is still to happen."""
+    """The faults of `Faults.at` that are still to happen."""
 
     def __init__(self, faults: Faults) -> None:
         self._at = deque(faults.at)
 
     def due(self, t_s: float) -> list[str]:
-        """What is to happen by then, once, in order."""
+        """The faults that are due by then, in order; each is returned once."""
         found: list[str] = []
         while self._at and self._at[0][0] <= t_s:
             found.append(self._at.popleft()[1])
@@ -105,7 +105,7 @@ class Wire:
             self._under_way.append((self._free_s, part))
 
     def arrived(self, t_s: float) -> bytes:
-        """What has arrived by then."""
+        """The bytes that have arrived by then."""
         found = bytearray()
         while self._under_way and self._under_way[0][0] <= t_s:
             found += self._under_way.popleft()[1]

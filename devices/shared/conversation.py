@@ -45,7 +45,7 @@ class Conversation:
 
     @property
     def stopping(self) -> bool:
-        """Whether `converse` is to return."""
+        """Whether `converse` has been asked to return."""
         return self._stopping.is_set()
 
     def pause(self, seconds: float) -> None:

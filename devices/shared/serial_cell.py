@@ -133,7 +133,7 @@ class SerialLoadCell(Generic[S]):
         self._conversation = conversation
 
     def open_native(self) -> None:
-        """As `open`, for `read_native` alone: the calibration is not looked at. See `NativeLoadCell`."""
+        """Opens the cell for `read_native` alone (`NativeLoadCell`); the calibration is not looked at."""
         self._native = True
         self.open()
 
@@ -144,7 +144,7 @@ class SerialLoadCell(Generic[S]):
             self._conversation = None
 
     def rearm(self) -> None:
-        """See the port. What was measured before is discarded.
+        """Permits readings again; what was measured before is discarded.
 
         Raises:
             DeviceError: the cell has not come back yet.
@@ -203,7 +203,7 @@ class SerialLoadCell(Generic[S]):
         return self._scale(self.calibration)
 
     def _serial(self) -> str:
-        """Of the port, else of the settings; empty: of neither."""
+        """The serial number of the port, else that of the settings, else an empty text."""
         found, given = port_serial(self._settings.port), self._settings.serial
         if found and given not in (None, found):
             raise DeviceSetupError(

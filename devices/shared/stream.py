@@ -40,7 +40,7 @@ class ByteStream(Protocol):
         ...
 
     def close(self) -> None:
-        """Idempotent."""
+        """Closes the stream; idempotent."""
         ...
 
 
@@ -59,7 +59,6 @@ class SerialStream:
             raise DeviceSetupError(_why_not(settings, error)) from error
 
     def read(self) -> bytes:
-        """See `ByteStream`."""
         try:  # past pyserial's read, which takes three times the system calls for a frame each millisecond
             number = self._serial.fileno()
             if not select.select([number], [], [], self._timeout_s)[0]:
@@ -72,7 +71,6 @@ class SerialStream:
         return data
 
     def write(self, data: bytes) -> None:
-        """See `ByteStream`."""
         try:  # past pyserial's write, which fails after all is written when the process was frozen meanwhile
             number = self._serial.fileno()
             while data:
@@ -83,7 +81,7 @@ class SerialStream:
             raise DeviceError(f"{self.name}: gone while writing ({_short(error)})") from error
 
     def fileno(self) -> int:
-        """For select.
+        """The descriptor, for `select`.
 
         Raises:
             DeviceError: it is closed.
@@ -94,7 +92,6 @@ class SerialStream:
             raise DeviceError(f"{self.name}: closed") from error
 
     def close(self) -> None:
-        """See `ByteStream`."""
         with suppress(*_BROKEN):  # it is gone: as closed as it will be
             self._serial.close()
 

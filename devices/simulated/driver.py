@@ -96,15 +96,12 @@ class SimulatedGripper(SimulatedDevice):
 
 
 def make_stage(_settings: SimulatedStageSettings, world: SimulatedWorld) -> SimulatedStage:
-    """See `Driver.make`."""
     return SimulatedStage(world)
 
 
 def make_load_cell(_settings: SimulatedLoadCellSettings, world: SimulatedWorld) -> SimulatedLoadCell:
-    """See `Driver.make`."""
     return SimulatedLoadCell(world)
 
 
 def make_gripper(_settings: SimulatedGripperSettings, world: SimulatedWorld) -> SimulatedGripper:
-    """See `Driver.make`."""
     return SimulatedGripper(world)

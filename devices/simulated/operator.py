@@ -115,12 +115,11 @@ class SimulatedHandle:
 
     @property
     def pressed_anew(self) -> bool:
-        """Only asked after a fault."""
+        """Always false: it is asked after a fault only, and this handle has none."""
         return False
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """Nothing is counted."""
         return {}
 
     def show(self, indication: Indication) -> None:
@@ -228,7 +227,7 @@ class Operator(SimulatedHandle):
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
-        """Moves the arm up to now."""
+        """Moves the arm up to now; where it is, and how fast it moves."""
         dt_s = self._step_s(now_ns)
         was = self.person.act
         aligned = self._reach_s >= self._reach.duration_s
@@ -271,5 +270,4 @@ class Operator(SimulatedHandle):
 
 
 def make_operator(settings: OperatorSettings, _clock: Clock) -> Operator:
-    """See `Driver.make`."""
     return Operator(settings, settings.seed)

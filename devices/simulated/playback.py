@@ -151,18 +151,16 @@ class Playback(SimulatedHandle):
 
 
 def make_recorded(settings: RecordedHandleSettings, _clock: Clock) -> Playback:
-    """See `Driver.make`. Raises RecordingError for a recording that can not be used."""
+    """Raises RecordingError for a recording that can not be used."""
     recording = load_recording(settings.recording, settings.columns.mapping() if settings.columns else None)
     return Playback(RecordedMotion(recording, settings.gap_s), settings.approach_m_s)
 
 
 def make_sine(settings: SineSettings, _clock: Clock) -> Playback:
-    """See `Driver.make`."""
     sine = MultiSine(settings.centre_m, settings.amplitude_m, (settings.frequency_hz,))
     return Playback(sine, settings.approach_m_s)
 
 
 def make_multisine(settings: MultiSineSettings, _clock: Clock) -> Playback:
-    """See `Driver.make`."""
     sines = MultiSine(settings.centre_m, settings.amplitude_m, settings.frequencies_hz)
     return Playback(sines, settings.approach_m_s)

@@ -93,7 +93,7 @@ class ZaberTalk:
         raise SilenceError(f"{self._name}: no answer to {text!r}")
 
     def number(self, text: str, axis: int | None = None) -> float:
-        """As `ask`, of a reply that is one number; DeviceError if it is none."""
+        """Asks for one number; DeviceError where the reply is none."""
         return self.as_number(text, self.ask(text, axis))
 
     def as_number(self, text: str, data: str) -> float:
@@ -194,7 +194,6 @@ class ConfiguredStage(NamedTuple):
 
 
 def link_name(settings: ZaberSettings) -> str:
-    """For texts."""
     return f"stage zaber_ascii on {settings.port}"
 
 
@@ -395,13 +394,13 @@ class ZaberExchange:
         self.watch()
 
     def watch(self) -> None:
-        """Only where it is."""
+        """Reads the position and commands nothing."""
         asked_ns = self._clock.now_ns()
         x_m = self._scale.metres(self._talk.number("get pos"))
         self._took((asked_ns + self._clock.now_ns()) // 2, x_m)
 
     def step(self) -> None:
-        """What is due, with a position in the same exchange.
+        """Sends what is due, and asks for the position in the same exchange.
 
         Raises:
             DeviceError: a rejected command, a warning flag that forbids motion, silence, the port is gone.
@@ -535,7 +534,7 @@ class ZaberStage:
     # --- the control loop ---
 
     def open(self) -> None:
-        """See `Stage`; waits for the handshake.
+        """Starts the conversation and waits for the end of the handshake.
 
         Raises:
             DeviceSetupError: no such port, no such device, or it is not homed; the stage was not moved.
@@ -545,18 +544,21 @@ class ZaberStage:
         self._conversation.start(_OPEN_S)
 
     def close(self) -> None:
-        """See `Stage`."""
         conversation, self._conversation = self._conversation, None
         if conversation is not None:
             conversation.stop()
 
     def rearm(self) -> None:
-        """See `Stage`; what was commanded before is forgotten."""
+        """Permits motion again; what was commanded before is forgotten."""
         self._orders.hold()
         self.link.rearm()
 
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
-        """See `Stage`; a number that is not finite is refused with `DeviceError`."""
+        """Hands the newest setpoint, within the travel, to the thread that talks to the device.
+
+        Raises:
+            DeviceError: the device is not ready, or a number is not finite.
+        """
         self.link.require_ready()
         require_finite(position_m, velocity_m_s)
         applied_m = self._within_travel(position_m)
@@ -564,13 +566,11 @@ class ZaberStage:
         return applied_m
 
     def hold(self, now_ns: int) -> None:
-        """See `Stage`."""
         del now_ns
         self._orders.hold()
         self.link.require_ready()
 
     def read(self, now_ns: int) -> StageReading:
-        """See `Stage`."""
         self.link.require_ready()
         if self._exchange is None:
             raise DeviceError(f"{self.link.name}: used while closed, expected open() before")

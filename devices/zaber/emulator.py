@@ -33,7 +33,7 @@ _NEAR = 1e-6  # microsteps
 
 
 class AxisMode(Enum):
-    """What the axis is doing."""
+    """The motion that the axis makes."""
 
     IDLE = "idle"
     POSITION = "position"
@@ -107,7 +107,7 @@ class ZaberAxis:
             self.begin(AxisMode.STOP)
 
     def step(self) -> None:
-        """One millisecond."""
+        """Moves the axis on by `STEP_S`."""
         before = self.velocity
         if self.busy:
             self._move()
@@ -125,7 +125,7 @@ class ZaberAxis:
             self._end()
 
     def _wanted(self) -> float:
-        """The velocity that the motion asks for."""
+        """The velocity in microsteps/s that the motion asks for."""
         if self.motion is AxisMode.STOP:
             return 0.0
         if self.motion is AxisMode.HOME:
@@ -203,7 +203,7 @@ class SettingRejectedError(Exception):
 
 
 class ZaberRegister:
-    """What `get` and `set` reach."""
+    """The settings that `get` and `set` reach."""
 
     def __init__(self, model: ZaberModel, axis: ZaberAxis) -> None:
         self._model, self._axis = model, axis
@@ -233,7 +233,6 @@ class ZaberRegister:
         self._apply()
 
     def is_on(self, name: str) -> bool:
-        """Whether a setting is 1."""
         return self._values.get(name) == "1"
 
     def get(self, args: list[str]) -> str:
@@ -344,7 +343,6 @@ class ZaberDevice:
         return axis.position * step_m, axis.velocity * step_m, axis.change * step_m
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """See `EmulatedDevice`."""
         self._live(t_s)
         *lines, partial = _ENDS.split(self._partial + data)
         self._partial = partial if len(partial) <= _MAX_LINE_BYTES else b""
@@ -352,7 +350,6 @@ class ZaberDevice:
             self._line(line)
 
     def advance(self, t_s: float) -> bytes:
-        """See `EmulatedDevice`."""
         self._live(t_s)
         sent, self._sent = bytes(self._sent), bytearray()
         return sent
@@ -529,7 +526,7 @@ _BEHIND_M = 0.001  # m, how far the stage's own limits lie beyond the travel of 
 
 
 def build(settings: ZaberSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
-    """See `Emulation`: the stage, with the vessel in front of it."""
+    """Builds the emulated stage, with the vessel in front of it, for `Emulation`."""
     low_m, high_m = sorted(settings.sign * end_m for end_m in settings.travel_m)
     model = ZaberModel(
         address=settings.device,

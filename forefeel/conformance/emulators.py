@@ -48,7 +48,7 @@ class EmulatorProcess:
         self._process.send_signal(signal.SIGSTOP)
 
     def thaw(self) -> None:
-        """The device goes on."""
+        """Lets the device go on."""
         self._process.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
@@ -96,12 +96,11 @@ class EmulatedBench:
         self._cable.order("plug")
 
     def order(self, line: str) -> None:
-        """See `EmulatorProcess.order`."""
         self._device.order(line)
 
     @contextmanager
     def frozen(self) -> Iterator[None]:
-        """The device is silent within the block."""
+        """Stops the device's process, so that it is silent within the block."""
         self._device.freeze()
         try:
             yield
