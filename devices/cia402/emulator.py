@@ -40,6 +40,10 @@ SWITCH_M = 0.5e-3
 METHODS = frozenset({NEGATIVE_SWITCH, POSITIVE_SWITCH}) | HERE
 
 
+# m/s, below which a homing that stops is at rest; chosen, not measured
+_HOMED_AT_REST_M_S = 1e-6
+
+
 class HomingPhase(Enum):
     """How far homing has come."""
 
@@ -107,7 +111,7 @@ class DriveHoming:
                 self.hold(position_m)
         elif self.phase is HomingPhase.LEAVING and not self._active(position_m):
             self.phase, found = HomingPhase.STOPPING, position_m
-        elif self.phase is HomingPhase.STOPPING and abs(velocity_m_s) < _AT_REST_M_S:
+        elif self.phase is HomingPhase.STOPPING and abs(velocity_m_s) < _HOMED_AT_REST_M_S:
             self.phase = HomingPhase.ATTAINED
         self._follow()
         return found
@@ -152,7 +156,7 @@ class DriveHoming:
 OVERCURRENT, HEARTBEAT_LOST, FOLLOWING = 0x2310, 0x8130, 0x8611
 # statusword (CiA 402): voltage enabled, no quick stop, remote, and in the cyclic mode: follows the target
 _VOLTAGE, _QUICK_STOP_OFF, _REMOTE, _FOLLOWS = 1 << 4, 1 << 5, 1 << 9, 1 << 12
-# m/s below which the motor is at rest, while homing, too; chosen, not measured: above what rounding leaves
+# m/s, below which the motor is at rest; chosen, not measured: above what rounding leaves
 _AT_REST_M_S = 1e-9
 _POWERED = frozenset({DriveState.ENABLED, DriveState.QUICK_STOP, DriveState.FAULT_REACTION})
 

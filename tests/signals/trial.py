@@ -132,7 +132,7 @@ def run(trial: Trial, ready: Path, port: int, here: Path, nice: int) -> Ended:
                 waited_s = sum(after_s[pid] - before_s.get(pid, 0.0) for pid in after_s)
             code = process.wait(0.0)
             seconds = 0.0 if finished else time.monotonic() - start_s
-            left = _gone(mark, start_s + BOUND_S + 1.0)
+            left = _gone(mark, start_s + BOUND_S + 1.0 + waited_s)
         finally:
             _kill(mark)
             process.wait()

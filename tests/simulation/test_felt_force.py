@@ -44,7 +44,7 @@ def _plan(rendering: dict[str, Any]) -> Plan:
 
 def test_reflecting_the_delayed_force_is_unstable_and_the_predicted_force_is_not() -> None:
     """Without the passivity controller, so that only the prediction makes the difference."""
-    late, predicted = (_felt(source=source, passivity_controller=False) for source in ("held", "predicted"))
+    late, predicted = (_felt(source=source, passivity_controller=False) for source in ("zoh", "predicted"))
     assert late["energy_j"][-1] < -0.3, "the late force drives the hand"
     assert np.sqrt(np.mean(late["speed_m_s"][-4000:] ** 2)) > 0.05
     assert predicted["energy_j"].min() > -0.02

@@ -53,7 +53,7 @@ def test_the_answer_says_cause_size_gain_prediction_and_caution() -> None:
         "Cause       coulomb_friction: force 80.1 mN (79.5 to 80.7)",
         "dry friction, 50 mN rms of the force",
         "Extended    off by 5 mN rms on stretches it was not fitted to, 90 % less (88 to 91 %)",
-        "Predicted   300 ms ahead, rms: 50 mN before, 20 mN extended, 200 mN held",
+        "Predicted   300 ms ahead, rms: 50 mN before, 20 mN extended, 200 mN by a zero-order hold",
         "Forward     position from the force, rms: 200 µm before, 30 µm extended",
         "Caution     the motion answers the force, so trust mass, damping, delay and lag less",
     ):

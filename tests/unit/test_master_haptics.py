@@ -84,7 +84,7 @@ def test_the_hand_feels_the_prediction_and_not_the_late_force() -> None:
 
 
 def test_for_comparison_the_hand_feels_the_late_force() -> None:
-    out = Bench(RenderingSettings(source="held")).tick(300)
+    out = Bench(RenderingSettings(source="zoh")).tick(300)
     assert (out.rendered_n, _said(out), out.zoh_n) == (0.7, 1.0, 0.7)
 
 

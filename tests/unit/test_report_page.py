@@ -12,7 +12,7 @@ from tests.unit.report_run import RunBuilder, S, recorded, write_known_run
 HOSTILE = '<script>alert("1")</script>'
 Fields = dict[str, str | float | None]
 TITLES = (
-    "Force", "Error of prediction and hold", "Position", "Safety state of the slave", "Delay",
+    "Force", "Error of prediction and zero-order hold", "Position", "Safety state of the slave", "Delay",
     "Identified parameters", "Lateness of the 1 kHz loops",
 )  # fmt: skip
 

@@ -153,7 +153,7 @@ def test_only_valid_answers_of_the_same_session_count(tmp_path: Path) -> None:
 
 
 REQUIRED = (
-    "schema prediction.rms_n prediction.p95_n prediction.max_n hold.rms_n hold.p95_n hold.max_n ratio.rms "
+    "schema prediction.rms_n prediction.p95_n prediction.max_n zoh.rms_n zoh.p95_n zoh.max_n ratio.rms "
     "settled.prediction.rms_n settled.zoh.rms_n delay_s.p50 delay_s.p99 delay_s.max delay_s.mean "
     "force_age_s.p50 force_age_s.p99 armed_share stops clock.offset_s clock.bound_s clock.grade duration_s "
     "seed impairment metadata parameters identifiable samples truncated counters axes notes "
