@@ -1,11 +1,13 @@
 """Runs the checks of one driver and shows each."""
 
 import tempfile
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 from rich.text import Text
 
@@ -23,6 +25,9 @@ from forefeel.terminal import answer, show
 
 Verdict = Literal["kept", "broken", "not tested"]
 _MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None  # an emulated device waits for no disk
+# s of lateness of the host, from which drivers may find a device silent: they wait 60 ms and more
+_LATE_S = 0.05
+_LOOK_S = 0.005  # s between two looks at the lateness; chosen, not measured: far below what counts
 _PRIORITY = 50  # of SCHED_FIFO, as the loops of the daemons have it
 _STYLES = {"kept": "green", "broken": "red", "not tested": "dim"}
 
@@ -58,9 +63,10 @@ def run_driver_test(options: DriverTestOptions) -> None:
     with heeded(lambda: None), breakable(), _bench(driver, options) as bench:
         try:
             prepare_thread(_PRIORITY)  # the driver's threads inherit it, as they do in a daemon
-            for name in CHECKS:
-                found.append(_checked(name, bench))
-                show(_in_words(found[-1]))
+            with _Lateness() as lateness:
+                for name in CHECKS:
+                    found.append(_checked(name, bench, lateness))
+                    show(_in_words(found[-1]))
         except KeyboardInterrupt:
             raise RunError(f"interrupted after {len(found)} of {len(CHECKS)} checks") from None
     about = {"driver": driver.name, "slot": driver.slot, "distribution": driver.distribution}
@@ -109,15 +115,45 @@ def _bench(driver: InstalledDriver, options: DriverTestOptions) -> Iterator[Benc
         yield Bench(driver, emulated.settings, emulated, True, clock)
 
 
-def _checked(name: str, bench: Bench) -> Checked:
+class _Lateness:
+    """How late a thread of the drivers' priority wakes up; a late host tells nothing of a driver."""
+
+    def __init__(self) -> None:
+        self._worst_s, self._ended = 0.0, threading.Event()
+        self._thread = threading.Thread(target=self._look, name="lateness", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def taken_s(self) -> float:
+        """The worst since the last call."""
+        worst_s, self._worst_s = self._worst_s, 0.0
+        return worst_s
+
+    def _look(self) -> None:
+        while not self._ended.is_set():
+            before_s = time.monotonic()
+            time.sleep(_LOOK_S)
+            self._worst_s = max(self._worst_s, time.monotonic() - before_s - _LOOK_S)
+
+
+def _checked(name: str, bench: Bench, lateness: _Lateness) -> Checked:
+    lateness.taken_s()
     try:
         return Checked(name, "kept", CHECKS[name](bench))
     except NotTested as reason:
         return Checked(name, "not tested", str(reason))
-    except BrokenError as error:
-        return Checked(name, "broken", str(error))
-    except ForefeelError as error:
-        return Checked(name, "broken", f"DeviceError: {error}")
+    except (BrokenError, ForefeelError) as error:
+        said = str(error) if isinstance(error, BrokenError) else f"DeviceError: {error}"
+    late_s = lateness.taken_s()
+    if late_s > _LATE_S:
+        return Checked(name, "not tested", f"this host was late by {1e3 * late_s:.0f} ms; {said}")
+    return Checked(name, "broken", said)
 
 
 def _in_words(found: Checked) -> Text:

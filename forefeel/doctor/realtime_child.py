@@ -1,5 +1,10 @@
 """The process that `forefeel.doctor.realtime` starts: a 1 kHz loop that does nothing, its figures as JSON."""
 
+# ruff: noqa: E402 - first of all it ends with its parent, for on a busy host the imports take seconds
+from forefeel.parent import die_with_parent
+
+die_with_parent()
+
 import json
 import sys
 import time
@@ -7,12 +12,10 @@ import time
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.runtime.realtime import RealtimeThread, prepare_process
 from forefeel.common.settings import TICK_NS
-from forefeel.parent import die_with_parent
 
 
 def main(priority: int, seconds: float) -> dict[str, object]:
     """Runs it."""
-    die_with_parent()
     memory = prepare_process()
     failures: list[BaseException] = []
     thread = RealtimeThread("doctor", TICK_NS, lambda _now_ns: None, MonotonicClock(), failures.append)
