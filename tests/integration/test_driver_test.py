@@ -15,7 +15,7 @@ QUICK = ("zaber_ascii",)
 
 
 def verdicts_of(name: str, site: Path | None = None) -> tuple[int, dict[str, str], str]:
-    """Exit code, the verdict of each check (kept, where a late host kept it from being judged), and stderr."""
+    """Exit code, the verdict of each check (kept, where a late host hid it), and stderr."""
     environment = {**os.environ, "PYTHONPATH": str(site or "")}
     command = [sys.executable, "-m", "forefeel", "driver", "test", name, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100, check=False)
