@@ -1,6 +1,6 @@
 """What a driver has to keep, one check for each promise of its port.
 
-A check is a function of a `Bench`. It returns what was measured, and raises `BrokenError` with what was
+A check is a function of a `DriverUnderTest`. It returns what was measured, and raises `BrokenError` with what was
 expected instead. A check that this bench can not make raises `NotTested`.
 """
 
@@ -44,7 +44,7 @@ class NotTested(Exception):  # noqa: N818 - no error
 
 
 @dataclass(frozen=True)
-class Bench:
+class DriverUnderTest:
     """A driver and what it talks to. `emulated`: None on a real device. `moves`: a real stage may move."""
 
     driver: InstalledDriver
@@ -105,7 +105,7 @@ class Bench:
         raise BrokenError(f"{what} was not noticed; expected DeviceError from read within {_NOTICED_S:g} s")
 
 
-def opens(bench: Bench) -> str:
+def opens(bench: DriverUnderTest) -> str:
     """`open` connects and identifies, `close` may be called twice."""
     device = bench.made()
     start_ns = bench.clock.now_ns()
@@ -115,7 +115,7 @@ def opens(bench: Bench) -> str:
     return f"{device.link.identity or 'no identity'} within {(bench.clock.now_ns() - start_ns) * 1e-9:.2f} s"
 
 
-def reads(bench: Bench) -> str:
+def reads(bench: DriverUnderTest) -> str:
     """`read` never waits; a load cell gives each reading once, in order, at the rate of its settings."""
     with bench.opened() as device:
         bench.read(device)
@@ -131,7 +131,7 @@ def reads(bench: Bench) -> str:
     return _rate_kept(bench, [each.stamp_ns for each in found])
 
 
-def _rate_kept(bench: Bench, stamps_ns: list[int]) -> str:
+def _rate_kept(bench: DriverUnderTest, stamps_ns: list[int]) -> str:
     if len(stamps_ns) < 2 or any(after <= before for before, after in pairwise(stamps_ns)):
         raise BrokenError(f"{len(stamps_ns)} readings; expected each once, with increasing stamps")
     if stamps_ns[-1] > bench.clock.now_ns():
@@ -143,7 +143,7 @@ def _rate_kept(bench: Bench, stamps_ns: list[int]) -> str:
     return f"{rate_hz:.1f} readings per second"
 
 
-def refuses(bench: Bench) -> str:
+def refuses(bench: DriverUnderTest) -> str:
     """What can not work is refused with one line: a port that is not there, use while closed, no number."""
     device = bench.made()
     _refused(lambda: bench.read(device), "read while closed")
@@ -168,7 +168,7 @@ def _refused(act: Callable[[], object], what: str) -> str:
     raise BrokenError(f"{what} was not refused; expected DeviceError")
 
 
-def freezes(bench: Bench) -> str:
+def freezes(bench: DriverUnderTest) -> str:
     """A device that stops answering is a fault, and stays one until `rearm`."""
     emulator = bench.emulator()
     with bench.opened() as device:
@@ -178,7 +178,7 @@ def freezes(bench: Bench) -> str:
     return said
 
 
-def unplugs(bench: Bench) -> str:
+def unplugs(bench: DriverUnderTest) -> str:
     """A cable that is pulled is a fault; plugged in again, the device serves after `rearm`."""
     emulator = bench.emulator()
     with bench.opened() as device:
@@ -189,7 +189,7 @@ def unplugs(bench: Bench) -> str:
     return said
 
 
-def _stays_failed_until_rearmed(bench: Bench, device: Any, said: str) -> None:  # noqa: ANN401
+def _stays_failed_until_rearmed(bench: DriverUnderTest, device: Any, said: str) -> None:  # noqa: ANN401
     if device.link.inhibited is None and not said.startswith(_UNBELIEVED):
         raise BrokenError("after a fault the link is not inhibited; expected it to wait for rearm")
     for _ in bench.ticks(_BACK_S):
@@ -202,7 +202,7 @@ def _stays_failed_until_rearmed(bench: Bench, device: Any, said: str) -> None:  
     raise BrokenError(f"not served again within {_BACK_S:g} s of `rearm`: {last}")
 
 
-def comes_to_rest(bench: Bench) -> str:
+def comes_to_rest(bench: DriverUnderTest) -> str:
     """A stage follows setpoints, and comes to rest by itself when they end."""
     if bench.driver.slot != "stage":
         raise NotTested("not a stage")
@@ -231,12 +231,12 @@ def comes_to_rest(bench: Bench) -> str:
     return f"{1e3 * (rest_m - start_m):.3f} mm, then at rest without being told"
 
 
-def _way(bench: Bench, start_m: float) -> int:
+def _way(bench: DriverUnderTest, start_m: float) -> int:
     low_m, high_m = getattr(bench.settings, "travel", None) or (start_m - 1.0, start_m + 1.0)
     return 1 if start_m < (low_m + high_m) / 2 else -1
 
 
-def measures(bench: Bench) -> str:
+def measures(bench: DriverUnderTest) -> str:
     """A load on an emulated cell is read with its sign and value."""
     if bench.driver.slot != "load_cell":
         raise NotTested("not a load cell")
@@ -252,7 +252,7 @@ def measures(bench: Bench) -> str:
     return f"{read_n:.3f} N under {_LOAD_N:g} N"
 
 
-def _mean_n(bench: Bench, cell: Any) -> float:  # noqa: ANN401 - a load cell
+def _mean_n(bench: DriverUnderTest, cell: Any) -> float:  # noqa: ANN401 - a load cell
     bench.read(cell)
     forces_n = [each.force_n for _ in bench.ticks(_READ_S / 2) for each in bench.read(cell) if each.valid]
     if not forces_n:
@@ -260,7 +260,7 @@ def _mean_n(bench: Bench, cell: Any) -> float:  # noqa: ANN401 - a load cell
     return float(sum(forces_n) / len(forces_n))
 
 
-def distrusts(bench: Bench) -> str:
+def distrusts(bench: DriverUnderTest) -> str:
     """A cell that sticks or saturates gives no reading that is believed."""
     if bench.driver.slot != "load_cell":
         raise NotTested("not a load cell")
@@ -279,7 +279,7 @@ def distrusts(bench: Bench) -> str:
     return " and ".join(told)
 
 
-def _not_believed(bench: Bench, cell: Any, fault: str) -> None:  # noqa: ANN401 - a load cell
+def _not_believed(bench: DriverUnderTest, cell: Any, fault: str) -> None:  # noqa: ANN401 - a load cell
     for _ in bench.ticks(_STUCK_S):
         readings = bench.read(cell)
         if readings and not readings[-1].valid:
@@ -287,7 +287,7 @@ def _not_believed(bench: Bench, cell: Any, fault: str) -> None:  # noqa: ANN401 
     raise BrokenError(f"{fault}: readings are still believed after {_STUCK_S:g} s; expected valid = false")
 
 
-def renders(bench: Bench) -> str:
+def renders(bench: DriverUnderTest) -> str:
     """A handle gives the force that it says it gives, and none when it is closed."""
     if bench.driver.slot != "handle":
         raise NotTested("not a handle")
@@ -304,7 +304,7 @@ def renders(bench: Bench) -> str:
     return f"{applied_n:.3f} N of {_RENDERED_N:g} N"
 
 
-CHECKS: dict[str, Callable[[Bench], str]] = {
+CHECKS: dict[str, Callable[[DriverUnderTest], str]] = {
     "opens": opens,
     "reads": reads,
     "measures": measures,

@@ -16,7 +16,7 @@ from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import ConfigurationError, ForefeelError, RunError
 from forefeel.common.hardware.driver import SLOTS, InstalledDriver, installed_drivers
 from forefeel.common.runtime.realtime import prepare_thread
-from forefeel.conformance.checks import CHECKS, Bench, BrokenError, NotTested
+from forefeel.conformance.checks import CHECKS, BrokenError, DriverUnderTest, NotTested
 from forefeel.conformance.emulators import EmulatedBench
 from forefeel.daemon_settings import load_daemon
 from forefeel.interrupt import breakable, heeded
@@ -90,7 +90,7 @@ def _driver(options: DriverTestOptions) -> InstalledDriver:
 
 
 @contextmanager
-def _bench(driver: InstalledDriver, options: DriverTestOptions) -> Iterator[Bench]:
+def _bench(driver: InstalledDriver, options: DriverTestOptions) -> Iterator[DriverUnderTest]:
     clock = MonotonicClock()
     if options.config is not None:
         device = next(
@@ -108,11 +108,11 @@ def _bench(driver: InstalledDriver, options: DriverTestOptions) -> Iterator[Benc
                 f"{device.name} on {device.where} will move by 1 mm: take out the instrument, clear the way, "
                 "keep the stop at hand"
             )
-        yield Bench(driver, device.settings, None, options.moves, clock)
+        yield DriverUnderTest(driver, device.settings, None, options.moves, clock)
         return
     with tempfile.TemporaryDirectory(prefix="forefeel-", dir=_MEMORY) as folder, ExitStack() as leave:
         emulated = EmulatedBench(driver, Path(folder), leave)
-        yield Bench(driver, emulated.settings, emulated, True, clock)
+        yield DriverUnderTest(driver, emulated.settings, emulated, True, clock)
 
 
 class _Lateness:
@@ -142,7 +142,7 @@ class _Lateness:
             self._worst_s = max(self._worst_s, time.monotonic() - before_s - _LOOK_S)
 
 
-def _checked(name: str, bench: Bench, lateness: _Lateness) -> Checked:
+def _checked(name: str, bench: DriverUnderTest, lateness: _Lateness) -> Checked:
     lateness.taken_s()
     try:
         return Checked(name, "kept", CHECKS[name](bench))

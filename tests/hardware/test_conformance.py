@@ -11,7 +11,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.driver import Driver, DriverSettings, InstalledDriver, Slot
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.conformance import checks
-from forefeel.conformance.checks import Bench, BrokenError, NotTested
+from forefeel.conformance.checks import BrokenError, DriverUnderTest, NotTested
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 from tests.hardware.fake_devices import SteppedClock
@@ -117,15 +117,15 @@ class _Frozen(nullcontext[None]):
 
 def bench(
     slot: Slot, monkeypatch: pytest.MonkeyPatch, emulated: bool = True, moves: bool = True
-) -> tuple[Bench, Any, Emulator]:
+) -> tuple[DriverUnderTest, Any, Emulator]:
     clock = SteppedClock()
     device: Device = Cell(clock) if slot == "load_cell" else Stage(clock)
     emulator = Emulator(device)
     driver = InstalledDriver(
         slot, "obeying", "elsewhere", "1.0", Driver(Obeying, "nowhere:Nothing", "a device")
     )
-    made: Any = Bench(driver, Obeying(), emulator if emulated else None, moves, clock)  # type: ignore[arg-type]
-    monkeypatch.setattr(Bench, "made", lambda self, settings=None: device)
+    made: Any = DriverUnderTest(driver, Obeying(), emulator if emulated else None, moves, clock)  # type: ignore[arg-type]
+    monkeypatch.setattr(DriverUnderTest, "made", lambda self, settings=None: device)
     return made, device, emulator
 
 
@@ -139,7 +139,7 @@ def bench(
     ],
 )  # fmt: skip
 def test_a_device_that_keeps_its_port_passes(
-    slot: Slot, check: Callable[[Bench], str], monkeypatch: pytest.MonkeyPatch
+    slot: Slot, check: Callable[[DriverUnderTest], str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made, _, _ = bench(slot, monkeypatch)
     assert check(made)
