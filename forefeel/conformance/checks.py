@@ -1,7 +1,7 @@
 """What a driver has to keep, one check for each promise of its port.
 
-A check is a function of a `DriverUnderTest`. It returns what was measured, and raises `BrokenError` with what was
-expected instead. A check that this bench can not make raises `NotTested`.
+A check is a function of a `DriverUnderTest`. It returns what was measured, and raises `BrokenError` with what
+was expected instead. A check that can not be made here raises `NotTested`.
 """
 
 from collections.abc import Callable, Iterator
