@@ -30,7 +30,7 @@ from forefeel.local.daemon_state import daemon_state
 from forefeel.local.server import LocalServer
 from forefeel.master.settings import MasterSettings
 from forefeel.parent import die_with_parent
-from forefeel.probe.configured import configured
+from forefeel.probe.configured import configured, import_drivers
 from forefeel.slave.settings import SlaveSettings
 from forefeel.terminal import say
 
@@ -73,6 +73,8 @@ def run_master(settings: MasterSettings, duration_s: float | None = None, insecu
 async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bool) -> None:
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
+    import_drivers(settings)  # before the network, which may take all descriptors
+
     with (
         _runtime(settings) as (runtime, stop),
         daemon_state(settings, "slave", runtime.clock) as state,
@@ -107,6 +109,7 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
     from forefeel.common.estimation.forecast import compile_kernels  # noqa: PLC0415 - the slave does without it
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415
 
+    import_drivers(settings)  # before the network, which may take all descriptors
     compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
     with (
         _runtime(settings) as (runtime, _),

@@ -10,6 +10,7 @@ from forefeel.common.hardware.driver import (
     InstalledDriver,
     Slot,
     driver_of,
+    imported,
     installed_drivers,
 )
 from forefeel.common.settings import DaemonSettings
@@ -55,6 +56,12 @@ def configured(settings: DaemonSettings) -> list[ConfiguredDevice]:
             if section is not None:
                 found.append(ConfiguredDevice(axis.name, section, driver_of(slot, section)))
     return found
+
+
+def import_drivers(settings: DaemonSettings) -> None:
+    """Imports the drivers that the settings name, while there are descriptors to read their files with."""
+    for device in configured(settings):
+        imported(device.driver.driver.make)
 
 
 def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:

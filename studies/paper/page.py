@@ -355,9 +355,7 @@ def _ratios(
     axes.axvline(1.0, color=ORANGE, linewidth=2.5, label="hold")
     markers = ("o", "s", "D")
     for (label, colour), method, marker in zip(labels.items(), methods, markers, strict=False):
-        known = [
-            (getattr(row, f"{method}_over_zoh"), place) for row, place in zip(rows, places, strict=True)
-        ]
+        known = [(getattr(row, f"{method}_over_zoh"), place) for row, place in zip(rows, places, strict=True)]
         finite = [(value, place) for value, place in known if value is not None]
         axes.plot(*zip(*finite, strict=True), marker, color=colour, markersize=7, label=label)
         for value, place in known:

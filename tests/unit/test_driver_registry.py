@@ -24,9 +24,11 @@ def only(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         found = EntryPoints([EntryPoint("mine", value, "forefeel.stages")])
         monkeypatch.setattr(driver, "entry_points", lambda group: found.select(group=group))
 
-    driver._found.cache_clear()
+    for kept in (driver._found, driver.installed_driver):
+        kept.cache_clear()
     yield only
-    driver._found.cache_clear()
+    for kept in (driver._found, driver.installed_driver):
+        kept.cache_clear()
 
 
 @pytest.mark.parametrize(
