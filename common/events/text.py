@@ -18,7 +18,7 @@ UNKNOWN = "–"
 ROUND_TRIP = "round_trip"
 """The rule by which an axis does not arm over a link that is too slow."""
 _ROUND_TRIP = "round trip "
-_PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
+PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
 
 
 def event_text(message: Message) -> str:
@@ -69,8 +69,13 @@ def quantity(value: float | None, unit: str) -> str:
     if value == 0.0:
         return f"0 {unit}"
     rounded = float(f"{value:.3g}")
-    power = min(0, max(-3, floor(log10(abs(rounded)) / 3 + 1e-9)))
-    return f"{rounded / 1000.0**power:.3g} {_PREFIXES[power]}{unit}"
+    power = power_of_1000(rounded)
+    return f"{rounded / 1000.0**power:.3g} {PREFIXES[power]}{unit}"
+
+
+def power_of_1000(value: float, least: int = -3) -> int:
+    """The power of 1000 of the prefix, from `least` to none."""
+    return min(0, max(least, floor(log10(abs(value)) / 3.0 + 1e-9))) if value else 0
 
 
 def span(seconds: float) -> str:

@@ -107,7 +107,12 @@ def installed_driver(slot: Slot, name: str) -> InstalledDriver:
 
 def installed_drivers(slot: Slot) -> list[InstalledDriver]:
     """Every driver of a slot, by name; all of them are imported."""
-    return [_loaded(slot, entry) for _, entry in sorted(_found(slot).items())]
+    return [installed_driver(slot, name) for name in sorted(_found(slot))]
+
+
+def every_driver() -> list[InstalledDriver]:
+    """Every driver of every slot."""
+    return [driver for slot in SLOTS for driver in installed_drivers(slot)]
 
 
 def driver_of(slot: Slot, settings: DriverSettings) -> InstalledDriver:

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from forefeel.common.config import checked
+from forefeel.common.hardware.driver import DriverSettings, InstalledDriver
 from forefeel.devices.emulation.contact import ContactSimulation, ForceReceiver, ForceSender
 from forefeel.devices.emulation.device import EmulatedDevice
 from forefeel.slave.plant.settings import WorldSettings
@@ -58,6 +60,19 @@ class Emulation(NamedTuple):
     on_can: bool = False
     faults: tuple[str, ...] = ()
     port_key: str = "port"
+
+    def place(self, port: str) -> dict[str, Any]:
+        """The settings that say that the device is at that port, on CAN that of an slcan adapter."""
+        return {"can": {"interface": "slcan", "channel": port}} if self.on_can else {self.port_key: port}
+
+    def settings(self, driver: InstalledDriver, port: str) -> DriverSettings:
+        """The settings of the driver without a YAML file.
+
+        Raises:
+            ConfigurationError: a port that can not be one.
+        """
+        given = {"driver": driver.name, **self.place(port), **self.defaults}
+        return checked(driver.driver.settings, given, f"emulate {driver.name}")
 
 
 def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float, float, float, float], None]:

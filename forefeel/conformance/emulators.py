@@ -1,22 +1,17 @@
 """The emulator of a driver in processes of its own, which can be frozen, unplugged and told to fail."""
 
-import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
-from forefeel.common.config import checked
 from forefeel.common.errors import RunError
-from forefeel.common.hardware.driver import DriverSettings, InstalledDriver, imported
+from forefeel.common.hardware.driver import InstalledDriver, imported
 from forefeel.devices.emulation.bench import Emulation
+from forefeel.parent import child_environment
 
-# s until an emulator must have printed its port; chosen, not measured: a busy host takes 3 s
-_STARTS_S = 20.0
 _ENDS_S = 5.0  # s until it must have ended after SIGTERM, else it is killed
 
 
@@ -26,12 +21,17 @@ class EmulatorProcess:
     def __init__(self, device: str, port: str) -> None:
         command = [sys.executable, "-m", "forefeel", "emulate", device, "--port", port]
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=child_environment(),
         )
         self._device = device
 
     def wait_until_ready(self) -> None:
-        """Raises RunError when it ends before it has printed where it is."""
+        """Waits for the line that it prints when its port is there. Raises RunError when it ends before."""
         assert self._process.stdout is not None
         if not self._process.stdout.readline():
             error = self._process.stderr.read().strip() if self._process.stderr else ""
@@ -78,14 +78,8 @@ class EmulatedBench:
         self._device = _started(driver.name, device_end if on_can else host, leave)
         self._cable = hub or self._device
         self.faults = emulation.faults
-        self.settings = self._settings(driver, emulation, host)
-        self.missing = self._settings(driver, emulation, str(folder / "nothing_here"))
-
-    @staticmethod
-    def _settings(driver: InstalledDriver, emulation: Emulation, port: str) -> DriverSettings:
-        place: dict[str, Any] = {"can": {"interface": "slcan", "channel": port}} if emulation.on_can else {}
-        given = {"driver": driver.name, **emulation.defaults, **(place or {emulation.port_key: port})}
-        return checked(driver.driver.settings, given, driver.name)
+        self.settings = emulation.settings(driver, host)
+        self.missing = emulation.settings(driver, str(folder / "nothing_here"))
 
     def unplug(self) -> None:
         """Pulls the cable."""
@@ -112,9 +106,4 @@ def _started(device: str, port: str, leave: ExitStack) -> EmulatorProcess:
     process = EmulatorProcess(device, port)
     leave.callback(process.close)
     process.wait_until_ready()
-    until_s = time.monotonic() + _STARTS_S
-    while not all(os.path.lexists(each) for each in port.split(",")):
-        if time.monotonic() > until_s:
-            raise RunError(f"the emulator of {device} made no {port} within {_STARTS_S:g} s")
-        time.sleep(0.01)
     return process

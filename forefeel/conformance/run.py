@@ -14,7 +14,7 @@ from rich.text import Text
 from forefeel.calibrate.prompt import Prompt
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import ConfigurationError, ForefeelError, RunError
-from forefeel.common.hardware.driver import SLOTS, InstalledDriver, installed_drivers
+from forefeel.common.hardware.driver import InstalledDriver, every_driver
 from forefeel.common.runtime.realtime import prepare_thread
 from forefeel.conformance.checks import CHECKS, BrokenError, DriverUnderTest, NotTested
 from forefeel.conformance.emulators import EmulatedBench
@@ -78,8 +78,7 @@ def run_driver_test(options: DriverTestOptions) -> None:
 
 
 def _driver(options: DriverTestOptions) -> InstalledDriver:
-    drivers = [driver for slot in SLOTS for driver in installed_drivers(slot)]
-    hardware = [driver for driver in drivers if driver.driver.settings.hardware]
+    hardware = [driver for driver in every_driver() if driver.driver.settings.hardware]
     found = next((driver for driver in hardware if driver.name == options.name), None)
     if found is None:
         names = ", ".join(sorted(driver.name for driver in hardware))

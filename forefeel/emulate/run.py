@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.driver import (
     SLOTS,
     InstalledDriver,
+    every_driver,
     imported,
     installed_driver,
-    installed_drivers,
 )
 from forefeel.common.runtime.realtime import prepare_process, prepare_thread
 from forefeel.daemon_settings import load_daemon
@@ -38,8 +37,7 @@ CAN_HUB = "can_hub"
 
 def emulated_names() -> list[str]:
     """What `forefeel emulate` takes: every installed driver with an emulator, and the hub of CAN adapters."""
-    drivers = (driver for slot in SLOTS for driver in installed_drivers(slot))
-    return [*sorted({found.name for found in drivers if found.driver.emulator}), CAN_HUB]
+    return [*sorted({found.name for found in every_driver() if found.driver.emulator}), CAN_HUB]
 
 
 def emulated_driver(name: str) -> InstalledDriver | None:
@@ -129,11 +127,14 @@ def _emulated(driver: InstalledDriver, options: EmulatorOptions, faults: Faults,
     if isinstance(bench, SerialBench):
         return _serial(bench, options, faults, load, leave)
     faults.require_known(bench.faults)
-    where = getattr(settings, emulation.port_key, None)
-    about: dict[str, Any] = {"where": str(where)}
+    about: dict[str, Any]
     if emulation.on_can:
-        about, where = {"node": settings.node_id}, f"{settings.can.interface} {settings.can.channel}"
-    print(f"{options.device} {f'node {settings.node_id} ' if emulation.on_can else ''}on {where}", flush=True)
+        about = {"node": settings.node_id}
+        where = f"node {settings.node_id} on {settings.can.interface} {settings.can.channel}"
+    else:
+        about = {"where": str(getattr(settings, emulation.port_key))}
+        where = f"on {about['where']}"
+    print(f"{options.device} {where}", flush=True)
     return Running(_OnTimetable(bench, faults), lambda: about, load)
 
 
@@ -189,9 +190,7 @@ def section(
             raise ConfigurationError(
                 f"emulate {options.device}: expected --port LINK, or --config FILE that has it"
             )
-        place = {"can": _slcan(options.port)} if emulation.on_can else {emulation.port_key: options.port}
-        given = {"driver": options.device, **place, **emulation.defaults}
-        return checked(driver.driver.settings, given, f"emulate {options.device}"), preset("catheter")
+        return emulation.settings(driver, options.port), preset("catheter")
     daemon = load_daemon(options.config)
     assert isinstance(daemon, SlaveSettings | MasterSettings)
     names = [axis.name for axis in daemon.axes]
@@ -214,10 +213,5 @@ def section(
 
 
 def _elsewhere(settings: Any, emulation: Emulation, port: str) -> dict[str, Any]:  # noqa: ANN401
-    if not emulation.on_can:
-        return {emulation.port_key: port}
-    return {"can": CanSettings(**_slcan(port), bitrate=settings.can.bitrate)}
-
-
-def _slcan(port: str) -> dict[str, Any]:
-    return {"interface": "slcan", "channel": port}
+    place = emulation.place(port)
+    return {"can": CanSettings(**place["can"], bitrate=settings.can.bitrate)} if emulation.on_can else place

@@ -7,7 +7,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from forefeel.common.hardware.driver import SLOTS, InstalledDriver, installed_drivers
+from forefeel.common.hardware.driver import every_driver
 from forefeel.probe.ports import CanInterface, SerialPort, can_interfaces, serial_ports
 from forefeel.terminal import answer, table
 
@@ -40,7 +40,7 @@ def _document(serial: list[SerialPort], can: list[CanInterface]) -> dict[str, ob
             "distribution": each.distribution,
             "version": each.version,
         }
-        for each in _installed()
+        for each in every_driver()
     ]
     return {
         "schema": "forefeel.devices/1",
@@ -50,13 +50,9 @@ def _document(serial: list[SerialPort], can: list[CanInterface]) -> dict[str, ob
     }
 
 
-def _installed() -> list[InstalledDriver]:
-    return [found for slot in SLOTS for found in installed_drivers(slot)]
-
-
 def _drivers() -> Table:
     made = table("slot", "driver", "what it is", "from", title="Drivers")
-    for each in _installed():
+    for each in every_driver():
         made.add_row(each.slot, each.name, each.driver.what, f"{each.distribution} {each.version}")
     return made
 

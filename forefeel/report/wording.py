@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
-from forefeel.common.events.text import UNKNOWN, quantity
+from forefeel.common.events.text import PREFIXES, UNKNOWN, power_of_1000, quantity
 
 if TYPE_CHECKING:  # the diagnosis imports scipy, for which `forefeel loopback` would wait
     from forefeel.diagnosis.diagnose.verdict import Interval
 
 DISCLAIMER = "Research software, not a medical device."
 
-_PREFIXES = {0: "", -1: "m", -2: "µ", -3: "n"}
 _MASSES = {0: "kg", -1: "g", -2: "mg"}
 _PREFIXED = {"N", "m", "s", "m/s", "N/s"}
 _UNITS = {
@@ -35,11 +34,6 @@ _UNITS = {
 
 _USUAL, _MOST = 3, 6
 """Digits of a value without an interval, and of any."""
-
-
-def _power(value: float, least: int = -3) -> int:
-    """The power of 1000 of the prefix, from `least` to none."""
-    return min(0, max(least, floor(log10(abs(value)) / 3.0 + 1e-9))) if value else 0
 
 
 def micros(value_us: float | None) -> str:
@@ -96,10 +90,10 @@ def split_unit(name: str) -> tuple[str, str]:
 
 def scale(unit: str, largest: float) -> tuple[float, str]:
     """(factor, unit with prefix) so that `largest` reads between 1 and 1000 where a prefix can do that."""
-    known = _MASSES if unit == "kg" else {p: f"{word}{unit}" for p, word in _PREFIXES.items()}
+    known = _MASSES if unit == "kg" else {p: f"{word}{unit}" for p, word in PREFIXES.items()}
     if (unit not in _PREFIXED and unit != "kg") or not isfinite(largest):
         return 1.0, unit
-    power = _power(largest, min(known))
+    power = power_of_1000(largest, min(known))
     return 1000.0**-power, known[power]
 
 
