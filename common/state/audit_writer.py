@@ -46,6 +46,7 @@ class AuditWriter:
         self._wake = threading.Event()
         self._closing = False
         self._reserve_said = False
+        self._closed = False  # the closing entry is written: nothing may follow it
         self._thread = threading.Thread(target=self._run, name="audit", daemon=True)
 
     def start(self, now_ns: int) -> None:
@@ -133,6 +134,7 @@ class AuditWriter:
             self._file.write([*losses, *batch])
             if any(noted.event != PEER_LOG for noted in batch):
                 self.head = self._file.end
+            self._closed = batch[-1].event == CLOSING
             with self._counting:
                 self._lost -= lost
         except OSError as error:
@@ -151,18 +153,27 @@ class AuditWriter:
         try:
             if not self._file.reserve() and not self._reserve_said:
                 what = "the file system can not allocate beyond an end"
-                self._file.write([self._said("no_reserve", what=what)])
+                self._say("no_reserve", what)
             self._reserve_said = True
         except OSError as error:
             self._problem = f"audit log: {error.strerror or error}"
             with suppress(OSError):
-                self._file.write([self._said("disk_full", what=self._problem)])
+                self._say("disk_full", self._problem)
 
     def _try_again(self) -> None:
         with suppress(OSError):
             self._file.reserve()
-            self._file.write([self._said("log_written_again", what=self._problem)])
+            self._say("log_written_again", self._problem)
             self._problem = None
+
+    def _say(self, event: str, what: str | None) -> None:
+        """An entry of the log's own.
+
+        Raises:
+            OSError: not written.
+        """
+        if not self._closed:
+            self._file.write([self._said(event, what=what)])
 
     def _said(self, event: str, **details: Detail) -> Noted:
         return Noted(self._wall.utc(), self._newest_ns, event, "", details)

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.clock import MonotonicClock
+from forefeel.common.clock import MonotonicClock, WallClock
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.events.audit import Entry, Noted, Verdict, parse, verify
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.audit_file import AuditFile
 from forefeel.common.state.audit_sink import StateAuditSink
+from forefeel.common.state.audit_writer import AuditWriter
 from forefeel.common.state.folder import AUDIT, LATCHED, StateFolder, holder, state_path
 from forefeel.common.state.latch import latched
 from tests.waiting import wait_until
@@ -267,6 +268,21 @@ def test_many_more_entries_than_can_wait_are_counted_and_said(
     assert daemon.events()[-1] == "stop"
     refused = [e.noted.details["name"] for e in daemon.entries() if e.noted.event == "refused"]
     assert refused[-1] == "last", "it is the oldest that are lost"
+
+
+def test_nothing_follows_the_closing_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The disk has room again between the closing entry and the end of the writer's thread."""
+    disk, log = FullDisk(monkeypatch), tmp_path / AUDIT
+    writer = AuditWriter(log, WallClock())
+    writer.start(0)
+    disk.full = True
+    writer.note("refused", 0, "a", {})
+    wait_until(lambda: b"disk_full" in log.read_bytes())
+    writer.note("stop", 0, "", {})
+    wait_until(lambda: b'"stop"' in log.read_bytes())
+    disk.full = False
+    assert writer.close() is None
+    assert verified(log).closed
 
 
 def test_what_is_noted_while_a_failed_batch_is_put_back_is_kept_or_counted(
