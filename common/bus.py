@@ -10,9 +10,10 @@ from typing import TypedDict, TypeVar
 from forefeel.common.clock import Clock
 from forefeel.common.codec import decode, encode
 from forefeel.common.errors import CodecError
+from forefeel.common.flight import FlightRing, Rings
 from forefeel.common.messages import Message
 from forefeel.common.topics import Topic
-from forefeel.common.transport.port import Transport
+from forefeel.common.transport.port import Put, Transport
 
 M = TypeVar("M", bound=Message)
 
@@ -30,7 +31,7 @@ class Publisher:
     once.
     """
 
-    def __init__(self, put: Callable[[bytes], None]) -> None:
+    def __init__(self, put: Put) -> None:
         self._put = put
         self._sequence = numbers(1)
 
@@ -46,13 +47,19 @@ class Publisher:
 class Bus:
     """One axis of one cell on a transport.
 
+    Args:
+        rings: of the flight recorder, which get each payload, in and out, as `(stamp_ns, payload)`.
+
     Attributes:
         malformed: payloads refused by the codec, by topic name.
         counters: what else is counted about this connection.
     """
 
-    def __init__(self, transport: Transport, cell: str, axis: str, clock: Clock) -> None:
+    def __init__(
+        self, transport: Transport, cell: str, axis: str, clock: Clock, rings: Rings | None = None
+    ) -> None:
         self._transport = transport
+        self._rings = rings
         self._cell, self._axis = cell, axis
         self._clock = clock
         self.malformed: Counter[str] = Counter()
@@ -61,7 +68,18 @@ class Bus:
     def publisher(self, topic: Topic[Message]) -> Publisher:
         """Declares the publisher of a topic."""
         assert topic.published, topic.name
-        return Publisher(self._transport.publisher(topic.key(self._cell, self._axis), topic.qos))
+        key = topic.key(self._cell, self._axis)
+        put = self._transport.publisher(key, topic.qos)
+        return Publisher(put if self._rings is None else self._recorded(put, self._rings.ring(key)))
+
+    def _recorded(self, put: Put, ring: FlightRing) -> Put:
+        add, now_ns = ring.add, self._clock.now_ns
+
+        def send(payload: bytes) -> None:
+            add((now_ns(), payload))
+            put(payload)
+
+        return send
 
     def subscribe(
         self,
@@ -73,8 +91,12 @@ class Bus:
         `on_malformed` is called.
         """
         kind, name, malformed = topic.message, topic.name, self.malformed
+        key = topic.key(self._cell, self._axis)
+        received = None if self._rings is None else self._rings.ring(key).received
 
         def receive(payload: bytes, receive_ns: int) -> None:
+            if received is not None:
+                received(payload, receive_ns)
             try:
                 message = decode(kind, payload)
             except CodecError:
@@ -84,7 +106,7 @@ class Bus:
                 return
             handler(message, receive_ns)
 
-        self._transport.subscribe(topic.key(self._cell, self._axis), receive)
+        self._transport.subscribe(key, receive)
 
     @property
     def refused(self) -> Mapping[str, int]:

@@ -5,12 +5,11 @@ whose first member is their stamp, and read by the one that writes a record.
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from forefeel.common.messages import ControlCycle, Grip, Message, SafetyState
 from forefeel.common.topics import Qos, Topic, parse_key
-from forefeel.common.transport.port import Handler, KeyedHandler, Put, Transport
 
 # ns recorded before the event; chosen, not measured: longer shows more of the cause and takes more memory
 BEFORE_NS = 2_000_000_000
@@ -45,6 +44,13 @@ class FlightRing:
         )
         self.add: Callable[[Row], None] = self._rows.append
 
+    def received(self, payload: bytes, receive_ns: int) -> None:
+        """Takes what a stranger may have sent: longer payloads than the topic's are counted only."""
+        if len(payload) <= self.largest:
+            self.add((receive_ns, payload))
+        else:
+            self.left_out += 1
+
     def between(self, first_ns: int, last_ns: int) -> list[Row]:
         """The rows of that span, both ends included, in the order of their coming."""
         for _ in range(_COPY_ATTEMPTS):
@@ -73,54 +79,6 @@ class Rings:
     def all(self) -> list[FlightRing]:
         """Every ring."""
         return list(self._rings.values())
-
-
-class TappedTransport:
-    """A transport whose every payload, in and out, goes to its ring as `(stamp_ns, payload)`, too."""
-
-    def __init__(self, inner: Transport, rings: Rings, now_ns: Callable[[], int]) -> None:
-        self._inner, self._rings, self._now_ns = inner, rings, now_ns
-
-    def publisher(self, key: str, qos: Qos) -> Put:
-        """See the port."""
-        put, ring, now_ns = self._inner.publisher(key, qos), self._rings.ring(key), self._now_ns
-        add = ring.add
-
-        def send(payload: bytes) -> None:
-            add((now_ns(), payload))
-            put(payload)
-
-        return send
-
-    def subscribe(self, key: str, handler: Handler) -> None:
-        """See the port."""
-        ring = self._rings.ring(key)
-        add, largest = ring.add, ring.largest
-
-        def receive(payload: bytes, receive_ns: int) -> None:
-            if len(payload) <= largest:
-                add((receive_ns, payload))
-            else:
-                ring.left_out += 1
-            handler(payload, receive_ns)
-
-        self._inner.subscribe(key, receive)
-
-    def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
-        """See the port; what an observer hears is not kept."""
-        self._inner.subscribe_all(prefix, handler)
-
-    def peers(self) -> int:
-        """See the port."""
-        return self._inner.peers()
-
-    def refused(self) -> Mapping[str, int]:
-        """See the port."""
-        return self._inner.refused()
-
-    def close(self) -> None:
-        """See the port."""
-        self._inner.close()
 
 
 CycleRow = tuple[int, float, float, bool, float, float, float, bool, SafetyState, Grip, int | None, int]

@@ -13,7 +13,6 @@ from forefeel.common.estimation.forecast import compile_kernels
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
 from forefeel.common.estimation.transfer import lasting
 from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
-from forefeel.common.flight import TappedTransport
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.model_file import load_model
 from forefeel.common.runtime.port import Runtime
@@ -52,11 +51,11 @@ class MasterDaemon:
         """
         compile_kernels()  # before a loop runs: the first call must not be a late one
         self.transport = impaired(inner, settings.impairment, "master", runtime)
-        seen: Transport = self.transport
-        if audit_sink.rings is not None:
-            seen = TappedTransport(self.transport, audit_sink.rings, runtime.clock.now_ns)
         self._audit_sink, self._now_ns = audit_sink, runtime.clock.now_ns
-        buses = [Bus(seen, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
+        buses = [
+            Bus(self.transport, settings.cell, axis.name, runtime.clock, audit_sink.rings)
+            for axis in settings.axes
+        ]
         self.axes = [
             _axis(settings.cell, axis, bus, new_id, runtime.clock, audit_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)

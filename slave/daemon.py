@@ -8,7 +8,6 @@ from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
 from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
-from forefeel.common.flight import TappedTransport
 from forefeel.common.hardware.driver import DriverSettings, Slot, driver_of
 from forefeel.common.runtime.port import Runtime
 from forefeel.common.settings import TICK_NS
@@ -46,10 +45,10 @@ class SlaveDaemon:
             DeviceError: a device does not answer.
         """
         self.transport = impaired(inner, settings.impairment, "slave", runtime)
-        seen: Transport = self.transport
-        if audit_sink.rings is not None:
-            seen = TappedTransport(self.transport, audit_sink.rings, runtime.clock.now_ns)
-        buses = [Bus(seen, settings.cell, axis.name, runtime.clock) for axis in settings.axes]
+        buses = [
+            Bus(self.transport, settings.cell, axis.name, runtime.clock, audit_sink.rings)
+            for axis in settings.axes
+        ]
         self._audit_sink, self._now_ns = audit_sink, runtime.clock.now_ns
         self._clear: BoundedQueue[ClearRequest] = BoundedQueue(_CLEARINGS)
         self.axes = [

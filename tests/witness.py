@@ -23,8 +23,8 @@ WATCHDOG_S = 0.060
 """Of the slave. What needs a session without a stop has this slack: a machine that stands still ends it."""
 MOST_NOT_JUDGED = 0.05
 """Of the tests of real time."""
-_DEVICE_PRIORITY = 1
-"""Of SCHED_RR: ahead of all work without a priority, behind the daemons."""
+_DEVICE_PRIORITY = 60
+"""Of SCHED_RR: that of `forefeel emulate`, above the loops of daemons, which other tests run meanwhile."""
 _STEP_S = 0.005
 _KEY = "timely"
 
@@ -84,12 +84,21 @@ class Witness:
             self._latest_s = max(self._latest_s, time.monotonic() - self._due_s)
 
 
-def go_ahead(pid: int = 0) -> None:
-    """Lets a process that was just started, or the calling thread, keep time as a real device does, and what
-    either starts, too; where it is granted.
-    """
+def go_ahead() -> None:
+    """Lets the calling thread, and what it starts, keep time as a real device does, where it is granted."""
     with suppress(PermissionError):
-        os.sched_setscheduler(pid, os.SCHED_RR, os.sched_param(_DEVICE_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_DEVICE_PRIORITY))
+
+
+@contextmanager
+def as_other_work() -> Iterator[None]:
+    """For the start of a process: it goes ahead by itself, or its imports would keep all others waiting."""
+    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, policy, priority)
 
 
 def check_stops(events: list[SafetyEvent]) -> None:

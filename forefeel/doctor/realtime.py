@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forefeel.doctor.findings import Finding, Level
+from forefeel.interrupt import at_last, ends_in_order
 from forefeel.parent import child_environment
 
 GROUP = "real time"
@@ -56,18 +57,22 @@ def measure_loop(priority: int, seconds: float) -> Loop:
         RuntimeError: the process failed.
     """
     command = [sys.executable, "-m", "forefeel.doctor.realtime_child", str(priority), str(seconds)]
-    done = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        timeout=seconds + 30,
-        check=False,
-        start_new_session=True,  # a terminal's Ctrl-C ends us, and so the child
-        env=child_environment(),
-    )
-    if done.returncode != 0:
-        raise RuntimeError(" ".join(done.stderr.split())[-200:] or f"exit code {done.returncode}")
-    return Loop(**json.loads(done.stdout))
+    with (
+        ends_in_order("doctor"),
+        subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # a terminal's Ctrl-C ends us, and so the child
+            env=child_environment(),
+        ) as process,
+        at_last(process.kill),  # a signal may come before its first line, by which it dies with us
+    ):
+        out, errors = process.communicate(timeout=seconds + 30)
+    if process.returncode != 0:
+        raise RuntimeError(" ".join(errors.split())[-200:] or f"exit code {process.returncode}")
+    return Loop(**json.loads(out))
 
 
 def judge_loop(loop: Loop, priority: int) -> list[Finding]:

@@ -68,14 +68,10 @@ def run_real(
         listening = TransportSettings(listen=(endpoints[1],))
         recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.tables())
         try:
-            for device in devices:
-                device.start()
-                device.await_word(stop)
-            for child in children:
-                child.start()
-            if watched is not None:
-                watched.start(plan.slave["cell"], (endpoints[0], endpoints[2]), out)
-            _watch(children, recorder, plan, progress, stop)
+            if _started(devices, children, stop):
+                if watched is not None:
+                    watched.start(plan.slave["cell"], (endpoints[0], endpoints[2]), out)
+                _watch(children, recorder, plan, progress, stop)
         finally:
             if watched is not None:
                 watched.ask_to_end()
@@ -93,6 +89,17 @@ def run_real(
 def _daemon(role: str, settings: Path, duration_s: float | None) -> list[str]:
     words = ["-m", "forefeel", role, "--config", str(settings)]
     return words if duration_s is None else [*words, "--duration", f"{duration_s}"]
+
+
+def _started(devices: Sequence["_Child"], children: Sequence["_Child"], stop: Stop) -> bool:
+    """Starts all of them, the devices one after the other; False as soon as a signal came."""
+    for child in (*devices, *children):
+        if stop.wanted():
+            return False
+        child.start()
+        if child in devices:
+            child.await_word(stop)
+    return True
 
 
 class _Child:

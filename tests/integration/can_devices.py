@@ -6,10 +6,12 @@ import time
 from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.settings import CanSettings
 from tests.hardware.can_rig import drive_on
+from tests.witness import go_ahead
 
 
 def main() -> None:
     """Arguments: the adapter's path."""
+    go_ahead()
     drive = drive_on(open_bus(CanSettings(interface="slcan", channel=sys.argv[1])))
     next_s = 0.0
     while True:

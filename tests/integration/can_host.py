@@ -8,6 +8,7 @@ from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.cia402 import driver as drive_cycle
 from forefeel.devices.cia402.driver import Cia402Stage
 from tests.hardware.can_rig import START_M, stage_settings
+from tests.witness import go_ahead
 
 HEARTBEAT_S = 0.3
 """A busy machine is silent for a tenth of a second and more."""
@@ -15,6 +16,7 @@ HEARTBEAT_S = 0.3
 
 def main() -> None:
     """Arguments: the adapter's path."""
+    go_ahead()
     drive_cycle.SILENT_S = 1.0  # only the drive has to notice a silence, and a busy machine makes some
     settings = CanSettings(interface="slcan", channel=sys.argv[1])
     stage = Cia402Stage(stage_settings(settings, heartbeat_s=HEARTBEAT_S))

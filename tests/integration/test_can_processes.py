@@ -31,7 +31,7 @@ from tests.hardware.can_rig import (
 )
 from tests.integration.can_host import HEARTBEAT_S
 from tests.waiting import PATIENCE_S, wait_until
-from tests.witness import Witness
+from tests.witness import Witness, as_other_work
 
 pytestmark = pytest.mark.usefixtures("ahead_of_other_work")
 MAX_VELOCITY_M_S, QUICK_STOP_M_S2 = 0.2, 20.0
@@ -51,7 +51,8 @@ class Seen(NamedTuple):
 @contextmanager
 def process(module: str, link: Path) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", f"tests.integration.{module}", str(link)]
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    with as_other_work():
+        child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         yield child
     finally:

@@ -11,7 +11,7 @@ from forefeel.devices.zaber.emulator import ZaberDevice
 from tests.hardware.pty_thread import PtyThread
 from tests.hardware.zaber_rig import MODEL, settings
 from tests.waiting import wait_until
-from tests.witness import Witness
+from tests.witness import Witness, as_other_work
 
 pytestmark = pytest.mark.usefixtures("ahead_of_other_work")
 LEAD_S, FASTEST_M_S, HARDEST_M_S2 = 0.06, 0.1, 2.0
@@ -19,6 +19,8 @@ _HOST = """
 import sys, time
 from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.devices.zaber.driver import ZaberStage
+from forefeel.common.runtime.realtime import prepare_thread
+prepare_thread(30)  # as a daemon
 stage = ZaberStage(ZaberSettings.model_validate_json(sys.argv[1]))
 stage.open()
 start_ns = time.monotonic_ns()
@@ -40,7 +42,8 @@ def test_a_killed_host_leaves_the_stage_at_rest_within_the_lead_and_it_stays(
     }  # fmt: skip
     with PtyThread(device, tmp_path) as port:
         wanted = settings(port=port.path, **chosen).model_dump_json()
-        host = subprocess.Popen([sys.executable, "-c", _HOST, wanted], cwd=Path(__file__).parents[2])
+        with as_other_work():
+            host = subprocess.Popen([sys.executable, "-c", _HOST, wanted], cwd=Path(__file__).parents[2])
         try:
             wait_until(
                 lambda: (path and path[-1][1] > 0.02 and path[-1][2] > 0.01) or host.poll() is not None,

@@ -12,7 +12,6 @@ from pathlib import Path
 from tests.live_cell import free_port
 from tests.signals.cases import BENCH, MODEL, SLAVE
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
-from tests.witness import go_ahead
 
 ROOT = Path(__file__).parents[2]
 COMMAND = [sys.executable, "-m", "forefeel"]
@@ -53,21 +52,19 @@ def scene(folder: Path, computing: int = 0) -> Iterator[int]:
     with ExitStack() as running:
         running.enter_context(_process(folder, "slave", "--config", f"{folder}/slave.yaml"))
         for name in ("bota_serial", "zaber_ascii"):
-            running.enter_context(_process(folder, *f"emulate {name} {bench}".split(), device=True))
+            running.enter_context(_process(folder, *f"emulate {name} {bench}".split()))
         for _ in range(computing):
             running.enter_context(_ended(subprocess.Popen([sys.executable, "-c", "while True: pass"])))
         yield port
 
 
 @contextmanager
-def _process(folder: Path, *words: str, device: bool = False) -> Iterator[None]:
+def _process(folder: Path, *words: str) -> Iterator[None]:
     log = folder / f"{'-'.join(words[:2]).replace('/', '')}.log"
     with log.open("wb") as out:
         process = subprocess.Popen(
             [*COMMAND, *words], env=environment(folder), stdin=subprocess.DEVNULL, stdout=out, stderr=out
         )
-    if device:
-        go_ahead(process.pid)
     with _ended(process):
         end_s = time.monotonic() + _START_S
         while not log.stat().st_size:

@@ -10,10 +10,11 @@ import pytest
 from mcap.reader import make_reader
 
 from forefeel.common import topics
+from forefeel.common.bus import Bus
 from forefeel.common.clock import MonotonicClock, VirtualClock, WallClock
 from forefeel.common.codec import encode
-from forefeel.common.flight import Rings, Row, TappedTransport
-from forefeel.common.messages import Grip, SafetyState
+from forefeel.common.flight import Rings, Row
+from forefeel.common.messages import EmergencyStop, Grip, SafetyState
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.state.flight_writer import FlightWriter
 from forefeel.common.transport.memory import MemoryBus
@@ -45,21 +46,22 @@ def test_a_ring_holds_what_a_record_needs_and_no_more() -> None:
     assert [r[0] for r in span] == list(range(97_999 * MS, 100_000 * MS, MS))
 
 
-def test_the_tap_keeps_every_payload_in_and_out_but_what_is_too_long_for_its_topic() -> None:
+def test_a_bus_keeps_every_payload_in_and_out_but_what_is_too_long_for_its_topic() -> None:
     clock, network, rings = VirtualClock(5), MemoryBus(), Rings()
-    tapped = TappedTransport(network.session(clock), rings, clock.now_ns)
-    other = network.session(clock)
-    heard: list[bytes] = []
-    tapped.subscribe(STOPS, lambda payload, _: heard.append(payload))
-    put_in, put_out = other.publisher(STOPS, topics.Qos.EVENT), tapped.publisher(FORCES, topics.Qos.STREAM)
-    put_in(b"a")
+    bus = Bus(network.session(clock), "cell", "insertion", clock, rings)
+    put = network.session(clock).publisher(STOPS, topics.Qos.EVENT)
+    heard: list[int] = []
+    bus.subscribe(topics.EMERGENCY_STOP, lambda _, receive_ns: heard.append(receive_ns))
+    sender = bus.publisher(topics.FORCE)
+    put(stop := encode(EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="me", reason="why")))
     clock.set_ns(9)
-    put_out(b"b")
-    put_in(b"x" * 60_000)
-    assert rings.ring(STOPS).between(0, 10) == [(5, b"a")]
-    assert rings.ring(FORCES).between(0, 10) == [(9, b"b")]
+    sender.send(sample := force(1))
+    put(b"x" * 60_000)
+    assert rings.ring(STOPS).between(0, 10) == [(5, stop)]
+    assert rings.ring(FORCES).between(0, 10) == [(9, encode(sample))]
     assert rings.ring(STOPS).left_out == 1
-    assert len(heard) == 2  # the recorder drops nothing of what is delivered
+    assert heard == [5]
+    assert bus.malformed == {topics.EMERGENCY_STOP.name: 1}, "what is not kept is delivered all the same"
 
 
 def test_a_flood_on_one_topic_washes_out_no_other_and_is_bounded() -> None:
