@@ -89,7 +89,7 @@ class Reports:
             )
         )
 
-    def last_words(self, now_ns: int) -> None:
+    def flush(self, now_ns: int) -> None:
         """What is left of both, each whatever becomes of the other; after the loop has ended."""
         try:
             self.timing(now_ns)

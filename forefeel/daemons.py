@@ -16,21 +16,21 @@ from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatch
 from forefeel.common.settings import DaemonSettings
 from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import Stop, heeded
-from forefeel.linking import (
+from forefeel.local.daemon_state import daemon_state
+from forefeel.local.handlers import MasterHandlers, SlaveHandlers
+from forefeel.local.server import LocalServer
+from forefeel.master.settings import MasterSettings
+from forefeel.parent import die_with_parent
+from forefeel.probe.configured import configured, import_drivers
+from forefeel.session import (
     POLL_S,
-    MasterLink,
+    MasterSession,
     closed_on_failure,
     connecting,
     obstacles,
     open_session,
     opened,
 )
-from forefeel.local.acts import MasterActs, SlaveActs
-from forefeel.local.daemon_state import daemon_state
-from forefeel.local.server import LocalServer
-from forefeel.master.settings import MasterSettings
-from forefeel.parent import die_with_parent
-from forefeel.probe.configured import configured, import_drivers
 from forefeel.slave.settings import SlaveSettings
 from forefeel.terminal import say
 
@@ -90,12 +90,12 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
             notifier = _notifier("slave", daemon.axes)
             runtime.task("notices", _NOTICES_NS, notifier.serve)
             warn_of_latency("slave", settings)
-            attendance = _attendance(runtime, daemon.axes)
-            acts = SlaveActs(daemon, state.audit_sink, runtime.clock)
-            async with runtime, local.serving(acts):
+            watchdog = _service_watchdog(runtime, daemon.axes)
+            handlers = SlaveHandlers(daemon, state.audit_sink, runtime.clock)
+            async with runtime, local.serving(handlers):
                 say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
                 await _until(runtime, duration_s, connecting(settings, transport, found))
-                attendance.stopping(_why(runtime))
+                watchdog.stopping(_why(runtime))
                 daemon.shut_down()
                 await _rest(daemon, stop)
         notifier.serve(runtime.clock.now_ns())
@@ -126,15 +126,15 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
             notifier = _notifier("master", daemon.axes)
             runtime.task("notices", _NOTICES_NS, notifier.serve)
             warn_of_latency("master", settings)
-            attendance = _attendance(runtime, daemon.axes)
+            watchdog = _service_watchdog(runtime, daemon.axes)
             say(f"master: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for the slave")
-            async with runtime, local.serving(MasterActs(daemon, runtime.clock)):
-                link = MasterLink(daemon, settings, transport, found)
-                await open_session(link, runtime, settings.peer_timeout_s)
+            async with runtime, local.serving(MasterHandlers(daemon, runtime.clock)):
+                session = MasterSession(daemon, settings, transport, found)
+                await open_session(session, runtime, settings.peer_timeout_s)
                 if not runtime.stopping.is_set():
                     say(f"master: session open; loop: {runtime.scheduling}")
-                await _until(runtime, duration_s, link.look, lambda: daemon.finished)
-                attendance.stopping(_why(runtime))
+                await _until(runtime, duration_s, session.look, lambda: daemon.finished)
+                watchdog.stopping(_why(runtime))
                 daemon.shut_down()
                 await asyncio.sleep(_FAREWELL_S)
         notifier.serve(runtime.clock.now_ns())
@@ -190,16 +190,16 @@ def _runtime(settings: DaemonSettings) -> Iterator[tuple[RealRuntime, Stop]]:
         yield runtime, stop
 
 
-def _attendance(runtime: RealRuntime, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
+def _service_watchdog(runtime: RealRuntime, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
     """Tells systemd, where it started this process, how the daemon does."""
 
     def status(now_ns: int) -> str:
         return "; ".join(f"axis {axis.name}: {axis.status(now_ns)}" for axis in axes)
 
     manager = ServiceManager(os.environ, os.getpid())
-    attendance = ServiceWatchdog(manager, lambda: runtime.ticks, status)
-    runtime.task("attendance", attendance.period_ns, attendance.look)
-    return attendance
+    watchdog = ServiceWatchdog(manager, lambda: runtime.ticks, status)
+    runtime.task("service watchdog", watchdog.period_ns, watchdog.look)
+    return watchdog
 
 
 def _why(runtime: RealRuntime) -> str:

@@ -228,7 +228,7 @@ class MasterAxis:
             )
         )
 
-    def last_words(self, now_ns: int) -> None:
+    def flush(self, now_ns: int) -> None:
         """Publishes and writes down what was gathered and not said yet; at the end, after the loop."""
         try:
             self._publish_events(now_ns, last=True)

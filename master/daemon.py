@@ -117,8 +117,8 @@ class MasterDaemon:
             steps.callback(self.transport.close)
             for axis in reversed(self.axes):
                 steps.callback(axis.handle.close)
-                steps.callback(axis.last_words, now_ns)
-            steps.callback(self._reports.last_words, now_ns)
+                steps.callback(axis.flush, now_ns)
+            steps.callback(self._reports.flush, now_ns)
             for axis in reversed(self.axes):
                 steps.callback(axis.report, now_ns)
 

@@ -19,13 +19,13 @@ from forefeel.common.messages import (
     SlaveState,
 )
 from forefeel.common.slots import LatestValue
-from forefeel.slave.answers import ForceAnswers, Instant
+from forefeel.slave.command_receiver import CommandReceiver
 from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
 from forefeel.slave.device_reports import DeviceReports
 from forefeel.slave.devices import Devices, DeviceWatch
 from forefeel.slave.events import SlaveEvents
-from forefeel.slave.intake import CommandIntake
-from forefeel.slave.link import SlaveLink
+from forefeel.slave.force_publisher import ForcePublisher, Instant
+from forefeel.slave.session import SlaveSession
 from forefeel.slave.settings import SlaveAxisSettings
 
 _LATCHED = "latched before the slave was started: "
@@ -56,8 +56,8 @@ class SlaveAxis:
         self._audit_sink = audit_sink
         self._watch = DeviceWatch(devices, self._device_failed)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
-        self._link = SlaveLink(cell, settings, devices, bus, instance_id, self.events)
-        self._intake = CommandIntake(settings, self._link, self.events)
+        self._session = SlaveSession(cell, settings, devices, bus, instance_id, self.events)
+        self._receiver = CommandReceiver(settings, self._session, self.events)
         self._estop: LatestValue[str] = LatestValue()
         self._fault: LatestValue[str] = LatestValue()
         self._clear: LatestValue[bool] = LatestValue()
@@ -69,9 +69,9 @@ class SlaveAxis:
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
-        self._answers = ForceAnswers(bus.publisher(topics.FORCE))
+        self._forces = ForcePublisher(bus.publisher(topics.FORCE))
         self._state: Publisher = bus.publisher(topics.SLAVE_STATE)
-        bus.subscribe(topics.COMMAND, self._intake.heard)
+        bus.subscribe(topics.COMMAND, self._receiver.on_command)
         bus.subscribe(topics.EMERGENCY_STOP, self._on_estop, self._on_garbled_estop)
 
     # --- where the transport delivers ---
@@ -126,7 +126,7 @@ class SlaveAxis:
             return "not open"
         machine = self._control.machine
         if machine.state is SafetyState.READY:
-            return self._control.slow(self._link.offset) or machine.reason
+            return self._control.slow(self._session.offset) or machine.reason
         return self._unheard if machine.state is SafetyState.IDLE and self._unheard else machine.reason
 
     @property
@@ -136,7 +136,7 @@ class SlaveAxis:
 
     def session(self, now_ns: int) -> int:
         """The session that holds the lease, or 0."""
-        return self._link.holder if self._link.live(now_ns) else 0
+        return self._session.holder if self._session.live(now_ns) else 0
 
     @property
     def latch_persisted(self) -> bool:
@@ -178,10 +178,10 @@ class SlaveAxis:
             self._watch.rearm()
         readings = self._watch.read(now_ns, self._executing.recording_time_s if self._executing else None)
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
-        holder = self._link.holder
-        self._answers.note(Instant(now_ns, self._watch.stage, self._executing, self._grip))
+        holder = self._session.holder
+        self._forces.note(Instant(now_ns, self._watch.stage, self._executing, self._grip))
         for reading in readings:
-            self._answers.send(reading, holder, self._link.offset)
+            self._forces.send(reading, holder, self._session.offset)
         self._executing = outputs.executing
         self._apply(outputs, now_ns)
         self.events.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
@@ -196,22 +196,22 @@ class SlaveAxis:
 
     def _changed(self, now_ns: int, transitions: Iterable[Transition]) -> None:
         for transition in transitions:
-            self.events.transition(transition, self._link.holder, now_ns)
+            self.events.transition(transition, self._session.holder, now_ns)
 
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
-        command, released = self._intake.slot.take()
-        conflict = self._intake.conflict
+        command, released = self._receiver.slot.take()
+        conflict = self._receiver.conflict
         return ControlInputs(
             command=command,
             released=released,
             position_m=self._watch.stage.position_m,
             force_n=self._watch.force.force_n,
             force_valid=self._watch.force.valid,
-            session_live=conflict is None and self._link.live(now_ns),
-            lost_reason=conflict or self._link.lost_reason,
-            clock=self._link.offset,
+            session_live=conflict is None and self._session.live(now_ns),
+            lost_reason=conflict or self._session.lost_reason,
+            clock=self._session.offset,
             estop=self._estop.take(),
-            fault=self._fault.take() or self._audit_sink.problem(now_ns) or self._link.clock_fault(now_ns),
+            fault=self._fault.take() or self._audit_sink.problem(now_ns) or self._session.clock_fault(now_ns),
             shutdown=self.shutdown,
             clear=cleared,
         )
@@ -238,36 +238,36 @@ class SlaveAxis:
     def serve(self, now_ns: int, last: bool = False) -> None:
         """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
         try:
-            if unheard := self._link.unheard(now_ns):
+            if unheard := self._session.unheard(now_ns):
                 self._unheard = unheard
                 self.events.notices.add(f"session lost: {unheard}")
-            self._link.serve(now_ns, self.at_rest, self._opened)
-            reason = self._intake.should_drop_session(now_ns, self.at_rest)
+            self._session.serve(now_ns, self.at_rest, self._opened)
+            reason = self._receiver.should_drop_session(now_ns, self.at_rest)
             if reason is not None:
-                self._link.release(now_ns, reason)
-            self.events.publish(self._link.holder, now_ns, last)
+                self._session.release(now_ns, reason)
+            self.events.publish(self._session.holder, now_ns, last)
         finally:  # what can not be published is written down all the same
-            if not self._link.live(now_ns):
-                self.events.session_lost(self._link.lost_reason, now_ns)
+            if not self._session.live(now_ns):
+                self.events.session_lost(self._session.lost_reason, now_ns)
             self.events.write({**dict(self._bus.malformed), **self._bus.refused}, now_ns, last)
 
     def _opened(self, session_id: int) -> None:
-        self._intake.open(session_id)
+        self._receiver.open(session_id)
         self._unheard = ""
         self.events.notices.add("session open")
 
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz; none without a session."""
-        self._link.beat(now_ns)
+        self._session.beat(now_ns)
 
     def announce(self, now_ns: int) -> None:
         """The calibrations that the drivers have loaded, every two seconds."""
-        self._device_reports.calibrations(self._link.holder, now_ns)
+        self._device_reports.calibrations(self._session.holder, now_ns)
 
     def report(self, now_ns: int) -> None:
         """The axis' state, about 50 Hz."""
         assert self._control is not None
-        best, holder = self._link.offset, self.session(now_ns)
+        best, holder = self._session.offset, self.session(now_ns)
         self._state.send(
             SlaveState(
                 **self._state.header(holder, now_ns),
@@ -286,11 +286,11 @@ class SlaveAxis:
 
     def _count(self) -> dict[str, int]:
         return {
-            "commands_superseded": self._intake.slot.superseded,
+            "commands_superseded": self._receiver.slot.superseded,
             **self.events.counts(),
             **self._device_reports.counts(),
             **self.counters,
-            **self._intake.counters,
-            **self._link.counters,
+            **self._receiver.counters,
+            **self._session.counters,
             **self._bus.counts(),
         }

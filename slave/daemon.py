@@ -131,7 +131,7 @@ class SlaveDaemon:
             steps.callback(self.transport.close)
             for axis in reversed(self.axes):
                 steps.callback(axis.close)
-            steps.callback(self._reports.last_words, now_ns)
+            steps.callback(self._reports.flush, now_ns)
             for axis in reversed(self.axes):
                 steps.callback(axis.report, now_ns)
             for axis in reversed(self.axes):

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import settings
 
 from forefeel.__main__ import main
-from tests.witness import go_ahead
+from tests.witness import go_ahead, go_back
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # of which that import has made the system's
 
@@ -53,13 +53,13 @@ def nothing_left_behind() -> Iterator[None]:
 
 @pytest.fixture
 def ahead_of_other_work() -> Iterator[None]:
-    """For tests with emulated devices: their threads and processes inherit it.
+    """For tests with emulated devices: their threads inherit it.
 
     Where it is not granted the machine has to be idle enough.
     """
     go_ahead()
     yield
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    go_back()
 
 
 def _still_running(before: set[threading.Thread]) -> list[str]:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import pairwise
+from pathlib import Path
 from typing import Self
 
 import pytest
@@ -85,9 +86,22 @@ class Witness:
 
 
 def go_ahead() -> None:
-    """Lets the calling thread, and what it starts, keep time as a real device does, where it is granted."""
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_DEVICE_PRIORITY))
+    """Lets this process, and what it starts, keep time as a real device does, where it is granted.
+
+    All of its threads: one that is behind, with the interpreter lock in its hands, would stop all others.
+    """
+    _schedule(os.SCHED_RR, _DEVICE_PRIORITY)
+
+
+def go_back() -> None:
+    """Ends `go_ahead`."""
+    _schedule(os.SCHED_OTHER, 0)
+
+
+def _schedule(policy: int, priority: int) -> None:
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(PermissionError, ProcessLookupError):
+            os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
 
 
 @contextmanager

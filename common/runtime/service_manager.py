@@ -109,8 +109,8 @@ def service_watchdog(status: Callable[[], str], steps: Callable[[], int]) -> Cal
     """
     clock = MonotonicClock()
     manager = ServiceManager(os.environ, os.getpid())
-    attendance = ServiceWatchdog(manager, lambda: (steps(),), lambda _now_ns: status())
-    return lambda: attendance.look(clock.now_ns())
+    watchdog = ServiceWatchdog(manager, lambda: (steps(),), lambda _now_ns: status())
+    return lambda: watchdog.look(clock.now_ns())
 
 
 def _address(text: str) -> str | None:

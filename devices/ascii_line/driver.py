@@ -77,11 +77,13 @@ class AsciiCell:
 
     @property
     def measured_hz(self) -> float | None:
-        """The rate by the host's clock, over half a second, but at least eight readings."""
+        """The rate by the host's clock, over half a second, but at least eight readings. None while there are
+        not so many, and when they were all heard at once, for the host was busy.
+        """
         if len(self._arrived) < (self._arrived.maxlen or 0):
             return None
         span_ns = self._arrived[-1] - self._arrived[0]
-        return (len(self._arrived) - 1) * 1e9 / max(span_ns, 1)
+        return None if span_ns < self._period_ns else (len(self._arrived) - 1) * 1e9 / span_ns
 
     # --- asking ---
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from forefeel.calibrate.carried import calibrations
+from forefeel.calibrate.embedded import calibrations
 from forefeel.common.clock import Clock
 from forefeel.common.config import dump_yaml
 from forefeel.common.errors import ForefeelError

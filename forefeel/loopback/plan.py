@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from forefeel.calibrate.carried import calibrations
+from forefeel.calibrate.embedded import calibrations
 from forefeel.common.config import checked, dump_yaml
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.model_file import load_model

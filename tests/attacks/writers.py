@@ -65,20 +65,20 @@ def forged_heartbeats(name: str) -> Outcome:
         echo_ns = scene.echo_ns()
         scene.beat(10_000 + i, session_id=dead, echo_stamp_ns=echo_ns, echo_receive_ns=echo_ns)
         scene.run(0.05)
-    return scene.end(Expected("sessions_let_go", 1, "session_lost", armed=0.05))
+    return scene.end(Expected("sessions_released", 1, "session_lost", armed=0.05))
 
 
 def invented_echoes(name: str) -> Outcome:
     """Heartbeats that answer what the slave never sent: a round trip of nothing, a clock a minute off."""
     scene = Scene(name)
-    clock = scene.pair.slave.axes[0]._link.offset
+    clock = scene.pair.slave.axes[0]._session.offset
     for i in range(40):
         now_ns = scene.now_ns
         lie = {"echo_stamp_ns": now_ns + 9 * MS, "echo_receive_ns": now_ns + 60 * S}
         scene.beat(10_000 + i, stamp_ns=now_ns + 60 * S, **lie)
         scene.run(0.025)
     outcome = scene.end(Expected("heartbeats_refused", 40))
-    after = scene.pair.slave.axes[0]._link.offset
+    after = scene.pair.slave.axes[0]._session.offset
     outcome.require(clock is not None and after is not None, "no clock")
     if clock is not None and after is not None:
         moved_ns = abs(after.offset_ns - clock.offset_ns)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from forefeel.calibrate.carried import calibrations
+from forefeel.calibrate.embedded import calibrations
 from forefeel.common.config import load_settings
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration

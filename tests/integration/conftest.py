@@ -11,7 +11,7 @@ _HANG_S = 240
 
 
 _CELLS = (
-    "attendance", "emergency_stop", "emulated_loopback", "faults", "links", "processes", "record",
+    "emergency_stop", "emulated_loopback", "faults", "links", "processes", "record", "service_watchdog",
     "stop_with_certificates", "two_hosts", "waiting",
 )  # fmt: skip
 """With daemons at a priority of real time, which take the processor from all else."""

@@ -9,17 +9,17 @@ from typing import cast
 
 import pytest
 
-from forefeel import linking
+from forefeel import session
 from forefeel.common.clock import MonotonicClock, now_utc
 from forefeel.common.topics import COMMAND
 from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.linking import MasterLink, obstacles
 from forefeel.master.daemon import MasterDaemon
 from forefeel.master.session import Session
 from forefeel.master.settings import MasterSettings
 from forefeel.pki.folder import find_members, renew
 from forefeel.reaching import reach
+from forefeel.session import MasterSession, obstacles
 from tests.integration.test_zenoh_bus import put_until
 from tests.secured import (
     CELL,
@@ -65,14 +65,14 @@ class Waiter:
     def __init__(self, net: Secured, pki: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
         self.said: list[str] = []
         monkeypatch.setattr("forefeel.waiting.EVERY_NS", 100_000_000)
-        monkeypatch.setattr(linking, "say", self.said.append)
+        monkeypatch.setattr(session, "say", self.said.append)
         settings = MasterSettings(
             cell=CELL, transport=TransportSettings(connect=(endpoint,), pki=pki), peer_timeout_s=None
         )
         self.transport = net.open(pki, "master", (), [endpoint])
         self.session = Session(count(1).__next__)
         daemon = SimpleNamespace(axes=[SimpleNamespace(name="insertion", session=self.session)])
-        self.link = MasterLink(
+        self.link = MasterSession(
             cast(MasterDaemon, daemon),
             settings,
             cast(ParallelTransport, self.transport),

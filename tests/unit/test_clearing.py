@@ -6,8 +6,8 @@ from concurrent.futures import Future
 import pytest
 
 from forefeel.common.messages import SafetyState
-from forefeel.local import acts
-from forefeel.local.acts import SlaveActs
+from forefeel.local import handlers
+from forefeel.local.handlers import SlaveHandlers
 from forefeel.local.protocol import Answer, Request
 from forefeel.slave.clearing import Clearing
 from tests.unit.failing import refusing
@@ -18,8 +18,8 @@ STOPPED, IDLE = SafetyState.ESTOPPED, SafetyState.IDLE
 
 @pytest.fixture(name="cell")
 def stopped_cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
-    monkeypatch.setattr(acts, "_TICK_S", 0.02)
-    monkeypatch.setattr(acts, "_LASTS_S", 0.0)
+    monkeypatch.setattr(handlers, "_TICK_S", 0.02)
+    monkeypatch.setattr(handlers, "_LASTS_S", 0.0)
     cell = Cell()
     cell.daemon.axes[0].emergency_stop("pressed")
     cell.step()
@@ -28,7 +28,7 @@ def stopped_cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
 
 
 def clear(cell: Cell, axis: str | None = None) -> "asyncio.Task[Answer]":
-    acting = SlaveActs(cell.daemon, cell.book, cell.runtime.clock)
+    acting = SlaveHandlers(cell.daemon, cell.book, cell.runtime.clock)
     return asyncio.create_task(acting(Request(do="clear", axis=axis), "nurse"))
 
 

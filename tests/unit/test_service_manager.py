@@ -59,7 +59,7 @@ class Rig:
         self.book, self.clock = Book(watchdog_ns), VirtualClock()
         self.ticks, self.hung = [0, 0], set[int]()
         self.status = "axis insertion: idle (started)"
-        self.attendance = ServiceWatchdog(
+        self.watchdog = ServiceWatchdog(
             self.book, lambda: (self.ticks[0], self.ticks[1]), lambda _: self.status
         )
 
@@ -70,9 +70,9 @@ class Rig:
             self.clock.set_ns(self.clock.now_ns() + MS)
             for loop in {0, 1} - self.hung:
                 self.ticks[loop] += 1
-            if self.clock.now_ns() % self.attendance.period_ns < MS:
+            if self.clock.now_ns() % self.watchdog.period_ns < MS:
                 before = len(self.book.told)
-                self.attendance.look(self.clock.now_ns())
+                self.watchdog.look(self.clock.now_ns())
                 told += [(self.clock.now_ns() * 1e-9, text) for text in self.book.told[before:]]
         return told
 
@@ -183,8 +183,8 @@ def test_a_loop_of_the_real_runtime_that_hangs_ends_them_too(
     async def run() -> tuple[list[str], list[str]]:
         runtime = RealRuntime()
         runtime.loop("control", MS, tick)
-        attendance = ServiceWatchdog(manager, lambda: runtime.ticks, lambda _: "idle")
-        runtime.task("attendance", attendance.period_ns, attendance.look)
+        watchdog = ServiceWatchdog(manager, lambda: runtime.ticks, lambda _: "idle")
+        runtime.task("watchdog", watchdog.period_ns, watchdog.look)
         async with runtime:
             await asyncio.sleep(0.15)
             alive = heard(receiver)

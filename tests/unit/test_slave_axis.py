@@ -319,7 +319,7 @@ def test_a_session_without_commands_is_let_go_though_its_heartbeats_come() -> No
     rig.step(200)
     assert rig.state() is S.IDLE
     assert rig.states[-1].reason == "no command from the master for 3 s, though its heartbeats come"
-    assert rig.counters()["sessions_let_go"] == 1
+    assert rig.counters()["sessions_released"] == 1
     assert rig.shake(SESSION + 1).accepted
 
 

@@ -15,7 +15,7 @@ from forefeel.common.events.audit import Noted, parse
 from forefeel.common.messages import SafetyState
 from forefeel.common.state.audit_file import AuditFile
 from forefeel.common.state.folder import AUDIT, SOCKET
-from forefeel.local import acts, protocol, server
+from forefeel.local import handlers, protocol, server
 from forefeel.local.client import NobodyThereError, ask
 from forefeel.local.protocol import Answer, Request
 from forefeel.local.server import LocalServer
@@ -177,14 +177,14 @@ def test_a_stop_and_a_clearing_that_are_not_on_the_disk_are_not_acknowledged(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for limit in ("_STOPS_S", "_LASTS_S"):
-        monkeypatch.setattr(acts, limit, 0.0)
+        monkeypatch.setattr(handlers, limit, 0.0)
     cell = Cell()
     audit_sink = Forgetful()
     for axis in cell.daemon.axes:
         axis.emergency_stop("pressed")
         monkeypatch.setattr(axis, "_audit_sink", audit_sink)
     cell.step()
-    asked = acts.SlaveActs(cell.daemon, audit_sink, MonotonicClock())
+    asked = handlers.SlaveHandlers(cell.daemon, audit_sink, MonotonicClock())
     answer = asyncio.run(asked(Request("estop"), "nurse"))
     assert not answer.done
     assert answer.text[0] == (

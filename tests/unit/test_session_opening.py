@@ -8,16 +8,16 @@ from typing import Any, cast
 
 import pytest
 
-from forefeel import linking
+from forefeel import session
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError
 from forefeel.common.runtime.real import RealRuntime
 from forefeel.common.transport.parallel import ParallelTransport
-from forefeel.linking import MasterLink, obstacles, open_session, opened
 from forefeel.master.daemon import MasterDaemon
 from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterSettings
 from forefeel.reaching import Obstacle
+from forefeel.session import MasterSession, obstacles, open_session, opened
 from forefeel.slave.settings import SlaveSettings
 from forefeel.waiting import Obstacles
 
@@ -28,7 +28,7 @@ CONNECT = {"transport": {"connect": ["tcp/127.0.0.1:9"]}}
 @pytest.fixture(name="said")
 def lines(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     said: list[str] = []
-    monkeypatch.setattr(linking, "say", said.append)
+    monkeypatch.setattr(session, "say", said.append)
     return said
 
 
@@ -65,7 +65,7 @@ class Bench:
         self.session, self.transport = Session(count(11).__next__), FakeTransport()
         self.obstacles = FoundObstacles()
         daemon = SimpleNamespace(axes=[SimpleNamespace(name="insertion", session=self.session)])
-        self.link = MasterLink(
+        self.link = MasterSession(
             cast(MasterDaemon, daemon),
             checked(MasterSettings, CONNECT | settings, "master"),
             cast(ParallelTransport, self.transport),
@@ -210,7 +210,7 @@ def test_a_router_that_comes_later_is_connected_to(monkeypatch: pytest.MonkeyPat
         settings = checked(SlaveSettings, ROUTED, "slave")
         return await opened(settings, "slave", RealRuntime(), False, timeout_s, obstacles(settings, "slave"))
 
-    monkeypatch.setattr(linking, "_ROUTER_S", 0.01)
+    monkeypatch.setattr(session, "_ROUTER_S", 0.01)
     monkeypatch.setattr(ParallelTransport, "open", third_time)
     assert asyncio.run(run(None)) is transport
     assert said == ["slave: INSECURE"]

@@ -135,7 +135,7 @@ def connecting(
     return look
 
 
-class MasterLink:
+class MasterSession:
     """Whether every axis of a master has its session; says when one is lost, and what is in the way."""
 
     def __init__(
@@ -194,7 +194,7 @@ class MasterLink:
         return unheard(self._settings.transport, self._transport.peers() > 0, missing)
 
 
-async def open_session(link: MasterLink, runtime: RealRuntime, timeout_s: float | None) -> None:
+async def open_session(session: MasterSession, runtime: RealRuntime, timeout_s: float | None) -> None:
     """Waits visibly until every axis has its session, or the daemon is told to end.
 
     Raises:
@@ -203,9 +203,9 @@ async def open_session(link: MasterLink, runtime: RealRuntime, timeout_s: float 
     start_ns = runtime.clock.now_ns()
     while not runtime.stopping.is_set():
         now_ns = runtime.clock.now_ns()
-        if link.look(now_ns):
+        if session.look(now_ns):
             return
         if timeout_s is not None and now_ns - start_ns > timeout_s * 1e9:
-            cause = await link.cause(now_ns)
+            cause = await session.cause(now_ns)
             raise EndpointError(f"no session with a slave within {timeout_s:g} s (peer_timeout_s): {cause}")
         await asyncio.sleep(POLL_S)

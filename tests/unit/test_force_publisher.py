@@ -7,7 +7,7 @@ from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.messages import ForceSample, Grip, MotionCommand, SafetyState
 from forefeel.common.transport.memory import MemoryBus
-from forefeel.slave.answers import ForceAnswers, Instant
+from forefeel.slave.force_publisher import ForcePublisher, Instant
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 from tests.unit.slave_rig import MS, SlaveRig
@@ -31,7 +31,7 @@ def answered(*stamps_ns: int | None) -> list[ForceSample]:
     bus = Bus(network.session(clock), "cell", "insertion", clock)
     listener = Bus(network.session(clock), "cell", "insertion", clock)
     listener.subscribe(topics.FORCE, lambda sample, _: heard.append(sample))
-    answers = ForceAnswers(bus.publisher(topics.FORCE))
+    answers = ForcePublisher(bus.publisher(topics.FORCE))
     for tick in range(1, 11):
         answers.note(Instant(tick * MS, StageReading(tick * 1e-6, 1e-3), command(tick), Grip.CLOSED))
     for number, stamp_ns in enumerate(stamps_ns):

@@ -27,7 +27,7 @@ _ENDED = "not cleared: the control loop does not run any more; start the slave a
 _HANGS = "perhaps cleared: the control loop hangs in the tick that clears; start the slave again"
 
 
-class SlaveActs:
+class SlaveHandlers:
     """Of the slave: state, stop, clear."""
 
     def __init__(self, daemon: "SlaveDaemon", audit_sink: AuditSink, clock: Clock) -> None:
@@ -100,7 +100,7 @@ class SlaveActs:
         return Answer(done, text, "slave")
 
 
-class MasterActs:
+class MasterHandlers:
     """Of the master: state, and a stop that it hands on."""
 
     def __init__(self, daemon: "MasterDaemon", clock: Clock) -> None:

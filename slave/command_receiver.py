@@ -8,7 +8,7 @@ from forefeel.common.events.axis import AxisEvents
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import MotionCommand
 from forefeel.slave.gate import SECOND_WRITER, CommandGate, GateLimits, Refusal
-from forefeel.slave.link import SlaveLink
+from forefeel.slave.session import SlaveSession
 from forefeel.slave.settings import SlaveAxisSettings
 
 _RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsense, not merely too far
@@ -59,8 +59,9 @@ class CommandSlot:
         return taken
 
 
-class CommandIntake:
-    """The gate and the slot behind it. `heard` runs where the transport delivers, `take` in the control loop.
+class CommandReceiver:
+    """The gate and the slot behind it. `on_command` runs where the transport delivers, `take` in the control
+    loop.
 
     Attributes:
         counters: refusals by rule.
@@ -68,14 +69,14 @@ class CommandIntake:
         conflict: that two command in the session; one of them is not the master, and nobody can say which.
     """
 
-    def __init__(self, settings: SlaveAxisSettings, link: SlaveLink, events: AxisEvents) -> None:
+    def __init__(self, settings: SlaveAxisSettings, session: SlaveSession, events: AxisEvents) -> None:
         self.counters: Counter[str] = Counter()
         self.slot = CommandSlot()
         self._late_ns: tuple[int, int] | None = None
         self._heard_ns: int | None = None
         self.conflict: str | None = None
         self._gate = CommandGate(_gate_limits(settings))
-        self._link = link
+        self._session = session
         self._events = events
 
     def open(self, session_id: int) -> None:
@@ -85,7 +86,7 @@ class CommandIntake:
         self._gate.open(session_id)
 
     def should_drop_session(self, now_ns: int, at_rest: bool) -> str | None:
-        """Why the session is to be let go, if it is; asked many times a second.
+        """Why the session is to be released, if it is; asked many times a second.
 
         At once where there is a conflict. Else once the stage is at rest, when for some seconds nothing but
         late commands has come, or none at all.
@@ -99,9 +100,9 @@ class CommandIntake:
             return _ONLY_LATE
         return _SILENT if at_rest and now_ns - self._heard_ns > _SILENT_FOR_NS else None
 
-    def heard(self, command: MotionCommand, receive_ns: int) -> None:
+    def on_command(self, command: MotionCommand, receive_ns: int) -> None:
         """A command arrived."""
-        refusal = self._gate.admit(command, receive_ns, self._link.offset)
+        refusal = self._gate.admit(command, receive_ns, self._session.offset)
         if refusal is None or refusal.rule not in _NOBODYS:
             self._heard_ns = receive_ns
         if refusal is None:

@@ -1,7 +1,7 @@
 import pytest
 
 from forefeel.common.messages import MotionCommand
-from forefeel.slave.intake import CommandSlot
+from forefeel.slave.command_receiver import CommandSlot
 
 
 def command(sequence: int, deadman: bool) -> MotionCommand:

@@ -23,7 +23,7 @@ class Instant(NamedTuple):
     grip: Grip
 
 
-class ForceAnswers:
+class ForcePublisher:
     """Remembers the last quarter of a second of ticks, so that a reading that comes late or in a batch finds
     its own.
     """
