@@ -289,7 +289,7 @@ class ControlCycle(Message):
 
 
 class MasterEvent(Message):
-    """A change of how the master stands: `no_link`, `linked`, `handle_fault` or `failed`."""
+    """A change of how the master stands: `no_session`, `in_session`, `handle_fault` or `failed`."""
 
     before: Name
     event: Name

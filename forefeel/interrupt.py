@@ -114,15 +114,23 @@ def leave(code: int) -> NoReturn:
 
 
 @contextmanager
-def breakable() -> Iterator[None]:
+def breakable(ended: Callable[[], str]) -> Iterator[None]:
     """The first signal raises KeyboardInterrupt in the body, inside of `heeded`: for devices and persons that
     are waited for in plain Python, where nothing swallows it.
+
+    Args:
+        ended: what it ended, in words.
+
+    Raises:
+        RunError: a signal came, here or before.
     """
     _stop._breaks = True
     try:
         if _stop._first_s is not None:
             raise KeyboardInterrupt
         yield
+    except KeyboardInterrupt:
+        raise RunError(ended()) from None
     finally:
         _stop._breaks = False
 

@@ -159,7 +159,7 @@ class MasterSession:
             self._waiting.over()
             return True
         first = missing[0]
-        if first.session.link is SessionState.MISMATCH:
+        if first.session.state is SessionState.MISMATCH:
             raise ConfigurationError(f"axis {first.name}: the slave refuses: {first.session.cause(now_ns)}")
         if self._open:
             say(f"master: axis {first.name}: {first.session.cause(now_ns)}; waiting for the slave")
@@ -176,8 +176,8 @@ class MasterSession:
         return known or await _cause(self._waiting, now_ns)
 
     def _missing(self) -> "list[MasterAxis]":
-        missing = [axis for axis in self._axes if axis.session.link is not SessionState.OPEN]
-        return sorted(missing, key=lambda axis: axis.session.link is not SessionState.MISMATCH)
+        missing = [axis for axis in self._axes if axis.session.state is not SessionState.OPEN]
+        return sorted(missing, key=lambda axis: axis.session.state is not SessionState.MISMATCH)
 
     def _known(self, axis: "MasterAxis", now_ns: int) -> str:
         """The cause where it is known without a trial. Whom a master that listens is connected to is not."""

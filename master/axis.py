@@ -117,11 +117,11 @@ class MasterAxis:
             self._slave_state, self._state_heard_ns = state, receive_ns
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
-        before, accepted, reason = self.session.link, handshake.accepted, printable(handshake.reason)
+        before, accepted, reason = self.session.state, handshake.accepted, printable(handshake.reason)
         if accepted and handshake.settings_hash != settings_hash(self._shared):
             accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
         self.session.answered(handshake.session_id, accepted, reason, handshake.answers_stamp_ns, receive_ns)
-        opened = before is not SessionState.OPEN and self.session.link is SessionState.OPEN
+        opened = before is not SessionState.OPEN and self.session.state is SessionState.OPEN
         self.events.session_answered(handshake, opened, None if accepted else reason, receive_ns)
         if opened:
             self._heartbeats.restart()
@@ -151,7 +151,7 @@ class MasterAxis:
             self.events.limit(hit)
         held = outputs.deadman and not self.stopping and self._hand.fault is None
         self._deadman = held and not self.stop.wanted
-        if self.session.link is SessionState.OPEN:
+        if self.session.state is SessionState.OPEN:
             self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
 
     def _standing(self, now_ns: int) -> tuple[Standing, str]:
@@ -160,7 +160,8 @@ class MasterAxis:
             return "failed", "a fault of the master"
         if self._hand.fault is not None:
             return "handle_fault", self._hand.fault
-        return "linked" if self.session.link is SessionState.OPEN else "no_link", self.session.cause(now_ns)
+        standing: Standing = "in_session" if self.session.state is SessionState.OPEN else "no_session"
+        return standing, self.session.cause(now_ns)
 
     def _shown_state(self, now_ns: int) -> SafetyState | None:
         """The slave's state; None without a session or when the slave has been silent."""
@@ -193,7 +194,7 @@ class MasterAxis:
     def status(self, now_ns: int) -> str:
         """The slave's safety state, or what the session waits for; and why."""
         state = self._shown_state(now_ns)
-        return f"{f'slave {state.value}' if state else self.session.link.value}: {self._reason(now_ns)}"
+        return f"{f'slave {state.value}' if state else self.session.state.value}: {self._reason(now_ns)}"
 
     def _reason(self, now_ns: int) -> str:
         """Why the slave is in its state, or why there is no link."""
@@ -209,10 +210,10 @@ class MasterAxis:
         self._publish_events(now_ns)
         asks = (
             not self.stopping
-            and self.session.link is not SessionState.MISMATCH
+            and self.session.state is not SessionState.MISMATCH
             and self.session.should_ask(now_ns)
         )
-        if self.session.link is not SessionState.OPEN:
+        if self.session.state is not SessionState.OPEN:
             self.events.session_lost(self.session.cause(now_ns), now_ns)
         if not asks:
             return
@@ -242,7 +243,7 @@ class MasterAxis:
 
     def beat(self, now_ns: int) -> None:
         """Heartbeat with the four stamps, about 20 Hz."""
-        if self.session.link is not SessionState.OPEN:
+        if self.session.state is not SessionState.OPEN:
             return
         self._heartbeats.beat(self.session.session_id, now_ns)
 
@@ -270,7 +271,7 @@ class MasterAxis:
         self._state.send(
             MasterState(
                 **self._state.header(self.session.session_id, now_ns),
-                indication="handle_fault" if fault else state.value if state else "no_link",
+                indication="handle_fault" if fault else state.value if state else "no_session",
                 reason=(fault or self._reason(now_ns))[:256],
                 deadman=self._deadman,
                 clutched_s=self.handle.clutched_out_s,

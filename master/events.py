@@ -10,10 +10,10 @@ from forefeel.common.events.axis import AxisEvents
 from forefeel.common.events.text import ROUND_TRIP, emergency_stop, event_text
 from forefeel.common.messages import LimitEvent, MasterEvent, SafetyEvent
 
-Standing = Literal["no_link", "linked", "handle_fault", "failed"]
+Standing = Literal["no_session", "in_session", "handle_fault", "failed"]
 _EVENTS: dict[Standing, str] = {
-    "no_link": "session_lost",
-    "linked": "session_opened",
+    "no_session": "session_lost",
+    "in_session": "session_opened",
     "handle_fault": "handle_fault",
     "failed": "fault",
 }
@@ -28,7 +28,7 @@ class MasterEvents(AxisEvents):
         super().__init__(bus, topics.MASTER_LIMIT, audit_sink, axis)
         self._counters: Counter[str] = Counter()
         self._event = bus.publisher(topics.MASTER_EVENT)
-        self._standing: Standing = "no_link"
+        self._standing: Standing = "no_session"
         self._handle_fault: str | None = None
         self._problem: str | None = None
         self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED_EVENTS)

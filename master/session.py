@@ -31,7 +31,7 @@ class Session:
 
     Attributes:
         session_id: id in use.
-        link: its state.
+        state: what is known of it.
         heard_ns: when the slave was heard last, None before.
         obstacle: what keeps the slave from being heard, as somebody found out who looked at the network;
             empty where it is not known.
@@ -40,7 +40,7 @@ class Session:
     def __init__(self, new_id: Callable[[], int]) -> None:
         self._new_id = new_id
         self.session_id = new_id()
-        self.link = SessionState.ASKING
+        self.state = SessionState.ASKING
         self.heard_ns: int | None = None
         self.obstacle = ""
         self._word = ""
@@ -51,10 +51,10 @@ class Session:
 
     def should_ask(self, now_ns: int) -> bool:
         """Whether a handshake is to be sent now."""
-        if self.link is SessionState.OPEN and now_ns - self._mine_ns > _LOST_AFTER_NS:
+        if self.state is SessionState.OPEN and now_ns - self._mine_ns > _LOST_AFTER_NS:
             ended = {0: "the slave has ended the session", self.session_id: ""}
             self._start_again(ended.get(self._named, "the slave serves another master"))
-        if self.link is SessionState.OPEN or (
+        if self.state is SessionState.OPEN or (
             self._asked_ns is not None and now_ns - self._asked_ns < _RETRY_NS
         ):
             return False
@@ -72,16 +72,16 @@ class Session:
         has a new id, so that no later answer to the old one does.
         """
         self.heard_ns, self.obstacle = now_ns, ""
-        if session_id != self.session_id or self.link is not SessionState.ASKING or asked_ns is None:
+        if session_id != self.session_id or self.state is not SessionState.ASKING or asked_ns is None:
             return
         took_s = (now_ns - asked_ns) * 1e-9
         if took_s > LONGEST_ROUND_TRIP_S:
             self._start_again(f"no answer within {LONGEST_ROUND_TRIP_S:g} s: it takes {took_s:.1f} s")
         elif accepted:
-            self.link, self._mine_ns = SessionState.OPEN, now_ns
+            self.state, self._mine_ns = SessionState.OPEN, now_ns
             self._word = f"the slave accepted the session within {took_s * 1e3:.0f} ms"
         elif reason.startswith("settings differ"):
-            self.link, self._word = SessionState.MISMATCH, reason
+            self.state, self._word = SessionState.MISMATCH, reason
         elif "used before" in reason:
             self._start_again(f"the slave refuses: {reason}")
         else:
@@ -90,7 +90,7 @@ class Session:
     @property
     def open_id(self) -> int:
         """`session_id` while the session is open, else 0."""
-        return self.session_id if self.link is SessionState.OPEN else 0
+        return self.session_id if self.state is SessionState.OPEN else 0
 
     def heard_state(self, session_id: int, now_ns: int) -> None:
         """A state of the slave that names the holder of the lease."""
@@ -104,7 +104,7 @@ class Session:
 
     def cause(self, now_ns: int) -> str:
         """Why the session is open, or why it is not, as of now."""
-        if self.link is SessionState.MISMATCH:
+        if self.state is SessionState.MISMATCH:
             return self._word
         since_ns = now_ns if self._asking_since_ns is None else self._asking_since_ns
         if self.heard(now_ns):
@@ -116,5 +116,5 @@ class Session:
         return f"no state from the slave for {span((now_ns - self.heard_ns) * 1e-9)}"
 
     def _start_again(self, word: str) -> None:
-        self.session_id, self.link, self._word = self._new_id(), SessionState.ASKING, word
+        self.session_id, self.state, self._word = self._new_id(), SessionState.ASKING, word
         self._asking_since_ns = None

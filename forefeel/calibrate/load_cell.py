@@ -74,14 +74,12 @@ def run_load_cell(
     _require_range(forces, device)
     cell: NativeLoadCell = device.driver.make(device.settings, clock or MonotonicClock())
     person = Prompt(options.yes)
-    with heeded(), breakable():
+    with heeded(), breakable(lambda: "calibration interrupted; nothing was written"):
         try:
             cell.open_native()
             serial = require_serial(cell.link.serial, device)
             say(introduced(device, cell.link))
             steps = _Walk(options, cell, person, clock or MonotonicClock()).run(forces)
-        except KeyboardInterrupt:
-            raise RunError("calibration interrupted; nothing was written") from None
         finally:
             cell.close()
     low_n, high_n = range_of(forces)

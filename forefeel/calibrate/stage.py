@@ -9,7 +9,7 @@ from forefeel.calibrate.measuring import Travel, require_travel, travel_of
 from forefeel.calibrate.prompt import Prompt
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.common.clock import Clock, MonotonicClock
-from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.calibration import StageCalibration
 from forefeel.common.runtime.realtime import prepare_thread
 from forefeel.devices.cia402.protocol import HERE
@@ -58,16 +58,17 @@ def run_stage(
             f"{settings.max_velocity_m_s:g}"
         )
     person = Prompt(options.yes)
-    with heeded(lambda: None), breakable(), no_slave_beside(options.config):
-        try:
-            with device.driver.make_homing(settings, clock or MonotonicClock()) as stage:
-                serial = require_serial(stage.link.serial, device)
-                say(introduced(device, stage.link))
-                person.agree(_intent(options, settings))
-                prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
-                zero, travel = _moved(stage, settings, options)
-        except KeyboardInterrupt:
-            raise RunError("calibration interrupted; the stage was stopped, nothing was written") from None
+    with (
+        heeded(lambda: None),
+        breakable(lambda: "calibration interrupted; the stage was stopped, nothing was written"),
+        no_slave_beside(options.config),
+        device.driver.make_homing(settings, clock or MonotonicClock()) as stage,
+    ):
+        serial = require_serial(stage.link.serial, device)
+        say(introduced(device, stage.link))
+        person.agree(_intent(options, settings))
+        prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
+        zero, travel = _moved(stage, settings, options)
     require_travel(travel, settings.travel_m, options.repeatability_m)
     _write(options, device, serial, zero, travel, today or date.today())
 

@@ -60,15 +60,16 @@ def run_driver_test(options: DriverTestOptions) -> None:
     """
     driver = _driver(options)
     found: list[Checked] = []
-    with heeded(lambda: None), breakable(), _bench(driver, options) as bench:
-        try:
-            prepare_thread(_PRIORITY)  # the driver's threads inherit it, as they do in a daemon
-            with _Lateness() as lateness:
-                for name in CHECKS:
-                    found.append(_checked(name, bench, lateness))
-                    show(_in_words(found[-1]))
-        except KeyboardInterrupt:
-            raise RunError(f"interrupted after {len(found)} of {len(CHECKS)} checks") from None
+    with (
+        heeded(lambda: None),
+        breakable(lambda: f"interrupted after {len(found)} of {len(CHECKS)} checks"),
+        _bench(driver, options) as bench,
+    ):
+        prepare_thread(_PRIORITY)  # the driver's threads inherit it, as they do in a daemon
+        with _Lateness() as lateness:
+            for name in CHECKS:
+                found.append(_checked(name, bench, lateness))
+                show(_in_words(found[-1]))
     about = {"driver": driver.name, "slot": driver.slot, "distribution": driver.distribution}
     document = {"schema": "forefeel.driver_test/1", **about, "version": driver.version}
     answer(document=lambda: {**document, "checks": [asdict(each) for each in found]})

@@ -18,8 +18,10 @@ _AFTER: dict[str, Level] = {
     SafetyState.STOPPING: WARN,
     SafetyState.FAULT: BAD,
     SafetyState.ESTOPPED: BAD,
-    "no_link": BAD,
-    "linked": GOOD,
+    "no_session": BAD,
+    "no_link": BAD,  # of 0.1.0
+    "in_session": GOOD,
+    "linked": GOOD,  # of 0.1.0
     "handle_fault": BAD,
     "failed": BAD,
 }

@@ -29,13 +29,13 @@ def run_probe(config: Path, seconds: float, clock: SleepingClock | None = None) 
         raise ConfigurationError(f"--seconds {seconds:g}: expected 0.05 to 3600 s")
     devices = configured(load_daemon(config))
     found: list[Probed] = []
-    with heeded(), breakable():
-        try:
-            for device in devices:
-                found.append(probe(device, seconds, clock or MonotonicClock()))
-                show(*_in_words(found[-1], device.serial_port))
-        except KeyboardInterrupt:
-            raise RunError(f"probe interrupted after {len(found)} of {len(devices)} devices") from None
+    with (
+        heeded(),
+        breakable(lambda: f"probe interrupted after {len(found)} of {len(devices)} devices"),
+    ):
+        for device in devices:
+            found.append(probe(device, seconds, clock or MonotonicClock()))
+            show(*_in_words(found[-1], device.serial_port))
     answer(
         document=lambda: {"schema": "forefeel.device_probe/1", "devices": [asdict(each) for each in found]}
     )

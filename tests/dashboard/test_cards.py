@@ -59,8 +59,8 @@ def test_who_holds_the_lease(slave: dict[str, object], master: dict[str, object]
     assert told(slave, master)["lease"][1] == word
 
 
-def test_why_there_is_no_link() -> None:
-    found = told({}, {"indication": "no_link", "reason": "settings differ: max_force_n"})
+def test_why_there_is_no_session() -> None:
+    found = told({}, {"indication": "no_session", "reason": "settings differ: max_force_n"})
     assert found["link"] == ("bad", "no link", "settings differ: max_force_n")
     assert told({}, {"indication": "handle_fault", "reason": "unplugged"})["link"][1] == "handle fault"
 

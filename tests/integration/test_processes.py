@@ -272,7 +272,7 @@ def test_the_master_waits_visibly_when_the_slave_is_killed_and_works_with_a_new_
     lost_ns = time.monotonic_ns()  # what was sent before may still arrive
     wait_until(lambda: cell.messages(MASTER_STATE)[-1].stamp_ns > lost_ns)
     state = cell.messages(MASTER_STATE)[-1]
-    assert (state.indication, state.deadman) == ("no_link", False)
+    assert (state.indication, state.deadman) == ("no_session", False)
     assert all(each.stamp_ns < lost_ns for each in cell.messages(COMMAND))
     cell.slave()
     cell.wait_for("armed")

@@ -226,6 +226,6 @@ def linked() -> Iterator[Rig]:
     rig = Rig()
     rig.axis.serve(rig.now_ns)
     rig.answer()
-    assert rig.axis.session.link is SessionState.OPEN
+    assert rig.axis.session.state is SessionState.OPEN
     yield rig
     assert all(-2.0 <= force_n <= 2.0 for force_n in rig.handle.felt_n)

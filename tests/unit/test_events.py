@@ -139,14 +139,14 @@ class Rig:
 
 def test_a_change_of_how_the_master_stands_is_one_event() -> None:
     rig = Rig()
-    rig.events.stands("no_link", "no answer", 7, 0)
-    rig.events.stands("linked", "accepted", 7, 50 * MS)
-    rig.events.stands("linked", "accepted", 7, 100 * MS)
+    rig.events.stands("no_session", "no answer", 7, 0)
+    rig.events.stands("in_session", "accepted", 7, 50 * MS)
+    rig.events.stands("in_session", "accepted", 7, 100 * MS)
     rig.events.stands("handle_fault", "x" * 1000, 7, 150 * MS)
     told = [(t.before, t.event, t.after, len(t.reason), t.session_id) for t in rig.transitions]
     assert told == [
-        ("no_link", "session_opened", "linked", 8, 7),
-        ("linked", "handle_fault", "handle_fault", 256, 7),
+        ("no_session", "session_opened", "in_session", 8, 7),
+        ("in_session", "handle_fault", "handle_fault", 256, 7),
     ]
 
 

@@ -109,15 +109,31 @@ def test_a_command_under_nohup_stays() -> None:
     assert ended(script)[:2] == (0, "False\n")
 
 
-def test_a_wait_for_a_person_breaks_off() -> None:
-    script = """
+@pytest.mark.parametrize("order", ["body", "before", "opening"])
+def test_a_wait_for_a_person_breaks_off_in_one_line(order: str) -> None:
+    """Also for a signal that comes before the wait, or while what it needs is opened."""
+    script = f"""
+        from contextlib import contextmanager
+        from forefeel.common.errors import RunError
         from forefeel.interrupt import breakable, heeded
+
+        def come(when):
+            if when == {order!r}:
+                tell(signal.SIGHUP)
+
+        @contextmanager
+        def device():
+            come("opening")
+            yield
+
         try:
-            with heeded(), breakable():
-                tell(signal.SIGINT)
-                print("went on")
-        except KeyboardInterrupt:
-            print("broke off")
+            with heeded():
+                come("before")
+                with breakable(lambda: "broke off"), device():
+                    come("body")
+                    print("went on")
+        except RunError as error:
+            print(error)
     """
     assert ended(script) == (0, "broke off\n", "")
 

@@ -31,7 +31,7 @@ def test_an_accepting_slave_with_other_settings_is_not_believed() -> None:
     rig = Rig()
     rig.axis.serve(rig.now_ns)
     rig.answer(shared=shared_text("cell", "insertion", AxisLimits(max_force_n=30.0)))
-    assert rig.axis.session.link is SessionState.MISMATCH
+    assert rig.axis.session.state is SessionState.MISMATCH
     assert rig.axis.session.cause(rig.now_ns) == "settings differ: max_force_n: 3.0 here, 30.0 there"
     rig.clock.set_ns(rig.now_ns + 5000 * MS)
     rig.axis.serve(rig.now_ns)
@@ -46,7 +46,7 @@ def test_a_refusal_is_shown_and_asked_again() -> None:
     rig.answer(accepted=False, reason="another session holds the lease")
     rig.axis.report(rig.now_ns)
     assert (rig.states[-1].indication, rig.states[-1].reason) == (
-        "no_link",
+        "no_session",
         "the slave refuses: another session holds the lease",
     )
     rig.clock.set_ns(rig.now_ns + 250 * MS)
@@ -74,7 +74,7 @@ def test_a_session_that_the_slave_lost_is_replaced_and_nothing_of_it_is_felt(rig
     rig.step(300)
     rig.step(1001, state=None, force=False)
     rig.axis.serve(rig.now_ns)
-    assert (rig.axis.session.link, rig.axis.session.session_id) == (SessionState.ASKING, 103)
+    assert (rig.axis.session.state, rig.axis.session.session_id) == (SessionState.ASKING, 103)
     sent = len(rig.commands)
     rig.step(5)
     assert len(rig.commands) == sent
@@ -157,7 +157,7 @@ def test_the_state_is_shown_until_half_a_second_after_the_last_word(rig: Rig) ->
     rig.step(1, state=None)
     assert shown(rig) is None
     rig.axis.report(rig.now_ns)
-    assert rig.states[-1].indication == "no_link"
+    assert rig.states[-1].indication == "no_session"
 
 
 def test_a_state_of_another_holder_is_no_state_of_ours(rig: Rig) -> None:

@@ -27,7 +27,7 @@ def test_it_asks_at_once_and_again_every_quarter_of_a_second() -> None:
     asking = session()
     times = [ms for ms in range(0, 1001, 50) if asking.should_ask(ms * MS)]
     assert times == [0, 250, 500, 750, 1000]
-    assert (asking.session_id, asking.link) == (11, SessionState.ASKING)
+    assert (asking.session_id, asking.state) == (11, SessionState.ASKING)
     assert asking.cause(12_400 * MS) == "no answer from the slave for 12 s"
 
 
@@ -42,7 +42,7 @@ def test_what_keeps_the_slave_from_being_heard_is_said_instead_of_its_silence() 
 
 def test_an_acceptance_opens_it_and_it_asks_no_more() -> None:
     asking = opened()
-    assert (asking.link, asking.heard_ns) == (SessionState.OPEN, 30 * MS)
+    assert (asking.state, asking.heard_ns) == (SessionState.OPEN, 30 * MS)
     assert asking.cause(40 * MS) == "the slave accepted the session within 30 ms"
     assert not asking.should_ask(900 * MS)
 
@@ -51,20 +51,20 @@ def test_an_answer_to_an_older_session_is_heard_but_changes_nothing() -> None:
     asking = asked()
     asking.answered(10, True, "", 0, 5 * MS)
     asking.answered(12, False, "settings differ: kind", 0, 6 * MS)
-    assert (asking.link, asking.heard_ns) == (SessionState.ASKING, 6 * MS)
+    assert (asking.state, asking.heard_ns) == (SessionState.ASKING, 6 * MS)
 
 
 def test_an_answer_to_no_handshake_opens_nothing() -> None:
     asking = asked()
     asking.answered(11, True, "", None, 5 * MS)
-    assert asking.link is SessionState.ASKING
+    assert asking.state is SessionState.ASKING
 
 
 def test_an_answer_may_take_two_seconds() -> None:
     asking = asked()
     assert asking.should_ask(1750 * MS)
     asking.answered(11, True, "", 0, 2000 * MS)
-    assert asking.link is SessionState.OPEN
+    assert asking.state is SessionState.OPEN
 
 
 @pytest.mark.parametrize("accepted", [True, False])
@@ -72,17 +72,17 @@ def test_an_answer_that_took_longer_is_none_and_later_ones_find_another_id(accep
     asking = asked()
     assert asking.should_ask(1750 * MS)
     asking.answered(11, accepted, "" if accepted else "another session holds the lease", 0, 2212 * MS)
-    assert (asking.link, asking.session_id) == (SessionState.ASKING, 12)
+    assert (asking.state, asking.session_id) == (SessionState.ASKING, 12)
     assert asking.cause(2300 * MS) == "no answer within 2 s: it takes 2.2 s"
     asking.answered(11, True, "", 1750 * MS, 2300 * MS)
-    assert asking.link is SessionState.ASKING
+    assert asking.state is SessionState.ASKING
 
 
 @pytest.mark.parametrize("reason", ["another session holds the lease", "the stage is not at rest"])
 def test_a_refusal_that_passes_is_asked_again_with_the_same_id(reason: str) -> None:
     asking = asked()
     asking.answered(11, False, reason, 0, 10 * MS)
-    assert (asking.link, asking.session_id) == (SessionState.ASKING, 11)
+    assert (asking.state, asking.session_id) == (SessionState.ASKING, 11)
     assert asking.cause(20 * MS) == f"the slave refuses: {reason}"
     assert asking.should_ask(250 * MS)
 
@@ -90,20 +90,20 @@ def test_a_refusal_that_passes_is_asked_again_with_the_same_id(reason: str) -> N
 def test_settings_that_differ_do_not_come_right_by_asking() -> None:
     asking = asked()
     asking.answered(11, False, "settings differ: kind: insertion here, rotation there", 0, MS)
-    assert (asking.link, asking.session_id) == (SessionState.MISMATCH, 11)
+    assert (asking.state, asking.session_id) == (SessionState.MISMATCH, 11)
     assert asking.cause(9000 * MS) == "settings differ: kind: insertion here, rotation there"
 
 
 def test_an_id_that_was_used_is_replaced() -> None:
     asking = asked()
     asking.answered(11, False, "this session id was used before", 0, MS)
-    assert (asking.link, asking.session_id) == (SessionState.ASKING, 12)
+    assert (asking.state, asking.session_id) == (SessionState.ASKING, 12)
 
 
 def test_a_late_refusal_does_not_close_an_open_session() -> None:
     asking = opened()
     asking.answered(11, False, "another session holds the lease", 0, 40 * MS)
-    assert asking.link is SessionState.OPEN
+    assert asking.state is SessionState.OPEN
 
 
 def test_it_lives_as_long_as_the_slave_names_it_as_holder() -> None:
@@ -111,7 +111,7 @@ def test_it_lives_as_long_as_the_slave_names_it_as_holder() -> None:
     for ms in range(0, 5000, 20):
         asking.heard_state(11, ms * MS)
         assert not asking.should_ask((ms + 999) * MS)
-    assert asking.link is SessionState.OPEN
+    assert asking.state is SessionState.OPEN
 
 
 @pytest.mark.parametrize(
@@ -132,10 +132,10 @@ def test_when_the_slave_names_another_or_nobody_for_a_second_it_asks_with_a_new_
             asking.heard_state(named, ms * MS)
         assert not asking.should_ask(ms * MS)
     assert asking.should_ask(1101 * MS)
-    assert (asking.link, asking.session_id) == (SessionState.ASKING, 12)
+    assert (asking.state, asking.session_id) == (SessionState.ASKING, 12)
     assert asking.cause(1101 * MS) == cause
     asking.answered(11, True, "", 0, 1102 * MS)  # the answer of before
-    assert asking.link is SessionState.ASKING
+    assert asking.state is SessionState.ASKING
 
 
 def test_every_new_session_has_a_new_id() -> None:

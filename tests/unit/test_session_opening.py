@@ -142,7 +142,7 @@ def test_a_session_that_is_lost_and_comes_back_is_said_with_its_cause(said: list
     bench.answer(True, 9)
     assert bench.link.look(9 * S)
     assert said[2:] == ["master: session open again"]
-    assert bench.session.link is SessionState.OPEN
+    assert bench.session.state is SessionState.OPEN
 
 
 def test_settings_that_differ_end_the_wait(said: list[str]) -> None:
