@@ -87,13 +87,13 @@ def _processes(count: int) -> Iterator[tuple[Executor, int]]:
     with _deaf_workers():  # with it begins the process that tracks its semaphores
         context, parent = get_context("spawn"), (os.getpid(), signal.SIGKILL)
         processes = ProcessPoolExecutor(count, context, die_with, parent)
-    with processes as executor:
-        try:
-            yield executor, count
-        finally:
-            executor.shutdown(wait=False, cancel_futures=True)
-            for child in active_children():
-                child.kill()
+    try:
+        yield processes, count
+    finally:
+        for child in active_children():
+            child.kill()
+        # Waits for the pool's own thread: a process that ends while it removes semaphores leaves one behind.
+        processes.shutdown(wait=True, cancel_futures=True)
 
 
 @contextmanager

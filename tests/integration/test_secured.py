@@ -168,7 +168,7 @@ def test_a_role_does_its_own_and_nothing_else(net: Secured, tmp_path: Path) -> N
         for who, session in attackers.items():
             everything(session, who)
         time.sleep(0.005)
-    attackers["viewer"].put(STOPPED, "stop")
+    until(lambda: attackers["viewer"].put(STOPPED, "stop"), lambda: (STOPPED, b"stop") in heard)
     sender(slave, FORCED, b"felt")()
     until(sender(master, COMMANDED, b"last"), lambda: (COMMANDED, b"last") in heard)
     assert {payload for key, payload in heard if key == COMMANDED} == {b"move", b"last"}
