@@ -156,6 +156,16 @@ class ForceSample(Message):
 Leading = Annotated[ShortText, BeforeValidator(lambda name: "zoh" if name == "hold" else name)]  # 0.1.0: hold
 
 
+def _standing(name: object) -> object:
+    """0.1.0: no_link, linked."""
+    return (
+        {"no_link": "no_session", "linked": "in_session"}.get(name, name) if isinstance(name, str) else name
+    )
+
+
+StandingName = Annotated[Name, BeforeValidator(_standing)]
+
+
 class HapticSample(Message):
     """One tick of the haptic loop: what the hand did and felt. `sequence` is that of the command sent in the
     same tick.
@@ -231,7 +241,7 @@ class MasterState(Message):
     most_bytes: ClassVar[int] = 24 * 1024
     most_items: ClassVar[int] = 256
 
-    indication: Name
+    indication: StandingName
     reason: ShortText
     deadman: bool
     clutched_s: Seconds
@@ -291,9 +301,9 @@ class ControlCycle(Message):
 class MasterEvent(Message):
     """A change of how the master stands: `no_session`, `in_session`, `handle_fault` or `failed`."""
 
-    before: Name
+    before: StandingName
     event: Name
-    after: Name
+    after: StandingName
     reason: ShortText
 
 

@@ -82,8 +82,7 @@ class WakeUp:
 
     def note(self, late_ns: int) -> None:
         """One wake-up."""
-        by_ns = self._SHARE if late_ns > self.spin_ns else self._SHARE - 1
-        wanted_ns = self.spin_ns + self._STEP_NS * by_ns
+        wanted_ns = self.spin_ns + self._STEP_NS * (self._SHARE - (late_ns <= self.spin_ns))
         self.spin_ns = min(max(wanted_ns, _LEAST_SPIN_NS), _MOST_SPIN_NS)
 
 

@@ -1,6 +1,7 @@
 """`forefeel calibrate load-cell`: unloaded, every load up and down, unloaded again; the line through them."""
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -74,14 +75,11 @@ def run_load_cell(
     _require_range(forces, device)
     cell: NativeLoadCell = device.driver.make(device.settings, clock or MonotonicClock())
     person = Prompt(options.yes)
-    with heeded(), breakable(lambda: "calibration interrupted; nothing was written"):
-        try:
-            cell.open_native()
-            serial = require_serial(cell.link.serial, device)
-            say(introduced(device, cell.link))
-            steps = _Walk(options, cell, person, clock or MonotonicClock()).run(forces)
-        finally:
-            cell.close()
+    with heeded(), breakable(lambda: "calibration interrupted; nothing was written"), closing(cell):
+        cell.open_native()
+        serial = require_serial(cell.link.serial, device)
+        say(introduced(device, cell.link))
+        steps = _Walk(options, cell, person, clock or MonotonicClock()).run(forces)
     low_n, high_n = range_of(forces)
     found = fit(_signed(steps, device.settings.sign))
     require_line(found, high_n - low_n, options.residual_share)

@@ -19,9 +19,7 @@ _AFTER: dict[str, Level] = {
     SafetyState.FAULT: BAD,
     SafetyState.ESTOPPED: BAD,
     "no_session": BAD,
-    "no_link": BAD,  # of 0.1.0
     "in_session": GOOD,
-    "linked": GOOD,  # of 0.1.0
     "handle_fault": BAD,
     "failed": BAD,
 }

@@ -61,7 +61,7 @@ def _link(view: AxisView, now_ns: int) -> Light:
         return Light("link", BAD, "silent", "; ".join(quiet))
     state = view.newest.master
     assert state is not None
-    if state.indication in {"no_session", "no_link"}:  # the latter of 0.1.0
+    if state.indication == "no_session":
         return Light("link", BAD, "no link", printable(state.reason))
     if state.indication == "handle_fault":
         return Light("link", BAD, "handle fault", printable(state.reason))

@@ -72,7 +72,7 @@ class Waiter:
         self.transport = net.open(pki, "master", (), [endpoint])
         self.session = Session(count(1).__next__)
         daemon = SimpleNamespace(axes=[SimpleNamespace(name="insertion", session=self.session)])
-        self.link = MasterSession(
+        self.master_session = MasterSession(
             cast(MasterDaemon, daemon),
             settings,
             cast(ParallelTransport, self.transport),
@@ -84,12 +84,12 @@ class Waiter:
         clock, number = MonotonicClock(), len(self.said)
 
         def heard() -> bool:
-            self.link.look(clock.now_ns())
+            self.master_session.look(clock.now_ns())
             return len(self.said) > number
 
         wait_until(heard)
         cause = self.said[number].removeprefix("master: waiting for the slave: ")
-        found = self.link._waiting.found
+        found = self.master_session._waiting.found
         assert found in {"", cause}
         assert not found or self.session.cause(clock.now_ns()) == cause
         return cause.rpartition(" (")[0] or cause.rpartition(" for ")[0]

@@ -16,6 +16,7 @@ from forefeel.common.messages import (
     Grip,
     Handshake,
     Heartbeat,
+    MasterEvent,
     Message,
     MotionCommand,
     SafetyState,
@@ -227,3 +228,10 @@ def test_arrays_that_claim_to_be_long_cost_nothing(kind: type[Message]) -> None:
 def test_no_message_is_read_that_is_larger_than_its_kind(kind: type[Message]) -> None:
     with pytest.raises(CodecError, match="2049 bytes, at most 2048"):
         decode(kind, bytes(2049))
+
+
+def test_what_0_1_0_called_the_masters_standing_is_read_and_what_is_no_name_is_refused() -> None:
+    event = {**HEADER, "before": "no_link", "event": "session_opened", "after": "linked", "reason": ""}
+    read = decode(MasterEvent, msgpack.packb(event))
+    assert (read.before, read.after) == ("no_session", "in_session")
+    assert "before" in refusal(MasterEvent, msgpack.packb({**event, "before": [1]}))

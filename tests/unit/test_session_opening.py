@@ -65,7 +65,7 @@ class Bench:
         self.session, self.transport = Session(count(11).__next__), FakeTransport()
         self.obstacles = FoundObstacles()
         daemon = SimpleNamespace(axes=[SimpleNamespace(name="insertion", session=self.session)])
-        self.link = MasterSession(
+        self.master_session = MasterSession(
             cast(MasterDaemon, daemon),
             checked(MasterSettings, CONNECT | settings, "master"),
             cast(ParallelTransport, self.transport),
@@ -75,9 +75,9 @@ class Bench:
     def wait(self, from_s: int, until_s: int) -> None:
         for now_s in range(from_s, until_s):
             self.session.should_ask(now_s * S)
-            self.link.look(now_s * S)
-            if self.link._waiting._trial is not None:
-                self.link._waiting._trial.result(5.0)
+            self.master_session.look(now_s * S)
+            if self.master_session._waiting._trial is not None:
+                self.master_session._waiting._trial.result(5.0)
 
     def answer(self, accepted: bool, now_s: int, reason: str = "") -> None:
         self.session.answered(self.session.session_id, accepted, reason, now_s * S, now_s * S)
@@ -133,14 +133,14 @@ def test_the_word_of_a_slave_that_refuses_is_said(said: list[str]) -> None:
 def test_a_session_that_is_lost_and_comes_back_is_said_with_its_cause(said: list[str]) -> None:
     bench = Bench()
     bench.answer(True, 0)
-    assert bench.link.look(0)
+    assert bench.master_session.look(0)
     bench.wait(2, 9)
     assert said == [
         "master: axis insertion: no state from the slave for 2.0 s; waiting for the slave",
         "master: waiting for the slave: 10.0.0.2:7447 refuses the connection: start the slave there (6.0 s)",
     ]
     bench.answer(True, 9)
-    assert bench.link.look(9 * S)
+    assert bench.master_session.look(9 * S)
     assert said[2:] == ["master: session open again"]
     assert bench.session.state is SessionState.OPEN
 
@@ -150,13 +150,13 @@ def test_settings_that_differ_end_the_wait(said: list[str]) -> None:
     bench.session.should_ask(0)
     bench.answer(False, 0, "settings differ: kind: insertion here, rotation there")
     with pytest.raises(ConfigurationError, match="the slave refuses: settings differ: kind"):
-        bench.link.look(0)
+        bench.master_session.look(0)
     assert said == []
 
 
 def test_a_master_that_may_wait_no_longer_says_the_cause(said: list[str]) -> None:
     async def wait() -> None:
-        await open_session(Bench().link, RealRuntime(), 0.1)
+        await open_session(Bench().master_session, RealRuntime(), 0.1)
 
     with pytest.raises(EndpointError) as caught:
         asyncio.run(wait())
