@@ -22,7 +22,7 @@ $(DEMO): deploy/lock/demo.txt pyproject.toml
 	rm -rf forefeel.egg-info  # an old one hides new entry points
 	$(PIP) --no-deps --no-build-isolation --editable .
 	$(BIN)/python -c 'from forefeel.common.estimation.forecast import compile_kernels; compile_kernels()'
-	$(BIN)/python -c 'from forefeel.common.effects.registry import compile_kernels; compile_kernels()'
+	$(BIN)/python -c 'from forefeel.common.causes.registry import compile_kernels; compile_kernels()'
 	@touch $@
 
 $(READY): $(DEMO) deploy/lock/dev.txt

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import yaml
 
-from forefeel.common.effects.model import SCHEMA
+from forefeel.common.causes.model import SCHEMA
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.diagnose import diagnose

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.yaml_file import load_yaml
 

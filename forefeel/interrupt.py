@@ -104,6 +104,15 @@ def heeded(tell: Callable[[], object] | None = None) -> Iterator[Stop]:
             _stop._end()
 
 
+@contextmanager
+def ends_at_once() -> Iterator[None]:
+    """A signal in the body ends the process with 0, wherever it is: for a server that keeps nothing and would
+    take seconds to come down in order on a busy machine.
+    """
+    with heeded(lambda: os._exit(0)):
+        yield
+
+
 def leave(code: int) -> NoReturn:
     """Ends the process; once a signal came without taking Python apart, a second's work on a busy machine."""
     if _stop._first_s is not None:

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from forefeel.common.bus import Bus
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
-from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.estimation.default_model import default_model
 from forefeel.common.estimation.forecast import compile_kernels

@@ -10,7 +10,7 @@ those that are expected, see docs/decisions/0009, and takes part in two forms, s
 
 from typing import NamedTuple, Protocol
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.forecast import Estimate, Forecaster
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.estimation.loaded import NOTHING, LoadedContact

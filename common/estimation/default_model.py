@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from forefeel.common.effects.model import SCHEMA, ContactModel
+from forefeel.common.causes.model import SCHEMA, ContactModel
 
 _LINEAR = (
     {

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, pi, sin, sqrt
 
-from forefeel.common.effects.base import ForceEffect
-from forefeel.common.effects.model import ContactModel
-from forefeel.common.effects.registry import effect_class
+from forefeel.common.causes.base import ForceEffect
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.registry import effect_class
 from forefeel.common.estimation.identifiability import (
     Array,
     Identifiability,

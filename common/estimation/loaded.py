@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.estimation.state_filter import StateFilter
-from forefeel.common.estimation.transfer import SensorModel, TimeColumns, lasting
+from forefeel.common.estimation.transfer import SensorColumns, SensorModel, lasting
 
 _RING = 8192  # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
 _TICK_NS = 1_000_000  # ns, period of the commands at 1 kHz; each has a place of its own in the ring
@@ -71,7 +71,7 @@ class LoadedContact:
     """
 
     def __init__(self, model: ContactModel, cutoff_hz: float) -> None:
-        self._columns, self._sensor = TimeColumns(model), SensorModel(model)
+        self._columns, self._sensor = SensorColumns(model), SensorModel(model)
         self._runtime = lasting(model).runtime()
         self._velocity = StateFilter(cutoff_hz)
         self._lead_s = 2.0 / (2.0 * pi * cutoff_hz)

@@ -3,7 +3,7 @@
 from math import inf, isfinite
 from operator import mul
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.estimation.state_filter import StateFilter
 

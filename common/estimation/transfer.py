@@ -9,10 +9,10 @@ run tells from its own forces.
 from collections.abc import Callable, Iterator, Mapping
 from math import cos, inf, pi, sin
 
-from forefeel.common.effects.base import SensorEffect
-from forefeel.common.effects.harmonics import PeriodicForce
-from forefeel.common.effects.model import ContactModel, EffectEntry
-from forefeel.common.effects.registry import effect_class
+from forefeel.common.causes.base import SensorEffect
+from forefeel.common.causes.harmonics import PeriodicForce
+from forefeel.common.causes.model import ContactModel, EffectEntry
+from forefeel.common.causes.registry import effect_class
 
 OF_ITS_RUN = frozenset(
     {
@@ -40,7 +40,7 @@ def lasting(model: ContactModel) -> ContactModel:
     return ContactModel(model.name, (*kept, EffectEntry("bias", (("force_n", 0.0),))))
 
 
-class TimeColumns:
+class SensorColumns:
     """The columns of time that a model names: (t,) of a drift, sin w t and cos w t of each known frequency.
 
     A phase or a rate is not carried over, a frequency is.

@@ -45,6 +45,9 @@ _USUAL_REPLY_BYTES = 40
 # unanswered exchanges in a row that are a fault; chosen, not measured: fewer make a fault of a lost reply,
 # more notice a dead device later
 _MOST_SILENT = 3
+# attempts at a command outside of the control loop: a second, as `_IDENTIFY_S` of a serial cell. Linux
+# carries a terminal's bytes by a worker of normal priority, which was seen 0.33 s late on a busy machine
+_MOST_ASKED = 20
 
 
 class SilenceError(DeviceError):
@@ -79,7 +82,7 @@ class ZaberTalk:
         self.parser = Parser(checksums=False)
         self.others: set[int] = set()
 
-    def ask(self, text: str, axis: int | None = None, tries: int = _MOST_SILENT) -> str:
+    def ask(self, text: str, axis: int | None = None, tries: int = _MOST_ASKED) -> str:
         """The data of the reply; a lost one is asked for again.
 
         Raises:
@@ -449,7 +452,7 @@ class ZaberExchange:
         Raises:
             DeviceError: it does not answer, or does not come to rest.
         """
-        self._talk.ask("stop")
+        self._talk.ask("stop", tries=_MOST_SILENT)
         until_ns = self._clock.now_ns() + _REST_NS
         while self._clock.now_ns() < until_ns:
             (reply,) = self._talk.exchange([""])

@@ -1,23 +1,26 @@
 """From a recording to the model that explains it best: conditioning, search and noise in turn."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from forefeel.common.causes.candidate import base_name
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
 from forefeel.diagnosis.diagnose.faults import Cleaned, Fault, clean
-from forefeel.diagnosis.diagnose.noise import Noise, autoregression
+from forefeel.diagnosis.diagnose.noise import LEAST_CORNER_HZ, Noise, autoregression
+from forefeel.diagnosis.diagnose.noise_floor import NoiseFloor, noise_floor
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.search import Search
+from forefeel.diagnosis.diagnose.search import ADD, Search
 from forefeel.diagnosis.diagnose.signals import Signals
-from forefeel.diagnosis.diagnose.structure import noise_cap_n
 
 _ROUNDS = 3
 _NARROWER = 0.7
 _TRIALS = 40
+_LEAST_ROWS = 50  # of the regression, several for each coefficient of the largest model; chosen
+_SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower is taken for structure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +33,7 @@ class Analysis:
     fit: ModelFit
     recording: Recording
     narrower: tuple[RecordingRegression, ModelFit] | None
+    floor: NoiseFloor | None
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -45,9 +49,36 @@ class Analysis:
             kept.append(fault)
         return tuple(kept)
 
-    def noise_floor_n(self) -> float:
-        """rms in the band of the noise: not more than is left."""
-        return residual_rms_n(self)
+    def without(self, name: str) -> "Analysis":
+        """The same searched on without one cause, in none of its forms.
+
+        A cause that comes in its place has to explain the recording as well as it did. One that does not is
+        the next best description of something that has no name here, and is left out, too.
+        """
+        rest = {other: shape for other, shape in self.fit.model.items() if other != name}
+        known = {base_name(other) for other in rest} | {"bias"}
+        refused = {base_name(name)}
+        while True:
+            kept = [other for other in self.search.names if base_name(other) not in refused]
+            search = Search(self.regression, kept)
+            fit = search.run(rest)
+            new = {base_name(other) for other in fit.model} - known
+            if not new or fit.score < self.fit.score + ADD:
+                break
+            refused |= new
+        narrower = _in_narrower_band(self.recording, self.cleaned, self.regression, fit, self.floor)
+        return replace(self, search=search, fit=fit, narrower=narrower)
+
+    def baseline(self) -> "Analysis":
+        """The same with the simulation that the causes are missed in: mass, damper, spring and bias."""
+        cleaned = replace(self.cleaned, faults=[])
+        return replace(self, fit=self.regression.fit({"bias": ()}), cleaned=cleaned, narrower=None)
+
+    def noise_floor_n(self) -> float | None:
+        """rms of the noise in the band, never more than is left; None where the recording does not tell."""
+        if self.floor is None:
+            return None
+        return min(_in_band_n(self.floor, self.regression.signals), residual_rms_n(self))
 
     def flags(self) -> tuple[str, ...]:
         """What limits the trust, as words with underscores."""
@@ -66,34 +97,60 @@ class Analysis:
         return tuple(found)
 
 
-def analyse(recording: Recording, progress: Callable[[str], None] = lambda stage: None) -> Analysis:
-    """Faults, band, search; the noise is learned from what the last search left, and the search repeated."""
+def analyse(
+    recording: Recording,
+    progress: Callable[[str], None] = lambda stage: None,
+    names: Sequence[str] | None = None,
+    parts_s: tuple[float, ...] = (),
+) -> Analysis:
+    """Faults, band, search; the noise is learned from what the last search left, and the search repeated.
+
+    Args:
+        recording: with force.
+        progress: is told the stage before it starts.
+        names: the causes that are searched; by default all.
+        parts_s: see `RecordingRegression`.
+
+    Raises:
+        ValueError: too few samples in a row.
+    """
     progress("sensor")
     cleaned = clean(recording)
     cutoff = cutoff_hz(recording, cleaned.force_n)
     signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
     reach_hz = min(2.0 * cutoff, signals.motion_reach_hz)
-    regression = RecordingRegression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
-    search = Search(regression)
+    band_m_s = speed_band_m_s(signals.even_m, signals.even_hz, reach_hz)
+    regression = RecordingRegression(signals, band_m_s, parts_s)
+    if np.count_nonzero(regression.rows) < _LEAST_ROWS:
+        raise ValueError(f"fewer than {_LEAST_ROWS} samples of the force can be compared with the motion")
+    search = Search(regression, names)
     progress("search")
-    cap = noise_cap_n(recording, cleaned.force_n)
-    fit = search.run_from_several(None if cap is None else 1.5 * cap)
+    floor = noise_floor(recording, cleaned.force_n, cleaned.clipped)
+    fit = search.run_from_several(None if floor is None else 1.5 * _in_band_n(floor, signals))
     for _ in range(_ROUNDS):
-        names = set(fit.model)
+        known = set(fit.model)
         residual = regression.residual(fit)
-        regression.whiten_by(noise_of(residual, signals))
+        regression.whiten_by(noise_of(residual, signals, floor))
         search.evaluations = 0
         fit = search.run(fit.model)
-        if set(fit.model) == names:
+        if set(fit.model) == known:
             break
-    narrower = _in_narrower_band(recording, cleaned, regression, fit) if fit.model else None
-    return Analysis(cleaned, regression, search, fit, recording, narrower)
+    narrower = _in_narrower_band(recording, cleaned, regression, fit, floor)
+    return Analysis(cleaned, regression, search, fit, recording, narrower, floor)
 
 
 def _in_narrower_band(
-    recording: Recording, cleaned: Cleaned, regression: RecordingRegression, fit: ModelFit
+    recording: Recording,
+    cleaned: Cleaned,
+    regression: RecordingRegression,
+    fit: ModelFit,
+    floor: NoiseFloor | None,
 ) -> tuple[RecordingRegression, ModelFit] | None:
-    """The same model fitted below a lower cutoff: how much of the answer rests on the choice of the band."""
+    """The same model fitted below a lower cutoff: how much of the answer rests on that choice. None
+    without a cause, or where nothing is left of the band.
+    """
+    if not fit.model:
+        return None
     cutoff = _NARROWER * regression.signals.cutoff_hz
     try:
         signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
@@ -101,13 +158,19 @@ def _in_narrower_band(
         return None
     other = RecordingRegression(signals, regression.extent.speed_band)
     residual = other.residual(other.fit(fit.model))
-    other.whiten_by(noise_of(residual, signals))
+    other.whiten_by(noise_of(residual, signals, floor))
     return other, Search(other).refined(other.fit(fit.model), most=_TRIALS)
 
 
-def noise_of(residual: Floats, signals: Signals) -> Noise:
-    """The colour of a residual on the coarse grid."""
-    return autoregression(residual, signals.rows, signals.piecewise(fine=False), signals.coarse_rate_hz)
+def _in_band_n(floor: NoiseFloor, signals: Signals) -> float:
+    return floor.rms_n(1.0 / float(signals.t[-1] - signals.t[0]), signals.cutoff_hz)
+
+
+def noise_of(residual: Floats, signals: Signals, floor: NoiseFloor | None) -> Noise:
+    """The colour of a residual on the coarse grid, as slow as the noise above the motion lets it be."""
+    corner_hz = LEAST_CORNER_HZ if floor is None or floor.slope == 0.0 else _SLOW_CORNER_HZ
+    pieces = signals.piecewise(fine=False)
+    return autoregression(residual, signals.rows, pieces, signals.coarse_rate_hz, corner_hz)
 
 
 def residual_rms_n(analysis: Analysis) -> float:

@@ -18,7 +18,8 @@ def cutoff_hz(recording: Recording, force_n: Floats) -> float:
     """
     rate = recording.rate_hz
     most, least = _MOST * rate, min(_LEAST_HZ, _MOST * rate)
-    x, f = _longest(recording, recording.position_m), _longest(recording, force_n)
+    piece = longest_piece(recording)
+    x, f = recording.position_m[piece], force_n[piece]
     count = int(min(max(256, 2.0 * rate), len(x) // 4))
     if count < 32:
         return least
@@ -44,9 +45,9 @@ def speed_band_m_s(position_m: Floats, rate_hz: float, reach_hz: float) -> float
     return float(max(1.5 * speed, 2e-4 * usual, 1e-12))
 
 
-def _longest(recording: Recording, values: Floats) -> Floats:
-    piece = max(recording.segments(max(0.1, 3.5 / recording.rate_hz)), key=lambda s: s.stop - s.start)
-    return np.asarray(values[piece])
+def longest_piece(recording: Recording) -> slice:
+    """The longest stretch without a gap."""
+    return max(recording.segments(max(0.1, 3.5 / recording.rate_hz)), key=lambda s: s.stop - s.start)
 
 
 def position_noise_m(position_m: Floats, rate_hz: float) -> float:
@@ -61,9 +62,3 @@ def position_noise_m(position_m: Floats, rate_hz: float) -> float:
     power = welch(position_m, rate_hz, "blackmanharris", nperseg=count, detrend="linear")[1]
     by_level = float(np.sqrt(np.median(power[int(0.8 * len(power)) :]) * rate_hz / 2.0))
     return min(by_difference, by_level)
-
-
-def acceleration_noise_m_s2(position_m: Floats, rate_hz: float, cutoff: float) -> float:
-    """What that noise is in the filtered acceleration: `s (2 pi)^2 fc^2.5 sqrt(2 / (5 rate))`."""
-    reach = cutoff**2.5 * float(np.sqrt(0.4 / rate_hz))
-    return float(position_noise_m(position_m, rate_hz) * (2.0 * np.pi) ** 2 * reach)

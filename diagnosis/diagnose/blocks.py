@@ -37,6 +37,8 @@ def block_numbers(regression: RecordingRegression) -> NDArray[np.int64]:
 
 def numbers_at(regression: RecordingRegression, t: Floats) -> NDArray[np.int64]:
     """The block of each time in s since the start."""
+    if regression.parts_s:
+        return np.asarray(np.searchsorted(regression.parts_s, t))
     own = regression.signals.t[regression.rows]
     start, end = float(own[0]), float(own[-1])
     count = int(np.clip((end - start) / _LEAST_S, 4, _BLOCKS))
@@ -50,8 +52,13 @@ def held_out_errors(regression: RecordingRegression, fit: ModelFit) -> Floats:
 
 def columns(regression: RecordingRegression, fit: ModelFit) -> tuple[Floats, Floats]:
     """(whitened, plain) columns of a model at the rows that count."""
-    plain = [regression.block(fit.model, name, shape) for name, shape in [("", ()), *fit.model.items()]]
-    return regression.design(fit.model)[0], np.hstack(plain)[regression.rows]
+    return regression.design(fit.model)[0], plain_columns(regression, fit)[regression.rows]
+
+
+def plain_columns(regression: RecordingRegression, fit: ModelFit) -> Floats:
+    """Columns of a model in N on the coarse grid, not whitened."""
+    model = fit.model
+    return np.hstack([regression.block(model, name, shape) for name, shape in [("", ()), *model.items()]])
 
 
 def held_out(
@@ -89,9 +96,8 @@ def held_out_coefficients(
 def held_out_prediction(regression: RecordingRegression, fit: ModelFit) -> Floats:
     """Force in N on the whole coarse grid, each block by the fit to all others."""
     theta = held_out_coefficients(regression, regression.design(fit.model)[0])
-    plain = [regression.block(fit.model, name, shape) for name, shape in [("", ()), *fit.model.items()]]
     numbers = numbers_at(regression, regression.signals.t)
-    return np.asarray(np.einsum("ij,ij->i", np.hstack(plain), theta[numbers]))
+    return np.asarray(np.einsum("ij,ij->i", plain_columns(regression, fit), theta[numbers]))
 
 
 def gain(regression: RecordingRegression, before: Floats, after: Floats) -> RmsGain:

@@ -1,21 +1,23 @@
 """The diagnosis of one recording: what is named, and with how much trust."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.catalogue import refresh
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.analysis import Analysis, analyse
 from forefeel.diagnosis.diagnose.driven import with_driving
-from forefeel.diagnosis.diagnose.judge import Judge
+from forefeel.diagnosis.diagnose.judge import judged
 from forefeel.diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
+from forefeel.diagnosis.diagnose.other_motion import with_expectation
 from forefeel.diagnosis.diagnose.structure import predictable_share
-from forefeel.diagnosis.diagnose.third_party import register_plugins
+from forefeel.diagnosis.diagnose.together import Joined, joined, unclocked
 from forefeel.diagnosis.diagnose.verdict import Diagnosis, ModelError
 
 LEAST_S = 3.0
@@ -27,10 +29,11 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnosed:
-    """The verdict, and the analysis that it rests on (None: the motion told nothing)."""
+    """The verdict, the analysis that it rests on, and the recording: all of a long one, several as one."""
 
     diagnosis: Diagnosis
     analysis: Analysis
+    recording: Recording
 
 
 def diagnose(
@@ -47,15 +50,34 @@ def diagnose(
         RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row.
     """
     check(recording)
-    register_plugins()
+    refresh()
     with threadpool_limits(1):  # thousands of small products: threads only wait for each other
         return _diagnosed(recording, progress, given)
 
 
-def _diagnosed(recording: Recording, progress: Progress, given: ContactModel | None) -> Diagnosed:
+def diagnose_together(
+    recordings: Sequence[Recording],
+    progress: Progress = lambda stage: None,
+    given: ContactModel | None = None,
+) -> Diagnosed:
+    """One model of several recordings of one bench; whole recordings are held out, see `together`.
+
+    Raises:
+        RecordingError: as `diagnose`, for each; recordings of different rates.
+    """
+    for recording in recordings:
+        check(recording)
+    refresh()
+    with threadpool_limits(1):
+        return _diagnosed(joined(recordings), progress, given)
+
+
+def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel | None) -> Diagnosed:
+    recording = of.recording if isinstance(of, Joined) else of
+    parts = (unclocked(), of.parts_s) if isinstance(of, Joined) else (None, ())
     try:
-        whole = analyse_long(recording, progress) if is_long(recording) else None
-        analysis = analyse(recording, progress) if whole is None else whole.analysis
+        whole = analyse_long(recording, progress, *parts) if is_long(recording) else None
+        analysis = analyse(recording, progress, *parts) if whole is None else whole.analysis
     except ValueError as error:
         raise RecordingError(f"{recording.source}: {error}") from error
     if _says_nothing(analysis):
@@ -64,11 +86,13 @@ def _diagnosed(recording: Recording, progress: Progress, given: ContactModel | N
         )
     progress("trust")
     if whole is None:
-        found = Judge(analysis).diagnosis()
+        found, analysis = judged(analysis)
     else:
-        found, analysis = diagnose_long(whole, lambda part, everywhere: Judge(part, everywhere).diagnosis())
-    found = with_driving(found, analysis)
-    return Diagnosed(found if given is None else _beside(found, analysis, given), analysis)
+        found, analysis = diagnose_long(whole, judged)
+    if isinstance(of, Joined) and not of.gaps:
+        found = replace(found, flags=tuple(flag for flag in found.flags if flag != "gaps"))
+    found = with_expectation(with_driving(found, analysis), analysis)
+    return Diagnosed(found if given is None else _beside(found, analysis, given), analysis, recording)
 
 
 def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagnosis:
@@ -84,7 +108,9 @@ def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagno
     said = regression.sense * regression.signals.column(regression.signals.spectrum(np.concatenate(forces)))
     error = (regression.signals.force - said)[regression.signals.rows]
     parameters = {f"{e.effect}.{key}": value for e in given.effects for key, value in e.parameters}
-    return replace(found, baseline=ModelError(float(np.sqrt(np.mean(error**2))), parameters))
+    rms_n = float(np.sqrt(np.mean(error**2)))
+    force_n = float(np.std(regression.signals.force[regression.signals.rows]))
+    return replace(found, baseline=ModelError(rms_n, parameters, 100.0 * (1.0 - rms_n / force_n)))
 
 
 def check(recording: Recording) -> None:
@@ -116,6 +142,7 @@ def _says_nothing(analysis: Analysis) -> bool:
     regression = analysis.regression
     rows = regression.signals.rows
     left = regression.fit({"bias": ()})
-    share = float(np.var(regression.residual(left)[rows]) / np.var(regression.signals.force[rows]))
+    residual = regression.residual(left)
+    share = float(np.var(residual[rows]) / np.var(regression.signals.force[rows]))
     named = set(analysis.fit.model) - {"bias"} or analysis.faults
-    return not named and share > _NO_ANSWER and predictable_share(regression, left) < _LIKE_NOISE
+    return not named and share > _NO_ANSWER and predictable_share(regression, residual) < _LIKE_NOISE

@@ -25,10 +25,10 @@ from scipy.signal import csd, periodogram, welch
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.band import longest_piece
 from forefeel.diagnosis.diagnose.forward import even, forward_rmse
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression, alignment
 from forefeel.diagnosis.diagnose.reversals import Jump, jump_at_reversals
-from forefeel.diagnosis.diagnose.transfer import alignment
 from forefeel.diagnosis.diagnose.verdict import Diagnosis
 
 FLAG = "motion_driven_by_force"
@@ -72,7 +72,7 @@ def force_driven_excitation(
         force_n: cleaned, same stamps.
         regression, fit: of that recording.
     """
-    piece = max(recording.segments(max(0.1, 3.5 / recording.rate_hz)), key=lambda s: s.stop - s.start)
+    piece = longest_piece(recording)
     if piece.stop - piece.start < _LEAST_SAMPLES:
         return ()
     period_s, (x, f) = even(recording.time_s[piece], recording.position_m[piece], force_n[piece])

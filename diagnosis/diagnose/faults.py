@@ -7,7 +7,10 @@ a mains line is narrower than anything that a hand does.
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
+from scipy.signal import firwin, upfirdn
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
@@ -19,6 +22,8 @@ _PILE = 8.0
 _LEAST_PILE = 0.002
 _WHOLE = 0.02
 _LINE = 8.0
+_SLOW_HZ = 40.0  # sampling rate at which a line is looked for, shifted to zero; its lines reach +- 8 Hz
+_FILTER_STEPS = 12  # length of the filter before it, in slow samples: 8 Hz pass, 32 Hz are stopped by 90 dB
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,10 +197,10 @@ def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tupl
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * (t - t[0]) / max(span, 1e-9))
     rough = values - _smoothed(values, float(len(t) / max(span, 1e-9)), nominal)  # or the slow would alias
     shifted = rough * window * np.exp(-2j * np.pi * nominal * t)
-    step = max(1, int(len(t) / (span * 40.0)))
-    blocks = shifted[: len(shifted) // step * step].reshape(-1, step).mean(axis=1)
-    power = np.abs(np.fft.fft(blocks, 4 * len(blocks)))
-    offset = np.fft.fftfreq(4 * len(blocks), step * float(np.median(np.diff(t))))
+    step = max(1, int(len(t) / (span * _SLOW_HZ)))
+    slow = _decimated(shifted, step)
+    power = np.abs(np.fft.fft(slow, 4 * len(slow)))
+    offset = np.fft.fftfreq(4 * len(slow), step * float(np.median(np.diff(t))))
     near, beside = np.abs(offset) < reach, (np.abs(offset) > max(1.0, 4.0 / span)) & (np.abs(offset) < 8.0)
     top = np.flatnonzero(near)[int(np.argmax(power[near]))]
     level = float(power[top]) / max(float(np.median(power[beside])), 1e-300)
@@ -208,8 +213,14 @@ def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tupl
     return nominal + float(fine.x), level
 
 
-def _smoothed(values: Floats, rate_hz: float, nominal: float) -> Floats:
-    from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415
+def _decimated(values: NDArray[np.complex128], step: int) -> NDArray[np.complex128]:
+    """Every `step`-th value, low-passed before: a hand's tremor, shifted too, would alias to the mains."""
+    if step == 1:
+        return values
+    taps = firwin(_FILTER_STEPS * step + 1, 0.6 / step, window="blackmanharris")
+    return np.asarray(upfirdn(taps, values, 1, step))
 
+
+def _smoothed(values: Floats, rate_hz: float, nominal: float) -> Floats:
     reach = rate_hz / (2.0 * np.pi * 0.3 * nominal)
     return np.asarray(gaussian_filter1d(values, reach, axis=0, mode="nearest"))

@@ -7,14 +7,23 @@ is there that no named cause explains.
 """
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from forefeel.common.causes.candidate import MotionGrid
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.blocks import RmsGain, columns, gain, held_out
-from forefeel.diagnosis.diagnose.candidates import MotionGrid
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.transfer import alignment
+from forefeel.diagnosis.diagnose.blocks import (
+    RmsGain,
+    block_numbers,
+    columns,
+    gain,
+    held_out,
+)
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression, alignment
 
 _RIDGES = 1e-4, 1e-2
+_NEIGHBOURS = 12  # places that are averaged: noise is passed on by a twelfth of its power
+_DIRECTION = 0.3  # of the stroke: so far apart lie two directions, farther than any neighbour
 _LAGS_S = 0.03, 0.1, 0.3, 1.0
 
 
@@ -52,6 +61,33 @@ def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> RmsGain |
     extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
     both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
     return gain(regression, held_out(regression, white, plain), held_out(regression, *both))
+
+
+def alike_gain(regression: RecordingRegression, fit: ModelFit, left: Floats) -> RmsGain:
+    """Held-out gain of what was left in other blocks whenever the motion was alike: position and direction,
+    or position and speed. By nearest neighbours: any function of the motion, however fine, and none of time.
+
+    `left`: the held-out errors of the fit.
+    """
+    motion, signals, rows = regression.motion(fit.model), regression.signals, regression.rows
+    x, v, s = (
+        signals.column(signals.spectrum(column))[rows] for column in (motion.x, motion.v, motion.direction)
+    )
+    numbers, trials = block_numbers(regression), []
+    for other, scale in ((s, _DIRECTION), (v, 1.0)):
+        place = np.column_stack([x / max(np.ptp(x), 1e-300), scale * other / max(np.ptp(other), 1e-300)])
+        trials.append(gain(regression, left, left - _of_neighbours(place, left, numbers)))
+    return max(trials, key=lambda trial: trial.gain)
+
+
+def _of_neighbours(place: Floats, values: Floats, numbers: NDArray[np.int64]) -> Floats:
+    """Mean of the values of the nearest places in other blocks."""
+    said = np.empty_like(values)
+    for number in np.unique(numbers):
+        own = numbers == number
+        _, near = cKDTree(place[~own]).query(place[own], k=min(_NEIGHBOURS, int(np.sum(~own))))
+        said[own] = values[~own][near].mean(axis=1)
+    return said
 
 
 def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import expm
 
+from forefeel.common.causes.candidate import ReadingColumns, Shape, base_name
+from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, MotionGrid, Shape, base_name
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.transfer import harmonics
 
 _SETTLED = 1e-3
 _SMOOTH = {
@@ -17,13 +17,12 @@ _SMOOTH = {
 }  # fmt: skip
 _BRANCHES = "stress_relaxation", "stress_relaxation:two"
 _MODE = "unmodelled_resonance"
-_OF_TIME = "bias", "sensor_drift", "sensor_drift:creep", "pulsation"
 _FRICTION = (
     "coulomb_friction", "coulomb_friction:asymmetric", "stribeck_friction", "stribeck_friction:exponential",
     "presliding_hysteresis", "presliding_hysteresis:bristles", "presliding_hysteresis:two",
     "position_dependent_friction",
 )  # fmt: skip
-_KNOWN = frozenset({*_SMOOTH, *_BRANCHES, _MODE, *_OF_TIME, *_FRICTION})
+_KNOWN = frozenset({*_SMOOTH, *_BRANCHES, _MODE, *_FRICTION})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +49,7 @@ class ForwardModel:
         away, or a cause without inverse (a play, a lost contact, a lag or delay of the force, a cause of
         others).
         """
-        if any(name not in _KNOWN for name in fit.model):
+        if any(name not in _KNOWN and not isinstance(CANDIDATES[name], ReadingColumns) for name in fit.model):
             return None
         coefficients = fit.coefficients * regression.sense
         if not coefficients[0] > 2.0 * _mass_error(regression, fit) or coefficients[2] < 0.0:
@@ -139,15 +138,10 @@ class ForwardModel:
     def _of_time(self, t: Floats) -> Floats:
         """Forces that are known beforehand, in N at the times t."""
         total = np.zeros(len(t))
-        nothing = np.empty(0)
-        motion = MotionGrid(t, nothing, nothing, nothing, nothing, (), 1.0, decimated=False)
         for name, shape in self.model.items():
-            if name == "pulsation":
-                total += harmonics(t, shape[0]) @ self.coefficients(name)
-            elif name in _OF_TIME:
-                columns = CANDIDATES[name].columns
-                assert columns is not None
-                total += np.column_stack(columns(motion, shape)) @ self.coefficients(name)
+            candidate = CANDIDATES[name]
+            if isinstance(candidate, ReadingColumns):
+                total += candidate.columns(t, shape) @ self.coefficients(name)
             elif name in _BRANCHES:
                 left = [
                     c * np.exp(-t / tau) for c, tau in zip(self.coefficients(name)[1::2], shape, strict=True)

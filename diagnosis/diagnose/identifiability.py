@@ -1,5 +1,6 @@
 """What a motion can tell at all, and which motion would tell rivals apart."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ from forefeel.diagnosis.diagnose.signals import Signals
 MotionKind = Literal["rich", "single_frequency", "constant_speed"]
 
 _LINE_SHARE = 0.985
+_ALIKE = 1.2  # ratio of frequencies and of sizes within which two lines are one; chosen
 _STEADY = 0.06
 
 _FRICTION = {
@@ -55,6 +57,11 @@ GENERAL_MOTION = (
 )
 
 
+NOISE_TELLING_MOTION = (
+    "the same strokes sampled at 200 Hz or more, and 10 s at rest: they tell how large the noise is"
+)
+
+
 def separating_motion(names: set[str]) -> str:
     """The motion that separates rivals, after the table of confusable pairs."""
     best = max(SEPARATING, key=lambda row: len(row[0] & names))
@@ -75,8 +82,8 @@ def motion_kind(signals: Signals) -> MotionKind:
     usual = abs(float(np.median(v)))
     if float(np.mean(np.abs(v - np.median(v)) < _STEADY * usual)) > 0.9 or _straight(signals):
         return "constant_speed"
-    longest = max(inside, key=len)
-    return "single_frequency" if _line_share(longest) > _LINE_SHARE else "rich"
+    longest = max(map(len, inside))
+    return "single_frequency" if _one_line([v for v in inside if 2 * len(v) > longest]) else "rich"
 
 
 def rivals_of_a_line(candidates: set[str]) -> tuple[str, ...]:
@@ -102,8 +109,18 @@ def _core(v: Floats, signals: Signals, index: int) -> slice:
     return slice(edge, count - edge)
 
 
-def _line_share(v: Floats) -> float:
-    """Share of the speed's power within two bins of its strongest line; Blackman window."""
+def _one_line(speeds: Sequence[Floats]) -> bool:
+    """Whether all pieces are one and the same line of the spectrum, at one amplitude."""
+    shares, places = zip(*map(_line, speeds), strict=True)
+    sizes = [float(np.std(v)) for v in speeds]
+    alike = max(places) < _ALIKE * min(places) and max(sizes) < _ALIKE * min(sizes)
+    return min(shares) > _LINE_SHARE and alike
+
+
+def _line(v: Floats) -> tuple[float, float]:
+    """Share of the speed's power within two bins of its strongest line, and its cycles per sample; Blackman
+    window.
+    """
     power = np.abs(np.fft.rfft((v - np.mean(v)) * np.blackman(len(v)))) ** 2
     top = int(np.argmax(power))
-    return float(power[max(top - 4, 0) : top + 5].sum() / max(power.sum(), 1e-300))
+    return float(power[max(top - 4, 0) : top + 5].sum() / max(power.sum(), 1e-300)), top / len(v)

@@ -1,19 +1,21 @@
 """Weighs an analysis: what is named, and with how much trust."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 
 import numpy as np
 
+from forefeel.common.causes.candidate import base_name
+from forefeel.common.causes.catalogue import CANDIDATES, fingerprint, kin
+from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.as_recorded import AsRecorded
-from forefeel.diagnosis.diagnose.band import acceleration_noise_m_s2
 from forefeel.diagnosis.diagnose.blocks import RmsGain, gain, gain_over, held_out_errors, numbers_at
-from forefeel.diagnosis.diagnose.candidates import base_name
 from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.diagnosis.diagnose.flexible import flexible_gain, modulation_gain
+from forefeel.diagnosis.diagnose.flexible import alike_gain, flexible_gain, modulation_gain
 from forefeel.diagnosis.diagnose.identifiability import (
     GENERAL_MOTION,
+    NOISE_TELLING_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
     motion_kind,
     rivals_of_a_line,
@@ -21,41 +23,82 @@ from forefeel.diagnosis.diagnose.identifiability import (
 )
 from forefeel.diagnosis.diagnose.parameters import intervals, told
 from forefeel.diagnosis.diagnose.regression import ModelFit
-from forefeel.diagnosis.diagnose.structure import noise_cap_n, predictable_share
-from forefeel.diagnosis.diagnose.third_party import fingerprint
-from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, ModelError
+from forefeel.diagnosis.diagnose.reversals import turns
+from forefeel.diagnosis.diagnose.structure import excess_share, predictable_share
+from forefeel.diagnosis.diagnose.verdict import (
+    Cause,
+    Diagnosis,
+    Evidence,
+    HeldOut,
+    Interval,
+    ModelError,
+    VerdictName,
+)
 
 _LEAST_GAIN_OF_FLOOR = 0.01
+_WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it
 _RIVAL = 6.0
 _NEAR = 0.3  # of what the cause explains: no rival begins farther off on the grid
 _FORETOLD = 0.3
 _STRUCTURE = 0.135
 _FLEXIBLE = 0.1
-_BEYOND_CAP = 2.0
 _OF_FORCE = 0.02
-
-_NONE_AT_ZERO = {"time_delay": "delay_s", "sensor_lag": "time_constant_s", "backlash": "width_m"}
-"""At zero of this parameter there is no such cause: with zero in its interval it is not named."""
-
+# of the variance that m, b, k and a bias leave, which the causes leave, too: then it has to be noise
+_MUCH_LEFT = 0.2
+_KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
+_STROKES = 4  # reversals on each side of a change; chosen
+_ALIKE = 1.3  # ratio of two sizes, chosen: what a cause may take over of what stands beside it
+_REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
+# share of the force's variance that the motion explains, above which nobody doubts that it drives the force
+_DRIVEN = 0.9
+_MUCH_LESS = 0.25  # of what the motion leaves unexplained: what the own past then leaves
+_AHEAD_S = 0.2  # s by which the force's own past has to foretell it: longer than any contact rings
+_KNOWN = 0.3  # least share that it has to foretell, to say that something else drives the force
 
 Everywhere = Callable[[ModelFit], ModelFit]
 """A model of the analysis, fitted to all of the recording that the analysis is a part of."""
 
+Less = tuple[VerdictName, tuple[tuple[str, ...], ...], str | None]
+"""A verdict without a cause, its rivals, and the motion to record next."""
+
+
+def judged(analysis: Analysis, everywhere: Everywhere = lambda fit: fit) -> tuple[Diagnosis, Analysis]:
+    """The verdict, and the analysis with no cause in its model that the verdict does not name or suspect.
+
+    A cause that does not bear its own weight goes, and what is left is judged anew.
+    """
+    fullest: Judge | None = None
+    while True:
+        judge = Judge(analysis, everywhere, fullest)
+        doubted = judge.doubted()
+        if doubted is None:
+            return judge.diagnosis(), analysis
+        analysis, fullest = analysis.without(doubted), fullest or judge
+
 
 class Judge:
-    """Weighs one analysis; of a part of a recording with `everywhere`, on which rivals must do as well."""
+    """Weighs one analysis; of a part of a recording with `everywhere`, on which rivals must do as well.
 
-    def __init__(self, analysis: Analysis, everywhere: Everywhere = lambda fit: fit) -> None:
-        self.analysis, self.everywhere = analysis, everywhere
+    `fullest`: of the same recording with causes that describe more of it and can not be believed.
+    """
+
+    def __init__(
+        self,
+        analysis: Analysis,
+        everywhere: Everywhere = lambda fit: fit,
+        fullest: "Judge | None" = None,
+    ) -> None:
+        self.analysis, self.everywhere, self.fullest = analysis, everywhere, fullest
         self.regression, self.search, self.fit = analysis.regression, analysis.search, analysis.fit
         self.faults = analysis.faults
-        self.base = self.regression.fit({})
+        self.base = self.regression.fit({"bias": ()})  # no simulation is blamed for the zero of a load cell
         self.before = held_out_errors(self.regression, self.base)
         self.after = held_out_errors(self.regression, self.fit)
         self.held_out = self._gain()
         self.parameters = intervals(self.regression, self.fit, analysis.narrower)
         self.residual_n = float(np.sqrt(np.mean(self.after**2)))
         self.floor_n = analysis.noise_floor_n()
+        self.force_n = float(np.std(self.regression.signals.force[self.regression.signals.rows]))
 
     def _gain(self) -> RmsGain:
         """In the compared band; on the force as recorded when the sensor has faults."""
@@ -70,24 +113,48 @@ class Judge:
 
     def diagnosis(self) -> Diagnosis:
         """The verdict by the rules of the design: named only when three pieces of evidence agree."""
-        kind = motion_kind(self.regression.signals)
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
-        if kind == "constant_speed":
-            return self._without_cause("not_separable", (RIVALS_AT_CONSTANT_SPEED,), GENERAL_MOTION, names)
-        physical = {base_name(name) for name in self.fit.model}
-        if kind == "single_frequency" and physical:
-            rivals = rivals_of_a_line(physical)
-            return self._without_cause("not_separable", (rivals,), separating_motion(set(rivals)), names)
-        if self._structure_left():
-            return self._without_cause("unexplained", (), GENERAL_MOTION, names)
-        groups = self._rival_groups()
-        if groups:
-            together = {name for group in groups for name in group}
-            return self._without_cause("not_separable", groups, separating_motion(together), names)
+        less = self._untellable or self._inexplicable()
+        if less is not None:
+            return self._without_cause(*less, names)
         causes = self._causes()
         if causes:
             return self._result("cause_found", causes, (), None, names)
+        if self.floor_n is None:
+            return self._without_cause("nothing_found", (), NOISE_TELLING_MOTION, set())
         return self._without_cause("nothing_missing", (), None, set())
+
+    @cached_property
+    def _untellable(self) -> Less | None:
+        """Where the motion is too plain to tell causes apart."""
+        kind = motion_kind(self.regression.signals)
+        if kind == "constant_speed":
+            return "not_separable", (RIVALS_AT_CONSTANT_SPEED,), GENERAL_MOTION
+        physical = {base_name(name) for name in self.fit.model}
+        if kind == "single_frequency" and physical:
+            rivals = rivals_of_a_line(physical)
+            return "not_separable", (rivals,), separating_motion(set(rivals))
+        return None
+
+    def _inexplicable(self) -> Less | None:
+        """Where the model is not all that there is, or not the only one."""
+        if self._not_driven():
+            return "not_driven_by_this_axis", (), None
+        if self._structure_left() and not self._stands_beside_the_rest():
+            return "unexplained", (), GENERAL_MOTION
+        groups = self._rival_groups()
+        if groups:
+            together = {name for group in groups for name in group}
+            return "not_separable", groups, separating_motion(together)
+        return None
+
+    def _not_driven(self) -> bool:
+        """Whether the force's own past tells more of it than the motion does."""
+        explained = 1.0 - (self.residual_n / self.force_n) ** 2
+        if explained > _DRIVEN:
+            return False
+        foretold = predictable_share(self.regression, self.regression.signals.force, _AHEAD_S)
+        return foretold > _KNOWN and 1.0 - foretold < _MUCH_LESS * (1.0 - explained)
 
     def _structure_left(self) -> bool:
         """Whether much of what a spring, a damper, a mass and a bias leave is left by the causes, too, and is
@@ -98,35 +165,67 @@ class Judge:
         pulsing = modulation_gain(self.regression, self.fit)
         if pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.low > _FLEXIBLE:
             return True
-        plain = self.regression.residual(self.regression.fit({"bias": ()}))[self.regression.rows]
+        plain = self.regression.residual(self.base)[self.regression.rows]
         left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
+        if set(self.fit.model) - {"bias"} and left > _MUCH_LEFT and not self._may_be_noise():
+            return True
         return self._structured_share() * left > _STRUCTURE
+
+    def _stands_beside_the_rest(self) -> bool:
+        """Whether the causes are the same beside one more that describes what they leave, under any name."""
+        causes = set(self.fit.model) - {"bias"}
+        if self.fullest is None or not causes or self.fullest._structure_left():
+            return False
+        if len(self.fullest.fit.model) > len(self.fit.model) + 1:
+            return False
+        return all(self._same_size(name, self.fullest) for name in causes)
+
+    def _same_size(self, name: str, other: "Judge") -> bool:
+        """Whether a size of a cause is about the same in both models."""
+        own, its = self.parameters[base_name(name)], other.parameters.get(base_name(name), {})
+        sizes = [(own[size].value, its[size].value) for size in CANDIDATES[name].needed if size in its]
+        return any(a * b > 0.0 and 1.0 / _ALIKE < a / b < _ALIKE for a, b in sizes)
+
+    def _may_be_noise(self) -> bool:
+        """Whether the noise is known; where it is not, whether what is left forgets itself as noise does."""
+        floor = self.analysis.floor
+        if floor is not None and floor.slope <= _KNOWN_SLOPE:
+            return True
+        return self._foretold < _REMEMBERED
+
+    @cached_property
+    def _residual(self) -> Floats:
+        return self.regression.residual(self.fit)
+
+    @cached_property
+    def _foretold(self) -> float:
+        """Share of what is left that its own past tells."""
+        return predictable_share(self.regression, self._residual)
 
     def _structured_share(self) -> float:
         """Share of what is left that is no noise: by its memory, by a flexible model, by its size."""
-        foretold = predictable_share(self.regression, self.fit)
-        flexible = flexible_gain(self.regression, self.fit)
-        shares = [foretold if foretold > _FORETOLD else 0.0]
-        if flexible.low > _FLEXIBLE and flexible.gain > 2.0 * _FLEXIBLE:
-            shares.append(1.0 - (1.0 - flexible.gain) ** 2)
-        cap = noise_cap_n(self.analysis.recording, self.analysis.cleaned.force_n)
-        signals = self.regression.signals
-        if cap is not None and self.residual_n > _OF_FORCE * float(np.std(signals.force[signals.rows])):
-            speed_up = acceleration_noise_m_s2(signals.even_m, signals.even_hz, signals.cutoff_hz)
-            most = _BEYOND_CAP * float(np.hypot(cap, abs(self.parameters[""]["mass_kg"].value) * speed_up))
-            shares.append(1.0 - (most / self.residual_n) ** 2)
+        floor = self.analysis.floor
+        shares = [0.0]
+        if floor is not None and floor.slope == 0.0:  # else the noise itself has a memory
+            shares = [self._foretold if self._foretold > _FORETOLD else 0.0]
+        alike = alike_gain(self.regression, self.fit, self.after)
+        for found in (flexible_gain(self.regression, self.fit), alike):
+            if found.low > _FLEXIBLE and found.gain > 2.0 * _FLEXIBLE:
+                shares.append(1.0 - (1.0 - found.gain) ** 2)
+        if floor is not None and self.residual_n > _OF_FORCE * self.force_n:
+            shares.append(excess_share(self.regression, self._residual, floor))
         return max(shares)
 
     def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
         """For each cause the names that would do as well in its place."""
         groups: list[tuple[str, ...]] = []
+        taken = {base_name(each) for each in self.fit.model}
         for name in self.fit.model:
-            rest = self.search.without(self.fit, name)
+            rest, _ = self._alone[name]
             equals = {
                 base_name(other)
                 for other in self.search.names
-                if base_name(other) not in {base_name(taken) for taken in self.fit.model}
-                and self._as_good(rest, other)
+                if base_name(other) not in taken | kin(base_name(name)) and self._as_good(rest, other)
             }
             if equals:
                 groups.append((base_name(name), *sorted(equals)))
@@ -139,25 +238,54 @@ class Judge:
             return False
         return self.everywhere(trial).score < self.everywhere(self.fit).score + _RIVAL
 
+    def doubted(self) -> str | None:
+        """The cause of the model that has the least for it among those that have too little; None: none."""
+        if self._untellable is not None:
+            return None
+        weak = [name for name in self.fit.model if self._is_weak(name)]
+        return min(weak, key=lambda name: self._alone[name][0].score, default=None)
+
+    def _is_weak(self, name: str) -> bool:
+        """Whether it does not help where it was not fitted, or may as well be nothing, or anything."""
+        _, own = self._alone[name]
+        if own.low <= 0.0 or own.before_n - own.after_n < _LEAST_GAIN_OF_FLOOR * self.residual_n:
+            return True
+        if name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0]):
+            return True
+        own_parameters = self.parameters[base_name(name)]
+        if any(not np.isfinite(each.high - each.low) for each in own_parameters.values()):
+            return True
+        sizes = [own_parameters[size] for size in CANDIDATES[name].needed]
+        return bool(sizes) and all(size.low <= 0.0 <= size.high or _unbounded(size) for size in sizes)
+
+    def _moved_around(self, instant_s: float) -> bool:
+        """Whether there are strokes enough before and after an instant: of a few, two stiffnesses and two
+        levels describe a hysteresis, too.
+        """
+        signals = self.regression.signals
+        inside = signals.recorded
+        after = signals.fine_t[inside] > instant_s
+        return all(turns(signals.fine_x[inside][part]) >= _STROKES for part in (after, ~after))
+
+    @cached_property
+    def _alone(self) -> dict[str, tuple[ModelFit, RmsGain]]:
+        """For each cause the model without it, and what the cause gains on held-out blocks."""
+        found = {}
+        for name in self.fit.model:
+            without = self.search.without(self.fit, name)
+            errors = held_out_errors(self.regression, without)
+            found[name] = without, gain(self.regression, errors, self.after)
+        return found
+
     def _causes(self) -> tuple[Cause, ...]:
         causes = [self._fault_cause(fault) for fault in self.faults]
-        for name in self.fit.model:
-            cause = self._cause(name)
-            if cause is not None:
-                causes.append(cause)
-        return tuple(sorted(causes, key=lambda cause: -cause.explained_n))
+        causes += [self._cause(name) for name in self.fit.model]
+        # the baseline has a bias, too: it is told last
+        return tuple(sorted(causes, key=lambda cause: (cause.name == "bias", -cause.explained_n)))
 
-    def _cause(self, name: str) -> Cause | None:
-        without = self.search.without(self.fit, name)
-        errors = held_out_errors(self.regression, without)
-        own = gain(self.regression, errors, self.after)
-        gain_n = own.before_n - own.after_n
-        if own.low <= 0.0 or gain_n < _LEAST_GAIN_OF_FLOOR * self.floor_n:
-            return None
-        plain = base_name(name)
-        doubted = _NONE_AT_ZERO.get(plain)
-        if doubted is not None and self.parameters[plain][doubted].low <= 0.0:
-            return None
+    def _cause(self, name: str) -> Cause:
+        without, own = self._alone[name]
+        gain_n, plain = own.before_n - own.after_n, base_name(name)
         likelihood = without.score - self.fit.score
         probability = 1.0 / (1.0 + float(np.exp(-0.5 * min(likelihood, 100.0))))
         explained = float(np.sqrt(max(own.before_n**2 - own.after_n**2, 0.0)))
@@ -178,13 +306,13 @@ class Judge:
         return Cause(fault.name, 1.0, parameters, evidence, own.before_n - own.after_n, float(fault.rms_n))
 
     def _without_cause(
-        self, verdict: str, rivals: tuple[tuple[str, ...], ...], motion: str | None, names: set[str]
+        self, verdict: VerdictName, rivals: tuple[tuple[str, ...], ...], motion: str | None, names: set[str]
     ) -> Diagnosis:
         return self._result(verdict, (), rivals, motion, names)
 
     def _result(
         self,
-        verdict: str,
+        verdict: VerdictName,
         causes: tuple[Cause, ...],
         rivals: tuple[tuple[str, ...], ...],
         motion: str | None,
@@ -197,28 +325,37 @@ class Judge:
             self.held_out.low,
             self.held_out.high,
         )
-        linear = {key: interval.value for key, interval in self.parameters[""].items()}
-        extended = {
-            f"{name}.{key}": interval.value
-            for name, values in self.parameters.items()
-            if name
-            for key, interval in values.items()
-        }
-        base = dict(zip(linear, map(float, self.base.coefficients), strict=True))
         return Diagnosis(
-            verdict,  # type: ignore[arg-type]
+            verdict,
             causes,
             rivals,
             motion,
             self.analysis.flags(),
             self.floor_n,
-            ModelError(self.held_out.before_n, base),
-            ModelError(self.held_out.after_n, {**linear, **extended}),
+            model_error(self.held_out.before_n, self.force_n, intervals(self.regression, self.base)),
+            model_error(self.held_out.after_n, self.force_n, self.parameters),
             {"before_m": None, "after_m": None},
             held,
-            (),
-            tuple(sorted(names)),
+            suspected=tuple(sorted(names)),
         )
+
+
+def model_error(
+    rmse_n: float, force_n: float, parameters: Mapping[str, Mapping[str, Interval]]
+) -> ModelError:
+    """Of a model by the intervals of its parameters by cause, "" for mass, damping and stiffness; `force_n`:
+    the force's standard deviation in N.
+    """
+    values = {
+        f"{name}.{key}" if name else key: interval.value
+        for name, own in parameters.items()
+        for key, interval in own.items()
+    }
+    return ModelError(rmse_n, values, 100.0 * (1.0 - rmse_n / force_n), dict(parameters[""]))
+
+
+def _unbounded(size: Interval) -> bool:
+    return not np.isfinite(size.high - size.low) or size.high - size.low > _WIDEST * abs(size.value)
 
 
 def _evidence(name: str, likelihood: float, own: RmsGain) -> Evidence:

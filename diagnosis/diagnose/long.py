@@ -12,21 +12,23 @@ Time and memory beyond the recording itself do not depend on its length, but for
 Not seen: what shows in less of a chunk than raises its rms by half.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from forefeel.common.causes.candidate import Model, base_name
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.analysis import Analysis, analyse, residual_rms_n
 from forefeel.diagnosis.diagnose.band import cutoff_hz
 from forefeel.diagnosis.diagnose.blocks import RmsGain
 from forefeel.diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
+from forefeel.diagnosis.diagnose.judge import model_error
 from forefeel.diagnosis.diagnose.parameters import told
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.diagnose.regression import ModelFit
 from forefeel.diagnosis.diagnose.search import Search
 from forefeel.diagnosis.diagnose.signals import Mask
-from forefeel.diagnosis.diagnose.verdict import Diagnosis, HeldOut, ModelError
+from forefeel.diagnosis.diagnose.verdict import Diagnosis, HeldOut
 from forefeel.diagnosis.diagnose.whole import Fitted, Whole, cut, fitted, gain_of
 
 FLAG = "searched_on_stretches"
@@ -44,7 +46,7 @@ _NOTHING = 1e-3
 """A cause stays when it lets the held-out error fall by more than this share."""
 _HALF = 0.15
 
-Judge = Callable[[Analysis, Callable[[ModelFit], ModelFit]], Diagnosis]
+Judge = Callable[[Analysis, Callable[[ModelFit], ModelFit]], tuple[Diagnosis, Analysis]]
 Progress = Callable[[str], None]
 
 
@@ -91,8 +93,13 @@ def _fast_s(recording: Recording) -> float:
     return max(_LEAST_S, _MOST_ROWS / (2.0 * cutoff_hz(part, part.force_n)))
 
 
-def analyse_long(recording: Recording, progress: Progress = lambda stage: None) -> Everywhere:
-    """The structure of the stretches, fitted everywhere; see the module.
+def analyse_long(
+    recording: Recording,
+    progress: Progress = lambda stage: None,
+    names: Sequence[str] | None = None,
+    parts_s: tuple[float, ...] = (),
+) -> Everywhere:
+    """The structure of the stretches, fitted everywhere; see the module. `names`, `parts_s`: as in `analyse`.
 
     Raises:
         ValueError: no stretch without gaps is long enough.
@@ -100,71 +107,81 @@ def analyse_long(recording: Recording, progress: Progress = lambda stage: None) 
     chunks = chunks_of(recording, float(np.clip(recording.duration_s / 16.0, 10.0, _CHUNK_S)))
     progress("sensor, in chunks")
     cleaned, unusable, faults = cleaned_everywhere(recording, chunks_of(recording, _RARE_S))
-    found = _searched(cleaned, unusable, chunks, progress)
+    how = Stretches(chunks, progress, names, parts_s)
+    found = _searched(cleaned, unusable, how)
     if any(fault.name == "sensor_spikes" for fault in faults):
-        raw = fitted(Whole(recording, unusable, chunks, found.analysis.regression), found.after.fit, steps=0)
+        raw = fitted(replace(found.whole, recording=recording), found.after.fit, steps=0)
         if raw.total_rms_n() < found.after.total_rms_n():  # pulses that the motion explains are no spikes
-            found = _searched(recording, unusable, chunks, progress)
+            found = _searched(recording, unusable, how)
             faults = [fault for fault in faults if fault.name != "sensor_spikes"]
     known = {fault.name for fault in found.analysis.cleaned.faults}
     found.analysis.cleaned.faults += [fault for fault in faults if fault.name not in known]
     return found
 
 
-def _searched(recording: Recording, unusable: Mask, chunks: list[slice], progress: Progress) -> Everywhere:
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretches:
+    """How stretches are searched: the chunks of the whole, and the arguments of `analyse_long`."""
+
+    chunks: list[slice]
+    progress: Progress
+    names: Sequence[str] | None
+    parts_s: tuple[float, ...]
+
+
+def _searched(recording: Recording, unusable: Mask, how: Stretches) -> Everywhere:
     """From the liveliest stretch, and from more where that does not do."""
     length_s = stretch_s(recording)
     lively = liveliest(recording, length_s)
-    progress("the liveliest stretch")
-    found = _everywhere(recording, unusable, chunks, analyse(cut(recording, lively), progress))
-    others = _stretches(recording, found, chunks, lively, length_s)
+    how.progress("the liveliest stretch")
+    analysis = analyse(cut(recording, lively), how.progress, how.names)
+    found = _everywhere(recording, unusable, how, analysis)
+    others = _stretches(recording, found, how.chunks, lively, length_s)
     if others is None:
         return found
-    progress("stretches of the whole length")
-    again = _everywhere(recording, unusable, chunks, analyse(others, progress))
-    return again if gain_of(found.after, again.after).low > 0.0 else found
+    how.progress("stretches of the whole length")
+    again = _everywhere(recording, unusable, how, analyse(others, how.progress, how.names))
+    return again if gain_of(found.whole, found.after, again.after).low > 0.0 else found
 
 
 def diagnose_long(found: Everywhere, judge: Judge) -> tuple[Diagnosis, Analysis]:
     """The verdict on the stretches with the numbers of the whole, and the analysis that the model is of."""
-    analysis = found.analysis
+    judged, analysis = judge(found.analysis, found.fit)
+    if set(analysis.fit.model) != set(found.after.fit.model):
+        model = {name: shape for name, shape in found.after.fit.model.items() if name in analysis.fit.model}
+        found = replace(found, after=fitted(found.whole, analysis.regression.fit(model)))
     start_s, sense = analysis.regression.signals.origin_s, analysis.regression.sense
-    judged = judge(analysis, found.fit)
-    gain = gain_of(found.before, found.after)
+    gain = gain_of(found.whole, found.before, found.after)
     intervals = found.after.intervals(start_s, sense)
     causes = tuple(
         replace(cause, parameters=told(intervals.get(cause.name, cause.parameters)))
         for cause in judged.causes
     )
-    named = {
-        f"{name}.{key}" if name else key: interval.value
-        for name, values in intervals.items()
-        for key, interval in values.items()
-    }
-    base = dict(zip(intervals[""], map(float, found.before.fit.coefficients * sense), strict=True))
+    force_n = found.before.force_n
     whole = replace(
         judged, causes=causes, flags=_flags(judged, found), held_out=_held_out(gain),
-        baseline=ModelError(gain.before_n, base), extended=ModelError(gain.after_n, named),
+        baseline=model_error(gain.before_n, force_n, found.before.intervals(start_s, sense)),
+        extended=model_error(gain.after_n, force_n, intervals),
     )  # fmt: skip
     return whole, replace(analysis, fit=found.after.fit)
 
 
-def _everywhere(recording: Recording, unusable: Mask, chunks: list[slice], analysis: Analysis) -> Everywhere:
+def _everywhere(recording: Recording, unusable: Mask, how: Stretches, analysis: Analysis) -> Everywhere:
     analysis = _since_start(analysis, float(recording.time_s[0]))
     regression = analysis.regression
-    whole = Whole(recording, unusable, chunks, regression)
+    whole = Whole(recording, unusable, how.chunks, regression, how.parts_s)
     fit = _in_phase(whole, analysis.fit) if "pulsation" in analysis.fit.model else analysis.fit
     after = fitted(whole, fit)
-    for _ in range(2 if _CHANGE in fit.model else 0):
+    for _ in range(2 if _changes(fit.model) else 0):
         after = fitted(whole, _changed_when(whole, after.fit), steps=0)
     for name in tuple(after.fit.model) if len(after.fit.model) > 1 else ():
         rest = {n: shape for n, shape in after.fit.model.items() if n != name}
         less = fitted(whole, regression.fit(rest), steps=0)
-        if gain_of(less, after).low <= _NOTHING:
+        if gain_of(whole, less, after).low <= _NOTHING:
             after = less
     analysis = replace(analysis, fit=regression.fit(after.fit.model))
     gaps = len(recording.segments()) > 1
-    return Everywhere(gaps, analysis, whole, fitted(whole, regression.fit({})), after)
+    return Everywhere(gaps, analysis, whole, fitted(whole, regression.fit({"bias": ()})), after)
 
 
 def _since_start(analysis: Analysis, start_s: float) -> Analysis:
@@ -172,13 +189,11 @@ def _since_start(analysis: Analysis, start_s: float) -> Analysis:
     old = analysis.regression
     late_s = old.signals.origin_s - start_s
     old.signals.moved_to(start_s)
-    new = RecordingRegression(old.signals, old.extent.speed_band)
-    new.extent, new.sense = old.extent, old.sense
-    new.whiten_by(old.noise)
+    new = old.like(old.signals)
     model = dict(analysis.fit.model)
-    if _CHANGE in model:
-        model[_CHANGE] = (model[_CHANGE][0] + late_s,)
-    return replace(analysis, regression=new, search=Search(new), fit=new.fit(model))
+    for name in _changes(model):
+        model[name] = (model[name][0] + late_s,)
+    return replace(analysis, regression=new, search=Search(new, analysis.search.names), fit=new.fit(model))
 
 
 def _in_phase(whole: Whole, fit: ModelFit) -> ModelFit:
@@ -206,17 +221,23 @@ def _in_phase(whole: Whole, fit: ModelFit) -> ModelFit:
 
 def _changed_when(whole: Whole, fit: ModelFit) -> ModelFit:
     """The instant of a change that leaves least: errors unchanged before it, changed after it."""
+    (name,) = _changes(fit.model)
     total, least, best_s = 0.0, 0.0, 0.0
     for _, regression in whole.regressions():
         signals = regression.signals
-        never = replace(fit, model={**fit.model, _CHANGE: (np.inf,)})
-        always = replace(fit, model={**fit.model, _CHANGE: (-np.inf,)})
+        never = replace(fit, model={**fit.model, name: (np.inf,)})
+        always = replace(fit, model={**fit.model, name: (-np.inf,)})
         errors = [regression.residual(trial)[signals.rows] ** 2 for trial in (never, always)]
         run = total + np.cumsum(errors[0] - errors[1])
         if run.min() < least:
             least, best_s = float(run.min()), float(signals.t[signals.rows][int(np.argmin(run))])
         total = float(run[-1])
-    return replace(fit, model={**fit.model, _CHANGE: (best_s,)})
+    return replace(fit, model={**fit.model, name: (best_s,)})
+
+
+def _changes(model: Model) -> list[str]:
+    """The form of a change at an instant that a model holds, if it does."""
+    return [name for name in model if base_name(name) == _CHANGE]
 
 
 def _stretches(

@@ -13,7 +13,7 @@ from forefeel.diagnosis.diagnose.signals import Mask
 
 _RIDGE = 1e-4
 _ORDER = 12
-_LEAST_CORNER_HZ = 3.0
+LEAST_CORNER_HZ = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,12 +34,7 @@ class Noise:
 
     def rows(self, rows: Mask, pieces: Sequence[slice]) -> Mask:
         """Those rows whose whitened value rests on counting rows only."""
-        reach = len(self.taps)
-        good: list[Mask] = []
-        for piece in pieces:
-            count = np.concatenate([np.zeros(reach), np.cumsum(rows[piece])])
-            good.append(np.asarray(count[reach:] - count[:-reach] == reach))
-        return np.concatenate(good)
+        return _whole(rows, pieces, len(self.taps))
 
 
 def white() -> Noise:
@@ -48,15 +43,15 @@ def white() -> Noise:
 
 
 def autoregression(
-    residual: Floats, rows: Mask, pieces: Sequence[slice], rate_hz: float, order: int = _ORDER
+    residual: Floats, rows: Mask, pieces: Sequence[slice], rate_hz: float, corner_hz: float = LEAST_CORNER_HZ
 ) -> Noise:
     """Yule-Walker on what counts, rows that do not count taken as zero (Parzen's amplitude-modulated series).
 
     A small ridge keeps the filter's stop-band from being blown up. What is remembered for longer than noise
-    with a corner of 3 Hz is structure: taken for noise it would blind the search for slow causes.
+    with that corner is structure: taken for noise it would blind the search for slow causes.
     """
     counted = float(np.count_nonzero(rows))
-    order = int(min(order, counted // 20))
+    order = _order(rows, pieces)
     mean = float(np.mean(residual[rows]))
     gamma = np.zeros(order + 1)
     pairs = np.zeros(order + 1)
@@ -66,10 +61,10 @@ def autoregression(
             gamma[lag] += r[lag:] @ r[: len(r) - lag]
             pairs[lag] += w[lag:] @ w[: len(w) - lag]
     gamma /= np.maximum(pairs, 1.0)
-    longest = np.exp(-2.0 * np.pi * _LEAST_CORNER_HZ / rate_hz * np.arange(order + 1))
+    longest = np.exp(-2.0 * np.pi * corner_hz / rate_hz * np.arange(order + 1))
     gamma = np.clip(gamma, -gamma[0] * longest, gamma[0] * longest)
     gamma *= 1.0 - np.arange(order + 1) / max(counted, order + 2.0)
-    if gamma[0] <= 0.0 or order < 1:
+    if gamma[0] <= 0.0 or order < 2:
         return white()
     gamma[0] *= 1.0 + _RIDGE
     phi = solve_toeplitz(gamma[:-1], gamma[1:])
@@ -77,3 +72,21 @@ def autoregression(
     if variance <= 0.0:  # clipping left no autocovariance: first order, then
         phi, variance = gamma[1:2] / gamma[0], gamma[0] - gamma[1] ** 2 / gamma[0]
     return Noise(np.concatenate([[1.0], -phi]), float(np.sqrt(max(variance, 1e-300))))
+
+
+def _order(rows: Mask, pieces: Sequence[slice]) -> int:
+    """As high as leaves half of the rows: whitening costs as many behind each one that does not count."""
+    counted = int(np.count_nonzero(rows))
+    order = min(_ORDER, counted // 20)
+    while order > 1 and 2 * np.count_nonzero(_whole(rows, pieces, order + 1)) < counted:
+        order //= 2
+    return order
+
+
+def _whole(rows: Mask, pieces: Sequence[slice], reach: int) -> Mask:
+    """Those rows that are the last of `reach` counting ones in a row of one piece."""
+    good: list[Mask] = []
+    for piece in pieces:
+        count = np.concatenate([np.zeros(reach), np.cumsum(rows[piece])])
+        good.append(np.asarray(count[reach:] - count[:-reach] == reach))
+    return np.concatenate(good)

@@ -1,11 +1,12 @@
 """Named parameters with intervals from coefficients and shapes."""
 
-from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from forefeel.common.causes.candidate import Found, Periodic, Values, base_name
+from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Shape, base_name
 from forefeel.diagnosis.diagnose.regression import BASE, ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.verdict import Interval
 
@@ -22,63 +23,6 @@ _POSITIVE = frozenset({
 })  # fmt: skip
 """What has no negative values in any cause: no interval reaches below zero."""
 
-Values = dict[str, float]
-Naming = Callable[[Floats, Shape, Floats, float], Values]
-"""Coefficients of the cause, its shape, (m, b, k), stamp of the start -> parameters by name."""
-
-
-def _two_levels(c: Floats, s: Shape, base: Floats, start: float) -> Values:
-    return {"coulomb_n": c[0], "static_n": c[0] + c[1], "stribeck_velocity_m_s": s[0]}
-
-
-def _pulse(c: Floats, s: Shape, base: Floats, start: float) -> Values:
-    sizes = np.hypot(c[:3], c[3:])
-    return {"frequency_hz": s[0], "amplitude_n": float(sizes.max())}
-
-
-NAMINGS: dict[str, Naming] = {
-    "bias": lambda c, s, b, t: {"force_n": c[0]},
-    "coulomb_friction": lambda c, s, b, t: {"force_n": c[0]},
-    "coulomb_friction:asymmetric": lambda c, s, b, t: {
-        "force_n": 0.5 * (c[0] + c[1]), "forward_n": c[0], "backward_n": c[1],
-    },
-    "stribeck_friction": _two_levels,
-    "stribeck_friction:exponential": _two_levels,
-    "presliding_hysteresis": lambda c, s, b, t: {"force_n": c[0], "stiffness_n_m": c[0] / s[0]},
-    "presliding_hysteresis:bristles": lambda c, s, b, t: {"force_n": c[0], "stiffness_n_m": c[0] / s[0]},
-    "presliding_hysteresis:two": lambda c, s, b, t: {
-        "force_n": c[0] + c[1], "stiffness_n_m": c[0] / s[0] + c[1] / s[1],
-    },
-    "backlash": lambda c, s, b, t: {"width_m": s[0]},
-    "stiffening": lambda c, s, b, t: {"quadratic_n_m2": c[0], "cubic_n_m3": c[1]},
-    "stiffening:exponential": lambda c, s, b, t: {
-        "quadratic_n_m2": c[0] / (2.0 * s[0] ** 2), "cubic_n_m3": c[0] / (6.0 * s[0] ** 3),
-        "exponential_n": c[0], "length_m": s[0],
-    },
-    "hunt_crossley_damping": lambda c, s, b, t: {"damping_n_s_m2": c[0]},
-    "quadratic_drag": lambda c, s, b, t: {"drag_n_s2_m2": c[0]},
-    "asymmetric_damping": lambda c, s, b, t: {"forward_n_s_m": b[1] + c[0], "backward_n_s_m": b[1] - c[0]},
-    "stress_relaxation": lambda c, s, b, t: {"stiffness_n_m": c[0], "time_constant_s": s[0]},
-    "stress_relaxation:two": lambda c, s, b, t: {
-        "stiffness_n_m": c[0], "time_constant_s": s[0],
-        "second_stiffness_n_m": c[2], "second_time_constant_s": s[1],
-    },
-    "contact_loss": lambda c, s, b, t: {"contact_position_m": s[0]},
-    "contact_loss:carried": lambda c, s, b, t: {"contact_position_m": s[0]},
-    "position_dependent_friction": lambda c, s, b, t: {"force_per_length_n_m": c[0]},
-    "stiffness_change": lambda c, s, b, t: {
-        "time_s": t + s[0], "ratio": 1.0 + c[0] / b[2] if b[2] else np.inf,
-    },
-    "time_delay": lambda c, s, b, t: {"delay_s": s[0]},
-    "sensor_lag": lambda c, s, b, t: {"time_constant_s": s[0]},
-    "sensor_drift": lambda c, s, b, t: {"rate_n_s": c[0]},
-    "sensor_drift:creep": lambda c, s, b, t: {"rate_n_s": c[0] / s[0], "settling_s": s[0]},
-    "pulsation": _pulse,
-    "unmodelled_resonance": lambda c, s, b, t: {"frequency_hz": s[0], "damping_ratio": s[1]},
-    "unmodelled_resonance:free": lambda c, s, b, t: {"frequency_hz": s[0], "damping_ratio": s[1]},
-    "unmodelled_resonance:fixture": lambda c, s, b, t: {"frequency_hz": s[0], "damping_ratio": s[1]},
-}  # fmt: skip
-
 
 def intervals(
     regression: RecordingRegression,
@@ -94,7 +38,7 @@ def intervals(
     """
     moved = None if elsewhere is None else _named_by(*elsewhere)
     return intervals_by(
-        fit, _covariance(regression, fit), regression.signals.origin_s, regression.sense, moved
+        fit, covariance_of(regression, fit), regression.signals.origin_s, regression.sense, moved
     )
 
 
@@ -166,11 +110,12 @@ def _named(
         shape = tuple(theta[at : at + size])
         at += size
         own = linear[[i for i, owner in enumerate(fit.owners) if owner == name]]
-        named[base_name(name)] = NAMINGS[name](own, shape, base, start)
+        named[base_name(name)] = CANDIDATES[name].named(Found(own, shape, base, start))
     return named
 
 
-def _covariance(regression: RecordingRegression, fit: ModelFit) -> Floats:
+def covariance_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
+    """Of coefficients, then shapes; of residuals of any memory shorter than a block."""
     jacobian = jacobian_of(regression, fit)
     design = jacobian[:, : len(fit.coefficients)]
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
@@ -198,22 +143,36 @@ def _robust(jacobian: Floats, residual: Floats, inverse: Floats) -> Floats:
 
 def jacobian_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
     """Derivatives of the whitened prediction by coefficients and shapes, at the rows that count."""
-    design, _ = regression.design(fit.model)
-    slopes = [
-        _slope(regression, fit, name, i) for name, shape in fit.model.items() for i in range(len(shape))
-    ]
-    return np.column_stack([design, *slopes])
+    return np.column_stack([regression.design(fit.model)[0], slopes_of(regression, fit)])
 
 
-def _slope(regression: RecordingRegression, fit: ModelFit, name: str, index: int) -> Floats:
-    """Derivative of the whitened prediction by one shape parameter, by a central difference."""
+def slopes_of(regression: RecordingRegression, fit: ModelFit, white: bool = True) -> Floats:
+    """Derivatives of the prediction by the shapes, a column for each: whitened, at the rows that count; or in
+    N on the coarse grid.
+    """
+    pairs = [(name, i) for name, shape in fit.model.items() for i in range(len(shape))]
+    slopes = [_slope(regression, fit, name, i, white) for name, i in pairs]
+    count = len(regression.target) if white else len(regression.signals.t)
+    return np.column_stack(slopes) if slopes else np.empty((count, 0))
+
+
+def _slope(regression: RecordingRegression, fit: ModelFit, name: str, index: int, white: bool) -> Floats:
+    """Derivative of the prediction by one shape parameter, by a central difference."""
     shape = fit.model[name]
-    grid = [point[index] for point in CANDIDATES[name].grid(regression.extent)] if name != "pulsation" else []
-    step = _STEP * (abs(shape[index]) if CANDIDATES[name].logarithmic else grid[-1] - grid[0])
-    if name == "pulsation":
+    candidate = CANDIDATES[name]
+    if isinstance(candidate, Periodic):
         step = 0.02 / regression.extent.duration_s
+    elif candidate.logarithmic:
+        step = _STEP * abs(shape[index])
+    else:
+        grid = [point[index] for point in candidate.grid(regression.extent)]
+        step = _STEP * (grid[-1] - grid[0])
     sides = []
     for sign in (1.0, -1.0):
         moved = (*shape[:index], shape[index] + sign * step, *shape[index + 1 :])
-        sides.append(regression.design({**fit.model, name: moved})[0] @ fit.coefficients)
+        model = {**fit.model, name: moved}
+        if white:
+            sides.append(regression.design(model)[0] @ fit.coefficients)
+        else:
+            sides.append(regression.predicted(replace(fit, model=model)))
     return np.asarray((sides[0] - sides[1]) / (2.0 * step))

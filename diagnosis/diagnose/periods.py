@@ -5,14 +5,17 @@ from functools import cached_property
 import numpy as np
 from scipy.fft import rfft, rfftfreq
 
+from forefeel.common.causes.candidate import Shape, base_name
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.candidates import Shape, base_name
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 PULSATION_HZ = 0.12, 4.0
+_LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wanders
+_HIGHEST_ORDER = 10  # harmonic of the motion up to which a line is taken for its echo
 _ALIKE = 0.9
 _MANY = 9.0  # periods until harmonics stand apart
 _SEEN_FROM_BELOW = 2.5
+_LEAST_LINES = 3.0  # harmonics of a motion that repeats, in the width of a mode: fewer show no peak
 
 
 class Periods:
@@ -31,7 +34,7 @@ class Periods:
         length = 4 * len(residual)
         power = np.abs(rfft(residual, length)) ** 2
         frequency = rfftfreq(length, 1.0 / rate)
-        low = max(PULSATION_HZ[0], 3.0 / regression.extent.duration_s)
+        low = max(PULSATION_HZ[0], _LEAST_CYCLES / regression.extent.duration_s)
         inside = (frequency >= low) & (frequency <= PULSATION_HZ[1])
         peaks: list[Shape] = []
         power = np.where(inside, power, 0.0)
@@ -51,7 +54,7 @@ class Periods:
         reach_hz = self.regression.signals.motion_reach_hz
         if shape[0] > (0.9 if name.endswith(":free") else _SEEN_FROM_BELOW) * reach_hz:
             return False
-        return period_s is None or 2.0 * shape[0] * shape[1] * period_s > 1.0
+        return period_s is None or 2.0 * shape[0] * shape[1] * period_s > _LEAST_LINES
 
     @cached_property
     def _recorded_position(self) -> tuple[Floats, float]:
@@ -80,10 +83,13 @@ class Periods:
     def echo(self, fit: ModelFit) -> bool:
         """Whether most of the pulses' power is at harmonics of a motion that repeats."""
         period_s, (frequency_hz,) = self._motion_period_s, fit.model["pulsation"]
-        if period_s is None or self.regression.extent.duration_s < _MANY * period_s:
+        if period_s is None:
             return False
+        periods = self.regression.extent.duration_s / period_s
         sines = fit.of("pulsation").reshape(2, -1)
         power = np.sum(sines**2, axis=0)
         cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
-        near = np.abs(cycles - np.round(cycles)) < 1.5 * period_s / self.regression.extent.duration_s
+        # of few periods only what lies closer than a line is wide counts, or all would be harmonics
+        width = (1.5 if periods >= _MANY else 0.5) / periods
+        near = (np.abs(cycles - np.round(cycles)) < width) & (cycles < _HIGHEST_ORDER + 0.5)
         return bool(power[near].sum() > 0.5 * power.sum())

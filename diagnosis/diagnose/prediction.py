@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.default_model import linear_model
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
@@ -14,7 +14,7 @@ from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.diagnosis.evaluation.score import completed
 
 DELAY_S = 0.3
-_LONGEST = 60_000
+_LONGEST = 20_000  # samples that are replayed, chosen: 20 s at 1 kHz, some 50 us for each and model
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Across:
 
 
 def across_delay(recording: Recording, extended: ContactModel) -> Across:
-    """Replays the recording as `forefeel evaluate` does; of long ones the first minute's worth of samples.
+    """Replays the recording as `forefeel evaluate` does; of long ones the first 20,000 samples.
 
     Raises:
         RecordingError: too short for a prediction across the delay.

@@ -3,8 +3,9 @@
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
+from forefeel.common.causes.candidate import Candidate, Model, Periodic
+from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Candidate, Model
 from forefeel.diagnosis.diagnose.periods import Periods
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
@@ -87,7 +88,7 @@ class Refiner:
 
     def _bracket(self, candidate: Candidate, value: float, wide: bool) -> tuple[float, float, bool]:
         """Lowest and highest, and whether they are logarithms."""
-        if candidate.name == "pulsation":
+        if isinstance(candidate, Periodic):
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
             return value - min(reach, 0.3 * value), value + reach, False
         grid = sorted({point[0] for point in candidate.grid(self.regression.extent)})

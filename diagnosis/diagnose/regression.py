@@ -7,30 +7,38 @@ their shape parameters; mass, damping and stiffness always take part.
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.candidates import (
-    CANDIDATES,
-    HIGHEST_MODE,
-    MOST_DAMPED,
+from forefeel.common.causes.base import Site
+from forefeel.common.causes.candidate import (
+    Alignment,
     Candidate,
-    Extent,
+    Changing,
+    ForceColumns,
+    Mode,
     Model,
+    Modulation,
     MotionGrid,
+    Periodic,
+    ReadingColumns,
     Shape,
-    play,
-    touch,
+    Spectrum,
+    Transmission,
 )
+from forefeel.common.causes.catalogue import CANDIDATES
+from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED
+from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.least_squares import solve, solve_passive
 from forefeel.diagnosis.diagnose.noise import Noise, white
-from forefeel.diagnosis.diagnose.signals import Mask, Signals, Spectrum
-from forefeel.diagnosis.diagnose.transfer import alignment, frame, harmonics, mode_spectra
+from forefeel.diagnosis.diagnose.signals import Mask, Signals, extent_of
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
 _KEPT_BYTES, _KEPT_SPECTRA_BYTES = 5e7, 2e7
 _WHITE = 2  # taps of no colour
+_FROM_THE_STAGE: tuple[Site, ...] = "sensor", "shaft"  # sites that a mass before the contact may have
+C = TypeVar("C", bound=Changing)
 _MOST_PRODUCTS = 40_000
 _CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
 
@@ -77,11 +85,12 @@ class RecordingRegression:
         signals, extent: what is fitted.
         noise, coloured: by which residuals are whitened, and whether it was learned; assign with `whiten_by`.
         sense: +1 when a positive force resists, -1 when the recording shows the reaction.
+        parts_s: of several recordings as one, when each but the first begins, in s since the start.
     """
 
-    def __init__(self, signals: Signals, speed_band: float) -> None:
-        self.signals = signals
-        self.extent = Extent.of(signals, speed_band)
+    def __init__(self, signals: Signals, speed_band: float, parts_s: tuple[float, ...] = ()) -> None:
+        self.signals, self.parts_s = signals, parts_s
+        self.extent = extent_of(signals, speed_band)
         s = signals
         self._motion = MotionGrid(
             s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band,
@@ -101,6 +110,13 @@ class RecordingRegression:
         resisting, self.sense = self.fit({"bias": ()}), -1.0
         if resisting.rss <= self.fit({"bias": ()}).rss:
             self.sense = 1.0
+
+    def like(self, signals: Signals) -> "RecordingRegression":
+        """The same bench along another motion: band, noise, extent and sense are this one's."""
+        other = RecordingRegression(signals, self.extent.speed_band)
+        other.extent, other.sense = self.extent, self.sense
+        other.whiten_by(self.noise)
+        return other
 
     def whiten_by(self, noise: Noise) -> None:
         """Residuals are weighed by this noise from now on."""
@@ -181,9 +197,9 @@ class RecordingRegression:
     def block(self, model: Model, name: str, shape: Shape) -> Floats:
         """Filtered columns in N of one cause within a model, on the coarse grid, not whitened."""
         candidate = CANDIDATES.get(name)
-        if name == "pulsation":
-            return harmonics(self.signals.t, shape[0])
-        if candidate is not None and candidate.kind in ("motion", "contact", "alignment"):
+        if isinstance(candidate, Periodic):
+            return candidate.columns(self.signals.t, shape)
+        if isinstance(candidate, Changing):
             return np.empty((len(self.signals.t), 0))
         spectra = self._aligned(model, name, shape, candidate)
         return np.column_stack([self.signals.column(spectrum) for spectrum in spectra])
@@ -191,11 +207,11 @@ class RecordingRegression:
     def _aligned(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
         """Spectra of a cause's columns as the load cell shows them."""
         spectra = self._columns(model, name, shape, candidate)
-        factor = self._alignment(model) if candidate is None or candidate.kind != "sensor" else None
+        factor = None if isinstance(candidate, ReadingColumns) else self._alignment(model)
         return spectra if factor is None else [spectrum * factor for spectrum in spectra]
 
     def _alignment(self, model: Model) -> Spectrum | None:
-        key = frame(model, ("alignment",))
+        key = frame(model, Alignment)
         if self._aligning[0] != key:
             self._aligning = key, alignment(self.signals.omega, model)
         return self._aligning[1]
@@ -215,20 +231,16 @@ class RecordingRegression:
 
     def motion(self, model: Model) -> MotionGrid:
         """The motion that the wall sees in this model."""
-        key = frame(model, ("motion", "contact"))
+        key = frame(model, Transmission)
         if key not in self._motions:
             motion = self._motion
-            for name, shape in key:
-                motion = play(motion, shape[0]) if name == "backlash" else touch(motion, shape[0])
+            for transmission, shape in changing(model, Transmission):
+                motion = transmission.moved(motion, shape)
             _keep(self._motions, key, motion, 8)
         return self._motions[key]
 
-    def white_block(self, model: Model, name: str, shape: Shape) -> Floats:
-        """As `block`, whitened, only the rows that count."""
-        return self._white_block(model, name, shape).columns
-
     def _white_block(self, model: Model, name: str, shape: Shape) -> "Block":
-        key = (frame(model, ("motion", "contact", "alignment")), name, shape)
+        key = (frame(model, Changing), name, shape)
         if key not in self._whitened:
             columns = self._white_columns(model, name, shape)
             self._made += 1
@@ -240,9 +252,9 @@ class RecordingRegression:
     def _white_columns(self, model: Model, name: str, shape: Shape) -> Floats:
         """Whitened in the spectrum: what wraps around falls on rows that do not count."""
         candidate = CANDIDATES.get(name)
-        if name == "pulsation":
+        if isinstance(candidate, Periodic):
             return self._white(self.block(model, name, shape))
-        if candidate is not None and candidate.kind in ("motion", "contact", "alignment"):
+        if isinstance(candidate, Changing):
             return np.empty((len(self.target), 0))
         spectra = self._aligned(model, name, shape, candidate)
         columns = np.empty((len(self.target), len(spectra)), order="F")
@@ -254,7 +266,7 @@ class RecordingRegression:
         return self.noise.whiten(columns, self._pieces)[self.rows] / self.noise.innovation_n
 
     def _columns(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
-        moved = frame(model, ("motion", "contact"))
+        moved = frame(model, Transmission, Modulation)
         if candidate is None and not moved:
             return self._base
         key = (moved, name, shape)
@@ -264,22 +276,31 @@ class RecordingRegression:
 
     def _fresh(self, model: Model, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
         motion = self.motion(model)
-        if candidate is None:
-            carried = "contact_loss:carried" in model
-            columns = [motion.a * (1.0 if carried else motion.touching), motion.v * motion.touching, motion.x]
-        elif candidate.kind == "mode":
+        if isinstance(candidate, Mode):
             driven = (
                 self.signals.spectrum(motion.a * motion.touching)
                 if motion is not self._motion
                 else self._base[0]
             )
-            return mode_spectra(self.signals.omega, driven, shape, free=candidate.name.endswith(":free"))
+            return candidate.spectra(self.signals.omega, driven, shape)
+        if isinstance(candidate, ReadingColumns):
+            return [self.signals.spectrum(column) for column in candidate.columns(motion.t, shape).T]
+        if candidate is None:
+            columns = [self._accelerated(model, motion), motion.v * motion.touching, motion.x]
         else:
-            assert candidate.columns is not None
+            assert isinstance(candidate, ForceColumns)
             columns = candidate.columns(motion, shape)
             if candidate.at_wall:
                 columns = [column * motion.touching for column in columns]
+        for modulation, wrap in changing(model, Modulation):
+            factor = modulation.factor(motion, wrap)
+            columns = [column * factor for column in columns]
         return [self.signals.spectrum(column) for column in columns]
+
+    def _accelerated(self, model: Model, motion: MotionGrid) -> Floats:
+        """The mass's acceleration, where it is."""
+        at = {"sensor": self._motion.a, "shaft": motion.a, "wall": motion.a * motion.touching}
+        return np.asarray(at[mass_site(model)])
 
     def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
         if self.no_peak(model):
@@ -294,6 +315,32 @@ class RecordingRegression:
                 ):
                     return False
         return True
+
+
+def frame(model: Model, *kinds: type[Changing]) -> tuple[tuple[str, Shape], ...]:
+    """What in a model changes the columns of all others; sorted, so that it can be a key."""
+    return tuple(sorted((n, shape) for n, shape in model.items() if isinstance(CANDIDATES[n], kinds)))
+
+
+def changing(model: Model, kind: type[C]) -> list[tuple[C, Shape]]:
+    """Of one kind, in the order of `frame`: a play stands before a contact."""
+    found = [(CANDIDATES[name], shape) for name, shape in frame(model, kind)]
+    return [(each, shape) for each, shape in found if isinstance(each, kind)]
+
+
+def mass_site(model: Model) -> Site:
+    """Where the mass is, by the motion that it makes."""
+    sites = {transmission.mass_site for transmission, _ in changing(model, Transmission)}
+    return next((site for site in _FROM_THE_STAGE if site in sites), "wall")
+
+
+def alignment(omega: Floats, model: Model) -> Spectrum | None:
+    """What late stamps, a slow load cell, a weak fixture do to a spectrum; None when the model has none."""
+    factor: Spectrum | None = None
+    for each, shape in changing(model, Alignment):
+        own = each.factor(omega, shape)
+        factor = own if factor is None else factor * own
+    return factor
 
 
 def penalty_of(owners: tuple[str, ...], model: Model, n: int) -> float:

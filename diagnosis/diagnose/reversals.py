@@ -70,6 +70,27 @@ def _reversals(regression: RecordingRegression, speed: Floats, direction: Floats
     return found
 
 
+def turns(x: Floats, least: float = 0.1) -> int:
+    """How often a position turns by more than that share of its range."""
+    return max(len(turning_points(x.tolist(), least * float(np.ptp(x)) if len(x) else 0.0)) - 1, 0)
+
+
+def turning_points(x: list[float], least: float) -> list[tuple[int, float]]:
+    """(index of the extreme, direction from there on) of the first motion and of each reversal after it."""
+    turns: list[tuple[int, float]] = []
+    low = high = 0
+    for i, now in enumerate(x):
+        way = turns[-1][1] if turns else 0.0
+        high, low = (i if now > x[high] else high), (i if now < x[low] else low)
+        if way >= 0.0 and x[high] - now > least:
+            turns.append((high, -1.0))
+            low = i
+        elif way <= 0.0 and now - x[low] > least:
+            turns.append((low, 1.0))
+            high = i
+    return turns
+
+
 def _less_cubic(windows: Floats) -> Floats:
     tau = np.linspace(-1.0, 1.0, windows.shape[1])
     q, _ = np.linalg.qr(np.vander(tau, _ORDER + 1))

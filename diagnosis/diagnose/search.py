@@ -6,17 +6,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, DRY, Model, Shape, base_name
+from forefeel.common.causes.candidate import Model, Periodic, Shape, base_name
+from forefeel.common.causes.catalogue import CANDIDATES, DRY
 from forefeel.diagnosis.diagnose.refine import Refiner
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 ADD = 12.0
-"""How much the penalised -2 log likelihood must fall for one more cause."""
-
-ADD_BIAS = 4.0
+"""How much the penalised -2 log likelihood must fall for a change of the model."""
 
 ASYMMETRIC = "coulomb_friction:asymmetric"
-PRACTICAL_OF = {"bias": 1.0, "unmodelled_resonance": 1.25}
 MOST_CAUSES = 6
 MOST_EVALUATIONS = 15_000
 """Least squares after which the search takes no further step."""
@@ -28,10 +26,12 @@ in what the cause explains.
 """
 _SAME = 3.0
 """Scores of one and the same model that was refined on two ways."""
+_CLEARLY = 0.01
+"""Of the residual's power: less is within how columns are sampled and noise is coloured."""
 _SUBHARMONIC = 15.0
 """How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
-PRACTICAL = 1.1
-"""By how much the residual's rms must grow when a cause is taken out: less is within what is left
+_PRACTICAL = 1.1
+"""By how much the residual's rms must fall with several causes at once: less is within what is left
 unexplained."""
 
 
@@ -78,11 +78,12 @@ class Search(Refiner):
         """Levels that differ by direction are an offset of the cell where the recording can not tell them
         apart.
         """
-        if ASYMMETRIC not in fit.model or "bias" in fit.model:
+        others = "coulomb_friction", "bias"
+        if ASYMMETRIC not in fit.model or "bias" in fit.model or not set(others) <= set(self.names):
             return fit
         rest = {name: shape for name, shape in fit.model.items() if name != ASYMMETRIC}
-        offset = self.fit({**rest, "coulomb_friction": (), "bias": ()})
-        if not offset.feasible or offset.score > fit.score + ADD:
+        offset = self.fit({**rest, **dict.fromkeys(others, ())})
+        if not offset.feasible or offset.score > fit.score + max(ADD, _CLEARLY * fit.n):
             return fit
         return self._backward(offset) or offset
 
@@ -126,11 +127,12 @@ class Search(Refiner):
     def _scan(self, fit: ModelFit, name: str) -> ModelFit | None:
         """The best shape on the grid."""
         found: ModelFit | None = None
+        periodic = isinstance(CANDIDATES[name], Periodic)
         for shape in self._shapes(fit, name):
             trial = self._quick(fit, name, shape)
-            margin = 0.0 if found is None or name != "pulsation" else _SUBHARMONIC
+            margin = _SUBHARMONIC if found is not None and periodic else 0.0
             better = found is None or trial.score < found.score - margin
-            if better and trial.feasible and not (name == "pulsation" and self.periods.echo(trial)):
+            if better and trial.feasible and not (periodic and self.periods.echo(trial)):
                 found = trial
         return found
 
@@ -138,7 +140,7 @@ class Search(Refiner):
         return self.fit({**fit.model, name: shape})
 
     def _shapes(self, fit: ModelFit, name: str) -> list[Shape]:
-        if name == "pulsation":
+        if isinstance(CANDIDATES[name], Periodic):
             return self.periods.lines(fit)
         if base_name(name) == "unmodelled_resonance":
             return [
@@ -169,15 +171,16 @@ class Search(Refiner):
         yet.
         """
         taken = {base_name(other) for other in fit.model}
-        return base_name(name) not in taken and not (base_name(name) in DRY and taken & DRY)
+        own = base_name(name)
+        return own not in taken and not (own in DRY and taken & DRY)
 
     def worth(self, more: ModelFit, less: ModelFit) -> bool:
         """Whether the larger model is better by likelihood and in size."""
-        names = {base_name(name) for name in set(more.model) - set(less.model)}
-        # every load cell has a bias: it is named when it is there, however small beside the rest
-        if less.score - more.score < (ADD_BIAS if names == {"bias"} else ADD):
+        names = set(more.model) - set(less.model)
+        new = CANDIDATES[names.pop()] if len(names) == 1 else None
+        if less.score - more.score < (ADD if new is None else new.least_score):
             return False
-        ratio = PRACTICAL_OF.get(next(iter(names)) if len(names) == 1 else "", PRACTICAL)
+        ratio = _PRACTICAL if new is None else new.least_ratio
         return less.rss > more.rss * ratio**2 or self.plain_rms(less) > self.plain_rms(more) * ratio
 
     def plain_rms(self, fit: ModelFit) -> float:
@@ -199,7 +202,7 @@ class Search(Refiner):
         """By how much an exchange must better the score; while the noise is taken for white, which overstates
         it, the residual's power must fall by a hundredth, too.
         """
-        return 2.0 if self.regression.coloured else max(2.0, 0.01 * fit.n)
+        return 2.0 if self.regression.coloured else max(2.0, _CLEARLY * fit.n)
 
     def _exchange(self, fit: ModelFit) -> ModelFit | None:
         """The best model in which one cause gave way to another."""

@@ -18,10 +18,10 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import median_filter
 from scipy.signal import welch
 
+from forefeel.common.causes.candidate import Extent, Spectrum
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 
-Spectrum = NDArray[np.complex128]
 Mask = NDArray[np.bool_]
 
 _FINE_PER_BAND = 16.0
@@ -307,3 +307,18 @@ def _near(bad: Mask, t: Floats, period_s: float, reach_s: float) -> Mask:
     low = np.clip(((t - reach_s) / period_s).astype(np.int64), 0, len(bad))
     high = np.clip(((t + reach_s) / period_s).astype(np.int64) + 2, 0, len(bad))
     return np.asarray(count[high] > count[low])
+
+
+def extent_of(signals: Signals, speed_band: float) -> Extent:
+    """What a recording can tell apart: from the motion as recorded, robust against its extremes."""
+    recorded = signals.recorded
+    low, q1, q2, high = np.quantile(signals.fine_x[recorded], (0.005, 0.05, 0.95, 0.995))
+    return Extent(
+        signals.cutoff_hz,
+        float(signals.t[-1] - signals.t[0]),
+        float(q2 - q1),
+        float(np.quantile(np.abs(signals.fine_v[recorded]), 0.95)),
+        float(low),
+        float(high),
+        speed_band,
+    )

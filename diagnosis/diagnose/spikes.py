@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, percentile_filter
+from scipy.ndimage import gaussian_filter1d, median_filter, percentile_filter
+from scipy.stats import ks_2samp
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
@@ -17,6 +18,9 @@ _ANOTHER = 5.0
 _LEAST_SPIKES = 4
 _LEAST_OF_USUAL = 0.35
 _MEDIAN_S = 0.011
+_SMOOTH_S = 0.02  # s over which the position is smoothed before its reversals are looked for
+_LEAST_TURNS, _LEAST_OUTLIERS = 4, 5  # to tell whether the one comes with the other
+_BY_CHANCE = 0.003  # probability (Kolmogorov and Smirnov) below which it is none that they do
 
 Ends = tuple[NDArray[np.int64], NDArray[np.int64]]
 
@@ -32,7 +36,7 @@ class Spikes:
 
 
 def find_spikes(force: Floats, recording: Recording, step_n: float | None) -> Spikes | None:
-    """None when there are few, or so many that they are no exception, or when they come at reversals.
+    """None when there are few, or so many that they are no exception, or when they come with reversals.
 
     Args:
         force: in N, at the stamps of the recording.
@@ -60,6 +64,8 @@ def find_spikes(force: Floats, recording: Recording, step_n: float | None) -> Sp
     where = np.zeros(len(force), dtype=np.bool_)
     for start, stop in zip(starts[high], stops[high], strict=True):
         where[max(start - 1, 0) : stop + 1] = True
+    if _come_with_the_motion(where, recording):
+        return None
     return Spikes(where, sizes[high], np.where(where, smooth, force), usual)
 
 
@@ -86,6 +92,20 @@ def _at_rest(recording: Recording) -> Mask:
     low, high = np.maximum(np.arange(len(x)) - reach, 0), np.minimum(np.arange(len(x)) + reach, len(x) - 1)
     speed = np.abs(x[high] - x[low]) / (t[high] - t[low])
     return np.asarray(speed < 0.125 * np.quantile(speed, 0.9))
+
+
+def _come_with_the_motion(where: Mask, recording: Recording) -> bool:
+    """Whether outliers come at a certain time after a reversal, as impacts do: those are of the contact."""
+    rate_hz = recording.rate_hz
+    smooth = gaussian_filter1d(recording.position_m, _SMOOTH_S * rate_hz)
+    direction = np.sign(np.diff(smooth, prepend=smooth[:1]))
+    turned = np.flatnonzero(np.diff(direction) != 0.0)
+    first = np.flatnonzero(np.diff(where.astype(np.int8), prepend=0) == 1)  # of neighbours one
+    if len(turned) < _LEAST_TURNS or len(first) < _LEAST_OUTLIERS:
+        return False
+    last = np.searchsorted(turned, np.arange(len(where))) - 1
+    since = np.arange(len(where)) - turned[np.maximum(last, 0)]
+    return bool(ks_2samp(since[first], since[:: max(1, len(since) // 5000)]).pvalue < _BY_CHANCE)
 
 
 def _isolated(force: Floats, off: Floats, runs: Ends, widest: int) -> Ends:

@@ -1,29 +1,26 @@
 """Whether what is left is noise: that of a measuring chain is forgotten within hundredths of a second."""
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from forefeel.common.error_size import Floats
-from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.diagnose.noise_floor import NoiseFloor
+from forefeel.diagnosis.diagnose.regression import RecordingRegression
 
 HORIZON_S = 0.04
 _TAPS = 12
-_CORNER_HZ = 5.0
-_LEAST_RATE_HZ = 150.0
-_ORDER = 10
-_MOST_SAMPLES = 600_000
 _SPREAD_S = 0.5
+_MOST_NOISE = 4.0  # times the power that the floor says: it is known to a factor of two in rms
 
 
-def predictable_share(regression: RecordingRegression, fit: ModelFit) -> float:
-    """Share of the residual's variance that its own past, at least 40 ms old, tells on the held-out half.
+def predictable_share(regression: RecordingRegression, values: Floats, horizon_s: float = HORIZON_S) -> float:
+    """Share of the variance of values on the coarse grid that their own past, at least that old, tells on the
+    held-out half.
 
-    First-order noise with a corner of 5 Hz or more leaves at most exp(-4 pi 5 0.04) = 8 %.
+    Of first-order noise with a corner of 5 Hz or more 40 ms leave at most exp(-4 pi 5 0.04) = 8 %.
     """
-    residual = regression.residual(fit)
+    values = values - float(np.mean(values[regression.signals.rows]))
     parts = [
-        _pairs(residual[piece], regression.signals.rows[piece], regression)
+        _pairs(values[piece], regression.signals.rows[piece], regression, horizon_s)
         for piece in regression.signals.piecewise(fine=False)
     ]
     past, now = (np.concatenate(c) for c in zip(*parts, strict=True))
@@ -34,28 +31,30 @@ def predictable_share(regression: RecordingRegression, fit: ModelFit) -> float:
     return max(0.0, float(np.mean(shares)))
 
 
-def noise_cap_n(recording: Recording, force_n: Floats) -> float | None:
-    """The most that noise with a corner of 5 Hz or more can be, from what the force's own past does not tell.
-
-    First-order noise of rms s and corner c has innovations of `s sqrt(1 - exp(-4 pi c / rate))` from sample
-    to sample; motion is smooth at that rate and hardly adds. None where samples are too far apart to tell.
+def excess_share(regression: RecordingRegression, residual: Floats, floor: NoiseFloor) -> float:
+    """Share of the residual's variance that no noise of that floor would have: in each octave what is more
+    than four times its power.
     """
-    if recording.rate_hz < _LEAST_RATE_HZ:
-        return None
-    piece = max(recording.segments(), key=lambda s: s.stop - s.start)
-    force = force_n[piece][:_MOST_SAMPLES]
-    if len(force) < 50 * _ORDER:
-        return None
-    past = sliding_window_view(force, _ORDER + 1)[:: 1 + len(force) // 60_000]
-    weights, *_ = np.linalg.lstsq(past[:, :-1], past[:, -1], rcond=None)
-    innovation = past[:, -1] - past[:, :-1] @ weights
-    size = 1.4826 * float(np.median(np.abs(innovation)))
-    return size / float(np.sqrt(1.0 - np.exp(-4.0 * np.pi * _CORNER_HZ / recording.rate_hz)))
+    pieces = regression.signals.piecewise(fine=False)
+    piece = max(pieces, key=lambda p: int(np.count_nonzero(regression.signals.rows[p])))
+    values = residual[piece][regression.signals.rows[piece]]
+    rate_hz = regression.signals.coarse_rate_hz
+    frequency = np.asarray(np.fft.rfftfreq(len(values), 1.0 / rate_hz)[1:], dtype=np.float64)
+    power = 2.0 * np.abs(np.fft.rfft(values - values.mean())[1:]) ** 2 / (rate_hz * len(values))
+    octave = np.floor(np.log2(frequency / frequency[0])).astype(np.int64)
+    said = floor.density(frequency)
+    more = sum(
+        max(0.0, float(np.sum(power[octave == k]) - _MOST_NOISE * np.sum(said[octave == k])))
+        for k in range(int(octave[-1]) + 1)
+    )
+    return more / max(float(np.sum(power)), 1e-300)
 
 
-def _pairs(residual: Floats, rows: Floats, regression: RecordingRegression) -> tuple[Floats, Floats]:
+def _pairs(
+    residual: Floats, rows: Floats, regression: RecordingRegression, horizon_s: float
+) -> tuple[Floats, Floats]:
     rate = regression.signals.coarse_rate_hz
-    first = max(1, int(np.ceil(HORIZON_S * rate)))
+    first = max(1, int(np.ceil(horizon_s * rate)))
     lags = np.unique(
         first + np.round(np.geomspace(1, max(2.0, _SPREAD_S * rate), _TAPS)).astype(np.int64) - 1
     )

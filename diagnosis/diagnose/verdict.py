@@ -5,7 +5,14 @@ from typing import Literal
 
 SCHEMA = "forefeel.diagnosis/1"
 
-VerdictName = Literal["nothing_missing", "cause_found", "not_separable", "unexplained"]
+VerdictName = Literal[
+    "nothing_missing",
+    "nothing_found",
+    "cause_found",
+    "not_separable",
+    "not_driven_by_this_axis",
+    "unexplained",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +50,30 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class ModelError:
-    """rms of the residual in N of a model, and its parameters."""
+    """rms of the residual in N of a model, and its parameters.
+
+    `fit_percent`: 100 (1 - rms / standard deviation of the force), the normalised root mean square (NRMSE) of
+    MATLAB's `compare`. `intervals`: of mass, damping and stiffness; none where the model was given.
+    """
 
     rmse_n: float
     parameters: dict[str, float]
+    fit_percent: float
+    intervals: dict[str, Interval] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedGain:
+    """1 - rms after / rms before to expect of another motion, with its 95 % interval; within the range of
+    position in m and up to the speed in m/s that were recorded.
+    """
+
+    gain: float
+    gain_low: float
+    gain_high: float
+    low_m: float
+    high_m: float
+    fastest_m_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +89,9 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Everything that diagnosis.json says. `candidates` are what the search named even when the verdict is
-    less.
+    """Everything that diagnosis.json says. `suspected`: what the search named even when the verdict is less.
+    `noise_floor_n`: None where the recording does not tell it. `other_motion`: None without a cause whose
+    gain depends on the motion.
     """
 
     verdict: VerdictName
@@ -71,11 +99,12 @@ class Diagnosis:
     rivals: tuple[tuple[str, ...], ...]
     suggested_motion: str | None
     flags: tuple[str, ...]
-    noise_floor_n: float
+    noise_floor_n: float | None
     baseline: ModelError
     extended: ModelError
     forward_rmse: dict[str, float | None]
     held_out: HeldOut
+    other_motion: ExpectedGain | None = None
     words: tuple[str, ...] = ()
     suspected: tuple[str, ...] = field(default=())
 

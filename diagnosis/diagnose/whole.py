@@ -6,21 +6,22 @@ blocks that were held out follow from the sums (recursive least squares in block
 for Least Squares Problems, 1996, 6.2). The memory of an effect begins anew in every chunk, as after a gap.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from forefeel.common.causes.candidate import Shape
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.blocks import RmsGain
-from forefeel.diagnosis.diagnose.candidates import Shape
+from forefeel.diagnosis.diagnose.blocks import RmsGain, plain_columns
 from forefeel.diagnosis.diagnose.parameters import intervals_by, jacobian_of
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.signals import Mask, Signals
 from forefeel.diagnosis.diagnose.verdict import Interval
 
 _DRAWS = 1000
+_BLOCKS = 16
 _SEEN = 0.2
 _FARTHEST = 0.2
 
@@ -50,13 +51,25 @@ class Whole:
     """The chunks of a recording, to be conditioned one after the other.
 
     `recording`: cleaned; `unusable`: its clipped samples. `like`: the regression of a part, whose band,
-    noise, extent and sense are used everywhere.
+    noise, extent and sense are used everywhere. `parts_s`: as of the regression.
     """
 
     recording: Recording
     unusable: Mask
     chunks: Sequence[slice]
     like: RecordingRegression
+    parts_s: tuple[float, ...] = ()
+
+    def blocks(self, numbers: Iterable[int]) -> list[list[int]]:
+        """What is held out at once, of these chunks: whole recordings, or sixteen blocks of one."""
+        known = sorted(numbers)
+        if not self.parts_s:
+            return [block.tolist() for block in np.array_split(known, min(_BLOCKS, len(known)))]
+        start_s = [
+            float(self.recording.time_s[self.chunks[k].start] - self.recording.time_s[0]) for k in known
+        ]
+        part = np.searchsorted(self.parts_s, start_s)
+        return [[k for k, own in zip(known, part, strict=True) if own == one] for one in np.unique(part)]
 
     def regressions(self) -> Iterator[tuple[int, RecordingRegression]]:
         """Number and regression of every chunk that is long enough, times since the recording's start."""
@@ -70,10 +83,7 @@ class Whole:
             if np.count_nonzero(signals.rows) < 50:
                 continue
             signals.moved_to(float(self.recording.time_s[0]))
-            regression = RecordingRegression(signals, self.like.extent.speed_band)
-            regression.extent, regression.sense = self.like.extent, self.like.sense
-            regression.whiten_by(self.like.noise)
-            yield number, regression
+            yield number, self.like.like(signals)
 
     def sums(self, fit: ModelFit) -> dict[int, Sums]:
         """Of every chunk, at the shapes of the fit."""
@@ -101,17 +111,25 @@ class Fitted:
         theta = self.fit.coefficients
         return {k: float(np.sqrt(s.plain_error(theta) / s.plain_rows)) for k, s in self.sums.items()}
 
+    @property
+    def force_n(self) -> float:
+        """Standard deviation of the force in N, of a fit that has a bias: its column is one in the band."""
+        rows = sum(s.plain_rows for s in self.sums.values())
+        at = self.fit.owners.index("bias")
+        mean = sum(float(s.plain_moment[at]) for s in self.sums.values()) / rows
+        square = sum(s.plain_square for s in self.sums.values()) / rows
+        return float(np.sqrt(max(square - mean**2, 0.0)))
+
     def total_rms_n(self) -> float:
         """What is left of all chunks together, in N."""
         theta, rows = self.fit.coefficients, sum(s.plain_rows for s in self.sums.values())
         return float(np.sqrt(sum(s.plain_error(theta) for s in self.sums.values()) / rows))
 
-    def held_out(self, blocks: int) -> tuple[Floats, Floats]:
+    def held_out(self, blocks: Sequence[Sequence[int]]) -> tuple[Floats, Floats]:
         """Sum of squared errors and rows of each block of chunks, predicted by the fit to all others."""
-        numbers = np.array(sorted(self.sums))
         errors, rows = [], []
-        for block in np.array_split(numbers, min(blocks, len(numbers))):
-            theta = self._without(set(block.tolist()))
+        for block in blocks:
+            theta = self._without(set(block))
             errors.append(sum(self.sums[k].plain_error(theta) for k in block))
             rows.append(sum(self.sums[k].plain_rows for k in block))
         return np.array(errors), np.array(rows, dtype=np.float64)
@@ -152,8 +170,9 @@ def fitted(whole: Whole, fit: ModelFit, steps: int = 2) -> Fitted:
     return best
 
 
-def gain_of(before: Fitted, after: Fitted, blocks: int = 16) -> RmsGain:
+def gain_of(whole: Whole, before: Fitted, after: Fitted) -> RmsGain:
     """Held-out gain with its interval by drawing blocks of chunks."""
+    blocks = whole.blocks(before.sums)
     (first, rows), (second, _) = before.held_out(blocks), after.held_out(blocks)
     drawn = np.random.default_rng(0).integers(len(rows), size=(_DRAWS, len(rows)))
     ratios = 1.0 - np.sqrt(second[drawn].sum(axis=1) / np.maximum(first[drawn].sum(axis=1), 1e-300))
@@ -164,8 +183,8 @@ def gain_of(before: Fitted, after: Fitted, blocks: int = 16) -> RmsGain:
 
 def _sums(regression: RecordingRegression, fit: ModelFit) -> Sums:
     jacobian, y = jacobian_of(regression, fit), regression.target
-    plain = np.hstack([regression.block(fit.model, n, s) for n, s in [("", ()), *fit.model.items()]])
-    plain, force = plain[regression.rows], regression.signals.force[regression.rows]
+    plain = plain_columns(regression, fit)[regression.rows]
+    force = regression.signals.force[regression.rows]
     return Sums(
         jacobian.T @ jacobian, jacobian.T @ y, float(y @ y), len(y),
         plain.T @ plain, plain.T @ force, float(force @ force), len(force),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.recording.recording import GAP_S, Recording

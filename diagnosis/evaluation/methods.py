@@ -7,7 +7,7 @@ from math import inf, nan
 from operator import mul
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.default_model import linear_model
 from forefeel.common.estimation.forecast import Forecaster
 from forefeel.common.estimation.identification import (

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from docs.hooks.markdown import code
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.hardware.driver import DriverSettings, installed_drivers
 
 Link = Callable[[type], str]

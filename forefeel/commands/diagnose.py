@@ -12,24 +12,32 @@ from forefeel.terminal import output
 @examples(
     "forefeel diagnose run.csv --out out/run",
     "forefeel diagnose seal.csv --time ms:t --position mm:laser --force N:load --out out/seal",
+    "forefeel diagnose monday.csv tuesday.csv --together --out out/bench",
     "forefeel diagnose recordings --jobs 4 --out out/all",
     "forefeel diagnose recordings --scheduler tcp://10.0.0.2:8786 --out out/all",
 )
 def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
-    file: Annotated[
-        Path,
+    files: Annotated[
+        list[Path],
         typer.Argument(metavar="FILE|DIR", help="A recording (CSV, Parquet, MCAP), or a folder of them."),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="For diagnosis.json, report.html, model.yaml.")],
     model: Annotated[
         Path | None, typer.Option(metavar="FILE", help="model.yaml of the simulation that is compared.")
     ] = None,
+    together: Annotated[
+        bool, typer.Option("--together", help="One answer to several recordings of one bench.")
+    ] = False,
     jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Recordings of DIR at a time.")] = 1,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Of a dask cluster that does DIR (forefeel[cluster])."),
     ] = None,
     axis: Annotated[str | None, typer.Option(metavar="NAME", help="Of an MCAP file with several.")] = None,
+    replay: Annotated[
+        bool, typer.Option(help="Predict the force 300 ms ahead where a cause is named.")
+    ] = True,
+    page: Annotated[bool, typer.Option(help="Draw report.html.")] = True,
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier diagnosis in DIR.")] = False,
     time_column: TimeColumn = None,
     position_column: PositionColumn = None,
@@ -41,4 +49,8 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
 
     columns = time_column, position_column, force_column
     with output(as_json, quiet):
-        run_diagnosis(DiagnosisOptions(file, out, model, jobs, scheduler, overwrite, columns, axis))
+        run_diagnosis(
+            DiagnosisOptions(
+                files, out, together, model, jobs, scheduler, overwrite, columns, axis, replay, page
+            )
+        )

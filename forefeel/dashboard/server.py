@@ -23,13 +23,13 @@ from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.page import build, serve_files
 from forefeel.dashboard.sources import LiveCell, RecordedSource, Source
-from forefeel.interrupt import Stop, heeded
+from forefeel.interrupt import ends_at_once
 from forefeel.listening import listening_at
 from forefeel.network_settings import ObserverSettings
 from forefeel.parent import die_with_parent
 from forefeel.terminal import ask, say
 
-_POLL_S = 0.2  # s between two looks for an end; chosen, not measured: a signal is heeded as late
+_POLL_S = 0.2  # s between two looks for an end; chosen, not measured: a duration is longer by up to it
 # niceness that is added (nice(2)): behind the daemons and other programs, before a diagnosis at 19
 _NICE = 10
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
@@ -59,7 +59,7 @@ def run_dashboard(
         live = LiveCell(settings.cell, where, clock)
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
-        with heeded() as stop, closing(transport):
+        with ends_at_once(), closing(transport):
             _step_back()
             transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)
             if transport.notice:
@@ -67,7 +67,7 @@ def run_dashboard(
             diagnosing = Diagnosing(live.look)
             live.findings = diagnosing.findings
             page = Page(listening, live, f"cell {settings.cell}", failed, address)
-            page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed, stop)])
+            page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed)])
 
 
 def run_view(file: Path, address: str, port: int, duration_s: float | None, opens: bool) -> None:
@@ -79,9 +79,9 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
     """
     recorded = RecordedSource(file)
     _step_back()
-    with heeded() as stop, listening_at(address, port) as listening:
+    with ends_at_once(), listening_at(address, port) as listening:
         page = Page(listening, recorded, str(file), [], address)
-        page.serve(opens, [lambda: _until(duration_s, [], stop)])
+        page.serve(opens, [lambda: _until(duration_s, [])])
 
 
 def _step_back() -> None:
@@ -174,10 +174,10 @@ def _dress(app: FastAPI) -> None:
     )
 
 
-async def _until(duration_s: float | None, failed: list[Exception], stop: Stop) -> None:
-    """Until a signal came, the duration is over, or the network failed."""
+async def _until(duration_s: float | None, failed: list[Exception]) -> None:
+    """Until the duration is over or the network failed."""
     start_s = time.monotonic()
-    while not (failed or stop.wanted()) and (  # noqa: ASYNC110 - a list
+    while not failed and (  # noqa: ASYNC110 - a list
         duration_s is None or time.monotonic() - start_s < duration_s
     ):
         await asyncio.sleep(_POLL_S)

@@ -7,10 +7,11 @@ from io import BytesIO
 
 import numpy as np
 
+from forefeel.common.causes.catalogue import words
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import ForefeelError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.words import headline, plain
+from forefeel.diagnose.words import headline
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.verdict import Diagnosis, Interval
 from forefeel.parent import die_with_parent
@@ -44,7 +45,7 @@ def diagnosed(rows: Floats) -> dict[str, object]:
 
 def _causes(found: Diagnosis) -> list[str]:
     return [
-        f"{plain(cause.name)}: {', '.join(_value(*each) for each in cause.parameters.items())}"
+        f"{words(cause.name)}: {', '.join(_value(*each) for each in cause.parameters.items())}"
         for cause in found.causes
     ]
 

@@ -5,23 +5,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
 from forefeel.columns import Columns, mapping_of
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError, RunError
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.diagnose.page import render_page
 from forefeel.diagnose.words import answer
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
-from forefeel.diagnosis.diagnose.diagnose import check
+from forefeel.diagnosis.diagnose.diagnose import diagnose_together
 from forefeel.diagnosis.diagnose.extended import extended_model
-from forefeel.diagnosis.diagnose.prediction import Across, across_delay
 from forefeel.diagnosis.diagnose.verdict import Diagnosis
 from forefeel.terminal import Tell
+
+if TYPE_CHECKING:
+    from forefeel.diagnosis.diagnose.prediction import Across
 
 JSON, PAGE, MODEL = "diagnosis.json", "report.html", "model.yaml"
 FILES = MODEL, PAGE, JSON
@@ -30,17 +32,24 @@ FILES = MODEL, PAGE, JSON
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to diagnose. `given` is the simulation to compare with; `axis` one of an MCAP file."""
+    """What to diagnose. `given` is the simulation to compare with; `axis` one of an MCAP file.
+
+    `beside`: further recordings of the same bench, for one answer to all. `replay`: whether the force is
+    predicted across a delay, too. `page`: whether report.html is made.
+    """
 
     file: Path
+    beside: tuple[Path, ...] = ()
     columns: Columns = (None, None, None)
     axis: str | None = None
     given: ContactModel | None = None
+    replay: bool = True
+    page: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The diagnosis, the short answer and the text of each of `FILES`."""
+    """The diagnosis, the short answer and the text of each of `FILES` that was asked for."""
 
     diagnosis: Diagnosis
     lines: tuple[str, ...]
@@ -64,24 +73,31 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> Result:
 
 def _examined(task: Task, tell: Tell) -> Result:
     tell("reading")
-    recording = load_recording(task.file, mapping_of(task.columns), task.axis)
-    check(recording)
-    diagnosed = diagnose(recording, tell, task.given)
+    recordings = [load_recording(f, mapping_of(task.columns), task.axis) for f in (task.file, *task.beside)]
+    if task.beside:
+        diagnosed = diagnose_together(recordings, tell, task.given)
+    else:
+        diagnosed = diagnose(recordings[0], tell, task.given)
+    recording = diagnosed.recording
     if not isfinite(diagnosed.diagnosis.baseline.rmse_n):
         raise ConfigurationError(
             f"--model: the force of {task.given.name if task.given else 'the simulation'!r} along "
             f"{task.file} is not finite; expected a model in SI units"
         )
-    model = extended_model(diagnosed.analysis, _title(recording, diagnosed.diagnosis))
-    tell("prediction")
-    across = _prediction(recording, model)
-    tell("report")
-    yaml = dump_mapping(model.to_mapping())
-    texts = {
-        MODEL: yaml,
-        PAGE: render_page(recording, diagnosed, across, task.given, yaml),
-        JSON: _document(diagnosed, across),
-    }
+    named = diagnosed.diagnosis.verdict == "cause_found"
+    analysis = diagnosed.analysis if named else diagnosed.analysis.baseline()
+    model = extended_model(analysis, _title(recording, diagnosed.diagnosis))
+    across = None
+    if named and task.replay:  # without a cause there is no other model to predict with
+        tell("prediction")
+        across = _prediction(recording, model)
+    texts = {MODEL: dump_mapping(model.to_mapping())}
+    if task.page:
+        from forefeel.diagnose.page import render_page  # noqa: PLC0415 - loads what draws
+
+        tell("report")
+        texts[PAGE] = render_page(recording, diagnosed, across, task.given, texts[MODEL])
+    texts[JSON] = _document(diagnosed, across)
     given = None if task.given is None else task.given.name
     return Result(diagnosed.diagnosis, tuple(answer(recording, diagnosed.diagnosis, across, given)), texts)
 
@@ -90,17 +106,19 @@ def _title(recording: Recording, diagnosis: Diagnosis) -> str:
     """The model's name: a model of a recording whose cause is not named is no finding."""
     if diagnosis.verdict == "cause_found":
         return f"{recording.name}, extended by its diagnosis"
-    return f"{recording.name}, {diagnosis.verdict}: fits this recording and is no finding"
+    return f"{recording.name}, {diagnosis.verdict}: mass, damper, spring and bias"
 
 
-def _prediction(recording: Recording, model: ContactModel) -> Across | None:
+def _prediction(recording: Recording, model: ContactModel) -> "Across | None":
+    from forefeel.diagnosis.diagnose.prediction import across_delay  # noqa: PLC0415 - loads the predictor
+
     try:
         return across_delay(recording, model)
     except RecordingError:  # too short to be replayed
         return None
 
 
-def _document(diagnosed: Diagnosed, across: Across | None) -> str:
+def _document(diagnosed: Diagnosed, across: "Across | None") -> str:
     document = {
         **diagnosed.diagnosis.to_mapping(),
         "prediction_300_ms": None if across is None else across.to_mapping(),

@@ -13,9 +13,9 @@ from rich.text import Text
 
 from forefeel.common.errors import ConfigurationError, InputError, RunError
 from forefeel.common.events.text import quantity
-from forefeel.diagnose.examine import FILES, JSON, Task
+from forefeel.diagnose.examine import FILES, JSON, PAGE, Result, Task
 from forefeel.diagnose.parallel import TaskOutcome, outcomes
-from forefeel.diagnose.words import named
+from forefeel.diagnose.words import named, noise_text
 from forefeel.diagnosis.diagnose.verdict import Diagnosis
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
@@ -124,12 +124,23 @@ def _take(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, wr
     folder = out / file.stem
     try:
         with results_folder(folder, FILES, EARLIER, overwrite):
-            write_all(folder, outcome.result.texts, [])
+            save(folder, outcome.result, [])
     except InputError as error:
         _skip(file, f"{file}: {error}", summary)
         return
     written.append(f"{file.stem}/")
     summary.diagnosed[file.stem] = outcome.result.diagnosis
+
+
+def save(folder: Path, result: Result, written: list[str]) -> None:
+    """Writes the results; a page of an earlier diagnosis does not stay beside them.
+
+    Raises:
+        RunError: one can not be written.
+    """
+    if PAGE not in result.texts:
+        (folder / PAGE).unlink(missing_ok=True)
+    write_all(folder, result.texts, written)
 
 
 def _shown(found: Iterable[TaskOutcome], total: int, name: str) -> Iterator[TaskOutcome]:
@@ -177,6 +188,6 @@ def _table(summary: Summary) -> Table:
     made = table("recording", "verdict", *numbers, right=numbers)
     for stem, diagnosis in sorted(summary.diagnosed.items()):
         held = diagnosis.held_out
-        sizes = held.rmse_before_n, held.rmse_after_n, diagnosis.noise_floor_n
-        made.add_row(Text(stem), Text(named(diagnosis)), *(quantity(size, "N") for size in sizes))
+        sizes = (quantity(size, "N") for size in (held.rmse_before_n, held.rmse_after_n))
+        made.add_row(Text(stem), Text(named(diagnosis)), *sizes, noise_text(diagnosis))
     return made

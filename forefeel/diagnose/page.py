@@ -2,18 +2,27 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from forefeel.common.effects.model import ContactModel
-from forefeel.common.effects.registry import effect_class
+from forefeel.common.causes.candidate import base_name
+from forefeel.common.causes.catalogue import fingerprint, words
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.parts import TRIM, Parts, Rows, density, rms
 from forefeel.diagnose.pictures import picture, sensor_picture
-from forefeel.diagnose.words import caution, gain_text, headline, on_readings, plain
+from forefeel.diagnose.words import (
+    caution,
+    equation,
+    expected_text,
+    gain_text,
+    headline,
+    on_readings,
+    unknown_parameters,
+)
 from forefeel.diagnosis.diagnose import Diagnosed
-from forefeel.diagnosis.diagnose.candidates import base_name
 from forefeel.diagnosis.diagnose.prediction import Across
 from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence
 from forefeel.report.drawing import (
@@ -53,6 +62,7 @@ _FORMS = {
 
 ON_READINGS = "Seen on the readings"
 
+Value = TypeVar("Value")
 _DETAIL_S = 5.0  # of the worst stretch
 _SIMULATION = "simulation"
 _COLOURS = ORANGE, BLUE  # before, after
@@ -99,13 +109,15 @@ def render_page(
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),
         on_readings_label=ON_READINGS,
-        cautions=[caution(flag) for flag in diagnosis.flags],
+        cautions=[*unknown_parameters(diagnosis), *(caution(flag) for flag in diagnosis.flags)],
+        equation=equation(diagnosis),
+        elsewhere=None if diagnosis.other_motion is None else expected_text(diagnosis.other_motion),
         simulation=named(parts),
         given=given is not None,
         causes=[_section(recording.name, parts, cause) for cause in diagnosis.causes],
         suspects=[] if diagnosis.causes else _suspects(recording.name, parts, diagnosis),
         rows=_rows(diagnosis),
-        plain=plain,
+        plain=words,
         model_yaml=model_yaml,
         drawings=drawings(recording.name, parts, diagnosis),
     )
@@ -117,15 +129,15 @@ def _section(stem: str, parts: Parts, cause: Cause) -> Section:
     evidence = [explained, *_evidence(cause.evidence, cause.probability)]
     form, drawing = _drawn(stem, parts, cause.name)
     return Section(
-        cause.name, plain(cause.name), _fingerprint(cause.name), form, parameters, evidence, drawing
+        cause.name, words(cause.name), _fingerprint(cause.name), form, parameters, evidence, drawing
     )
 
 
 def _suspects(stem: str, parts: Parts, diagnosis: Diagnosis) -> list[Section]:
-    """What the search put into its model while the verdict names nothing."""
-    found = [(name, *_drawn(stem, parts, name)) for name in diagnosis.suspected]
+    """What the search put into its model while the verdict names nothing; the simulation has a bias."""
+    found = [(name, *_drawn(stem, parts, name)) for name in diagnosis.suspected if name != "bias"]
     return [
-        Section(name, plain(name), _fingerprint(name), form, [], [], drawing) for name, form, drawing in found
+        Section(name, words(name), _fingerprint(name), form, [], [], drawing) for name, form, drawing in found
     ]
 
 
@@ -142,10 +154,7 @@ def _drawn(stem: str, parts: Parts, name: str) -> tuple[str, Drawing | None]:
 
 def _fingerprint(name: str) -> str:
     """What the effect says of itself, ours or of another distribution."""
-    try:
-        text = effect_class(name).fingerprint
-    except ValueError:
-        return ""
+    text = fingerprint(name)
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
@@ -173,6 +182,7 @@ def _rows(diagnosis: Diagnosis) -> list[ParameterRow]:
         for cause in diagnosis.causes
         for key, interval in cause.parameters.items()
     }
+    intervals = _owned(diagnosis.extended.intervals) | intervals
     rows = []
     for key in dict.fromkeys([*before, *intervals, *after]):
         owner, _, name = key.rpartition(".")
@@ -185,7 +195,7 @@ def _rows(diagnosis: Diagnosis) -> list[ParameterRow]:
     return rows
 
 
-def _owned(parameters: Mapping[str, float]) -> dict[str, float]:
+def _owned(parameters: Mapping[str, Value]) -> dict[str, Value]:
     """By effect and name; those without an effect are of mass, damper and spring."""
     return {key if "." in key else f"mass_damper_spring.{key}": value for key, value in parameters.items()}
 
@@ -207,7 +217,7 @@ def drawings(stem: str, parts: Parts, diagnosis: Diagnosis) -> list[Drawing]:
 
 def named(parts: Parts) -> str:
     """What the simulation is."""
-    return f"{_SIMULATION} ({'the given model' if parts.given else 'mass, damper, spring'})"
+    return f"{_SIMULATION} ({'the given model' if parts.given else 'mass, damper, spring, bias'})"
 
 
 def worst_stretch(parts: Parts, length_s: float = _DETAIL_S) -> tuple[float, float]:
@@ -253,9 +263,9 @@ def _forces(stem: str, parts: Parts, title: str, caption: str, rows: Rows) -> Dr
 def _over_time(stem: str, parts: Parts, diagnosis: Diagnosis) -> Drawing:
     rows, (figure, axes) = parts.rows, one_plot(2.5)
     residual = AxisUnit("residual", "N", parts.before[rows])
-    floor = float(residual(diagnosis.noise_floor_n))
     limit_y(axes, *(residual(values[rows]) for values in (parts.before, parts.after)), trim=TRIM, zero=True)
-    band_about_zero(axes, 2.0 * floor, "± 2 x noise")
+    if diagnosis.noise_floor_n is not None:
+        band_about_zero(axes, 2.0 * float(residual(diagnosis.noise_floor_n)), "± 2 x noise")
     for values, colour, name in zip((parts.before, parts.after), _COLOURS, _names(), strict=True):
         plot(axes, parts.t[rows], residual(values[rows]), colour, name, gap_s=_gap_s(parts))
     finish(axes, "time in s", residual.label)
@@ -306,10 +316,9 @@ def _sizes(stem: str, parts: Parts, diagnosis: Diagnosis) -> Drawing:
     rows = parts.rows
     shown = [(f"left by the {_SIMULATION}", rms(parts.before[rows]), ORANGE)]
     shown += [(cause.name, cause.explained_n, GREY) for cause in diagnosis.causes]
-    shown += [
-        ("left by the extended model", rms(parts.after[rows]), BLUE),
-        ("noise floor", diagnosis.noise_floor_n, BLACK),
-    ]
+    shown.append(("left by the extended model", rms(parts.after[rows]), BLUE))
+    if diagnosis.noise_floor_n is not None:
+        shown.append(("noise floor", diagnosis.noise_floor_n, BLACK))
     figure = new_figure(0.75 + 0.33 * len(shown))
     bars(figure.subplots(), *(list(column) for column in zip(*shown, strict=True)))
     caption = (

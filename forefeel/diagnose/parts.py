@@ -7,19 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.candidate import Changing, MotionGrid, ReadingColumns
+from forefeel.common.causes.catalogue import CANDIDATES
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, MotionGrid
 from forefeel.diagnosis.diagnose.flexible import since_reversal
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.diagnose.reversals import turning_points
 from forefeel.diagnosis.diagnose.signals import Signals
 
 Rows = NDArray[np.intp]
-
-_OF_ALL_COLUMNS = "motion", "contact", "alignment"
-"""Kinds of causes without columns of their own: they change those of all others."""
-
 
 TRIM = 0.002  # share of the highest and of the lowest values that may lie outside of a picture
 _COHERENT = 0.8  # least coherence of a frequency at which phase and ratio are shown
@@ -30,7 +28,7 @@ _STRETCHES = 8.0  # of the recording, over which a spectrum is averaged
 class Parts:
     """Forces in N and motion in SI on the coarse grid, all of one shape; `rows` are the samples that count.
 
-    `simulated` is the given model's force or that of the fitted mass, damper and spring; `since` is the
+    `simulated` is the given model's force or that of the fitted mass, damper, spring and bias; `since` is the
     distance travelled since the last reversal.
     """
 
@@ -69,7 +67,7 @@ class Parts:
         moving = motion.x, motion.v, since_reversal(motion), way
         x, v, since, direction = (np.interp(signals.t, signals.fine_t, fine) for fine in moving)
         simulated = (
-            regression.predicted(regression.fit({}))
+            regression.predicted(regression.fit({"bias": ()}))
             if given is None
             else _force_of(given, regression, motion)
         )
@@ -92,7 +90,7 @@ def _force_of(given: ContactModel, regression: RecordingRegression, motion: Moti
 def share_of(regression: RecordingRegression, fit: ModelFit, name: str) -> Floats:
     """What a cause adds to the model's force in N, the other parameters as they are; on the coarse grid."""
     whole = regression.predicted(fit)
-    if CANDIDATES[name].kind not in _OF_ALL_COLUMNS:
+    if not isinstance(CANDIDATES[name], Changing):
         return np.asarray(whole - regression.predicted(fit, leave=name))
     rest = {other: shape for other, shape in fit.model.items() if other != name}
     return np.asarray(whole - regression.predicted(replace(fit, model=rest)))
@@ -103,7 +101,7 @@ def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple
     rest = {other: shape for other, shape in fit.model.items() if other != name}
     signals = regression.signals
     piece = max(signals.piecewise(fine=False), key=lambda p: p.stop - p.start)
-    sensed = [other for other in rest if CANDIDATES[other].kind == "sensor"]
+    sensed = [other for other in rest if isinstance(CANDIDATES[other], ReadingColumns)]
     added = sum((regression.block(rest, o, rest[o]) @ fit.of(o) for o in sensed), np.zeros(len(signals.t)))
     without = regression.predicted(replace(fit, model=rest)) - added
     model, force = without[piece], (signals.force - added)[piece]
@@ -124,27 +122,11 @@ def strokes(parts: Parts, least_m: float) -> tuple[Floats, Floats]:
     direction, since = np.zeros_like(parts.x), np.zeros_like(parts.x)
     for piece in parts.analysis.regression.signals.piecewise(fine=False):
         x = parts.x[piece]
-        turns = _turns(x.tolist(), least_m)
+        turns = turning_points(x.tolist(), least_m)
         for (start, way), (stop, _) in pairwise([*turns, (len(x), 0.0)]):
             direction[piece.start + start : piece.start + stop] = way
             since[piece.start + start : piece.start + stop] = np.abs(x[start:stop] - x[start])
     return direction, since
-
-
-def _turns(x: list[float], least: float) -> list[tuple[int, float]]:
-    """(index of the extreme, direction from there on) of each reversal."""
-    turns: list[tuple[int, float]] = []
-    low = high = 0
-    for i, now in enumerate(x):
-        way = turns[-1][1] if turns else 0.0
-        high, low = (i if now > x[high] else high), (i if now < x[low] else low)
-        if way >= 0.0 and x[high] - now > least:
-            turns.append((high, -1.0))
-            low = i
-        elif way <= 0.0 and now - x[low] > least:
-            turns.append((low, 1.0))
-            high = i
-    return turns
 
 
 def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[Floats, Floats]:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import welch
 
+from forefeel.common.causes.candidate import Shape, base_name
+from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
 from forefeel.diagnose.parts import TRIM, Parts, density, response, rms, share_of, strokes
 from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.candidates import Shape, base_name
 from forefeel.diagnosis.diagnose.faults import Fault
+from forefeel.diagnosis.diagnose.regression import alignment
 from forefeel.diagnosis.diagnose.signals import Mask
-from forefeel.diagnosis.diagnose.transfer import alignment
 from forefeel.report.drawing import (
     BLUE,
     GREY,
@@ -81,7 +82,7 @@ class Component:
 @styled()
 def picture(stem: str, parts: Parts, name: str) -> Drawing:
     """Of a cause of the model, by the name of its form; over time where no other picture suits it."""
-    draw = _CAUSES.get(name, _CAUSES.get(base_name(name), _time))
+    draw = _DRAWINGS[CANDIDATES[name].picture]
     return draw(f"{stem} {name}", Component.of(parts, name))
 
 
@@ -276,27 +277,19 @@ def _phase(stem: str, of: Component) -> Drawing:
     return drawn(figure, stem, "Phase and size over the frequency", _PHASES[of.name])
 
 
-_CAUSES: Mapping[str, Callable[[str, Component], Drawing]] = {
-    "coulomb_friction": _speed,
-    "stribeck_friction": _speed,
-    "quadratic_drag": _speed,
-    "asymmetric_damping": _speed,
-    "hunt_crossley_damping": _deep,
-    "stiffening": _position,
-    "contact_loss": _contact,
-    "position_dependent_friction": _along,
-    "presliding_hysteresis": _since,
-    "backlash": _since,
-    "bias": _time,
-    "stress_relaxation": _time,
-    "sensor_drift": _time,
-    "stiffness_change": _time,
-    "pulsation": _folded,
-    "unmodelled_resonance": _peak,
-    "unmodelled_resonance:fixture": _phase,
-    "time_delay": _phase,
-    "sensor_lag": _phase,
+_DRAWINGS: Mapping[str, Callable[[str, Component], Drawing]] = {
+    "contact": _contact,
+    "depth": _deep,
+    "direction": _along,
+    "period": _folded,
+    "phase": _phase,
+    "position": _position,
+    "reversal": _since,
+    "spectrum": _peak,
+    "speed": _speed,
+    "time": _time,
 }
+"""By the variable in which a cause shows, see `Candidate.picture`."""
 
 
 def _raw(analysis: Analysis) -> Floats:

@@ -1,5 +1,6 @@
 """One diagnosis from its options to the answer."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,8 +8,8 @@ from forefeel.columns import Columns
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
 from forefeel.diagnose.examine import FILES, JSON, Task, examine
-from forefeel.diagnose.folder import EARLIER, run_folder
-from forefeel.files import results_folder, write_all
+from forefeel.diagnose.folder import EARLIER, recordings_in, run_folder, save
+from forefeel.files import results_folder
 from forefeel.interrupt import ends_in_order
 from forefeel.terminal import answer, stages
 
@@ -26,16 +27,23 @@ _LONG = "search", "trust", "prediction", "report"
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisOptions:
-    """What the user asked for. `columns`: time, position, force as `unit:column`; `axis` of an MCAP file."""
+    """What the user asked for.
 
-    source: Path
+    `together`: one answer to all recordings. `columns`: time, position, force as `unit:column`. `axis`: of an
+    MCAP file. `replay`, `page`: as in `Task`.
+    """
+
+    sources: Sequence[Path]
     out: Path
+    together: bool = False
     model: Path | None = None
     jobs: int = 1
     scheduler: str | None = None
     overwrite: bool = False
     columns: Columns = (None, None, None)
     axis: str | None = None
+    replay: bool = True
+    page: bool = True
 
 
 def run_diagnosis(options: DiagnosisOptions) -> None:
@@ -43,23 +51,37 @@ def run_diagnosis(options: DiagnosisOptions) -> None:
 
     Raises:
         InputError: the file can not be diagnosed, or none of the folder; nothing was written.
+        ConfigurationError: several sources without `together`, or options that do not go together.
         RunError: interrupted, or the results can not be written.
     """
     given = None if options.model is None else load_model(options.model)
-    task = Task(options.source, options.columns, options.axis, given)
-    if options.source.is_dir():
+    first, *beside = _together(options) if options.together else options.sources
+    if beside and not options.together:
+        raise ConfigurationError(
+            f"{beside[0]}: a second recording; expected --together for one answer to all, or a folder"
+        )
+    task = Task(first, tuple(beside), options.columns, options.axis, given, options.replay, options.page)
+    if first.is_dir():
         run_folder(task, options.out, options.jobs, options.scheduler, options.overwrite)
         return
     if options.scheduler is not None:
         raise ConfigurationError(
-            f"--scheduler: {options.source} is no folder; expected a folder of recordings"
+            f"--scheduler: {first} is no folder to diagnose one by one; expected a folder of recordings"
         )
     with (
         ends_in_order("diagnosis", options.out) as written,
         results_folder(options.out, FILES, EARLIER, options.overwrite),
     ):
-        with stages(options.source.stem, _STAGES, _LONG) as tell:
+        with stages("together" if beside else first.stem, _STAGES, _LONG) as tell:
             result = examine(task, tell)
-        write_all(options.out, result.texts, written)
-    where = f"{', '.join(sorted(FILES, reverse=True))} in {options.out}"
+        save(options.out, result, written)
+    where = f"{', '.join(sorted(result.texts, reverse=True))} in {options.out}"
     answer(*result.lines, where, document=lambda: result.texts[JSON])
+
+
+def _together(options: DiagnosisOptions) -> list[Path]:
+    """The recordings of all sources, a folder's in its place."""
+    found = [file for path in options.sources for file in (recordings_in(path) if path.is_dir() else [path])]
+    if len(found) < 2:
+        raise ConfigurationError(f"--together: {found[0]} alone; expected at least two recordings")
+    return found

@@ -1,40 +1,23 @@
 """The answer in plain words, for an engineer who has to decide what to do next."""
 
+from typing import TYPE_CHECKING
+
+from forefeel.common.causes.catalogue import equation as cause_equation
+from forefeel.common.causes.catalogue import words
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.prediction import Across
-from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, HeldOut
-from forefeel.report.wording import DISCLAIMER, shown
+from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, ExpectedGain, HeldOut
+from forefeel.report.wording import DISCLAIMER, shown, split_unit
 
-PLAIN = {
-    "bias": "a constant offset of the load cell",
-    "coulomb_friction": "dry friction",
-    "stribeck_friction": "dry friction that is larger at low speed",
-    "presliding_hysteresis": "friction that builds up over a distance after each reversal",
-    "backlash": "play between stage and instrument",
-    "stiffening": "a spring whose stiffness changes with depth",
-    "hunt_crossley_damping": "damping that grows with depth",
-    "quadratic_drag": "drag with the square of the speed",
-    "asymmetric_damping": "damping that differs by direction",
-    "stress_relaxation": "a force that fades while the instrument is held",
-    "contact_loss": "contact that begins at a certain position only",
-    "position_dependent_friction": "friction that grows with the inserted length",
-    "stiffness_change": "a stiffness that changes at an instant",
-    "time_delay": "a force that is stamped late against the motion",
-    "sensor_lag": "a load cell that follows slowly",
-    "sensor_drift": "a drift of the load cell",
-    "sensor_saturation": "the end of the load cell's range",
-    "sensor_quantisation": "coarse steps of the load cell",
-    "sensor_spikes": "isolated outliers of the load cell",
-    "pulsation": "a periodic force of its own, such as heart beat or breath",
-    "mains_hum": "hum of the mains",
-    "unmodelled_resonance": "something flexible that swings: a second mode",
-}
+if TYPE_CHECKING:
+    from forefeel.diagnosis.diagnose.prediction import Across
+
 FLAGS = {
     "motion_driven_by_force": "the motion answers the force, so trust mass, damping, delay and lag less",
     "non_uniform": "the samples are unevenly spaced, so fast effects are less certain",
     "gaps": "the recording has gaps; nothing was assumed about what happened in them",
     "clipped": "where the force stood at the end of its range it was left out",
+    "searched_on_stretches": "causes were searched on stretches of it, the fit is to all of it",
     "short": "under 10 s, so what is slow (relaxation, drift, breath) can hardly be told",
     "force_is_the_reaction": "a positive force pushes along the motion here; signs were turned",
 }
@@ -43,16 +26,26 @@ _UNEXPLAINED = (
     "Something is missing that none of the known causes explains. Nothing is named: "
     "the nearest name would mislead."
 )
+_SAID = {
+    "nothing_missing": _NOTHING,
+    "nothing_found": (
+        "No cause was found. Whether anything is missing can not be said: the recording does not tell how "
+        "large its noise is."
+    ),
+    "not_driven_by_this_axis": (
+        "The motion of this axis does not cause the force: the force's own past tells more of it. Record the "
+        "axis that pushes, or a stroke that nobody else touches."
+    ),
+}
 _RIVALS = "Something is missing, and this motion can not tell which of several causes it is:"
 
 _LEFT_OUT = "The simulation leaves out, the largest first:"
+_NEEDED_FOR = {
+    "mass_kg": "quicker motions", "damping_n_s_m": "motions of another speed",
+    "stiffness_n_m": "strokes of another depth",
+}  # fmt: skip
 _FEW = 3
 """So many rivals fit into a sentence."""
-
-
-def plain(name: str) -> str:
-    """A cause in everyday words."""
-    return PLAIN.get(name, name.replace("_", " "))
 
 
 def caution(flag: str) -> str:
@@ -63,14 +56,14 @@ def caution(flag: str) -> str:
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence."""
     if diagnosis.verdict == "cause_found":
-        names = [plain(cause.name) for cause in diagnosis.causes]
+        names = [words(cause.name) for cause in diagnosis.causes]
         return f"The simulation leaves out {_listed(names)}."
     if diagnosis.verdict == "not_separable":
         if sum(map(len, diagnosis.rivals)) > _FEW:
             return f"{_RIVALS[:-1]}."
-        groups = "; ".join(_listed([plain(name) for name in group], "or") for group in diagnosis.rivals)
+        groups = "; ".join(_listed([words(name) for name in group], "or") for group in diagnosis.rivals)
         return f"{_RIVALS} {groups}."
-    return _NOTHING if diagnosis.verdict == "nothing_missing" else _UNEXPLAINED
+    return _SAID.get(diagnosis.verdict, _UNEXPLAINED)
 
 
 def on_readings(diagnosis: Diagnosis) -> bool:
@@ -88,7 +81,7 @@ def gain_text(held: HeldOut) -> str:
 
 
 def answer(
-    recording: Recording, diagnosis: Diagnosis, across: Across | None, given: str | None = None
+    recording: Recording, diagnosis: Diagnosis, across: "Across | None", given: str | None = None
 ) -> list[str]:
     """A few lines for the terminal, the last one says what this is not. `given`: name of the simulation."""
     said = _LEFT_OUT if diagnosis.causes else _RIVALS if diagnosis.rivals else headline(diagnosis)
@@ -98,19 +91,26 @@ def answer(
         f"Verdict     {diagnosis.verdict}. {said}",
     ]
     for group in diagnosis.rivals:
-        lines += [f"{'Rivals' if i == 0 else '':<12}{name}: {plain(name)}" for i, name in enumerate(group)]
+        lines += [f"{'Rivals' if i == 0 else '':<12}{name}: {words(name)}" for i, name in enumerate(group)]
     if diagnosis.suggested_motion:
         lines.append(f"Record next {diagnosis.suggested_motion}")
     lines.append(
         f"Simulation  {'' if given is None else f'{given!r} is '}off by "
-        f"{quantity(diagnosis.baseline.rmse_n, 'N')} rms; noise is {quantity(diagnosis.noise_floor_n, 'N')}"
+        f"{quantity(diagnosis.baseline.rmse_n, 'N')} rms; noise is {noise_text(diagnosis)}; "
+        f"fit {diagnosis.baseline.fit_percent:.0f} %"
     )
     for cause in diagnosis.causes:
         lines += _cause(cause)
     if diagnosis.verdict == "cause_found":
-        lines += [_extended(diagnosis, given), *_predicted(diagnosis, across)]
+        lines += [_extended(diagnosis, given), *_elsewhere(diagnosis), *_predicted(diagnosis, across)]
+    lines += _model(diagnosis)
     lines += [f"Caution     {caution(flag)}" for flag in diagnosis.flags]
     return [*lines, DISCLAIMER]
+
+
+def noise_text(diagnosis: Diagnosis) -> str:
+    """The noise floor; `unknown` where the recording does not tell."""
+    return "unknown" if diagnosis.noise_floor_n is None else quantity(diagnosis.noise_floor_n, "N")
 
 
 def named(diagnosis: Diagnosis) -> str:
@@ -123,7 +123,7 @@ def _cause(cause: Cause) -> list[str]:
     parameters = "; ".join(str(shown(name, value)) for name, value in cause.parameters.items())
     return [
         f"Cause       {cause.name}: {parameters}",
-        f"            {plain(cause.name)}, {quantity(cause.explained_n, 'N')} rms of the force",
+        f"            {words(cause.name)}, {quantity(cause.explained_n, 'N')} rms of the force",
     ]
 
 
@@ -133,11 +133,69 @@ def _extended(diagnosis: Diagnosis, given: str | None) -> str:
         return "Extended    the readings were freed of it before the rest was compared"
     return (
         f"Extended    off by {quantity(held.rmse_after_n, 'N')} rms on stretches it was not fitted to, "
-        f"{gain_text(held)}{'' if given is None else ' than a fitted mass, damper, spring'}"
+        f"{gain_text(held)}{'' if given is None else ' than a fitted mass, damper, spring'}; "
+        f"fit {diagnosis.extended.fit_percent:.0f} %"
     )
 
 
-def _predicted(diagnosis: Diagnosis, across: Across | None) -> list[str]:
+def expected_text(expected: ExpectedGain) -> str:
+    """The gain on another motion, and where it holds."""
+    low, high = sorted((expected.gain_low, expected.gain_high))
+    where = f"within {quantity(expected.low_m, 'm')} to {quantity(expected.high_m, 'm')}"
+    return (
+        f"{100.0 * expected.gain:.0f} % less ({100.0 * low:.0f} to {100.0 * high:.0f} %) {where}, up to "
+        f"{quantity(expected.fastest_m_s, 'm/s')}"
+    )
+
+
+def _elsewhere(diagnosis: Diagnosis) -> list[str]:
+    if diagnosis.other_motion is None:
+        return []
+    return [f"Elsewhere   expected of another motion: {expected_text(diagnosis.other_motion)}"]
+
+
+def equation(diagnosis: Diagnosis) -> str:
+    """The model in SI units: extended where causes are named, else the simulation."""
+    model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
+    m, b, k = (model.parameters.get(name, 0.0) for name in ("mass_kg", "damping_n_s_m", "stiffness_n_m"))
+    terms = [f"{value:.3g} {of}" for value, of in ((m, "x''"), (b, "x'"), (k, "x")) if value]
+    found = {cause.name: {key: p.value for key, p in cause.parameters.items()} for cause in diagnosis.causes}
+    if not found and "bias.force_n" in model.parameters:
+        found["bias"] = {"force_n": model.parameters["bias.force_n"]}
+    if "asymmetric_damping" in found:  # which says all of the damping
+        terms = [term for term in terms if not term.endswith(" x'")]
+    besides: list[str] = []
+    for name, parameters in found.items():
+        adds, text = cause_equation(name, parameters)
+        term, _, condition = text.partition("; ") if adds else ("", "", text)
+        terms += [term] if term else []
+        besides += [condition] if condition else []
+    summed = " + ".join(terms).replace("+ -", "- ")
+    return "; ".join([f"f = {summed}", *besides])
+
+
+def _model(diagnosis: Diagnosis) -> list[str]:
+    """Its equation, and what of m, b and k may as well be zero."""
+    model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
+    if not model.intervals:
+        return []
+    said = "; ".join(str(shown(name, interval)) for name, interval in model.intervals.items())
+    lines = [f"Model       {equation(diagnosis)}", f"            {said}"]
+    return [*lines, *(f"Caution     {text}" for text in unknown_parameters(diagnosis))]
+
+
+def unknown_parameters(diagnosis: Diagnosis) -> list[str]:
+    """What of mass, damping and stiffness this motion does not tell from zero, and what that means."""
+    if diagnosis.verdict != "cause_found":
+        return []
+    return [
+        f"this motion does not tell the {split_unit(name)[0]} from zero; {_NEEDED_FOR[name]} may differ"
+        for name, interval in diagnosis.extended.intervals.items()
+        if interval.low <= 0.0 <= interval.high
+    ]
+
+
+def _predicted(diagnosis: Diagnosis, across: "Across | None") -> list[str]:
     lines = []
     if across is not None:
         lines.append(

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.progress import BarColumn, TextColumn
 
 from forefeel.columns import Columns, mapping_of
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, InputError, RecordingError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.tabular import load_recording

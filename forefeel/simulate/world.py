@@ -5,7 +5,7 @@ from math import ceil
 
 import numpy as np
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.recording import Array
 from forefeel.simulate.motion import MotionPiece

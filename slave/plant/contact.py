@@ -3,9 +3,9 @@
 from math import inf
 from typing import Protocol
 
-from forefeel.common.effects.base import SensorEffect
-from forefeel.common.effects.conversion import at_conversion
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.base import SensorEffect
+from forefeel.common.causes.conversion import at_conversion
+from forefeel.common.causes.model import ContactModel
 from forefeel.slave.plant.settings import HiddenSettings
 
 

@@ -6,7 +6,7 @@ viscoelastic, relaxes, rubs more with each inserted millimetre, and moves with h
 
 from typing import Any
 
-from forefeel.common.effects.model import SCHEMA
+from forefeel.common.causes.model import SCHEMA
 
 _STAGE = {
     "travel_lower_m": -0.005,

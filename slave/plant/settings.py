@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PlainSerializer, PlainValidator, ValidationInfo, model_validator
 
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.config import Settings, checked, deep_merge
-from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
 from forefeel.slave.load_cell import VALID_SHARE

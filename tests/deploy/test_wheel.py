@@ -33,7 +33,7 @@ from pathlib import Path
 
 import common, devices, diagnosis, master, slave, studies, tests
 import forefeel
-from forefeel.common.effects.registry import effect_class
+from forefeel.common.causes.registry import effect_class
 from forefeel.diagnosis import evaluation
 from forefeel.master.daemon import MasterDaemon
 from forefeel.slave.daemon import SlaveDaemon

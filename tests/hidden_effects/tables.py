@@ -111,10 +111,17 @@ def _name_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     ]
 
 
+def _silent(outcome: Outcome) -> bool:
+    """Nothing is said to be missing; whether the noise is known is another question."""
+    return outcome.answer.verdict in ("nothing_missing", "nothing_found")
+
+
 def _verdict_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     outside, steady = _group(outcomes, "outside"), _group(outcomes, "constant_speed")
+    none = _group(outcomes, "nothing")
     return [
-        _rate("nothing hidden, false alarm", _group(outcomes, "nothing"), lambda o: not o.exact, most=0.0),
+        _rate("nothing hidden, false alarm", none, lambda o: not _silent(o), most=0.0),
+        _rate("nothing hidden, `nothing_found`", none, lambda o: o.answer.verdict == "nothing_found"),
         _rate("outside of the vocabulary, `unexplained`", outside, lambda o: o.right, 0.95),
         _rate("outside of the vocabulary, a name given", outside, lambda o: bool(o.answer.names)),
         _rate(

@@ -136,6 +136,8 @@ class Cell:
         """Slave and master, armed."""
         ends = self.slave(), self.master()
         self.wait_for("armed")
+        # on its way beside the state: whoever counts the events that follow has heard it
+        wait_until(lambda: "engaged" in self.events())
         return ends
 
     def wait_for(self, state: str) -> float:

@@ -8,9 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from forefeel.common.effects.base import ContactEffect, Effect, ForceEffect, MotionEffect, SensorEffect
-from forefeel.common.effects.model import ContactModel
-from forefeel.common.effects.registry import OWN
+from forefeel.common.causes.base import (
+    ContactEffect,
+    Effect,
+    FactorEffect,
+    ForceEffect,
+    MotionEffect,
+    SensorEffect,
+)
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.registry import OWN
 
 Array = NDArray[np.float64]
 
@@ -55,6 +62,8 @@ def stepwise(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
     if isinstance(effect, ContactEffect):
         depths = [effect.penetration_m(at[1]) for at in steps]
         return np.array([[np.nan if depth is None else depth] for depth in depths])
+    if isinstance(effect, FactorEffect):
+        return np.array([[effect.factor(at[2])] for at in steps])
     assert isinstance(effect, SensorEffect)
     return np.array([[effect.sense(at[0], at[1], at[4])] for at in steps])
 
@@ -66,6 +75,8 @@ def whole(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
         return np.stack(effect.path(t, x, v, a), axis=1)
     if isinstance(effect, ContactEffect):
         return effect.penetrations_m(x)[:, None]
+    if isinstance(effect, FactorEffect):
+        return effect.factors(v)[:, None]
     assert isinstance(effect, SensorEffect)
     return effect.readings(t, x)[:, None]
 
@@ -107,6 +118,8 @@ def test_the_loop_that_a_new_effect_inherits_is_the_same(name: str) -> None:
         inherited = np.stack(MotionEffect._path(effect, *motion, dt), axis=1)
     elif isinstance(effect, ContactEffect):
         inherited = ContactEffect.penetrations_m(effect, motion[1])[:, None]
+    elif isinstance(effect, FactorEffect):
+        inherited = FactorEffect.factors(effect, motion[2])[:, None]
     else:
         assert isinstance(effect, SensorEffect)
         inherited = SensorEffect._readings(effect, motion[0], motion[1], dt)[:, None]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from forefeel.common.effects.model import SCHEMA
+from forefeel.common.causes.model import SCHEMA
 from forefeel.common.topics import HAPTICS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback

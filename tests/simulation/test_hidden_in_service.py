@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from forefeel.__main__ import main
-from forefeel.common.effects.model import SCHEMA
+from forefeel.common.causes.model import SCHEMA
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.topics import FORCE
 from forefeel.common.yaml_file import dump_mapping

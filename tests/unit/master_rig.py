@@ -6,8 +6,8 @@ from typing import Any
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.clock import VirtualClock
-from forefeel.common.effects.model import ContactModel
 from forefeel.common.errors import DeviceError
 from forefeel.common.estimation.forecast import Estimate
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from forefeel.cli import app
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.noise import autoregression
 
 RATE_HZ = 500.0
 
@@ -69,3 +70,11 @@ def test_the_command_leaves_numbers_page_and_model_and_refuses_what_is_too_short
         "report.html",
         "model.yaml",
     }
+
+
+def test_noise_is_learned_between_samples_that_mean_nothing() -> None:
+    """A colour of twelve taps would leave no row between holes that are nine samples apart."""
+    rng, rows = np.random.default_rng(1), np.ones(900, dtype=np.bool_)
+    rows[::10] = False
+    noise = autoregression(rng.standard_normal(900), rows, [slice(0, 900)], 100.0)
+    assert 2 * np.count_nonzero(noise.rows(rows, [slice(0, 900)])) >= np.count_nonzero(rows)

@@ -19,7 +19,7 @@ from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.diagnose.examine import Task, examine
 from forefeel.diagnose.parallel import attempt
 from tests.commands.command_line import contents
-from tests.unit.diagnosis_samples import FRICTION_N, made, motion, put
+from tests.unit.diagnosis_samples import FRICTION_N, made, motion, one_sine, put
 from tests.unit.evaluation_samples import Floats, csv_text, recording
 from tests.unit.recording_samples import force, write_forces
 from tests.unit.recording_samples import put as put_message
@@ -67,13 +67,34 @@ def test_a_recording_leaves_numbers_page_and_model_and_a_short_answer(
     assert "the given model" in (out / "report.html").read_text()
     shown = capsys.readouterr()
     assert "Cause       coulomb_friction: force " in shown.out
-    assert shown.out.count("\n") < 12
+    assert shown.out.count("\n") < 16
     assert "searching for causes" in shown.err
     assert "\x1b" not in shown.out + shown.err
     text = (out / "diagnosis.json").read_text()
     assert run([str(file), "--out", str(out)]) == 2
     assert "earlier diagnosis" in capsys.readouterr().err
     assert (out / "diagnosis.json").read_text() == text
+
+
+def test_replay_and_page_are_left_out_when_asked(run: Run, tmp_path: Path) -> None:
+    file, out = put(tmp_path / "strokes.csv", made(6.0, friction_n=FRICTION_N)), tmp_path / "out"
+    assert run([str(file), "--out", str(out)]) == 0
+    assert json.loads((out / "diagnosis.json").read_text())["prediction_300_ms"] is not None
+    assert run([str(file), "--out", str(out), "--overwrite", "--no-replay", "--no-page"]) == 0
+    assert names(out) == FILES - {"report.html"}  # nor does the page of the diagnosis before stay
+    assert json.loads((out / "diagnosis.json").read_text())["prediction_300_ms"] is None
+
+
+def test_recordings_of_one_bench_answer_together_what_none_answers_alone(run: Run, tmp_path: Path) -> None:
+    """One stroke and speed tells friction from nothing else; three of them do."""
+    strokes = (0.5, 6e-3), (1.3, 3e-3), (0.9, 2e-3)
+    files = [put(tmp_path / f"{i}.csv", one_sine(*stroke)) for i, stroke in enumerate(strokes)]
+    for place, sources in (("alone", files[:1]), ("all", [*files, "--together"])):
+        assert run([*map(str, sources), "--no-page", "--no-replay", "--out", str(tmp_path / place)]) == 0
+    alone, together = (json.loads((tmp_path / p / "diagnosis.json").read_text()) for p in ("alone", "all"))
+    assert (alone["verdict"], together["verdict"]) == ("not_separable", "cause_found")
+    assert [cause["name"] for cause in together["causes"]] == ["coulomb_friction"]
+    assert "gaps" not in together["flags"]
 
 
 def test_columns_are_named_with_their_units(run: Run, tmp_path: Path) -> None:
@@ -175,6 +196,7 @@ def torn(t: Floats, x: Floats, f: Floats) -> None:
 
 
 GOOD = csv_text(made(5.0))
+SLOW = HEADER + "".join(f"{line}\n" for line in GOOD.splitlines()[1::2])  # half of the rate
 BAD = {
     "too short": ("@/a.csv", ("a.csv: 2.89 s long", "at least 3 s"), {"a.csv": csv_text(made(2.9))}),
     "two samples": ("@/a.csv", ("a.csv",), {"a.csv": HEADER + "0,0,0\n9,1,1\n"}),
@@ -196,6 +218,10 @@ BAD = {
     "other suffix": ("@/a.txt", ("suffix '.txt'", ".csv"), {"a.txt": GOOD}),
     "no parquet": ("@/a.parquet", ("a.parquet", "Parquet"), {"a.parquet": "PAR?"}),
     "no mcap": ("@/a.mcap", ("a.mcap", "MCAP"), {"a.mcap": "nothing"}),
+    "two files": ("@/a.csv @/b.csv", ("b.csv", "--together"), {"a.csv": GOOD, "b.csv": GOOD}),
+    "together alone": ("@/a.csv --together", ("at least two",), {"a.csv": GOOD}),
+    "together, one is bad": ("@/in --together", ("b.csv: empty",), {"in/a.csv": GOOD, "in/b.csv": ""}),
+    "together, other rate": ("@/in --together", ("b.csv", "one rate"), {"in/a.csv": GOOD, "in/b.csv": SLOW}),
     "folder without recordings": ("@/in", ("in: no recording", ".csv"), {"in/a.txt": ""}),
     "folder of bad ones": ("@/in", ("a.csv: empty file",), {"in/a.csv": ""}),
     "out is a file": ("@/a.csv", ("out", "is a file"), {"a.csv": GOOD, "out": "precious"}),

@@ -6,15 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from forefeel.common.causes.candidate import base_name
+from forefeel.common.causes.catalogue import CANDIDATES
+from forefeel.common.causes.registry import OWN
 from forefeel.diagnose.page import render_page, worst_stretch
 from forefeel.diagnose.parts import Parts, response, share_of, strokes
 from forefeel.diagnose.pictures import Component, picture, sensor_picture
-from forefeel.diagnose.words import PLAIN
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, base_name
 from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.report.wording import plain_value
+from forefeel.report.wording import plain_value, shown
 from tests.unit.diagnosis_samples import FRICTION_N, made
 from tests.unit.page_checks import check_page
 
@@ -59,7 +60,7 @@ def test_a_page_without_a_cause_shows_what_was_tried_and_names_nothing(rubbing: 
         rubbing.diagnosis, verdict="not_separable", causes=(), rivals=(("coulomb_friction", "backlash"),),
         suggested_motion="strokes of several amplitudes", flags=("motion_driven_by_force",),
     )  # fmt: skip
-    page = render_page(rubbing.analysis.recording, Diagnosed(less, rubbing.analysis), None)
+    page = render_page(rubbing.analysis.recording, replace(rubbing, diagnosis=less), None)
     assert "Causes, the largest first" not in page
     assert "What the search tried" in page
     assert "strokes of several amplitudes" in page
@@ -83,7 +84,8 @@ def test_every_fault_of_the_sensor_has_its_picture(rubbing: Diagnosed, name: str
 
 
 def test_pictures_cover_the_vocabulary() -> None:
-    assert {base_name(name) for name in CANDIDATES} | set(FAULTS) == set(PLAIN)
+    told = {name for name, kind in OWN.items() if kind.words}
+    assert {base_name(name) for name in CANDIDATES} | set(FAULTS) == told
 
 
 def test_what_the_picture_of_friction_shows_is_its_jump(rubbing: Diagnosed) -> None:
@@ -140,7 +142,7 @@ def test_the_worst_stretch_is_where_the_error_is(rubbing: Diagnosed) -> None:
 
 
 def test_a_given_simulation_is_what_the_force_is_compared_with(rubbing: Diagnosed) -> None:
-    from forefeel.common.effects.model import ContactModel
+    from forefeel.common.causes.model import ContactModel
 
     parameters = {"mass_kg": 0.02, "damping_n_s_m": 0.8, "stiffness_n_m": 40.0}
     effects = [{"effect": "mass_damper_spring", "parameters": parameters}]
@@ -154,7 +156,8 @@ def test_a_given_simulation_is_what_the_force_is_compared_with(rubbing: Diagnose
 
 def test_a_parameter_of_both_models_is_one_row(rubbing: Diagnosed) -> None:
     page = render_page(rubbing.analysis.recording, rubbing, None)
-    before, after = rubbing.diagnosis.baseline.parameters, rubbing.diagnosis.extended.parameters
-    said = [plain_value("stiffness_n_m", p["stiffness_n_m"]) for p in (before, after)]
+    before = plain_value("stiffness_n_m", rubbing.diagnosis.baseline.parameters["stiffness_n_m"])
+    after = shown("stiffness_n_m", rubbing.diagnosis.extended.intervals["stiffness_n_m"])
+    said = before, f"{after.value} {after.unit} ({after.interval})"
     cells = "".join(f'<td class="n">{text}</td>' for text in said)
     assert f"<td>mass_damper_spring</td><td>stiffness</td>{cells}" in page

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from forefeel.common.causes.candidate import Model
+from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES, Model
 from forefeel.diagnosis.diagnose.driven import FLAG, force_driven_excitation, lowered_trust
 from forefeel.diagnosis.diagnose.faults import clean
 from forefeel.diagnosis.diagnose.regression import RecordingRegression

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forefeel.common.effects.presliding_hysteresis import PreslidingHysteresis
-from forefeel.common.effects.stress_relaxation import StressRelaxation
-from forefeel.common.effects.unmodelled_resonance import UnmodelledResonance
+from forefeel.common.causes.candidate import Shape
+from forefeel.common.causes.presliding_hysteresis import PreslidingHysteresis
+from forefeel.common.causes.stress_relaxation import StressRelaxation
+from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.diagnose.analysis import analyse
 from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
-from forefeel.diagnosis.diagnose.candidates import Shape
 from forefeel.diagnosis.diagnose.faults import clean
 from forefeel.diagnosis.diagnose.forward import (
     Between,

@@ -139,5 +139,6 @@ def test_slow_fast_and_short_recordings_are_diagnosed(rate_hz: float, seconds: f
     x, v = np.sin(phase) @ size, np.cos(phase) @ (size * w)
     noise = 2e-3 * np.random.default_rng(7).standard_normal(len(t))
     found = diagnose(recording(t, x, 0.8 * v + 25.0 * x + noise))
-    assert found.diagnosis.verdict == "nothing_missing"
+    # at 20 Hz nothing tells how large the noise is
+    assert found.diagnosis.verdict == ("nothing_found" if rate_hz < 50.0 else "nothing_missing")
     assert found.analysis.fit.coefficients[2] == pytest.approx(25.0, rel=0.02)

@@ -14,7 +14,9 @@ from forefeel.diagnosis.diagnose.extended import extended_model
 from forefeel.diagnosis.diagnose.faults import clean, comb_step
 from forefeel.diagnosis.diagnose.least_squares import solve
 from forefeel.diagnosis.diagnose.noise import autoregression
+from forefeel.diagnosis.diagnose.noise_floor import noise_floor
 from forefeel.diagnosis.diagnose.regression import RecordingRegression
+from forefeel.diagnosis.diagnose.reversals import turns
 from forefeel.diagnosis.diagnose.search import Search
 from forefeel.diagnosis.diagnose.signals import Signals
 
@@ -182,6 +184,26 @@ def test_hum_is_found_off_its_nominal_frequency_and_a_tremor_is_not() -> None:
     assert np.std(cleaned.force_n - f) < 2e-3
 
 
+def test_a_tremor_that_would_alias_to_the_mains_does_not_hide_the_hum() -> None:
+    t = np.arange(int(20.0 * RATE)) / RATE
+    tremor = 1e-4 * np.sin(2.0 * np.pi * 8.6 * t)  # 50 Hz less the 41.7 Hz at which a line is looked for
+    x = 0.01 * np.sin(2.0 * np.pi * 0.4 * t) + tremor + noise(20, len(t), rms=1e-7, corner_hz=200.0)
+    force = 25.0 * x + 0.006 * np.sin(2.0 * np.pi * 50.0 * t) + noise(21, len(t))
+    assert [fault.name for fault in clean(recording(t, x, force)).faults] == ["mains_hum"]
+
+
+def test_outliers_that_come_with_each_reversal_are_no_spikes_of_the_sensor() -> None:
+    t = np.arange(int(40.0 * RATE)) / RATE
+    x = 0.01 * np.sin(2.0 * np.pi * 0.4 * t)
+    turned = np.flatnonzero(np.diff(np.sign(np.diff(x))) != 0.0)
+    late = turned + (0.21 * RATE + np.random.default_rng(22).integers(0, 12, len(turned))).astype(np.int64)
+    anywhere = np.random.default_rng(23).choice(len(t), len(turned), replace=False)
+    for at, names in ((late[late < len(t)], []), (anywhere, ["sensor_spikes"])):
+        force = 25.0 * x + noise(22, len(t))
+        force[at] += 0.4
+        assert [fault.name for fault in clean(recording(t, x, force)).faults] == names
+
+
 def test_nothing_missing_and_one_cause_with_an_interval_that_holds_the_truth() -> None:
     t, x, v, a = motion(12)
     f = linear(x, v, a) + noise(12, len(t))
@@ -193,6 +215,34 @@ def test_nothing_missing_and_one_cause_with_an_interval_that_holds_the_truth() -
     assert cause.parameters["force_n"].low < 0.05 < cause.parameters["force_n"].high
     assert found.held_out.gain_low > 0.5
     assert found.to_mapping()["schema"] == "forefeel.diagnosis/1"
+
+
+def test_a_stiffness_changes_about_the_position_where_its_spring_is_relaxed() -> None:
+    t, x, v, a = motion(21)
+    rest_m = 0.006
+    f = linear(x - rest_m, v, a) + np.where(t > 11.0, 0.8 * STIFFNESS * (x - rest_m), 0.0)
+    found = diagnose(recording(t, x, np.asarray(f + noise(21, len(t))))).diagnosis
+    assert [cause.name for cause in found.causes] == ["stiffness_change", "bias"]
+    parameters = found.causes[0].parameters
+    assert parameters["time_s"].value == pytest.approx(11.0, abs=0.05)
+    assert parameters["ratio"].value == pytest.approx(1.8, rel=0.03)
+    assert parameters["rest_position_m"].value == pytest.approx(rest_m, rel=0.05)
+
+
+def test_turns_are_counted_by_their_size() -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    assert turns(np.sin(2.0 * np.pi * t)) == 20
+    assert turns(t + 0.05 * np.sin(20.0 * t)) == turns(np.empty(0)) == 0
+
+
+def test_the_end_of_the_cells_range_has_no_noise_to_measure() -> None:
+    t, x, v, a = motion(22)
+    f = linear(x, v, a) + noise(22, len(t))
+    cleaned = clean(recording(t, x, np.minimum(f, np.quantile(f, 0.3))))
+    floor = noise_floor(recording(t, x, cleaned.force_n), cleaned.force_n, cleaned.clipped)
+    whole = noise_floor(recording(t, x, f), f)
+    assert whole is not None
+    assert floor is None or floor.rms_n(1.0, 30.0) > 0.3 * whole.rms_n(1.0, 30.0)
 
 
 def test_one_frequency_names_nothing_alone() -> None:

@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from forefeel.common.effects import registry
-from forefeel.common.effects.base import ForceEffect, MotionEffect, Parameter
+from forefeel.common.causes import registry
+from forefeel.common.causes.base import ForceEffect, MotionEffect, Parameter
+from forefeel.common.causes.candidate import Found
+from forefeel.common.causes.catalogue import CANDIDATES, fingerprint, refresh
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.candidates import CANDIDATES
-from forefeel.diagnosis.diagnose.extended import MAKERS, extended_model
-from forefeel.diagnosis.diagnose.parameters import NAMINGS
+from forefeel.diagnosis.diagnose.extended import extended_model
 from forefeel.diagnosis.diagnose.regression import RecordingRegression
 from forefeel.diagnosis.diagnose.search import Search
 from forefeel.diagnosis.diagnose.signals import Signals
-from forefeel.diagnosis.diagnose.third_party import fingerprint, register_plugins, third_party_candidates
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
 GROUP = "forefeel.effects"
@@ -47,7 +46,7 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
     monkeypatch.syspath_prepend(EXAMPLE)
     yield install
     install()
-    register_plugins()
+    refresh()
     registry.effect_class.cache_clear()
 
 
@@ -92,7 +91,7 @@ def test_a_cause_of_the_example_package_is_named_and_unexplained_without_it(
     assert np.std((said - force)[100:-100]) < 2e-3
     install()
     assert diagnose(recording).diagnosis.verdict == "unexplained"
-    assert "cogging" not in {*CANDIDATES, *NAMINGS, *MAKERS}
+    assert "cogging" not in CANDIDATES
 
 
 class Threshold(ForceEffect):
@@ -126,7 +125,7 @@ class Turned(MotionEffect):
 
 def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) -> None:
     install(("threshold", f"{__name__}:Threshold"))
-    register_plugins()
+    refresh()
     recording, _ = _rippled()
     x = recording.position_m
     v = np.gradient(x, recording.time_s)
@@ -138,7 +137,8 @@ def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) 
     assert "threshold" in search.names
     found = search.best_with(search.fit({}), "threshold")
     assert found is not None
-    named = NAMINGS["threshold"](found.of("threshold"), found.model["threshold"], found.coefficients[:3], 0.0)
+    own = Found(found.of("threshold"), found.model["threshold"], found.coefficients[:3], 0.0)
+    named = CANDIDATES["threshold"].named(own)
     assert named["position_m"] == pytest.approx(-2.3e-3, abs=1e-4)
     assert named["width_m"] == pytest.approx(7e-4, rel=0.1)
     assert named["step_n"] == pytest.approx(0.08, rel=0.05)
@@ -148,14 +148,16 @@ def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) 
 def test_what_can_not_be_searched_is_said_and_breaks_nothing(install: Install) -> None:
     install(("turned", f"{__name__}:Turned"), ("missing", f"{__name__}:Missing"))
     lines: list[str] = []
-    assert third_party_candidates(lines.append) == {}
+    known = set(CANDIDATES)
+    refresh(lines.append)
+    assert set(CANDIDATES) == known
     assert any("turned adds no force" in line for line in lines)
     assert any("missing" in line and "can not be loaded" in line for line in lines)
 
 
 def test_the_fingerprint_of_any_cause_is_told(install: Install, example: tuple[str, str]) -> None:
     install(example)
-    register_plugins()
+    refresh()
     assert "ripple" in fingerprint("cogging")
     assert "velocity" in fingerprint("coulomb_friction")
     assert fingerprint("no such cause") == ""

@@ -4,11 +4,11 @@ from math import exp
 
 import pytest
 
-from forefeel.common.effects.backlash import Backlash
-from forefeel.common.effects.contact_loss import ContactLoss
-from forefeel.common.effects.sensor_lag import SensorLag
-from forefeel.common.effects.sensor_quantisation import SensorQuantisation
-from forefeel.common.effects.sensor_saturation import SensorSaturation
+from forefeel.common.causes.backlash import Backlash
+from forefeel.common.causes.contact_loss import ContactLoss
+from forefeel.common.causes.sensor_lag import SensorLag
+from forefeel.common.causes.sensor_quantisation import SensorQuantisation
+from forefeel.common.causes.sensor_saturation import SensorSaturation
 
 
 def test_backlash_loses_its_width_at_each_reversal() -> None:

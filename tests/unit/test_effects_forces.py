@@ -4,17 +4,17 @@ from math import exp, pi, sin
 
 import pytest
 
-from forefeel.common.effects.base import ForceEffect
-from forefeel.common.effects.bias import Bias
-from forefeel.common.effects.coulomb_friction import CoulombFriction
-from forefeel.common.effects.direction import BAND_M_S
-from forefeel.common.effects.mass_damper_spring import MassDamperSpring
-from forefeel.common.effects.position_dependent_friction import PositionDependentFriction
-from forefeel.common.effects.presliding_hysteresis import PreslidingHysteresis
-from forefeel.common.effects.pulsation import Pulsation
-from forefeel.common.effects.sensor_drift import SensorDrift
-from forefeel.common.effects.stiffening import Stiffening
-from forefeel.common.effects.stress_relaxation import StressRelaxation
+from forefeel.common.causes.base import ForceEffect
+from forefeel.common.causes.bias import Bias
+from forefeel.common.causes.coulomb_friction import CoulombFriction
+from forefeel.common.causes.direction import BAND_M_S
+from forefeel.common.causes.mass_damper_spring import MassDamperSpring
+from forefeel.common.causes.position_dependent_friction import PositionDependentFriction
+from forefeel.common.causes.presliding_hysteresis import PreslidingHysteresis
+from forefeel.common.causes.pulsation import Pulsation
+from forefeel.common.causes.sensor_drift import SensorDrift
+from forefeel.common.causes.stiffening import Stiffening
+from forefeel.common.causes.stress_relaxation import StressRelaxation
 
 
 def glide(effect: ForceEffect, distance_m: float, speed_m_s: float, steps: int) -> float:

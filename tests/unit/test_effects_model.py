@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from forefeel.common.effects import registry
-from forefeel.common.effects.base import ForceEffect, Parameter
-from forefeel.common.effects.coulomb_friction import CoulombFriction
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes import registry
+from forefeel.common.causes.base import ForceEffect, Parameter
+from forefeel.common.causes.coulomb_friction import CoulombFriction
+from forefeel.common.causes.model import ContactModel
 
 DT = 1e-3
 

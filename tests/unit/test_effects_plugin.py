@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from forefeel.common.effects import registry
-from forefeel.common.effects.base import (
+from forefeel.common.causes import registry
+from forefeel.common.causes.base import (
     ContactEffect,
     Effect,
     ForceEffect,
@@ -18,7 +18,7 @@ from forefeel.common.effects.base import (
     Parameter,
     SensorEffect,
 )
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
 GROUP = "forefeel.effects"
@@ -210,8 +210,8 @@ def test_every_kind_of_effect_can_be_added_with_no_more_than_it_needs(
     [
         ("gone", "no_such_module:Gone", "can not be loaded, ModuleNotFoundError: No module named"),
         ("gone", f"{__name__}:Gone", "can not be loaded, AttributeError: "),
-        ("raises", f"{__name__}:raises", "expected a class of forefeel.common.effects.base: ForceEffect"),
-        ("kindless", f"{__name__}:Kindless", "expected a class of forefeel.common.effects.base: ForceEffect"),
+        ("raises", f"{__name__}:raises", "expected a class of forefeel.common.causes.base: ForceEffect"),
+        ("kindless", f"{__name__}:Kindless", "expected a class of forefeel.common.causes.base: ForceEffect"),
         ("better", f"{__name__}:Good", "expected an effect named better, its name is 'good'"),
         ("abstract", f"{__name__}:Abstract", "lacks regressors"),
         ("siteless", f"{__name__}:Siteless", "expected a site, one of wall, shaft, sensor"),

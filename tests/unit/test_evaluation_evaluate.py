@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules

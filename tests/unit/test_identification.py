@@ -6,7 +6,7 @@ from statistics import mean, stdev
 
 import pytest
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.identification import (
     ContactEstimate,
     ContactIdentifier,

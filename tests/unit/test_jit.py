@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forefeel.common.effects.registry import effect_class
-from forefeel.common.effects.runtime import ContactRuntime
+from forefeel.common.causes.registry import effect_class
+from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.estimation.forecast import Forecaster
 
 ROOT = Path(__file__).parents[2]

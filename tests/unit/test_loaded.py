@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forefeel.common.effects.model import SCHEMA, ContactModel
+from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.estimation.identification import (
     ContactEstimate,
     ContactIdentifier,
     IdentificationSettings,
 )
 from forefeel.common.estimation.loaded import NOTHING, LoadedContact
-from forefeel.common.estimation.transfer import SensorModel, TimeColumns, lasting
+from forefeel.common.estimation.transfer import SensorColumns, SensorModel, lasting
 
 MS = 1_000_000
 DELAY = 300
@@ -91,7 +91,7 @@ def test_the_columns_of_time_are_a_drift_and_the_known_frequencies() -> None:
         "third_harmonic_ratio": 0.01,
         "phase_rad": 1.0,
     }
-    columns = TimeColumns(
+    columns = SensorColumns(
         model(
             {"effect": "sensor_drift"}, {"effect": "pulsation", "parameters": heart}, {"effect": "mains_hum"}
         )
@@ -100,7 +100,7 @@ def test_the_columns_of_time_are_a_drift_and_the_known_frequencies() -> None:
     expected = (0.7, sin(w), cos(w), sin(2 * w), cos(2 * w), sin(100 * pi * 0.7), cos(100 * pi * 0.7))
     assert columns.at(0.7) == pytest.approx(expected)
     assert len(columns) == 7
-    assert len(TimeColumns(model())) == 0
+    assert len(SensorColumns(model())) == 0
 
 
 def test_a_loaded_model_is_right_before_any_force_but_for_the_bias() -> None:

@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.identification import (
     ContactEstimate,
     ContactIdentifier,

@@ -5,7 +5,7 @@ from math import nan, pi
 import numpy as np
 import pytest
 
-from forefeel.common.effects.model import SCHEMA, ContactModel
+from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
 from forefeel.common.estimation.prediction import ContactPredictor
 from forefeel.common.messages import ForceSample, Grip

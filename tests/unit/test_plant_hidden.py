@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forefeel.common.effects.model import SCHEMA
+from forefeel.common.causes.model import SCHEMA
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.recording import Array
 from forefeel.slave.plant.settings import world_settings

@@ -2,9 +2,8 @@
 
 import pytest
 
-from forefeel.common.effects.registry import OWN
+from forefeel.common.causes.registry import OWN
 from forefeel.common.events.text import quantity
-from forefeel.diagnose.words import PLAIN
 from forefeel.diagnosis.diagnose.verdict import Interval
 from forefeel.report.wording import micros, number, plain_value, ratio, scale, share, shown, split_unit
 
@@ -76,13 +75,13 @@ def test_a_value_without_interval_is_short(name: str, value: float, text: str) -
 
 
 def test_every_parameter_of_the_vocabulary_has_a_unit() -> None:
-    names = {p.name for name in PLAIN for p in OWN[name].parameters if p.unit}
+    names = {p.name for name in OWN for p in OWN[name].parameters if p.unit}
     assert {name for name in names if not split_unit(name)[1]} == set()
     assert split_unit("damping_ratio") == ("damping ratio", "")
 
 
 def test_the_unit_of_a_name_is_that_of_the_effect() -> None:
-    for name in PLAIN:
+    for name in OWN:
         for parameter in OWN[name].parameters:
             if parameter.name not in UNITLESS and parameter.unit:
                 said = split_unit(parameter.name)[1].replace("²", "^2").replace("³", "^3")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from forefeel.common.effects.model import ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.recording import Array, Recording
 from forefeel.simulate.motion import SMOOTHING_HZ, FollowedRecording, Hand, MotionSource, multisine, sine

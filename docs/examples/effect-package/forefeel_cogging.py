@@ -4,8 +4,8 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from forefeel.common.effects.base import ForceEffect, Parameter
-from forefeel.common.effects.offline import Array
+from forefeel.common.causes.base import ForceEffect, Parameter
+from forefeel.common.causes.offline import Array
 
 
 class Cogging(ForceEffect):

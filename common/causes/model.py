@@ -1,0 +1,111 @@
+"""A contact model as data: which effects, with which parameters; what `model.yaml` holds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast, get_args
+
+from forefeel.common.causes.base import ContactEffect, Effect, ForceEffect, Site
+from forefeel.common.causes.registry import effect_class
+from forefeel.common.causes.runtime import ContactRuntime
+
+SCHEMA = "forefeel.model/1"
+
+
+@dataclass(frozen=True, slots=True)
+class EffectEntry:
+    """One effect of a model: its name, every parameter by name, and its site when not its own."""
+
+    effect: str
+    parameters: tuple[tuple[str, float], ...]
+    site: Site | None = None
+
+    def to_mapping(self) -> dict[str, object]:
+        """The entry as plain data."""
+        site = {} if self.site is None else {"site": self.site}
+        return {"effect": self.effect, **site, "parameters": dict(self.parameters)}
+
+
+@dataclass(frozen=True, slots=True)
+class ContactModel:
+    """An immutable list of effects; `runtime()` makes something that steps."""
+
+    name: str
+    effects: tuple[EffectEntry, ...]
+
+    @classmethod
+    def from_mapping(cls, mapping: object) -> "ContactModel":
+        """The model that a plain mapping of schema `forefeel.model/1` describes, defaults filled in.
+
+        Raises:
+            ValueError: one line that names the place, such as `effects[2].parameters.width_m`.
+        """
+        fields = _fields(mapping, "model", required=("schema", "name", "effects"))
+        if fields["schema"] != SCHEMA:
+            raise ValueError(f"schema = {fields['schema']!r}: expected {SCHEMA!r}")
+        name, effects = fields["name"], fields["effects"]
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"name = {name!r}: expected a text")
+        if not isinstance(effects, list | tuple):
+            raise ValueError(f"effects = {effects!r}: expected a list")
+        entries = tuple(_entry(entry, f"effects[{i}]") for i, entry in enumerate(effects))
+        contacts = [i for i, e in enumerate(entries) if issubclass(effect_class(e.effect), ContactEffect)]
+        if len(contacts) > 1:
+            raise ValueError(f"effects[{contacts[1]}].effect: a second contact effect, expected at most one")
+        return cls(name, entries)
+
+    def to_mapping(self) -> dict[str, object]:
+        """The model as plain data; `from_mapping` gives it back."""
+        effects = [entry.to_mapping() for entry in self.effects]
+        return {"schema": SCHEMA, "name": self.name, "effects": effects}
+
+    def runtime(self) -> ContactRuntime:
+        """A fresh composition, every state at rest."""
+        return ContactRuntime([(effect_class(e.effect)(**dict(e.parameters)), e.site) for e in self.effects])
+
+
+def _mapping(value: object, place: str) -> Mapping[str, object]:
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{place} = {value!r}: expected a mapping")
+    return value
+
+
+def _fields(
+    value: object, place: str, required: tuple[str, ...], optional: tuple[str, ...] = ()
+) -> Mapping[str, object]:
+    fields, known = _mapping(value, place), required + optional
+    for key in required:
+        if key not in fields:
+            raise ValueError(f"{place}: {key} is missing")
+    for key in fields:
+        if key not in known:
+            raise ValueError(f"{place}: unknown key {key!r}, expected one of {', '.join(known)}")
+    return fields
+
+
+def _entry(value: object, place: str) -> EffectEntry:
+    fields = _fields(value, place, required=("effect",), optional=("site", "parameters"))
+    kind = _kind(fields["effect"], f"{place}.effect")
+    site = _site(fields.get("site"), kind, f"{place}.site")
+    where = f"{place}.parameters"
+    parameters = kind.complete(_mapping(fields.get("parameters", {}), where), where)
+    return EffectEntry(kind.name, tuple(parameters.items()), site)
+
+
+def _kind(name: object, place: str) -> type[Effect]:
+    if not isinstance(name, str):
+        raise ValueError(f"{place} = {name!r}: expected a text")
+    try:
+        return effect_class(name)
+    except ValueError as error:
+        raise ValueError(f"{place}: {error}") from error
+
+
+def _site(site: object, kind: type[Effect], place: str) -> Site | None:
+    if site is None:
+        return None
+    if not issubclass(kind, ForceEffect):
+        raise ValueError(f"{place} = {site!r}: {kind.name} adds no force, expected no site")
+    for known in get_args(Site):
+        if site == known:
+            return cast(Site, known)
+    raise ValueError(f"{place} = {site!r}: expected one of {', '.join(get_args(Site))}")

@@ -1,0 +1,146 @@
+"""A second mode: a flexible instrument, clamp or fixture that swings on its own."""
+
+from math import cos, exp, pi, sin, sqrt
+
+import numpy as np
+
+from forefeel.common.causes.base import ForceEffect, Parameter
+from forefeel.common.causes.candidate import (
+    Alignment,
+    Entry,
+    Extent,
+    Found,
+    Mode,
+    Shape,
+    Spectrum,
+    entry,
+    log_grid,
+)
+from forefeel.common.causes.offline import Array, lazy_kernel
+
+_SHAPES = ("frequency_hz", "damping_ratio")
+
+HIGHEST_MODE = 0.85
+"""Of the cutoff: a mode above shows no side of its peak that falls."""
+
+MOST_DAMPED = 0.3
+"""A mode with more damping has no peak to know it by."""
+
+
+def _modes(extent: Extent) -> list[Shape]:
+    low, high = max(0.7, 4.0 / extent.duration_s), HIGHEST_MODE * extent.cutoff_hz
+    return [(f, z) for (f,) in log_grid(low, high, 16) for z in (0.04, 0.15)]
+
+
+def _free(omega: Array, driven: Spectrum, shape: Shape) -> list[Spectrum]:
+    """A hanging mass, `y'' + 2 zeta w y' + w^2 y = a`: spring and damper apart, `w^2 y` and `w y'`."""
+    w, zeta = 2.0 * pi * shape[0], shape[1]
+    y = driven / (w * w - omega**2 + 2j * zeta * w * omega)
+    return [w * w * y, 1j * w * omega * y]
+
+
+def _hanging(omega: Array, driven: Spectrum, shape: Shape) -> list[Spectrum]:
+    """What the hanging mass pulls with, `w^2 y + 2 zeta w y'`."""
+    spring, damper = _free(omega, driven, shape)
+    return [spring + 2.0 * shape[1] * damper]
+
+
+def _weak(omega: Array, shape: Shape) -> Spectrum:
+    """A fixture that gives way: the force of everything that it holds."""
+    w, zeta = 2.0 * pi * shape[0], shape[1]
+    return np.asarray(w * w / (w * w - omega**2 + 2j * zeta * w * omega))
+
+
+def _absorber(found: Found) -> list[Entry]:
+    (frequency_hz, damping_ratio), c = found.shape, found.coefficients
+    w, damper = 2.0 * pi * frequency_hz, c[1] if len(c) > 1 else 2.0 * damping_ratio * c[0]
+    values = {
+        "stiffness_n_m": c[0] * w * w, "damping_n_s_m": damper * w, "frequency_hz": frequency_hz,
+        "damping_ratio": damping_ratio,
+    }  # fmt: skip
+    return [entry(UnmodelledResonance, values)]
+
+
+class UnmodelledResonance(ForceEffect):
+    """A mass that hangs on the moving part by a spring and a damper.
+
+    `f = stiffness_n_m z + damping_n_s_m z'`, where its lag z behind the motion obeys
+    `z'' + 2 d w z' + w^2 z = a`, w = 2 pi frequency_hz, d = damping_ratio, solved exactly for an acceleration
+    constant over dt. The hanging mass is stiffness_n_m / w^2, and its own damper is 2 d stiffness_n_m / w;
+    `damping_n_s_m` is free, so that together with m, b and k every mode of second order that follows the
+    motion can be written so.
+    """
+
+    name = "unmodelled_resonance"
+    site = "shaft"
+    parameters = (
+        Parameter("stiffness_n_m", "N/m", 0.0, -1e9, 1e9),
+        Parameter("damping_n_s_m", "N s/m", 0.0, -1e6, 1e6),
+        Parameter("frequency_hz", "Hz", 20.0, 0.1, 2e3, linear=False),
+        Parameter("damping_ratio", "", 0.05, 1e-4, 0.99, linear=False),
+    )
+    reference = "den Hartog, Mechanical Vibrations, chapter 3: the vibration absorber"
+    fingerprint = "ringing at one frequency that decays after each change of the motion"
+    words = "something flexible that swings: a second mode"
+    candidates = (
+        Mode(
+            shapes=_SHAPES, signs=(1,), spectra=_hanging, grid=_modes, making=_absorber, least_ratio=1.25,
+            picture="spectrum",
+        ),
+        Mode(
+            form="free", shapes=_SHAPES, signs=(0, 0), spectra=_free, grid=_modes, making=_absorber,
+            least_ratio=1.25, picture="spectrum",
+        ),
+        Alignment(
+            form="fixture", shapes=_SHAPES, factor=_weak, grid=_modes, making=_absorber, least_ratio=1.25,
+            picture="phase",
+        ),
+    )  # fmt: skip
+
+    def _configure(self) -> None:
+        self._omega, ratio = 2.0 * pi * self.values["frequency_hz"], self.values["damping_ratio"]
+        self._decay, self._swing = self._omega * ratio, self._omega * sqrt(1.0 - ratio * ratio)
+        self._dt = 0.0
+        self._zz, self._zw, self._wz, self._ww = 1.0, 0.0, 0.0, 1.0
+
+    def reset(self) -> None:
+        """The mass hangs still."""
+        self._z = self._w = 0.0
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(z in m, z' in m/s)."""
+        if dt != self._dt:
+            self._dt = dt
+            self._transition(exp(-self._decay * dt), cos(self._swing * dt), sin(self._swing * dt))
+        rest = a / (self._omega * self._omega)
+        z, w = self._z - rest, self._w
+        self._z = rest + self._zz * z + self._zw * w
+        self._w = self._wz * z + self._ww * w
+        return (self._z, self._w)
+
+    def _transition(self, e: float, c: float, s: float) -> None:
+        """The matrix exponential over one step."""
+        s /= self._swing
+        self._zz, self._zw = e * (c + self._decay * s), e * s
+        self._wz, self._ww = -e * self._omega * self._omega * s, e * (c - self._decay * s)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        e, swing = np.exp(-self._decay * dt), self._swing * dt
+        return _swinging(
+            a, e * np.cos(swing), e * np.sin(swing) / self._swing, self._decay, self._omega * self._omega
+        ).T
+
+
+@lazy_kernel
+def _swinging(a: Array, ec: Array, es: Array, decay: float, square: float) -> Array:
+    found = np.empty((2, len(a)))
+    z = w = 0.0
+    for i in range(len(a)):
+        rest = a[i] / square
+        y = z - rest
+        cosine, sine = ec[i], es[i]
+        z = rest + (cosine + decay * sine) * y + sine * w
+        w = (cosine - decay * sine) * w - square * sine * y
+        found[0, i] = z
+        found[1, i] = w
+    return found

@@ -1,0 +1,159 @@
+"""The gain to expect of another motion of the same bench, within the range that this recording excited.
+
+A gain that was measured on one motion holds for that motion. On another one the parameters that this motion
+left uncertain cost the extended model more, and the simulation without the causes errs by another amount.
+Both follow from the covariance of the fit:
+
+    g = 1 - sqrt( (|J d|^2 + e^2) / (|J d + c|^2 + e^2) )
+
+J: derivatives of the extended model's force along the other motion by its coefficients and shapes; d: a draw
+of their error; c: the extended model's force less the simulation's, both as fitted here; e: what the extended
+model leaves here, of which the part that is no noise grows with c. The interval holds draws over motions that
+stay within the recorded positions: the recorded one reversed, mirrored, slower, quicker and smaller,
+surrogates of it with other phases (Theiler et al., Physica D 58, 1992), and ramps with rests.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import Generator
+from scipy.fft import irfft, rfft
+
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.analysis import Analysis
+from forefeel.diagnosis.diagnose.blocks import plain_columns
+from forefeel.diagnosis.diagnose.parameters import covariance_of, slopes_of
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.diagnose.structure import predictable_share
+from forefeel.diagnosis.diagnose.verdict import Diagnosis, ExpectedGain
+
+_LONGEST_S = 30.0  # s of the recorded motion that others are made of; chosen, longer tells no more
+_SURROGATES = 3
+_RAMPS = 2
+_SLOWER, _QUICKER, _SMALLER = (0.25, 0.5), (1.5, 2.5), (0.3, 0.6)
+"""Of the recorded speed, and of its stroke; chosen, as the other numbers of motions."""
+_DRAWS = 200  # of each motion
+_MISFIT = 0.7  # standard deviation of the logarithm of how much of the misfit another motion shows; chosen
+_UNSURE = 0.5
+"""Standard deviation of the logarithm of 1 - g that draws of parameters do not have: what a model that is
+only nearly right adds. Chosen by: python -m tests.hidden_effects.bench --other-motion --population known play
+"""
+
+
+def with_expectation(found: Diagnosis, analysis: Analysis) -> Diagnosis:
+    """With the gain to expect of another motion, where a cause was named that the model's force shows."""
+    if found.verdict != "cause_found" or not set(analysis.fit.model) - {"bias"}:
+        return found
+    regression = analysis.regression
+    base, left_n = regression.fit({"bias": ()}), found.held_out.rmse_after_n
+    if found.noise_floor_n is None:
+        noise_share = 1.0 - predictable_share(regression, regression.residual(analysis.fit))
+    else:
+        noise_share = min(1.0, (found.noise_floor_n / left_n) ** 2)
+    return replace(found, other_motion=expected_gain(regression, base, analysis.fit, left_n, noise_share))
+
+
+def expected_gain(
+    regression: RecordingRegression, base: ModelFit, fit: ModelFit, left_n: float, noise_share: float
+) -> ExpectedGain | None:
+    """See the module. None where no other motion can be made of the recorded one.
+
+    Args:
+        regression: of the recording.
+        base, fit: the simulation and the extended model, fitted to it.
+        left_n: rms that the extended model leaves on held-out blocks, in N.
+        noise_share: share of its power that is noise.
+    """
+    rng = np.random.default_rng(0)
+    covariance = covariance_of(regression, fit)
+    errors = rng.multivariate_normal(
+        np.zeros(len(covariance)), covariance, _DRAWS, method="eigh", check_valid="ignore"
+    )
+    here_n2 = float(np.mean(_missed(regression, base, fit) ** 2))
+    ratios: list[Floats] = []
+    for other in _along_other_motions(regression, rng):
+        wrong_n2, plain_n2, there_n2 = _powers(other, base, fit, errors)
+        shown = np.exp(_MISFIT * rng.standard_normal(_DRAWS)) * there_n2 / max(here_n2, 1e-300)
+        left_n2 = left_n**2 * (noise_share + (1.0 - noise_share) * shown)
+        ratio = np.sqrt((wrong_n2 + left_n2) / (plain_n2 + left_n2))
+        ratios.append(ratio * np.exp(_UNSURE * rng.standard_normal(_DRAWS)))
+    if not ratios:
+        return None
+    low, middle, high = map(float, 1.0 - np.quantile(np.concatenate(ratios), (0.975, 0.5, 0.025)))
+    extent = regression.extent
+    return ExpectedGain(middle, low, high, extent.low_m, extent.high_m, extent.speed_m_s)
+
+
+def _powers(
+    other: RecordingRegression, base: ModelFit, fit: ModelFit, errors: Floats
+) -> tuple[Floats, Floats, float]:
+    """(|J d|^2, |J d + c|^2) of each draw, and |c|^2, in N^2."""
+    j = np.hstack([plain_columns(other, fit), slopes_of(other, fit, white=False)])[other.signals.rows]
+    c = _missed(other, base, fit)
+    gram, mixed, there_n2 = j.T @ j / len(j), j.T @ c / len(j), float(np.mean(c**2))
+    wrong_n2 = np.maximum(np.einsum("di,ij,dj->d", errors, gram, errors), 0.0)
+    return wrong_n2, np.maximum(wrong_n2 + 2.0 * errors @ mixed + there_n2, 0.0), there_n2
+
+
+def _missed(regression: RecordingRegression, base: ModelFit, fit: ModelFit) -> Floats:
+    """What the extended model says more than the simulation, in N, at the rows that count."""
+    return np.asarray((regression.predicted(fit) - regression.predicted(base))[regression.signals.rows])
+
+
+def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Iterator[RecordingRegression]:
+    """The same bench along motions that it did not make."""
+    signals = regression.signals
+    piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
+    inside = np.flatnonzero(signals.recorded[piece]) + piece.start
+    t = signals.fine_t[inside]
+    t, x = t[t <= t[0] + _LONGEST_S], signals.fine_x[inside][t <= t[0] + _LONGEST_S]
+    for path in _other_paths(t, x, rng):
+        recording = Recording("other", t + signals.origin_s, path, np.zeros_like(t), "other")
+        try:
+            other = Signals(recording, np.zeros_like(t), signals.cutoff_hz, np.zeros(len(t), dtype=np.bool_))
+        except ValueError:
+            continue
+        other.moved_to(signals.origin_s)
+        yield regression.like(other)
+
+
+def _other_paths(t: Floats, x: Floats, rng: Generator) -> Iterator[Floats]:
+    low, high, middle = float(x.min()), float(x.max()), float(np.median(x))
+    yield x[::-1].copy()
+    yield low + high - x
+    for share in _SMALLER:
+        for centre in (low, middle, high):
+            yield centre + share * (x - centre)
+    for pace in _SLOWER:
+        yield np.interp(t[0] + pace * (t - t[0]), t, x)
+    there_and_back = np.concatenate([x, x[-2::-1], x, x[-2::-1]])
+    for pace in _QUICKER:
+        yield there_and_back[np.round(pace * np.arange(len(x))).astype(np.int64)]
+    for _ in range(_SURROGATES):
+        yield _surrogate(x, rng)
+    speed = np.quantile(np.abs(np.diff(x)), (0.5, 0.95)) / (t[1] - t[0])
+    for _ in range(_RAMPS):
+        yield _ramps(t, low, high, float(max(speed[0], 0.2 * speed[1])), float(speed[1]), rng)
+
+
+def _surrogate(x: Floats, rng: Generator) -> Floats:
+    """The same spectrum with other phases, within the same range."""
+    slope = np.linspace(x[0], x[-1], len(x))
+    spectrum = rfft(x - slope)
+    turned = spectrum * np.exp(2j * np.pi * rng.random(len(spectrum)))
+    found = np.asarray(irfft(turned, len(x)))
+    return np.asarray(x.min() + (found - found.min()) * np.ptp(x) / max(float(np.ptp(found)), 1e-300))
+
+
+def _ramps(t: Floats, low: float, high: float, slow: float, fast: float, rng: Generator) -> Floats:
+    """From place to place, each at a speed between the two, with rests of up to a second."""
+    times, places = [float(t[0])], [float(rng.uniform(low, high))]
+    while times[-1] < t[-1]:
+        target = float(rng.uniform(low, high))
+        times += [times[-1] + abs(target - places[-1]) / float(rng.uniform(slow, fast)) + 1e-3]
+        times += [times[-1] + float(rng.random())]
+        places += [target, target]
+    return np.interp(t, times, places)

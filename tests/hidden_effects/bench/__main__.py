@@ -1,0 +1,132 @@
+"""Recordings of a bench put to the diagnosis: `python -m tests.hidden_effects.bench --count N --seed S`.
+
+Prints the families, a line for each population, and every recording whose first cause is confidently wrong or
+that ended in an exception. `bias` among the answered causes is passed over: every recording has one.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from functools import partial
+from multiprocessing import get_context
+from typing import TypeVar
+
+import numpy as np
+
+from tests.hidden_effects.bench import FAMILIES, LEAST_SHARE, Population
+from tests.hidden_effects.bench.score import Elsewhere, Outcome, elsewhere, scored
+
+T = TypeVar("T")
+_ALIKE = 2.0  # ratio of speeds within which another motion is within the recorded range
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Always 0: this measures, it demands nothing."""
+    options = _options(arguments)
+    if options.other_motion:
+        for population in map(Population, options.population):
+            _elsewhere(population, range(options.seed, options.seed + options.count), options.jobs)
+        return 0
+    print(families(), head(), sep="\n\n", flush=True)
+    outcomes: list[Outcome] = []
+    for population in map(Population, options.population):
+        outcomes += _run(population, range(options.seed, options.seed + options.count), options.jobs)
+        print(row(population.value, [o for o in outcomes if o.population is population]), flush=True)
+    print(listed("confidently wrong first", (o for o in outcomes if o.wrong_first)))
+    print(listed("exceptions", (o for o in outcomes if o.answer.error)))
+    return 0
+
+
+def _run(population: Population, seeds: Iterable[int], jobs: int) -> list[Outcome]:
+    return list(_mapped(partial(scored, population), seeds, jobs))
+
+
+def _mapped(one: Callable[[int], T], seeds: Iterable[int], jobs: int) -> list[T]:
+    pool = ProcessPoolExecutor(jobs, get_context("spawn")) if jobs > 1 else nullcontext()
+    with pool as workers:
+        return list((workers.map if workers else map)(one, seeds))
+
+
+def _elsewhere(population: Population, seeds: Iterable[int], jobs: int) -> None:
+    """How often the interval of the gain on another motion holds it, its width, and where it fails."""
+    found = [each for each in _mapped(partial(elsewhere, population), seeds, jobs) if each is not None]
+    alike = [each for each in found if 1.0 / _ALIKE < each.faster < _ALIKE]
+    for which, some in (("all", found), (f"speeds within a factor of {_ALIKE:g}", alike)):
+        width = np.median([each.expected.gain_high - each.expected.gain_low for each in some] or [0.0])
+        held = _share(sum(each.holds for each in some), len(some))
+        said = f"{which}: interval holds {held} of {len(some)}, median width {100 * width:.0f} points"
+        print(f"{population.value:<12s} {said}")
+    for each in found:
+        if not each.holds:
+            print(f"  {each.description}: {_numbers(each)}")
+
+
+def _numbers(each: Elsewhere) -> str:
+    low, high = each.expected.gain_low, each.expected.gain_high
+    return f"{each.gain:.2f}, expected {low:.2f} to {high:.2f}; speed x {each.faster:.1f}"
+
+
+def families() -> str:
+    """The table of the families."""
+    lines = [f"  {family:<11s} {', '.join(names)}" for family, names in FAMILIES.items()]
+    said = f"families (an effect's share of the force is at least {LEAST_SHARE:g} times the noise's rms):"
+    return "\n".join([said, *lines])
+
+
+COLUMNS = ("recordings", "cause_found", "wrong first", "abstained", "right family first", "exact",
+           "nothing_missing, hidden", "exceptions", "median s")  # fmt: skip
+
+
+def head() -> str:
+    """Of the table; `wrong first` is of the cause_found, the other shares are of the recordings."""
+    return "  ".join([f"{'population':<12s}", *COLUMNS])
+
+
+def row(population: str, outcomes: Sequence[Outcome]) -> str:
+    """One population; of `odd` only exceptions count, where nothing is hidden no family can be right."""
+    count, found = len(outcomes), sum(o.found for o in outcomes)
+    names = any(o.hides for o in outcomes) and population != Population.ODD.value
+    judged = population != Population.ODD.value
+    cells = (
+        str(count),
+        str(found),
+        _share(sum(o.wrong_first for o in outcomes), found) if judged else "-",
+        str(sum(o.abstained for o in outcomes)),
+        _share(sum(o.right_first for o in outcomes), count) if names else "-",
+        _share(sum(o.exact for o in outcomes), count) if judged else "-",
+        str(sum(o.missed for o in outcomes)) if names else "-",
+        str(sum(bool(o.answer.error) for o in outcomes)),
+        f"{np.median([o.seconds for o in outcomes]):.1f}",
+    )
+    padded = (f"{cell:>{len(title)}s}" for cell, title in zip(cells, COLUMNS, strict=True))
+    return "  ".join([f"{population:<12s}", *padded])
+
+
+def _share(hits: int, total: int) -> str:
+    return f"{hits} ({100.0 * hits / total:.0f} %)" if total else "-"
+
+
+def listed(title: str, outcomes: Iterable[Outcome]) -> str:
+    """Every one of them with what was hidden and what was said."""
+    lines = [
+        f"  {o.population.value} {o.seed}: {o.answer.error or ' + '.join(o.answer.names)} <- {o.description}"
+        for o in outcomes
+    ]
+    return "\n".join([f"\n{title}: {len(lines)}", *lines])
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    every = [population.value for population in Population]
+    parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects.bench", description=__doc__)
+    parser.add_argument("--count", type=int, default=50, help="recordings of each population")
+    parser.add_argument("--seed", type=int, default=0, help="first seed")
+    parser.add_argument("--population", nargs="+", choices=every, default=every)
+    parser.add_argument("--other-motion", action="store_true", help="measure the gain on another motion")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""Verdicts that say less than a name, and causes that benches have."""
+
+import numpy as np
+import pytest
+
+from forefeel.common.causes.base import ForceEffect
+from forefeel.common.causes.catalogue import CANDIDATES, kin
+from forefeel.common.causes.coulomb_friction import CoulombFriction
+from forefeel.common.causes.generic import GenericForce
+from forefeel.common.causes.hunt_crossley_damping import HuntCrossleyDamping
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.position_dependent_friction import PositionDependentFriction
+from forefeel.common.causes.presliding_hysteresis import PreslidingHysteresis
+from forefeel.common.causes.quadratic_drag import QuadraticDrag
+from forefeel.common.causes.stress_relaxation import StressRelaxation
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.diagnose.extended import extended_model
+
+RATE_HZ, SECONDS = 500.0, 20.0
+
+
+def motion(rate_hz: float = RATE_HZ) -> tuple[Floats, Floats, Floats, Floats]:
+    t = np.arange(int(SECONDS * rate_hz)) / rate_hz
+    w = 2.0 * np.pi * np.array([0.23, 0.71, 1.9, 4.3])
+    size, phase = np.array([9e-3, 4e-3, 1e-3, 2e-4]), np.outer(t, w) + np.arange(4.0)
+    x, v, a = np.sin(phase) @ size, np.cos(phase) @ (size * w), -np.sin(phase) @ (size * w * w)
+    return t, x + 0.015, v, a
+
+
+def recorded(*effects: dict[str, object], rate_hz: float = RATE_HZ) -> Recording:
+    """The force of a model, with 2 mN of white noise."""
+    t, x, v, a = motion(rate_hz)
+    document = {"schema": "forefeel.model/1", "name": "made", "effects": list(effects)}
+    model = ContactModel.from_mapping(document)
+    noise = 2e-3 * np.random.default_rng(5).standard_normal(len(t))
+    return Recording("made", t, x, model.runtime().forces_n(t, x, v, a) + noise, "test")
+
+
+def body(
+    mass_kg: float = 0.3, damping_n_s_m: float = 0.9, stiffness_n_m: float = 25.0, site: str = "wall"
+) -> dict[str, object]:
+    values = {"mass_kg": mass_kg, "damping_n_s_m": damping_n_s_m, "stiffness_n_m": stiffness_n_m}
+    return {"effect": "mass_damper_spring", "parameters": values, "site": site}
+
+
+def effect(name: str, **parameters: float) -> dict[str, object]:
+    return {"effect": name, "parameters": parameters}
+
+
+def test_play_is_named_by_the_side_of_the_mass() -> None:
+    on_the_stage = recorded(body(0.3, 0.0, 0.0, "sensor"), body(0.0), effect("play", width_m=8e-4))
+    behind = recorded(body(), effect("backlash", width_m=8e-4))
+    for recording, name in ((on_the_stage, "play"), (behind, "backlash")):
+        found = diagnose(recording)
+        (cause,) = found.diagnosis.causes
+        assert cause.name == name
+        assert cause.parameters["width_m"].value == pytest.approx(8e-4, rel=0.03)
+        said = extended_model(found.analysis, "made").runtime().forces_n(*motion())
+        assert recording.force_n is not None
+        assert np.std((said - recording.force_n)[200:-200]) < 4e-3
+
+
+def test_friction_along_the_shaft_multiplies_the_tip_s_force() -> None:
+    (cause,) = diagnose(recorded(body(0.03), effect("capstan", wrap_rad=0.2))).diagnosis.causes
+    assert cause.name == "capstan"
+    assert cause.parameters["wrap_rad"].value == pytest.approx(0.2, rel=0.02)
+    assert kin("capstan") == {"capstan", "position_dependent_friction"}
+
+
+def test_without_a_cause_only_the_noise_decides_what_is_said() -> None:
+    assert diagnose(recorded(body(0.03))).diagnosis.verdict == "nothing_missing"
+    slow = diagnose(recorded(body(0.03), rate_hz=25.0)).diagnosis
+    assert (slow.verdict, slow.noise_floor_n) == ("nothing_found", None)
+    assert slow.suggested_motion
+
+
+def test_the_baseline_has_a_bias_and_a_bias_is_told_last() -> None:
+    found = diagnose(
+        recorded(body(0.03), effect("bias", force_n=3.0), effect("coulomb_friction", force_n=0.02))
+    )
+    assert [cause.name for cause in found.diagnosis.causes] == ["coulomb_friction", "bias"]
+    assert found.diagnosis.baseline.rmse_n < 0.03
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        (CoulombFriction, {"force_n": 0.05}),
+        (PreslidingHysteresis, {"force_n": 0.05, "stiffness_n_m": 60.0}),
+        (HuntCrossleyDamping, {"damping_n_s_m2": 60.0}),
+        (PositionDependentFriction, {"force_per_length_n_m": 3.0}),
+        (QuadraticDrag, {"drag_n_s2_m2": 30.0}),
+        (StressRelaxation, {"stiffness_n_m": 12.0, "time_constant_s": 0.4}),
+    ],
+)
+def test_a_cause_that_does_not_say_how_it_is_fitted_is_found_as_well(
+    kind: type[ForceEffect], values: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The way of effects of other distributions, which know nothing of the diagnosis."""
+    name = kind.name
+    for form in [each for each in CANDIDATES if each.partition(":")[0] == name]:
+        monkeypatch.delitem(CANDIDATES, form)
+    monkeypatch.setitem(CANDIDATES, name, GenericForce(kind).candidate())
+    (cause,) = diagnose(recorded(body(0.03), effect(name, **values))).diagnosis.causes
+    assert cause.name == name
