@@ -17,7 +17,7 @@ from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.common.transport.port import Put
 from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
-from tests.integration.test_zenoh_bus import AT_ONCE, put_each
+from tests.integration.test_zenoh_bus import put_each
 from tests.secured import CELL, Secured, free_endpoint, make_pki, sessions
 from tests.waiting import PATIENCE_S, wait_until
 
@@ -162,7 +162,7 @@ def test_events_that_are_needed_in_order_keep_it(stack: ExitStack, pki: Path) ->
     def numbers() -> list[int]:
         return [int(each) for each in list(heard) if each != b"first"]
 
-    put_each(lambda number: put(b"%d" % number), 300, lambda: len(numbers()), AT_ONCE)
+    put_each(lambda number: put(b"%d" % number), 300, lambda: len(numbers()))
     assert numbers() == list(range(300))
 
 
