@@ -1,11 +1,13 @@
 """Play between stage and instrument."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from forefeel.common.causes.base import MotionEffect, Parameter
-from forefeel.common.causes.candidate import Extent, MotionGrid, Shape, Transmission, log_grid
+from forefeel.common.causes.candidate import Candidate, Extent, MotionGrid, Shape, Transmission, log_grid
 from forefeel.common.causes.offline import Array, lazy_kernel
 
 
@@ -29,12 +31,12 @@ class Backlash(MotionEffect):
     """
 
     name = "backlash"
-    parameters = (Parameter("width_m", "m", 0.0, 0.0, 1e2, linear=False),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("width_m", "m", 0.0, 0.0, 1e2, linear=False),)
     reference = "Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989, the play operator"
     fingerprint = "after each reversal the force stands still over a constant width of the position"
     words = "play between stage and instrument"
-    equation = ("x behind a play of {width_m} m",)
-    candidates = (
+    equation: ClassVar[tuple[str, ...]] = ("x behind a play of {width_m} m",)
+    candidates: ClassVar[Sequence[Candidate]] = (
         Transmission(shapes=("width_m",), moved=behind, grid=widths, sizes=("width_m",), picture="reversal"),
     )
 

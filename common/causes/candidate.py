@@ -108,6 +108,7 @@ class Candidate:
         sizes: parameters at whose zero there is no such cause: it is not named while the intervals of all of
             them hold zero; by default the linear ones.
         picture: the variable in which it shows.
+        costly: it has many shapes, and is tried only where more than noise is left.
     """
 
     form: str = ""
@@ -122,6 +123,7 @@ class Candidate:
     least_ratio: float = 1.1
     sizes: tuple[str, ...] | None = None
     picture: str = "time"
+    costly: bool = False
 
     def named(self, found: Found) -> Values:
         """Its parameters by name."""
@@ -169,7 +171,7 @@ class Mode(Candidate):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Changing(Candidate):
-    """Has no columns of its own: it changes those of all others."""
+    """It changes the columns of all others. A transmission has one of its own where it has a coefficient."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -182,7 +184,8 @@ class Alignment(Changing):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transmission(Changing):
     """Another motion for all forces; `mass_site`: where the mass is, by the motion that it makes: the stage's
-    (sensor), the instrument's with or without contact (shaft), or in contact only (wall).
+    (sensor), the instrument's with or without contact (shaft), or in contact only (wall). Its own column is
+    the acceleration of the instrument, of a second mass.
     """
 
     moved: Callable[[MotionGrid, Shape], MotionGrid]

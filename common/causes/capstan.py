@@ -1,6 +1,6 @@
 """Friction along a bent shaft: it multiplies the tip's force."""
 
-from math import exp
+from math import copysign, exp
 
 import numpy as np
 
@@ -19,10 +19,11 @@ def _wraps(_extent: Extent) -> list[Shape]:
 
 
 class Capstan(FactorEffect):
-    """`F = F_tip exp(wrap s)`: pushing, the stage feels more than the tip, withdrawing less.
+    """`F = F_tip exp(wrap s)`: against its motion the stage feels more than the tip, along with it less.
 
     wrap = wrap_rad is the coefficient of friction times the angle by which the shaft is wrapped; s is the
-    sign of the velocity, see `direction`. All that acts on shaft and wall is multiplied.
+    direction of the motion, see `direction`, by the sign of F_tip. All that acts on shaft and wall is
+    multiplied. A diagnosis takes the tip to push throughout.
     """
 
     name = "capstan"
@@ -37,10 +38,10 @@ class Capstan(FactorEffect):
         Modulation(shapes=("wrap_rad",), sizes=("wrap_rad",), factor=_more, grid=_wraps, picture="direction"),
     )
 
-    def factor(self, v: float) -> float:
+    def factor(self, v: float, force_n: float) -> float:
         """exp(wrap s)."""
-        return exp(self.values["wrap_rad"] * direction(v))
+        return exp(self.values["wrap_rad"] * direction(v) * copysign(1.0, force_n))
 
-    def factors(self, v: Array) -> Array:
-        """exp(wrap s) of each velocity."""
-        return np.asarray(np.exp(self.values["wrap_rad"] * directions(v)))
+    def factors(self, v: Array, force_n: Array) -> Array:
+        """exp(wrap s) at each instant."""
+        return np.asarray(np.exp(self.values["wrap_rad"] * directions(v) * np.copysign(1.0, force_n)))

@@ -26,7 +26,7 @@ class ContactRuntime:
     2. `contact_loss`, where there is one, decides on contact and gives the depth that the wall's effects see
        as their position; without contact they give nothing, and have forgotten their state;
     3. force effects are summed: those in the sensor see the stage's motion, the others the instrument's;
-    4. factor effects multiply the forces of shaft and wall;
+    4. factor effects multiply the forces of shaft and wall, by the sum of these forces;
     5. sensor effects turn the force into the reading, in the order given.
 
     `regressors` stops before 5: bias and drift are force effects in the sensor and take part, a lag does not.
@@ -106,7 +106,8 @@ class ContactRuntime:
             for compute in self._at_wall:
                 phi += compute(t, depth, v, a, dt)
         if self._factors:
-            factor = prod(effect.factor(v) for effect in self._factors)
+            force_n = sum(map(mul, self.linear_values[own:], phi[own:]))
+            factor = prod(effect.factor(v, force_n) for effect in self._factors)
             phi[own:] = [factor * each for each in phi[own:]]
         return phi
 
@@ -137,10 +138,11 @@ class ContactRuntime:
             x, v, a = motion.path(t, x, v, a, dt)
         acting = [effect.columns(t, x, v, a, dt) for effect in self._shaft]
         acting += self._wall_columns(t, x, v, a, dt)
-        for each in self._factors:
-            acting = [block * each.factors(v)[:, None] for block in acting]
-        blocks += acting
-        phi = np.concatenate(blocks, axis=1)
+        own = np.concatenate([np.empty((len(t), 0)), *acting], axis=1)
+        if self._factors:
+            force_n = own @ np.array(self.linear_values[len(self.linear_values) - own.shape[1] :])
+            own = own * np.prod([each.factors(v, force_n) for each in self._factors], axis=0)[:, None]
+        phi = np.concatenate([*blocks, own], axis=1)
         for sensor in self._sensors if sensed else ():
             if sensor.linear:
                 phi = np.stack([sensor.readings(t, column, dt) for column in phi.T], axis=1)

@@ -20,6 +20,9 @@ _ROUNDS = 3
 _NARROWER = 0.7
 _TRIALS = 40
 _LEAST_ROWS = 50  # of the regression, several for each coefficient of the largest model; chosen
+_STILL = 0.05  # of the stage's step: an instrument that moves apart from it by less is carried; chosen
+_IMPACT_S = 0.06  # s around the end of a play, in which it rings; chosen
+_MOST_SPIKES = 0.6  # of the spikes; chosen
 _SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower is taken for structure
 
 
@@ -37,12 +40,10 @@ class Analysis:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Of the sensor, but for glitches that a play makes at reversals and steps that are finer than the
-        noise.
-        """
+        """Of the sensor, but for the impacts at the end of a play and steps that are finer than the noise."""
         kept = []
         for fault in self.cleaned.faults:
-            if fault.name == "sensor_spikes" and "backlash" in self.fit.model and _few(fault, self):
+            if fault.name == "sensor_spikes" and _are_impacts(self):
                 continue
             if fault.name == "sensor_quantisation" and fault.rms_n < 0.4 * residual_rms_n(self):
                 continue
@@ -60,7 +61,7 @@ class Analysis:
         refused = {base_name(name)}
         while True:
             kept = [other for other in self.search.names if base_name(other) not in refused]
-            search = Search(self.regression, kept)
+            search = Search(self.regression, kept, self.search.noise_n)
             fit = search.run(rest)
             new = {base_name(other) for other in fit.model} - known
             if not new or fit.score < self.fit.score + ADD:
@@ -123,10 +124,10 @@ def analyse(
     regression = RecordingRegression(signals, band_m_s, parts_s)
     if np.count_nonzero(regression.rows) < _LEAST_ROWS:
         raise ValueError(f"fewer than {_LEAST_ROWS} samples of the force can be compared with the motion")
-    search = Search(regression, names)
     progress("search")
     floor = noise_floor(recording, cleaned.force_n, cleaned.clipped)
-    fit = search.run_from_several(None if floor is None else 1.5 * _in_band_n(floor, signals))
+    search = Search(regression, names, 0.0 if floor is None else _in_band_n(floor, signals))
+    fit = search.run_from_several(None if floor is None else 1.5 * search.noise_n)
     for _ in range(_ROUNDS):
         known = set(fit.model)
         residual = regression.residual(fit)
@@ -179,7 +180,15 @@ def residual_rms_n(analysis: Analysis) -> float:
     return float(np.sqrt(np.mean(analysis.regression.residual(analysis.fit)[rows] ** 2)))
 
 
-def _few(fault: Fault, analysis: Analysis) -> bool:
-    return fault.parameters["rate_hz"][0] < 0.4 and fault.parameters["amplitude_n"][0] < 0.5 * float(
-        np.std(analysis.cleaned.force_n)
-    )
+def _are_impacts(analysis: Analysis) -> bool:
+    """Whether most of the spikes are where a play of the model ends."""
+    regression, spiked = analysis.regression, analysis.cleaned.spikes
+    moved, stage = regression.motion(analysis.fit.model), regression.motion({})
+    if moved is stage or not spiked.any():
+        return False
+    away_m = np.abs(np.diff(moved.x - stage.x, prepend=moved.x[0] - stage.x[0]))
+    crossing = away_m > _STILL * np.abs(np.diff(stage.x, prepend=stage.x[0])) + 1e-12
+    landed_s = moved.t[np.flatnonzero(crossing[:-1] & ~crossing[1:]) + 1] + regression.signals.origin_s
+    at_s = analysis.recording.time_s[spiked]
+    near = [bool(np.any(np.abs(landed_s - each) < _IMPACT_S)) for each in at_s]
+    return float(np.mean(near)) > _MOST_SPIKES

@@ -9,7 +9,8 @@ from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.periods import Periods
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
-_BEYOND = 1.2
+_BEYOND = 1.2  # of the logarithm of a shape: how far beyond its grid it is searched; chosen
+_BEYOND_LINEAR = 0.15  # of the grid's range: the same where the scale is linear; chosen
 
 
 class Refiner:
@@ -43,14 +44,26 @@ class Refiner:
         return self._refine_alone(fit, name, wide)
 
     def _refine_jointly(self, fit: ModelFit, name: str, most: int) -> ModelFit:
-        """Shapes of one cause that trade against each other: a simplex on their logarithms."""
+        """Shapes of one cause that trade against each other: a simplex, on their logarithms where the
+        candidate says so; else in their ranges on the grid.
+        """
         best = lowest = fit
-        grid = np.log(np.array(CANDIDATES[name].grid(self.regression.extent)))
-        low, high = grid.min(axis=0) - _BEYOND, grid.max(axis=0) + _BEYOND
+        logarithmic = CANDIDATES[name].logarithmic
+        grid = np.array(CANDIDATES[name].grid(self.regression.extent))
+        zero, scale = (np.zeros(1), np.ones(1)) if logarithmic else (grid.min(axis=0), np.ptp(grid, axis=0))
+        grid = np.log(grid) if logarithmic else (grid - zero) / scale
+        beyond = _BEYOND if logarithmic else _BEYOND_LINEAR
+        low, high = grid.min(axis=0) - beyond, grid.max(axis=0) + beyond
+        if not logarithmic:  # what is positive everywhere on the grid stays so
+            low = np.where(zero > 0.0, np.maximum(low, -zero / scale), low)
+        shape = np.array(fit.model[name])
+        start = np.log(shape) if logarithmic else (shape - zero) / scale
+        steps = [0.5 / max(1, len(np.unique(column)) - 1) for column in grid.T]
 
         def cost(z: Floats) -> float:
             nonlocal best, lowest
-            shape = tuple(float(value) for value in np.exp(z))
+            values = np.exp(z) if logarithmic else zero + scale * z
+            shape = tuple(float(value) for value in values)
             if (z < low).any() or (z > high).any() or not self.periods.resolved(name, shape):
                 return fit.score + 1e3
             trial = self.fit({**fit.model, name: shape})
@@ -62,9 +75,14 @@ class Refiner:
 
         minimize(
             cost,
-            np.log(fit.model[name]),
+            start,
             method="Nelder-Mead",
-            options={"maxfev": most, "xatol": 1e-3, "fatol": 0.1},
+            options={
+                "maxfev": most,
+                "xatol": 1e-3,
+                "fatol": 0.1,
+                "initial_simplex": None if logarithmic else np.vstack([start, start + np.diag(steps)]),
+            },
         )
         return best if best.score < lowest.score + 1.0 else lowest
 

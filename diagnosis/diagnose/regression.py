@@ -26,8 +26,9 @@ from forefeel.common.causes.candidate import (
     Shape,
     Spectrum,
     Transmission,
+    base_name,
 )
-from forefeel.common.causes.catalogue import CANDIDATES
+from forefeel.common.causes.catalogue import CANDIDATES, kin
 from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.least_squares import solve, solve_passive
@@ -39,6 +40,7 @@ _KEPT_BYTES, _KEPT_SPECTRA_BYTES = 5e7, 2e7
 _WHITE = 2  # taps of no colour
 _FROM_THE_STAGE: tuple[Site, ...] = "sensor", "shaft"  # sites that a mass before the contact may have
 C = TypeVar("C", bound=Changing)
+_LEAST_SIDE = 0.03  # of the samples, on each side of a play; chosen
 _MOST_PRODUCTS = 40_000
 _CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
 
@@ -199,7 +201,7 @@ class RecordingRegression:
         candidate = CANDIDATES.get(name)
         if isinstance(candidate, Periodic):
             return candidate.columns(self.signals.t, shape)
-        if isinstance(candidate, Changing):
+        if _has_no_column(candidate):
             return np.empty((len(self.signals.t), 0))
         spectra = self._aligned(model, name, shape, candidate)
         return np.column_stack([self.signals.column(spectrum) for spectrum in spectra])
@@ -254,7 +256,7 @@ class RecordingRegression:
         candidate = CANDIDATES.get(name)
         if isinstance(candidate, Periodic):
             return self._white(self.block(model, name, shape))
-        if isinstance(candidate, Changing):
+        if _has_no_column(candidate):
             return np.empty((len(self.target), 0))
         spectra = self._aligned(model, name, shape, candidate)
         columns = np.empty((len(self.target), len(spectra)), order="F")
@@ -287,6 +289,8 @@ class RecordingRegression:
             return [self.signals.spectrum(column) for column in candidate.columns(motion.t, shape).T]
         if candidate is None:
             columns = [self._accelerated(model, motion), motion.v * motion.touching, motion.x]
+        elif isinstance(candidate, Transmission):
+            columns = [motion.a]
         else:
             assert isinstance(candidate, ForceColumns)
             columns = candidate.columns(motion, shape)
@@ -314,7 +318,21 @@ class RecordingRegression:
                     for sign, value in zip(signs, values, strict=True)
                 ):
                     return False
+        return self._plays_on_both_sides(model)
+
+    def _plays_on_both_sides(self, model: Model) -> bool:
+        """Whether the instrument lies against each side of a play for a while: else it is a wall's begin."""
+        for name, shape in model.items():
+            if base_name(name) in kin("play"):
+                behind = self.motion({name: shape}).x - self._motion.x
+                shares = [float(np.mean(side * behind > 0.49 * shape[0])) for side in (1.0, -1.0)]
+                if min(shares) < _LEAST_SIDE:
+                    return False
         return True
+
+
+def _has_no_column(candidate: Candidate | None) -> bool:
+    return isinstance(candidate, Changing) and not candidate.coefficients
 
 
 def frame(model: Model, *kinds: type[Changing]) -> tuple[tuple[str, Shape], ...]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from forefeel.common.causes.candidate import Model, Periodic, Shape, base_name
-from forefeel.common.causes.catalogue import CANDIDATES, DRY
+from forefeel.common.causes.catalogue import CANDIDATES, DRY, kin
 from forefeel.diagnosis.diagnose.refine import Refiner
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
@@ -30,6 +30,7 @@ _CLEARLY = 0.01
 """Of the residual's power: less is within how columns are sampled and noise is coloured."""
 _SUBHARMONIC = 15.0
 """How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
+_MORE_THAN_NOISE = 1.2  # times the rms of the noise, which is known to about that; chosen
 _PRACTICAL = 1.1
 """By how much the residual's rms must fall with several causes at once: less is within what is left
 unexplained."""
@@ -41,10 +42,14 @@ class Search(Refiner):
     Args:
         regression: the recording.
         names: the candidates that may be used; by default all that are known now.
+        noise_n: rms of the noise in the band; 0 where it is not known.
     """
 
-    def __init__(self, regression: RecordingRegression, names: Iterable[str] | None = None) -> None:
+    def __init__(
+        self, regression: RecordingRegression, names: Iterable[str] | None = None, noise_n: float = 0.0
+    ) -> None:
         super().__init__(regression)
+        self.noise_n = noise_n
         self.names = [name for name in (CANDIDATES if names is None else names) if name in CANDIDATES]
 
     def run(self, start: Model, passed: dict[frozenset[str], float] | None = None) -> ModelFit:
@@ -99,7 +104,7 @@ class Search(Refiner):
             return best
         starts = 1 if enough_n is not None and self.plain_rms(best) < enough_n else _STARTS
         empty = self.fit({})
-        scanned = [self._scan(empty, name) for name in self.names]
+        scanned = [self._scan(empty, name) for name in self._worth_trying(best)]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)
         tried = {base_name(name) for name in best.model}
         alone = len(tried)
@@ -154,7 +159,15 @@ class Search(Refiner):
         """The best of all models with one more cause, when it is worth it."""
         if len(fit.model) >= MOST_CAUSES:
             return None
-        scanned = [self._scan(fit, name) for name in self.names if self._open(fit, name)]
+        best = self._best_of(fit, [name for name in self.names if not CANDIDATES[name].costly])
+        if self._leaves_more_than_noise(best or fit):
+            costly = self._best_of(fit, [name for name in self._worth_trying(fit) if CANDIDATES[name].costly])
+            best = min((each for each in (best, costly) if each), key=lambda each: each.score, default=None)
+        return best
+
+    def _best_of(self, fit: ModelFit, names: Iterable[str]) -> ModelFit | None:
+        """The best of the models with one of these causes more, when it is worth it."""
+        scanned = [self._scan(fit, name) for name in names if self._open(fit, name)]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
         refined = [
             self.refined(trial, only=next(iter(set(trial.model) - set(fit.model))), most=_ROUGH)
@@ -166,13 +179,24 @@ class Search(Refiner):
         best = self.refined(min(refined, key=lambda trial: trial.score))
         return best if best.feasible and self.worth(best, fit) else None
 
+    def _worth_trying(self, fit: ModelFit, rest: ModelFit | None = None) -> list[str]:
+        """All but what is costly where hardly more than noise is left, or beside another cause; `rest`: what
+        it is added to, when not to the fit.
+        """
+        alone = not set((rest or fit).model) - {"bias"}
+        much = alone and self._leaves_more_than_noise(fit)
+        return [name for name in self.names if much or not CANDIDATES[name].costly]
+
+    def _leaves_more_than_noise(self, fit: ModelFit) -> bool:
+        return self.plain_rms(fit) > _MORE_THAN_NOISE * self.noise_n
+
     def _open(self, fit: ModelFit, name: str) -> bool:
         """Whether neither a form of that name nor another description of the same contact is in the model
         yet.
         """
         taken = {base_name(other) for other in fit.model}
         own = base_name(name)
-        return own not in taken and not (own in DRY and taken & DRY)
+        return not kin(own) & taken and not (own in DRY and taken & DRY)
 
     def worth(self, more: ModelFit, less: ModelFit) -> bool:
         """Whether the larger model is better by likelihood and in size."""
@@ -213,7 +237,7 @@ class Search(Refiner):
             rest = self.fit({n: shape for n, shape in fit.model.items() if n != name})
             scanned = [
                 self._scan(rest, other)
-                for other in self.names
+                for other in self._worth_trying(fit, rest)
                 if other not in fit.model and self._open(rest, other)
             ]
             ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:2]

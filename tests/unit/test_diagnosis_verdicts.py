@@ -62,6 +62,15 @@ def test_play_is_named_by_the_side_of_the_mass() -> None:
         assert np.std((said - recording.force_n)[200:-200]) < 4e-3
 
 
+def test_an_instrument_that_is_loose_in_its_play_lies_where_the_tissue_presses_it() -> None:
+    loose = effect("play", width_m=8e-4, rest_position_m=0.015, settling_s=0.04)
+    (cause,) = diagnose(recorded(body(0.3, 0.0, 0.0, "sensor"), body(0.0), loose)).diagnosis.causes
+    assert cause.name == "play"
+    found = {name: each.value for name, each in cause.parameters.items()}
+    assert found["width_m"] == pytest.approx(8e-4, rel=0.05)
+    assert found["rest_position_m"] == pytest.approx(0.015, abs=1e-4)
+
+
 def test_friction_along_the_shaft_multiplies_the_tip_s_force() -> None:
     (cause,) = diagnose(recorded(body(0.03), effect("capstan", wrap_rad=0.2))).diagnosis.causes
     assert cause.name == "capstan"
