@@ -11,9 +11,12 @@ from forefeel.common.causes.candidate import Candidate, Extent, MotionGrid, Shap
 from forefeel.common.causes.offline import Array, lazy_kernel
 
 
-def behind(motion: MotionGrid, shape: Shape) -> MotionGrid:
-    """The instrument's motion behind a play of that width."""
-    effect = Backlash(width_m=shape[0])
+def _behind(motion: MotionGrid, shape: Shape) -> MotionGrid:
+    return behind(motion, Backlash(width_m=shape[0]))
+
+
+def behind(motion: MotionGrid, effect: MotionEffect) -> MotionGrid:
+    """The instrument's motion behind an effect, which begins anew in each piece."""
     parts = [effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces]
     x, v, a = (np.concatenate(column) for column in zip(*parts, strict=True))
     return replace(motion, x=x, v=v, a=a)
@@ -37,7 +40,7 @@ class Backlash(MotionEffect):
     words = "play between stage and instrument"
     equation: ClassVar[tuple[str, ...]] = ("x behind a play of {width_m} m",)
     candidates: ClassVar[Sequence[Candidate]] = (
-        Transmission(shapes=("width_m",), moved=behind, grid=widths, sizes=("width_m",), picture="reversal"),
+        Transmission(shapes=("width_m",), moved=_behind, grid=widths, sizes=("width_m",), picture="reversal"),
     )
 
     def _configure(self) -> None:

@@ -1,6 +1,5 @@
 """Play with the moving mass on the stage's side of it."""
 
-from dataclasses import replace
 from itertools import product
 from math import exp
 
@@ -28,12 +27,14 @@ _RESTS = tuple(np.linspace(0.1, 0.9, 7).tolist())  # of the range of positions; 
 _SETTLINGS_S = 0.03, 0.2  # s, damping over stiffness of tissue and vessels; chosen
 
 
+def _held(motion: MotionGrid, shape: Shape) -> MotionGrid:
+    return behind(motion, Play(width_m=shape[0]))
+
+
 def _loose(motion: MotionGrid, shape: Shape) -> MotionGrid:
     width_m, rest_m, settling_s = shape
     effect = Play(width_m=max(width_m, 0.0), rest_position_m=rest_m, settling_s=max(settling_s, 0.0))
-    parts = [effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces]
-    x, v, a = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return replace(motion, x=x, v=v, a=a)
+    return behind(motion, effect)
 
 
 def _loose_shapes(extent: Extent) -> list[Shape]:
@@ -82,7 +83,7 @@ class Play(Backlash):
     )
     candidates = (
         Transmission(
-            shapes=("width_m",), sizes=("width_m",), moved=behind, grid=widths, mass_site="sensor",
+            shapes=("width_m",), sizes=("width_m",), moved=_held, grid=widths, mass_site="sensor",
             picture="reversal",
         ),
         Transmission(
