@@ -62,9 +62,11 @@ MINUTES ?= 60
 SHORT = tests/attacks tests/integration/test_dashboard.py tests/integration/test_emulated_loopback.py --deselect \
 	tests/integration/test_dashboard.py::test_ten_minutes_without_growth --deselect \
 	'tests/attacks/test_attacks.py::test_every_attack_is_refused_and_counted[20000 silent]'
+# the three-minute form tells what failed; the long one also what every test measured
+FIGURES = $(if $(filter 3,$(MINUTES)),,$(1))
 soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' -rP
-	$(BIN)/python -m pytest -m 'soak and realtime' -s $(if $(filter 3,$(MINUTES)),$(SHORT))
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' $(call FIGURES,-rP)
+	$(BIN)/python -m pytest -m 'soak and realtime' $(call FIGURES,-s) $(if $(filter 3,$(MINUTES)),$(SHORT))
 	$(BIN)/python -m tests.soak --minutes $(MINUTES)
 
 faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (30 minutes)

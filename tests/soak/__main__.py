@@ -19,9 +19,7 @@ _PRIORITY = 10
 """Of us who watch, of the recorder and of the commands: below the daemons, ahead of all other work."""
 MOST_GROWTH, MOST_DRIFT = 0.05, 0.20
 MOST_DRIFT_SHORT = 1.0
-"""In three minutes: both processes are started anew meanwhile, over other links, and what else the machine
-does comes and goes by more than a fifth.
-"""
+"""In three minutes no life is long, and what else the machine does comes and goes by more than a fifth."""
 QUARTER_US = 250.0
 """Of a period. Below it a run without a long life tells no drift: the p99 of a loop then flips between 50 and
 230 us from one life to the next.
@@ -94,7 +92,7 @@ def _memory(soak: Soak, wrong: list[str]) -> None:
 
 
 def _latency(soak: Soak, wrong: list[str]) -> None:
-    """Of the lives of a process, the median; a run without a long life can tell no small drift."""
+    """Of the long lives of a process, the median; a run without one can tell no small drift."""
     disturbed = [(done.from_ns, done.to_ns) for done in soak.done]
     for role in ("slave", "master"):
         drifts = soak.loops.drifts(role, disturbed)

@@ -105,8 +105,8 @@ class Loops:
         return [life for life in self.lives[role] if life and life[-1][0] - life[0][0] >= _LONG_LIFE_S * 1e9]
 
     def drifts(self, role: str, disturbed_ns: Sequence[tuple[int, int]]) -> list[Drift]:
-        """Of each long life, for another one has another link; where there is none, of the run in all."""
-        taken = self.long_lives(role) or [[second for life in self.lives[role] for second in life]]
+        """Of each long life, or of the longest: another one has another link, and its lateness with it."""
+        taken = self.long_lives(role) or [max(self.lives[role], key=len)]
         kept = [calm for life in taken if len(calm := _calm(life, disturbed_ns)) >= 3]
         empty = _calm(self.lives["empty"][0], disturbed_ns)
         return [_drift(seconds, empty) for seconds in kept]
