@@ -21,6 +21,8 @@ _POLL_S = 0.01
 _STOPS_S = 1.0
 # s that the answer waits for a tick to clear; chosen, not measured: a loop that lives ticks every ms
 _TICK_S = 1.0
+# s that a clearing may take to the disk: a busy one was seen to take more than half a second
+_DISK_S = 2.0
 _LASTS_S = 0.5
 """A cause that lasts shows within this: a blind load cell takes 0.2 s, a silent drive 50 ms."""
 _ENDED = "not cleared: the control loop does not run any more; start the slave again"
@@ -59,6 +61,7 @@ class SlaveHandlers:
         if isinstance(cleared, str):
             return self._noted(by, False, cleared)
         await _until(_LASTS_S, lambda: any(axis.halted for axis in self._daemon.axes))
+        await _until(_DISK_S, lambda: all(axis.halted or axis.latch_persisted for axis in self._daemon.axes))
         unkept = [
             f"axis {axis.name}: the clearing is not on the disk: latched again after a new start"
             for axis in self._daemon.axes
