@@ -61,11 +61,10 @@ class SlaveHandlers:
         if isinstance(cleared, str):
             return self._noted(by, False, cleared)
         await _until(_LASTS_S, lambda: any(axis.halted for axis in self._daemon.axes))
-        await _until(_DISK_S, lambda: all(axis.halted or axis.latch_persisted for axis in self._daemon.axes))
+        await _until(_DISK_S, lambda: not self._unwritten())
         unkept = [
-            f"axis {axis.name}: the clearing is not on the disk: latched again after a new start"
-            for axis in self._daemon.axes
-            if not (axis.halted or axis.latch_persisted)
+            f"axis {name}: the clearing is not on the disk: latched again after a new start"
+            for name in self._unwritten()
         ]
         still = {axis.name: axis.reason for axis in self._daemon.axes if axis.halted}
         said = [f"axis {each.axis}: cleared {each.was}" for each in cleared if each.axis not in still]
@@ -82,6 +81,10 @@ class SlaveHandlers:
         if asked.running():
             return _HANGS
         return _ENDED if asked.cancelled() else asked.result()
+
+    def _unwritten(self) -> list[str]:
+        """Axes that a new start would find latched, though they are cleared."""
+        return [axis.name for axis in self._daemon.axes if not (axis.halted or axis.latch_persisted)]
 
     def _noted(self, by: str, done: bool, *text: str) -> Answer:
         self._audit_sink.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))

@@ -193,6 +193,43 @@ def test_a_stop_and_a_clearing_that_are_not_on_the_disk_are_not_acknowledged(
     assert cell.states() == [SafetyState.ESTOPPED, SafetyState.ESTOPPED]
 
 
+class Slow(Book):
+    """An audit log beside a latch that is on the disk only after it was asked for `left` times."""
+
+    def __init__(self, left: int) -> None:
+        super().__init__()
+        self.left = left
+
+    def kept(self, axis: str) -> bool:
+        del axis
+        self.left -= 1
+        return self.left < 0
+
+
+@pytest.mark.parametrize(("asks", "done"), [(10, True), (1_000_000, False)], ids=["slow disk", "lost disk"])
+def test_a_clearing_waits_for_a_slow_disk(monkeypatch: pytest.MonkeyPatch, asks: int, done: bool) -> None:
+    monkeypatch.setattr(handlers, "_LASTS_S", 0.0)
+    monkeypatch.setattr(handlers, "_DISK_S", 0.2)
+    cell = Cell()
+    for axis in cell.daemon.axes:
+        axis.emergency_stop("pressed")
+        monkeypatch.setattr(axis, "_audit_sink", Slow(asks))
+    cell.step()
+    asked = handlers.SlaveHandlers(cell.daemon, Book(), MonotonicClock())
+
+    async def talk() -> Answer:
+        answer = asyncio.ensure_future(asked(Request("clear"), "nurse"))
+        await asyncio.sleep(0)
+        cell.step()
+        return await answer
+
+    answer = asyncio.run(talk())
+    assert answer.done is done
+    assert answer.text[0] == "axis insertion: cleared estopped: pressed"
+    lost = "axis insertion: the clearing is not on the disk: latched again after a new start"
+    assert (lost in answer.text) is not done
+
+
 # --- the commands, with nobody there ---
 
 
