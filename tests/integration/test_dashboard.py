@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,11 +15,10 @@ import pytest
 
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
-from playwright.sync_api import Browser
 
 from forefeel.common.topics import FORCE, HAPTICS, MASTER_STATE, SAFETY_EVENT, SLAVE_STATE
 from forefeel.loopback.watched import Watched
-from tests.dashboard.browser import Served, Shown, Speaker, browser
+from tests.dashboard.browser import Chromium, Served, Shown, Speaker, installed_chromium
 from tests.dashboard.said import CELL, HOSTILE, safety
 from tests.dashboard.test_replay import write
 from tests.live_cell import Process, free_port
@@ -33,8 +33,8 @@ pytestmark = pytest.mark.timeout(180)
 
 
 @pytest.fixture(scope="module")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with browser(tmp_path_factory.mktemp("chromium")) as found:
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    with installed_chromium(tmp_path_factory.mktemp("chromium")) as found:
         yield found
 
 
@@ -48,7 +48,7 @@ def dashboard(folder: Path, speaker: Speaker, port: int | None = None) -> Served
     return Served(folder, "dashboard", "--cell", CELL, "--connect", speaker.endpoint, port=port)
 
 
-def test_what_the_page_shows_is_what_was_said(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
+def test_what_the_page_shows_is_what_was_said(chromium: Chromium, speaker: Speaker, tmp_path: Path) -> None:
     speaker.changes = {
         HAPTICS.name: {"rendered_n": 0.123, "predicted_n": 0.456, "low_n": 0.4, "high_n": 0.5},
         FORCE.name: {"force_n": 0.789},
@@ -71,7 +71,7 @@ def test_what_the_page_shows_is_what_was_said(chromium: Browser, speaker: Speake
 
 
 def test_beyond_loopback_the_link_opens_the_page_and_its_token_leaves_the_address(
-    chromium: Browser, speaker: Speaker, tmp_path: Path
+    chromium: Chromium, speaker: Speaker, tmp_path: Path
 ) -> None:
     words = ("--cell", CELL, "--connect", speaker.endpoint, "--address", "0.0.0.0")
     with Served(tmp_path, "dashboard", *words) as served:
@@ -81,7 +81,7 @@ def test_beyond_loopback_the_link_opens_the_page_and_its_token_leaves_the_addres
         with Shown(chromium, f"{page}?{urlsplit(served.url).query}") as shown:
             shown.drawing()
             assert shown.page.url == page
-            (cookie,) = shown.context.cookies()
+            (cookie,) = shown.page.context.cookies()
             assert (cookie["httpOnly"], cookie["sameSite"]) == (True, "Strict")
             assert shown.ask("document.cookie") == ""
             shown.page.reload()
@@ -99,7 +99,7 @@ def _numbers(rows: list[list[float | None]]) -> Array:
 
 @pytest.mark.soak
 def test_measured_forces_arrive_late_and_lie_on_their_prediction(
-    chromium: Browser,
+    chromium: Chromium,
     speaker: Speaker,
     tmp_path: Path,
 ) -> None:
@@ -117,7 +117,7 @@ def test_measured_forces_arrive_late_and_lie_on_their_prediction(
 
 
 def observed(
-    chromium: Browser, folder: Path, speaker: Speaker, warm_s: float, seconds: float
+    chromium: Chromium, folder: Path, speaker: Speaker, warm_s: float, seconds: float
 ) -> tuple[float, ...]:
     """(updates/s, growth of the script in MB, growth of the server in MB) of `seconds`, after `warm_s`."""
     with dashboard(folder, speaker) as served, Shown(chromium, served.url) as shown:
@@ -134,7 +134,7 @@ def observed(
 
 
 @pytest.mark.soak
-def test_thirty_updates_a_second(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
+def test_thirty_updates_a_second(chromium: Chromium, speaker: Speaker, tmp_path: Path) -> None:
     """In the first minute page and server fill up with what they keep of it; then they stay as they are."""
     rate_hz, script_mb, server_mb = observed(chromium, tmp_path, speaker, 8.0, 10.0)
     assert rate_hz >= LEAST_HZ
@@ -146,7 +146,7 @@ def test_thirty_updates_a_second(chromium: Browser, speaker: Speaker, tmp_path: 
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seconds", [600.0])
 def test_ten_minutes_without_growth(
-    chromium: Browser,
+    chromium: Chromium,
     speaker: Speaker,
     tmp_path: Path,
     seconds: float,
@@ -158,7 +158,7 @@ def test_ten_minutes_without_growth(
 
 
 @pytest.mark.soak
-def test_nothing_is_loaded_from_elsewhere(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
+def test_nothing_is_loaded_from_elsewhere(chromium: Chromium, speaker: Speaker, tmp_path: Path) -> None:
     with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
         hosts = {urlsplit(url).netloc for url in shown.asked if not url.startswith("data:")}
@@ -166,7 +166,7 @@ def test_nothing_is_loaded_from_elsewhere(chromium: Browser, speaker: Speaker, t
         assert len(shown.asked) > 10
 
 
-def test_hostile_names_are_text(chromium: Browser, tmp_path: Path) -> None:
+def test_hostile_names_are_text(chromium: Chromium, tmp_path: Path) -> None:
     with Speaker((HOSTILE_AXIS, "rotation")) as speaker:
         speaker.changes = {SLAVE_STATE.name: {"reason": HOSTILE}, HAPTICS.name: {"leading": HOSTILE}}
         with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
@@ -191,7 +191,7 @@ def test_hostile_names_are_text(chromium: Browser, tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_two_viewers_each_with_its_own_axis(chromium: Browser, tmp_path: Path) -> None:
+def test_two_viewers_each_with_its_own_axis(chromium: Chromium, tmp_path: Path) -> None:
     with (
         Speaker(("insertion", "rotation")) as speaker,
         dashboard(tmp_path, speaker) as served,
@@ -213,7 +213,7 @@ def test_two_viewers_each_with_its_own_axis(chromium: Browser, tmp_path: Path) -
 
 
 @pytest.mark.soak
-def test_keys_zoom_pause_and_help(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
+def test_keys_zoom_pause_and_help(chromium: Chromium, speaker: Speaker, tmp_path: Path) -> None:
     with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
         ticks = shown.page.locator('[data-id="ticks"]')
@@ -234,7 +234,7 @@ def test_keys_zoom_pause_and_help(chromium: Browser, speaker: Speaker, tmp_path:
 
 
 @pytest.mark.soak
-def test_silence_is_said_and_ends(chromium: Browser, speaker: Speaker, tmp_path: Path) -> None:
+def test_silence_is_said_and_ends(chromium: Chromium, speaker: Speaker, tmp_path: Path) -> None:
     with dashboard(tmp_path, speaker) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
         speaker.silent = True
@@ -254,7 +254,7 @@ def test_silence_is_said_and_ends(chromium: Browser, speaker: Speaker, tmp_path:
 
 @pytest.mark.soak
 def test_the_page_comes_back_when_the_server_was_started_again(
-    chromium: Browser,
+    chromium: Chromium,
     speaker: Speaker,
     tmp_path: Path,
 ) -> None:
@@ -265,7 +265,7 @@ def test_the_page_comes_back_when_the_server_was_started_again(
             assert first.end() == 0
             shown.until(lambda: "no connection" in shown.text("connection"), "the loss")
             with dashboard(tmp_path, speaker, first.port):
-                shown.until(lambda: shown.ask("window.forefeel?.lost_ms === null"), "the connection", 40.0)
+                shown.until(lambda: shown.ask("window.forefeel?.lost_ms === null"), "the connection")
                 shown.drawing()
                 shown.until(lambda: shown.text("felt") != "–", "the force")
     finally:
@@ -273,7 +273,7 @@ def test_the_page_comes_back_when_the_server_was_started_again(
 
 
 @pytest.mark.soak
-def test_a_recording_in_the_same_page(chromium: Browser, tmp_path: Path) -> None:
+def test_a_recording_in_the_same_page(chromium: Chromium, tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", 6)
     with Served(tmp_path, "view", str(path)) as served, Shown(chromium, served.url) as shown:
         shown.drawing()
@@ -309,9 +309,9 @@ def armed_share(out: Path) -> float:
 
 
 @pytest.mark.soak
-def test_a_loopback_is_shown_while_it_runs(chromium: Browser, tmp_path: Path) -> None:
+def test_a_loopback_is_shown_while_it_runs(chromium: Chromium, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    run = Process("loopback", tmp_path, "loopback", "--dashboard", "--duration", "25", "--out", str(out))
+    run = Process("loopback", tmp_path, "loopback", "--dashboard", "--duration", "150", "--out", str(out))
     try:
         wait_until(lambda: "dashboard at http" in run.log.read_text(), 30.0, "the address")
         (url,) = re.findall(r"dashboard at (\S+)", run.log.read_text())
@@ -320,10 +320,11 @@ def test_a_loopback_is_shown_while_it_runs(chromium: Browser, tmp_path: Path) ->
             shown.drawing()
             assert shown.text("cell") == "loopback"
             shown.until(lambda: "armed" in shown.light("safety"), "an armed slave")
-        assert run.process.wait(60) == 0, run.log.read_text()
+        run.send(signal.SIGINT)
+        assert run.process.wait(60) == 1
+        assert "both ends stopped in order" in run.log.read_text()
     finally:
         run.kill()
-    assert armed_share(out) > 0.9
 
 
 @pytest.mark.soak
