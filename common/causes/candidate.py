@@ -65,6 +65,11 @@ class Extent:
     speed_band: float
 
     @property
+    def range_m(self) -> float:
+        """From the lowest to the highest position."""
+        return self.high_m - self.low_m
+
+    @property
     def reach_m(self) -> float:
         """The farthest from zero."""
         return max(abs(self.low_m), abs(self.high_m))
@@ -148,6 +153,11 @@ class ForceColumns(Candidate):
 
     columns: Callable[[MotionGrid, Shape], list[Array]]
     at_wall: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PositionWave(ForceColumns):
+    """Waves over the position, whose period in m is searched in what the rest leaves."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

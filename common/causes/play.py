@@ -38,7 +38,7 @@ def _loose(motion: MotionGrid, shape: Shape) -> MotionGrid:
 
 
 def _loose_shapes(extent: Extent) -> list[Shape]:
-    low_m, range_m = extent.low_m, extent.high_m - extent.low_m
+    low_m, range_m = extent.low_m, extent.range_m
     points = product(_SHARES, _RESTS, _SETTLINGS_S)
     return [(width * extent.stroke_m, low_m + rest * range_m, settling) for width, rest, settling in points]
 

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from forefeel.common.causes.candidate import base_name
+from forefeel.common.causes.candidate import PositionWave, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, fingerprint, kin
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.analysis import Analysis
@@ -47,6 +47,8 @@ _OF_FORCE = 0.02
 _MUCH_LEFT = 0.2
 _KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
 _STROKES = 4  # reversals on each side of a change; chosen
+_CLEAR_WAY, _LEAST_WAY = 0.5, 0.1  # of a direction: more is clear; least share of what moves in each; chosen
+_TURNING = 0.1  # of the power of a force over the position: more that turns with the direction is friction
 _ALIKE = 1.3  # ratio of two sizes, chosen: what a cause may take over of what stands beside it
 _REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
 # share of the force's variance that the motion explains, above which nobody doubts that it drives the force
@@ -225,7 +227,9 @@ class Judge:
             equals = {
                 base_name(other)
                 for other in self.search.names
-                if base_name(other) not in taken | kin(base_name(name)) and self._as_good(rest, other)
+                if base_name(other) not in taken | kin(base_name(name))
+                and not (name == "bias" and CANDIDATES[other].costly)  # it may hold a constant itself
+                and self._as_good(rest, other)
             }
             if equals:
                 groups.append((base_name(name), *sorted(equals)))
@@ -252,6 +256,8 @@ class Judge:
             return True
         if name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0]):
             return True
+        if isinstance(CANDIDATES[name], PositionWave) and not self._same_both_ways(name):
+            return True
         own_parameters = self.parameters[base_name(name)]
         if any(not np.isfinite(each.high - each.low) for each in own_parameters.values()):
             return True
@@ -266,6 +272,20 @@ class Judge:
         inside = signals.recorded
         after = signals.fine_t[inside] > instant_s
         return all(turns(signals.fine_x[inside][part]) >= _STROKES for part in (after, ~after))
+
+    def _same_both_ways(self, name: str) -> bool:
+        """Whether the recording goes both ways, and what is left has no such wave that turns with them."""
+        regression, rows = self.regression, self.regression.signals.rows
+        motion = regression.motion(self.fit.model)
+        way = regression.signals.column(regression.signals.spectrum(motion.direction))[rows]
+        forward, backward = int(np.sum(way > _CLEAR_WAY)), int(np.sum(way < -_CLEAR_WAY))
+        if min(forward, backward) < _LEAST_WAY * (forward + backward):
+            return False
+        waves = regression.block(self.fit.model, name, self.fit.model[name])[rows]
+        turning = np.column_stack([way[:, None] * waves, way])
+        left = self._residual[rows]
+        found = turning[:, :-1] @ np.linalg.lstsq(turning, left, rcond=None)[0][:-1]
+        return float(np.mean(found**2)) < _TURNING * float(np.mean((waves @ self.fit.of(name)) ** 2))
 
     @cached_property
     def _alone(self) -> dict[str, tuple[ModelFit, RmsGain]]:

@@ -4,6 +4,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.fft import rfft, rfftfreq
+from scipy.optimize import minimize_scalar
 
 from forefeel.common.causes.candidate import Shape, base_name
 from forefeel.common.error_size import Floats
@@ -13,6 +14,13 @@ PULSATION_HZ = 0.12, 4.0
 _LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wanders
 _HIGHEST_ORDER = 10  # harmonic of the motion up to which a line is taken for its echo
 _ALIKE = 0.9
+LEAST_WAVES = 2.5
+"""Over the range of positions, of a force that belongs to the position; chosen: fewer are like any curve, of which a
+spring that stiffens, a wall that begins and friction make many.
+"""
+_MOST_WAVES, _WAVE_STEP = 40.0, 0.2  # over the range: most of the same, and their step; chosen
+_APART = 0.8  # waves over the range: what is nearer is the same line; chosen
+_MOST_SAMPLES = 3000  # of a residual that is searched for such waves; chosen
 _MANY = 9.0  # periods until harmonics stand apart
 _SEEN_FROM_BELOW = 2.5
 _LEAST_LINES = 3.0  # harmonics of a motion that repeats, in the width of a mode: fewer show no peak
@@ -45,6 +53,31 @@ class Periods:
             peaks.append((float(frequency[top]),))
             power[np.abs(frequency - frequency[top]) < 1.5 / regression.extent.duration_s] = 0.0
         return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
+
+    def over_position(self, fit: ModelFit, count: int = 4) -> list[Shape]:
+        """The periods in m of the waves over the position, with a second harmonic, that explain most of what
+        the model's other columns leave; the shortest first.
+        """
+        regression = self.regression
+        rows = np.flatnonzero(regression.signals.rows)
+        rows = rows[:: 1 + len(rows) // _MOST_SAMPLES]
+        blocks = [regression.block(fit.model, name, shape) for name, shape in [("", ()), *fit.model.items()]]
+        known, _ = np.linalg.qr(np.column_stack([np.ones(len(rows)), *(block[rows] for block in blocks)]))
+        residual = _beside(known, regression.residual(fit)[rows])
+        x = regression.signals.column(regression.signals.spectrum(regression.motion(fit.model).x))[rows]
+
+        def power(waves: float) -> float:
+            return _explained(_beside(known, _two_waves(x, waves / range_m)), residual)
+
+        range_m = regression.extent.range_m
+        tried = np.arange(LEAST_WAVES + _WAVE_STEP, _MOST_WAVES, _WAVE_STEP)
+        powers, tops = np.array([power(waves) for waves in tried]), []
+        for _ in range(count):
+            tops.append(float(tried[int(np.argmax(powers))]))
+            powers[np.abs(tried - tops[-1]) < _APART] = 0.0
+        near = [(waves - _WAVE_STEP, waves + _WAVE_STEP) for waves in sorted(tops, reverse=True)]
+        found = [minimize_scalar(lambda w: -power(w), bounds=each, method="bounded").x for each in near]
+        return [(range_m / float(waves),) for waves in found]
 
     def resolved(self, name: str, shape: Shape) -> bool:
         """Whether the motion has frequencies within a mode's width; one that repeats has harmonics only."""
@@ -93,3 +126,19 @@ class Periods:
         width = (1.5 if periods >= _MANY else 0.5) / periods
         near = (np.abs(cycles - np.round(cycles)) < width) & (cycles < _HIGHEST_ORDER + 0.5)
         return bool(power[near].sum() > 0.5 * power.sum())
+
+
+def _two_waves(x: Floats, wave_1_m: float) -> Floats:
+    phase = 2.0 * np.pi * wave_1_m * x
+    return np.column_stack([np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)])
+
+
+def _beside(known: Floats, columns: Floats) -> Floats:
+    """What orthonormal columns leave of others."""
+    return np.asarray(columns - known @ (known.T @ columns))
+
+
+def _explained(columns: Floats, values: Floats) -> float:
+    """Power of the values that the columns explain."""
+    moment = columns.T @ values
+    return float(moment @ np.linalg.lstsq(columns.T @ columns, moment, rcond=1e-9)[0])

@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from forefeel.common.causes.candidate import Candidate, Model, Periodic
+from forefeel.common.causes.candidate import Candidate, Model, Periodic, PositionWave
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.periods import Periods
+from forefeel.diagnosis.diagnose.periods import LEAST_WAVES, Periods
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 
 _BEYOND = 1.2  # of the logarithm of a shape: how far beyond its grid it is searched; chosen
@@ -109,6 +109,10 @@ class Refiner:
         if isinstance(candidate, Periodic):
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
             return value - min(reach, 0.3 * value), value + reach, False
+        if isinstance(candidate, PositionWave):
+            reach = (0.5 if wide else 0.1) / self.regression.extent.range_m
+            longest_m = self.regression.extent.range_m / LEAST_WAVES
+            return 1.0 / (1.0 / value + reach), 1.0 / max(1.0 / value - reach, 1.0 / longest_m), False
         grid = sorted({point[0] for point in candidate.grid(self.regression.extent)})
         if candidate.logarithmic:
             ratio = float(np.log(grid[-1] / grid[0])) / (len(grid) - 1) * (1.0 if wide else 0.15)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from forefeel.common.causes.candidate import Model, Periodic, Shape, base_name
+from forefeel.common.causes.candidate import Model, Periodic, PositionWave, Shape, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, DRY, kin
 from forefeel.diagnosis.diagnose.refine import Refiner
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
@@ -133,9 +133,10 @@ class Search(Refiner):
         """The best shape on the grid."""
         found: ModelFit | None = None
         periodic = isinstance(CANDIDATES[name], Periodic)
+        repeats = periodic or isinstance(CANDIDATES[name], PositionWave)
         for shape in self._shapes(fit, name):
             trial = self._quick(fit, name, shape)
-            margin = _SUBHARMONIC if found is not None and periodic else 0.0
+            margin = _SUBHARMONIC if found is not None and repeats else 0.0
             better = found is None or trial.score < found.score - margin
             if better and trial.feasible and not (periodic and self.periods.echo(trial)):
                 found = trial
@@ -147,6 +148,8 @@ class Search(Refiner):
     def _shapes(self, fit: ModelFit, name: str) -> list[Shape]:
         if isinstance(CANDIDATES[name], Periodic):
             return self.periods.lines(fit)
+        if isinstance(CANDIDATES[name], PositionWave):
+            return self.periods.over_position(fit)
         if base_name(name) == "unmodelled_resonance":
             return [
                 s for s in CANDIDATES[name].grid(self.regression.extent) if self.periods.resolved(name, s)

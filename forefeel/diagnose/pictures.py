@@ -123,7 +123,7 @@ def _speed(stem: str, of: Component) -> Drawing:
 def _position(stem: str, of: Component) -> Drawing:
     title, caption = (
         "Over the position",
-        "The same curve on the way in and out: a spring that is not straight.",
+        "The same curve on the way in and out: a spring that is not straight, or a force of the place.",
     )
     return _against(stem, of, of.column(of.parts.x), ("position", "m"), (of.left, of.own), title, caption)
 

@@ -122,7 +122,7 @@ def _verdict_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     return [
         _rate("nothing hidden, false alarm", none, lambda o: not _silent(o), most=0.0),
         _rate("nothing hidden, `nothing_found`", none, lambda o: o.answer.verdict == "nothing_found"),
-        _rate("outside of the vocabulary, `unexplained`", outside, lambda o: o.right, 0.95),
+        _rate("outside of the vocabulary, `unexplained` or its name since", outside, lambda o: o.right, 0.95),
         _rate("outside of the vocabulary, a name given", outside, lambda o: bool(o.answer.names)),
         _rate(
             "pure sine, a wrong single name", _group(outcomes, "pure_sine"), lambda o: not o.right, most=0.0

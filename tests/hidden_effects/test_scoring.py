@@ -128,6 +128,13 @@ def test_no_credit_for_silence_about_an_outside_effect() -> None:
     assert not scored(case, lambda _: Answer("cause_found", ("mains_hum",))).right
 
 
+def test_an_effect_that_has_a_name_since_is_asked_for_by_it() -> None:
+    case = Case("outside", "position_ripple", 2, **_SHORT)
+    assert scored(case, lambda _: Answer("cause_found", ("position_map",))).right
+    assert not scored(case, partial(_said, "unexplained")).right
+    assert not scored(case, lambda _: Answer("cause_found", ("position_map", "stiffening"))).right
+
+
 def test_document_of_the_product() -> None:
     cause = {"name": "bias", "parameters": {"force_n": {"value": 0.1, "low": 0.0, "high": 0.2}}}
     document = {

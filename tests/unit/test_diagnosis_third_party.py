@@ -70,7 +70,7 @@ def _rippled(seconds: float = 12.0) -> tuple[Recording, Floats]:
     return Recording("made", t, x, force + 2e-3 * noise / np.std(noise), "test"), force
 
 
-def test_a_cause_of_the_example_package_is_named_and_unexplained_without_it(
+def test_a_cause_of_the_example_package_is_named_and_without_it_the_map_that_holds_it(
     install: Install, example: tuple[str, str]
 ) -> None:
     recording, force = _rippled()
@@ -90,7 +90,10 @@ def test_a_cause_of_the_example_package_is_named_and_unexplained_without_it(
     said = model.runtime().forces_n(t, x, v, np.gradient(v, t))
     assert np.std((said - force)[100:-100]) < 2e-3
     install()
-    assert diagnose(recording).diagnosis.verdict == "unexplained"
+    (own,) = diagnose(recording).diagnosis.causes
+    assert own.name == "position_map"
+    assert own.parameters["period_m"].value == pytest.approx(PITCH_M, rel=2e-3)
+    assert own.parameters["sine_n"].value == pytest.approx(SINE_N, rel=0.1)
     assert "cogging" not in CANDIDATES
 
 
