@@ -15,8 +15,8 @@ _LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wand
 _HIGHEST_ORDER = 10  # harmonic of the motion up to which a line is taken for its echo
 _ALIKE = 0.9
 LEAST_WAVES = 2.5
-"""Over the range of positions, of a force that belongs to the position; chosen: fewer are like any curve, of which a
-spring that stiffens, a wall that begins and friction make many.
+"""Over the range of positions, of a force that belongs to the position; chosen: fewer are like any curve, of
+which a spring that stiffens, a wall that begins and friction make many.
 """
 _MOST_WAVES, _WAVE_STEP = 40.0, 0.2  # over the range: most of the same, and their step; chosen
 _APART = 0.8  # waves over the range: what is nearer is the same line; chosen
