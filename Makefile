@@ -53,8 +53,9 @@ bench: $(READY) ## everything beside its peers, in one run: benchmarks/RESULTS.m
 	$(PEERS)
 	$(BIN)/python -m benchmarks
 
-hidden-effects: $(READY) ## 400 recordings that hide an effect: the diagnosis, PySINDy, sysidentpy, confusion tables
+hidden-effects: $(READY) ## both generators: false confidence first; 400 recordings, PySINDy, sysidentpy
 	$(PEERS)
+	$(BIN)/python -m tests.hidden_effects.bench --jobs 2
 	$(BIN)/python -m tests.hidden_effects
 
 MINUTES ?= 60

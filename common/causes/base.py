@@ -210,12 +210,13 @@ class ContactEffect(Effect):
     """Decides whether the wall is touched at all."""
 
     @abstractmethod
-    def penetration_m(self, x: float) -> float | None:
-        """Depth beyond the contact position in m, or None without contact."""
+    def penetration_m(self, x: float, v: float) -> float | None:
+        """Depth beyond the contact position in m, or None without contact; x, v are the instrument's."""
 
-    def penetrations_m(self, x: Array) -> Array:
+    def penetrations_m(self, x: Array, v: Array) -> Array:
         """Depth over a whole recording, shape (n,); nan without contact."""
-        return np.array([np.nan if d is None else d for d in map(self.penetration_m, x.tolist())])
+        depths = map(self.penetration_m, x.tolist(), v.tolist())
+        return np.array([np.nan if depth is None else depth for depth in depths])
 
 
 class SensorEffect(Effect):

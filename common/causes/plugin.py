@@ -90,7 +90,7 @@ def _try(kind: type[Effect]) -> None:
             found, count = (effect.sense(_TRIAL_STEP_S, x, _TRIAL_STEP_S),), 1
         else:
             assert isinstance(effect, ContactEffect)
-            depth = effect.penetration_m(x)
+            depth = effect.penetration_m(x, v)
             found, count = (() if depth is None else (depth,)), (0 if depth is None else 1)
         if len(found) != count or not all(isinstance(f, int | float) and isfinite(f) for f in found):
             raise ValueError(f"it gives {found!r}, expected {count} finite number(s)")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.candidate import MotionGrid, PositionWave, Shape
+from forefeel.common.causes.candidate import Extent, MotionGrid, PositionWave, Shape, log_grid
 from forefeel.common.causes.offline import Array
 
 _LEAST_SCORE = 30.0  # chosen: of hundreds of periods the best of pure noise gains up to half of that
@@ -16,6 +16,10 @@ def _sines(x: Array, period_m: float) -> list[Array]:
 
 def _waves(motion: MotionGrid, shape: Shape) -> list[Array]:
     return _sines(motion.x, shape[0])
+
+
+def _periods(extent: Extent) -> list[Shape]:
+    return log_grid(extent.range_m / 20.0, extent.range_m / 3.0, 4)
 
 
 _NAMES = "sine_n", "cosine_n", "second_sine_n", "second_cosine_n"
@@ -43,8 +47,8 @@ class PositionMap(ForceEffect):
     )
     candidates = (
         PositionWave(
-            coefficients=_NAMES, shapes=("period_m",), signs=(0,) * 4, columns=_waves, costly=True,
-            least_score=_LEAST_SCORE, picture="position",
+            coefficients=_NAMES, shapes=("period_m",), signs=(0,) * 4, columns=_waves, grid=_periods,
+            costly=True, least_score=_LEAST_SCORE, picture="position",
         ),
     )  # fmt: skip
 

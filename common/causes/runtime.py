@@ -97,7 +97,7 @@ class ContactRuntime:
         own = len(phi)
         for compute in self._at_shaft:
             phi += compute(t, x, v, a, dt)
-        depth = x if self._penetration_m is None else self._penetration_m(x)
+        depth = x if self._penetration_m is None else self._penetration_m(x, v)
         if depth is None:
             self._lose_contact()
             phi += self._no_wall
@@ -159,7 +159,7 @@ class ContactRuntime:
     def _wall_columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> list[Array]:
         if self._contact is None:
             return [effect.columns(t, x, v, a, dt) for effect in self._wall]
-        depth = self._contact.penetrations_m(x)
+        depth = self._contact.penetrations_m(x, v)
         touching = ~np.isnan(depth)
         edges = np.flatnonzero(np.diff(touching, prepend=False, append=False))
         each = [slice(first, last) for first, last in zip(edges[::2], edges[1::2], strict=True)]

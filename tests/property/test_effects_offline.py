@@ -60,7 +60,7 @@ def stepwise(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
     if isinstance(effect, MotionEffect):
         return np.array([effect.transform(*at) for at in steps])
     if isinstance(effect, ContactEffect):
-        depths = [effect.penetration_m(at[1]) for at in steps]
+        depths = [effect.penetration_m(at[1], at[2]) for at in steps]
         return np.array([[np.nan if depth is None else depth] for depth in depths])
     if isinstance(effect, FactorEffect):
         return np.array([[effect.factor(at[2], at[1])] for at in steps])
@@ -74,7 +74,7 @@ def whole(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
     if isinstance(effect, MotionEffect):
         return np.stack(effect.path(t, x, v, a), axis=1)
     if isinstance(effect, ContactEffect):
-        return effect.penetrations_m(x)[:, None]
+        return effect.penetrations_m(x, v)[:, None]
     if isinstance(effect, FactorEffect):
         return effect.factors(v, x)[:, None]
     assert isinstance(effect, SensorEffect)
@@ -117,7 +117,7 @@ def test_the_loop_that_a_new_effect_inherits_is_the_same(name: str) -> None:
     elif isinstance(effect, MotionEffect):
         inherited = np.stack(MotionEffect._path(effect, *motion, dt), axis=1)
     elif isinstance(effect, ContactEffect):
-        inherited = ContactEffect.penetrations_m(effect, motion[1])[:, None]
+        inherited = ContactEffect.penetrations_m(effect, motion[1], motion[2])[:, None]
     elif isinstance(effect, FactorEffect):
         inherited = FactorEffect.factors(effect, motion[2], motion[1])[:, None]
     else:

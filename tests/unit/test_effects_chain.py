@@ -29,8 +29,15 @@ def test_backlash_without_width_changes_nothing() -> None:
 
 def test_contact_begins_beyond_its_position() -> None:
     effect = ContactLoss(contact_position_m=0.01)
-    assert effect.penetration_m(0.01) is None
-    assert effect.penetration_m(0.013) == pytest.approx(0.003)
+    assert effect.penetration_m(0.01, 0.0) is None
+    assert effect.penetration_m(0.013, 0.0) == pytest.approx(0.003)
+
+
+def test_a_damped_wall_pushes_and_does_not_pull() -> None:
+    effect = ContactLoss(contact_position_m=0.01, release_s=0.1)
+    assert effect.penetration_m(0.013, -0.029) == pytest.approx(0.003)
+    assert effect.penetration_m(0.013, -0.031) is None, "spring and damper together would pull"
+    assert effect.penetration_m(0.009, 1.0) is None
 
 
 @pytest.mark.parametrize("steps", [1, 10, 1000])

@@ -166,7 +166,7 @@ class GoodContact(ContactEffect):
     parameters = ()
     reference = "test"
 
-    def penetration_m(self, x: float) -> float | None:
+    def penetration_m(self, x: float, v: float) -> float | None:
         return x if x > 0.0 else None
 
 
