@@ -55,7 +55,7 @@ class ContactLoss(ContactEffect):
     fingerprint = "no force on one side of a position, a kink there, the model's force on the other side"
     words = "contact that begins at a certain position only"
     equation = (
-        "x from the contact at {contact_position_m} m on while x + {release_s} x' > 0",
+        "x from the contact at {contact_position_m} m on, while x + {release_s} x' > {contact_position_m}",
         "x from the contact at {contact_position_m} m on",
     )
     candidates = (
