@@ -18,12 +18,6 @@ from tests.soak.service import BACK_S, Soak
 _PRIORITY = 10
 """Of us who watch, of the recorder and of the commands: below the daemons, ahead of all other work."""
 MOST_GROWTH, MOST_DRIFT = 0.05, 0.20
-MOST_DRIFT_SHORT = 1.0
-"""In three minutes no life is long, and what else the machine does comes and goes by more than a fifth."""
-QUARTER_US = 250.0
-"""A quarter of a period. In a run without a long life a p99 below it tells no drift: it follows the machine's
-own empty loop, whose p99 doubled within a minute and a half.
-"""
 
 
 def main() -> int:
@@ -92,7 +86,9 @@ def _memory(soak: Soak, wrong: list[str]) -> None:
 
 
 def _latency(soak: Soak, wrong: list[str]) -> None:
-    """Of the long lives of a process, the median; a run without one can tell no small drift."""
+    """Of the long lives of a process, the median. A run without one prints the drift and does not judge it:
+    within a minute the p99 of the machine's own empty loop was seen to go from 15 to 185 us.
+    """
     disturbed = [(done.from_ns, done.to_ns) for done in soak.done]
     for role in ("slave", "master"):
         drifts = soak.loops.drifts(role, disturbed)
@@ -102,11 +98,10 @@ def _latency(soak: Soak, wrong: list[str]) -> None:
                 f"in the last (an empty loop {each.empty_first_us:.0f}, {each.empty_last_us:.0f})"
             )
         long = bool(soak.loops.long_lives(role))
-        most = MOST_DRIFT if long else MOST_DRIFT_SHORT
         drift = float(np.median([each.share() for each in drifts]))
-        print(f"loop of the {role}: p99 drifts by {drift:+.0%} (allowed {most:+.0%})")
-        late = long or not all(each.last_us < QUARTER_US for each in drifts)
-        if late and not drift < most:
+        judged = f"allowed {MOST_DRIFT:+.0%}" if long else "not judged: no life of five minutes"
+        print(f"loop of the {role}: p99 drifts by {drift:+.0%} ({judged})")
+        if long and not drift < MOST_DRIFT:
             wrong.append(f"the {role}'s p99 drifted by {drift:+.0%}")
 
 
