@@ -36,13 +36,15 @@ def block_numbers(regression: RecordingRegression) -> NDArray[np.int64]:
 
 
 def numbers_at(regression: RecordingRegression, t: Floats) -> NDArray[np.int64]:
-    """The block of each time in s since the start."""
+    """The block of each time in s since the start. One recording is cut into blocks of as many rows, for
+    a gap has none.
+    """
     if regression.parts_s:
         return np.asarray(np.searchsorted(regression.parts_s, t))
     own = regression.signals.t[regression.rows]
-    start, end = float(own[0]), float(own[-1])
-    count = int(np.clip((end - start) / _LEAST_S, 4, _BLOCKS))
-    return np.asarray(np.clip((t - start) / (end - start) * count, 0, count - 1).astype(np.int64))
+    count = int(np.clip(len(own) / regression.signals.coarse_rate_hz / _LEAST_S, 4, _BLOCKS))
+    starts = np.linspace(0, len(own), count + 1).astype(np.int64)[1:-1]
+    return np.asarray(np.searchsorted(own[starts], t, side="right"))
 
 
 def held_out_errors(regression: RecordingRegression, fit: ModelFit) -> Floats:

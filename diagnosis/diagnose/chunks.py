@@ -9,7 +9,15 @@ import numpy as np
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.faults import Fault, clean
 from forefeel.diagnosis.diagnose.signals import Mask
-from forefeel.diagnosis.diagnose.whole import cut
+
+
+def cut(recording: Recording, part: slice | Mask) -> Recording:
+    """A part of a recording, with its stamps."""
+    assert recording.force_n is not None
+    return Recording(
+        recording.name, recording.time_s[part], recording.position_m[part], recording.force_n[part],
+        recording.source,
+    )  # fmt: skip
 
 
 def chunks_of(recording: Recording, length_s: float) -> list[slice]:

@@ -14,8 +14,8 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.analysis import Analysis, analyse
 from forefeel.diagnosis.diagnose.driven import with_driving
 from forefeel.diagnosis.diagnose.judge import judged
-from forefeel.diagnosis.diagnose.long import analyse_long, diagnose_long, is_long
 from forefeel.diagnosis.diagnose.other_motion import with_expectation
+from forefeel.diagnosis.diagnose.stretches import FLAG, analyse_long, is_long
 from forefeel.diagnosis.diagnose.structure import predictable_share
 from forefeel.diagnosis.diagnose.together import Joined, joined, unclocked
 from forefeel.diagnosis.diagnose.verdict import Diagnosis, ModelError
@@ -76,8 +76,8 @@ def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel |
     recording = of.recording if isinstance(of, Joined) else of
     parts = (unclocked(), of.parts_s) if isinstance(of, Joined) else (None, ())
     try:
-        whole = analyse_long(recording, progress, *parts) if is_long(recording) else None
-        analysis = analyse(recording, progress, *parts) if whole is None else whole.analysis
+        long = is_long(recording)
+        analysis = (analyse_long if long else analyse)(recording, progress, *parts)
     except ValueError as error:
         raise RecordingError(f"{recording.source}: {error}") from error
     if _says_nothing(analysis):
@@ -85,14 +85,17 @@ def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel |
             f"{recording.source}: the force is flat but for noise, expected an answer to the motion"
         )
     progress("trust")
-    if whole is None:
-        found, analysis = judged(analysis)
-    else:
-        found, analysis = diagnose_long(whole, judged)
-    if isinstance(of, Joined) and not of.gaps:
-        found = replace(found, flags=tuple(flag for flag in found.flags if flag != "gaps"))
+    found, analysis = judged(analysis)
+    gaps = of.gaps if isinstance(of, Joined) else len(recording.segments()) > 1
+    found = replace(found, flags=_flags(found.flags, gaps, long))
     found = with_expectation(with_driving(found, analysis), analysis)
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis, recording)
+
+
+def _flags(flags: Sequence[str], gaps: bool, long: bool) -> tuple[str, ...]:
+    """Those of the recording: stretches of a long one, and several as one, have gaps that it lacks."""
+    other = [flag for flag in flags if flag != "gaps" and not (long and flag == "short")]
+    return (*other, *(["gaps"] if gaps else []), *([FLAG] if long else []))
 
 
 def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagnosis:

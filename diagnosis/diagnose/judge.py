@@ -1,6 +1,6 @@
 """Weighs an analysis: what is named, and with how much trust."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -57,21 +57,18 @@ _MUCH_LESS = 0.25  # of what the motion leaves unexplained: what the own past th
 _AHEAD_S = 0.2  # s by which the force's own past has to foretell it: longer than any contact rings
 _KNOWN = 0.3  # least share that it has to foretell, to say that something else drives the force
 
-Everywhere = Callable[[ModelFit], ModelFit]
-"""A model of the analysis, fitted to all of the recording that the analysis is a part of."""
-
 Less = tuple[VerdictName, tuple[tuple[str, ...], ...], str | None]
 """A verdict without a cause, its rivals, and the motion to record next."""
 
 
-def judged(analysis: Analysis, everywhere: Everywhere = lambda fit: fit) -> tuple[Diagnosis, Analysis]:
+def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
     """The verdict, and the analysis with no cause in its model that the verdict does not name or suspect.
 
     A cause that does not bear its own weight goes, and what is left is judged anew.
     """
     fullest: Judge | None = None
     while True:
-        judge = Judge(analysis, everywhere, fullest)
+        judge = Judge(analysis, fullest)
         doubted = judge.doubted()
         if doubted is None:
             return judge.diagnosis(), analysis
@@ -79,18 +76,13 @@ def judged(analysis: Analysis, everywhere: Everywhere = lambda fit: fit) -> tupl
 
 
 class Judge:
-    """Weighs one analysis; of a part of a recording with `everywhere`, on which rivals must do as well.
+    """Weighs one analysis.
 
     `fullest`: of the same recording with causes that describe more of it and can not be believed.
     """
 
-    def __init__(
-        self,
-        analysis: Analysis,
-        everywhere: Everywhere = lambda fit: fit,
-        fullest: "Judge | None" = None,
-    ) -> None:
-        self.analysis, self.everywhere, self.fullest = analysis, everywhere, fullest
+    def __init__(self, analysis: Analysis, fullest: "Judge | None" = None) -> None:
+        self.analysis, self.fullest = analysis, fullest
         self.regression, self.search, self.fit = analysis.regression, analysis.search, analysis.fit
         self.faults = analysis.faults
         self.base = self.regression.fit({"bias": ()})  # no simulation is blamed for the zero of a load cell
@@ -240,7 +232,7 @@ class Judge:
         trial = self.search.best_with(rest, other, worst)
         if trial is None or trial.score >= self.fit.score + _RIVAL:
             return False
-        return self.everywhere(trial).score < self.everywhere(self.fit).score + _RIVAL
+        return trial.score < self.fit.score + _RIVAL
 
     def doubted(self) -> str | None:
         """The cause of the model that has the least for it among those that have too little; None: none."""

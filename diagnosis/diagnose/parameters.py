@@ -36,38 +36,18 @@ def intervals(
     far a value moves when the same model is fitted `elsewhere`, in another band, is added in square: what the
     choice of the band does is no less a doubt than the noise.
     """
-    moved = None if elsewhere is None else _named_by(*elsewhere)
-    return intervals_by(
-        fit, covariance_of(regression, fit), regression.signals.origin_s, regression.sense, moved
-    )
-
-
-def told(parameters: dict[str, Interval]) -> dict[str, Interval]:
-    """Without a second element that can not be told from none."""
-    second = parameters.get("second_stiffness_n_m")
-    if second is None or second.low > 0.0:
-        return parameters
-    return {key: value for key, value in parameters.items() if not key.startswith("second_")}
-
-
-def intervals_by(
-    fit: ModelFit, covariance: Floats, start: float, sense: float, moved: dict[str, Values] | None = None
-) -> dict[str, dict[str, Interval]]:
-    """As `intervals`, by a known covariance of coefficients and shapes; `start`: stamp of the start.
-
-    `moved`: the values elsewhere.
-    """
+    covariance = covariance_of(regression, fit)
     theta, sizes = _point(fit)
     rng = np.random.default_rng(0)
     draws = rng.multivariate_normal(
         theta, 0.5 * (covariance + covariance.T), size=_DRAWS, method="eigh", check_valid="ignore"
     )
-    found: dict[str, dict[str, Interval]] = {"": {}}
-    values = _named(fit, theta, sizes, start, sense)
-    drawn = [_named(fit, draw, sizes, start, sense) for draw in draws]
-    moved = values if moved is None else moved
-    for name, parameters in values.items():
-        found[name] = {
+    start_s, sense = regression.signals.origin_s, regression.sense
+    values = _named(fit, theta, sizes, start_s, sense)
+    drawn = [_named(fit, draw, sizes, start_s, sense) for draw in draws]
+    moved = values if elsewhere is None else _named_by(*elsewhere)
+    return {
+        name: {
             key: _interval(
                 value,
                 np.array([d[name][key] for d in drawn]),
@@ -76,7 +56,16 @@ def intervals_by(
             )
             for key, value in parameters.items()
         }
-    return found
+        for name, parameters in values.items()
+    }
+
+
+def told(parameters: dict[str, Interval]) -> dict[str, Interval]:
+    """Without a second element that can not be told from none."""
+    second = parameters.get("second_stiffness_n_m")
+    if second is None or second.low > 0.0:
+        return parameters
+    return {key: value for key, value in parameters.items() if not key.startswith("second_")}
 
 
 def _interval(value: float, drawn: Floats, moved: float, least: float) -> Interval:
@@ -116,7 +105,7 @@ def _named(
 
 def covariance_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
     """Of coefficients, then shapes; of residuals of any memory shorter than a block."""
-    jacobian = jacobian_of(regression, fit)
+    jacobian = np.column_stack([regression.design(fit.model)[0], slopes_of(regression, fit)])
     design = jacobian[:, : len(fit.coefficients)]
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
     scale[scale == 0.0] = 1.0
@@ -139,11 +128,6 @@ def _robust(jacobian: Floats, residual: Floats, inverse: Floats) -> Floats:
     ]
     moved = np.array(scores) @ inverse
     return np.asarray(np.sum(moved**2, axis=0) * _BLOCKS / (_BLOCKS - 1))
-
-
-def jacobian_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
-    """Derivatives of the whitened prediction by coefficients and shapes, at the rows that count."""
-    return np.column_stack([regression.design(fit.model)[0], slopes_of(regression, fit)])
 
 
 def slopes_of(regression: RecordingRegression, fit: ModelFit, white: bool = True) -> Floats:

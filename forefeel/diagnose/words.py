@@ -17,7 +17,7 @@ FLAGS = {
     "non_uniform": "the samples are unevenly spaced, so fast effects are less certain",
     "gaps": "the recording has gaps; nothing was assumed about what happened in them",
     "clipped": "where the force stood at the end of its range it was left out",
-    "searched_on_stretches": "causes were searched on stretches of it, the fit is to all of it",
+    "searched_on_stretches": "stretches of it were diagnosed; the model was held against all of it",
     "short": "under 10 s, so what is slow (relaxation, drift, breath) can hardly be told",
     "force_is_the_reaction": "a positive force pushes along the motion here; signs were turned",
 }

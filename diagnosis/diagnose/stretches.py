@@ -1,0 +1,228 @@
+"""Recordings of minutes to hours: stretches of them are analysed like any recording.
+
+1. Faults of the sensor are looked for in all chunks.
+2. The liveliest stretch of up to 60 s is analysed.
+3. Its model is held against all chunks. Where it leaves more of some than of the stretch, something is local
+   or slow (a puncture, drift): half of that stretch, short stretches over the whole length and the worst
+   chunks are analysed together, at their own times, as one recording with gaps. Of several recordings as one
+   this comes first, for each has to be seen.
+4. An instant of change that fell between two stretches is looked for in all chunks, and laid into one.
+
+The model that leaves less of all chunks is kept. Memory beyond the recording itself does not depend on its
+length; time does for 1, 3 and 4, which are linear. Not seen: what shows in less of a chunk than raises its
+rms by half.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from forefeel.common.causes.candidate import Model, base_name
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose.analysis import Analysis, analyse, residual_rms_n
+from forefeel.diagnosis.diagnose.band import cutoff_hz
+from forefeel.diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, cut, liveliest
+from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.diagnose.signals import Mask, Signals
+
+FLAG = "searched_on_stretches"
+_LONG = 30_000  # samples; a shorter recording is searched whole unless its force is fast; chosen
+_STRETCH_S, _STRETCH_SAMPLES, _LEAST_S = 60.0, 20_000, 6.0  # searched at once, in s and samples; chosen
+_MORE_THAN_ONE = 1.5  # times that length: a recording of less is searched whole; chosen
+_MOST_ROWS = 9_000  # of the regression, at twice the cutoff: some 5 s of processor time; chosen
+_PROBE_S = 20.0  # s in the middle of a recording by which its cutoff is judged; chosen
+_CHUNKS, _CHUNK_S = 16.0, (10.0, 60.0)  # chunks of a recording, and bounds of their length in s; chosen
+_SPREAD, _WORST = 6, 3  # short stretches over the whole length, and in the worst chunks; chosen
+_MORE, _MUCH_MORE = 1.15, 1.5  # times the stretch's rms, of all chunks and of the worst; chosen
+_LEAST_ROWS = 50  # of a chunk that is compared; chosen
+_CHANGE = "stiffness_change"
+_RARE_S = 300.0  # s in which faults are looked for at once, for some are rare; chosen
+
+Progress = Callable[[str], None]
+
+
+def stretch_s(recording: Recording) -> float:
+    """How much is searched at once, in s: 60 s or 20,000 samples, less where the force is fast."""
+    return min(_usual_s(recording), _fast_s(recording))
+
+
+def is_long(recording: Recording) -> bool:
+    """Whether a recording is searched on stretches; others are searched whole."""
+    if len(recording) > _LONG:
+        return recording.duration_s > _MORE_THAN_ONE * stretch_s(recording)
+    return recording.duration_s > _MORE_THAN_ONE * _fast_s(recording)
+
+
+def _usual_s(recording: Recording) -> float:
+    return max(_STRETCH_S, _STRETCH_SAMPLES / recording.rate_hz)
+
+
+def _fast_s(recording: Recording) -> float:
+    """What gives so many rows of the regression, judged by the middle of the recording."""
+    count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
+    middle = (len(recording) - count) // 2
+    part = cut(recording, slice(middle, middle + count))
+    assert part.force_n is not None
+    return max(_LEAST_S, _MOST_ROWS / (2.0 * cutoff_hz(part, part.force_n)))
+
+
+def analyse_long(
+    recording: Recording,
+    progress: Progress = lambda stage: None,
+    names: Sequence[str] | None = None,
+    parts_s: tuple[float, ...] = (),
+) -> Analysis:
+    """The analysis of stretches; see the module. `names`, `parts_s`: as in `analyse`.
+
+    Raises:
+        ValueError: no stretch without gaps is long enough.
+    """
+    progress("sensor, in chunks")
+    cleaned, unusable, faults = cleaned_everywhere(recording, chunks_of(recording, _RARE_S))
+    chunks = chunks_of(recording, float(np.clip(recording.duration_s / _CHUNKS, *_CHUNK_S)))
+    whole = Whole(cleaned, unusable, chunks, progress, names, parts_s)
+    found = whole.searched()
+    if any(fault.name == "sensor_spikes" for fault in faults):
+        raw = Whole(recording, unusable, chunks, progress, names, parts_s)
+        if raw.rms_n(found) < whole.rms_n(found):  # pulses that the motion explains are no spikes
+            found = raw.searched()
+            faults = [fault for fault in faults if fault.name != "sensor_spikes"]
+    known = {fault.name for fault in found.cleaned.faults}
+    found.cleaned.faults.extend(fault for fault in faults if fault.name not in known)
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whole:
+    """A recording, its chunks, and how its stretches are searched.
+
+    `unusable`: samples at the end of the load cell's range. The others are arguments of `analyse_long`.
+    """
+
+    recording: Recording
+    unusable: Mask
+    chunks: list[slice]
+    progress: Progress
+    names: Sequence[str] | None
+    parts_s: tuple[float, ...]
+
+    def searched(self) -> Analysis:
+        """The analysis of the liveliest stretch, or of more where that does not do; see the module."""
+        if self.parts_s:
+            return self._analysed(self._stretches(range(0)))
+        lively = np.zeros(len(self.recording), dtype=np.bool_)
+        lively[liveliest(self.recording, stretch_s(self.recording))] = True
+        self.progress("the liveliest stretch")
+        found = self._analysed(lively)
+        left_n = self.left_n(found)
+        total_n, usual_n = _rms(left_n.values()), residual_rms_n(found)
+        if total_n < _MORE * usual_n and max(left_n.values()) < _MUCH_MORE * usual_n:
+            return found
+        self.progress("stretches of the whole length")
+        rows = self._stretches(sorted(left_n, key=lambda number: -left_n[number])[:_WORST])
+        again = self._around_the_change(self._analysed(rows), rows)
+        return again if self.rms_n(again) < total_n else found
+
+    def rms_n(self, analysis: Analysis) -> float:
+        """What the model of an analysis leaves of all chunks, in N."""
+        return _rms(self.left_n(analysis).values())
+
+    def left_n(self, analysis: Analysis) -> dict[int, float]:
+        """What the model of an analysis leaves of each chunk, rms in N."""
+        return {
+            number: _rms(regression.residual(analysis.fit)[regression.signals.rows])
+            for number, regression in self._regressions(analysis)
+        }
+
+    def _regressions(self, analysis: Analysis) -> Iterator[tuple[int, RecordingRegression]]:
+        """Number and regression of every chunk that is long enough, with the times of the analysis."""
+        like = analysis.regression
+        for number, chunk in enumerate(self.chunks):
+            part = cut(self.recording, chunk)
+            assert part.force_n is not None
+            try:
+                signals = Signals(part, part.force_n, like.signals.cutoff_hz, self.unusable[chunk])
+            except ValueError:  # too few samples in a row
+                continue
+            if np.count_nonzero(signals.rows) < _LEAST_ROWS:
+                continue
+            signals.moved_to(like.signals.origin_s)
+            yield number, like.like(signals)
+
+    def _analysed(self, rows: Mask) -> Analysis:
+        """The samples of a mask, as one recording with gaps."""
+        part = cut(self.recording, rows)
+        late_s = float(part.time_s[0] - self.recording.time_s[0])
+        parts_s = tuple(each - late_s for each in self.parts_s)
+        return analyse(part, self.progress, self.names, parts_s)
+
+    def _stretches(self, worst: Sequence[int]) -> Mask:
+        """Half of the liveliest stretch, and short ones over the whole length and in the worst chunks; of
+        several recordings as one a stretch of each.
+        """
+        length_s = stretch_s(self.recording)
+        rows = np.zeros(len(self.recording), dtype=np.bool_)
+        if self.parts_s:
+            spread, share = self._one_of_each(), 1.0
+        else:
+            spread, share = np.linspace(0, len(self.chunks) - 1, _SPREAD).astype(int).tolist(), 0.5
+            lively = liveliest(self.recording, length_s)
+            quarter = (lively.stop - lively.start) // 4
+            rows[lively.start + quarter : lively.stop - quarter] = True
+        chosen = {*spread, *worst}
+        for number in chosen:
+            centre = (self.chunks[number].start + self.chunks[number].stop) // 2
+            self._include(rows, centre, share * length_s / len(chosen))
+        return rows
+
+    def _one_of_each(self) -> list[int]:
+        """The middle chunk of each of several recordings as one."""
+        start_s = np.array([self.recording.time_s[chunk.start] for chunk in self.chunks])
+        owners = np.searchsorted(self.parts_s, start_s - self.recording.time_s[0])
+        own = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
+        return [int(numbers[len(numbers) // 2]) for numbers in own]
+
+    def _include(self, rows: Mask, centre: int, length_s: float) -> None:
+        half = int(0.5 * length_s * self.recording.rate_hz)
+        rows[max(centre - half, 0) : centre + half] = True
+
+    def _around_the_change(self, found: Analysis, rows: Mask) -> Analysis:
+        """With one stretch more, around the instant of a change that lies between two."""
+        forms = [name for name in found.fit.model if base_name(name) == _CHANGE]
+        if not forms:
+            return found
+        at_s = self._changed_s(found, forms[0])
+        centre = int(np.searchsorted(self.recording.time_s, at_s))
+        if rows[min(centre, len(rows) - 1)]:
+            return found
+        rows = rows.copy()
+        self._include(rows, centre, stretch_s(self.recording) / (_SPREAD + _WORST))
+        return self._analysed(rows)
+
+    def _changed_s(self, analysis: Analysis, name: str) -> float:
+        """Stamp of the instant that leaves least: errors unchanged before it, changed after it."""
+        fit = analysis.fit
+        total, least, best_s = 0.0, 0.0, fit.model[name][0]
+        for _, regression in self._regressions(analysis):
+            before, after = (
+                _squares(regression, fit, {**fit.model, name: (at_s,)}) for at_s in (np.inf, -np.inf)
+            )
+            run = total + np.cumsum(before - after)
+            if run.min() < least:
+                least, best_s = (
+                    float(run.min()),
+                    float(regression.signals.t[regression.signals.rows][int(np.argmin(run))]),
+                )
+            total = float(run[-1])
+        return best_s + analysis.regression.signals.origin_s
+
+
+def _squares(regression: RecordingRegression, fit: ModelFit, model: Model) -> Floats:
+    """Squared errors of a fit's coefficients at other shapes, in N^2."""
+    return np.asarray(regression.residual(replace(fit, model=model))[regression.signals.rows] ** 2)
+
+
+def _rms(values: Iterable[float]) -> float:
+    return float(np.sqrt(np.mean(np.fromiter(values, dtype=np.float64) ** 2)))
