@@ -55,7 +55,7 @@ bench: $(READY) ## everything beside its peers, in one run: benchmarks/RESULTS.m
 
 hidden-effects: $(READY) ## both generators: false confidence first; 400 recordings, PySINDy, sysidentpy
 	$(PEERS)
-	$(BIN)/python -m tests.hidden_effects.bench --jobs 2
+	$(BIN)/python -m tests.hidden_effects.bench --jobs 2 --methods product pysindy sysidentpy memory
 	$(BIN)/python -m tests.hidden_effects
 
 MINUTES ?= 60

@@ -117,11 +117,8 @@ def analyse(
     """
     progress("sensor")
     cleaned = clean(recording)
-    cutoff = cutoff_hz(recording, cleaned.force_n)
-    signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
-    reach_hz = min(2.0 * cutoff, signals.motion_reach_hz)
-    band_m_s = speed_band_m_s(signals.even_m, signals.even_hz, reach_hz)
-    regression = RecordingRegression(signals, band_m_s, parts_s)
+    regression = conditioned(recording, cleaned, parts_s)
+    signals = regression.signals
     if np.count_nonzero(regression.rows) < _LEAST_ROWS:
         raise ValueError(f"fewer than {_LEAST_ROWS} samples of the force can be compared with the motion")
     progress("search")
@@ -138,6 +135,20 @@ def analyse(
             break
     narrower = _in_narrower_band(recording, cleaned, regression, fit, floor)
     return Analysis(cleaned, regression, search, fit, recording, narrower, floor)
+
+
+def conditioned(
+    recording: Recording, cleaned: Cleaned, parts_s: tuple[float, ...] = ()
+) -> RecordingRegression:
+    """The recording below its cutoff, ready to be fitted.
+
+    Raises:
+        ValueError: too few samples in a row.
+    """
+    cutoff = cutoff_hz(recording, cleaned.force_n)
+    signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
+    reach_hz = min(2.0 * cutoff, signals.motion_reach_hz)
+    return RecordingRegression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz), parts_s)
 
 
 def _in_narrower_band(

@@ -11,18 +11,12 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 
+from tests.hidden_effects.answers import Method
 from tests.hidden_effects.cases import Case, full, quick
 from tests.hidden_effects.columns import KNOWN
-from tests.hidden_effects.frols import regressed
-from tests.hidden_effects.product import diagnosed
-from tests.hidden_effects.score import Method, Outcome, scored
-from tests.hidden_effects.sindy import sparse
+from tests.hidden_effects.methods import PRODUCT, TITLES, method_of
+from tests.hidden_effects.score import Outcome, scored
 from tests.hidden_effects.tables import drawn, report, unmet
-
-PEERS: dict[str, tuple[str, Method]] = {
-    "pysindy": ("PySINDy STLSQ", sparse),
-    "sysidentpy": ("sysidentpy FROLS", regressed),
-}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,14 +25,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cases = quick(options.seed) if options.quick else full(options.seed)
     chosen = [case for case in cases if options.only in str(case)]
     failed: list[str] = []
-    if "product" in options.methods:
-        outcomes = _run(chosen, diagnosed, options.jobs)
-        print(drawn(outcomes), report("diagnosis", outcomes), sep="\n\n", flush=True)
-        failed = unmet(outcomes)
-    for name, (title, method) in PEERS.items():
-        if name in options.methods:
-            outcomes = _run(chosen, method, options.jobs)
-            print(report(title, outcomes, intervals=False, known=KNOWN), flush=True)
+    for name in options.methods:
+        outcomes = _run(chosen, method_of(name), options.jobs)
+        if name == PRODUCT:
+            print(drawn(outcomes), report(TITLES[name], outcomes), sep="\n\n", flush=True)
+            failed = unmet(outcomes)
+        else:
+            print(report(TITLES[name], outcomes, intervals=False, known=KNOWN), flush=True)
     print("\n".join(["", *(f"NOT REACHED: {line}" for line in failed)]) if failed else "")
     return 1 if failed else 0
 
@@ -54,7 +47,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--only", default="", help="only cases whose name contains this")
     parser.add_argument("--quick", action="store_true", help="the 25 short recordings of make test")
-    parser.add_argument("--methods", nargs="+", choices=("product", *PEERS), default=["product", *PEERS])
+    parser.add_argument("--methods", nargs="+", choices=TITLES, default=list(TITLES))
     return parser.parse_args(arguments)
 
 

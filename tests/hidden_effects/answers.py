@@ -1,8 +1,10 @@
 """What a method answered about a recording, in one form for the product and its peer."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
+
+from forefeel.common.error_size import Floats
 
 Interval = tuple[float, float, float]
 """Value, low, high."""
@@ -18,6 +20,21 @@ class Answer:
     rivals: tuple[tuple[str, ...], ...] = ()
     gain_low: float = float("nan")
     seconds: float = 0.0
+    error: str = ""
+
+
+class Measured(Protocol):
+    """A recording: all that a method may see."""
+
+    @property
+    def time_s(self) -> Floats: ...
+    @property
+    def position_m(self) -> Floats: ...
+    @property
+    def force_n(self) -> Floats: ...
+
+
+Method = Callable[[Measured], Answer]
 
 
 def from_document(document: Mapping[str, Any], seconds: float) -> Answer:

@@ -7,9 +7,8 @@ Motion and force go through one Savitzky-Golay filter. What such a peer can not 
 import numpy as np
 from scipy.signal import savgol_filter
 
-from tests.hidden_effects.answers import Answer, Interval
-from tests.hidden_effects.generator import Hidden
-from tests.hidden_effects.generator.scan import Array
+from forefeel.common.error_size import Floats
+from tests.hidden_effects.answers import Answer, Interval, Measured
 
 _COLUMNS = (
     ("", "mass_kg"), ("", "damping_n_s_m"), ("", "stiffness_n_m"),
@@ -23,26 +22,26 @@ CONSTANT = _COLUMNS.index(("bias", "force_n"))
 _WINDOW_S = 0.06
 
 
-def moves(hidden: Hidden) -> bool:
+def moves(measured: Measured) -> bool:
     """Whether there is a motion and a force to choose columns for."""
-    return bool(np.std(hidden.force_n) > 0.0 and np.ptp(hidden.position_m) >= 1e-5)
+    return bool(np.std(measured.force_n) > 0.0 and np.ptp(measured.position_m) >= 1e-5)
 
 
-def candidates(hidden: Hidden) -> tuple[Array, Array]:
+def candidates(measured: Measured) -> tuple[Floats, Floats]:
     """Columns in the order of _COLUMNS and the force, filtered alike on an even grid."""
-    rate_hz = 1.0 / float(np.median(np.diff(hidden.time_s)))
-    t = np.arange(hidden.time_s[0], hidden.time_s[-1], 1.0 / rate_hz)
+    rate_hz = 1.0 / float(np.median(np.diff(measured.time_s)))
+    t = np.arange(measured.time_s[0], measured.time_s[-1], 1.0 / rate_hz)
     window = max(5, 2 * int(0.5 * _WINDOW_S * rate_hz) + 1)
-    position = np.interp(t, hidden.time_s, hidden.position_m)
+    position = np.interp(t, measured.time_s, measured.position_m)
     x, v, a = (savgol_filter(position, window, 3, order, 1.0 / rate_hz) for order in (0, 1, 2))
-    force = savgol_filter(np.interp(t, hidden.time_s, hidden.force_n), window, 3)
+    force = savgol_filter(np.interp(t, measured.time_s, measured.force_n), window, 3)
     inside, sense = np.maximum(x, 0.0), np.sign(v) * (np.abs(v) > 1e-4)
     columns = (a, v, x, np.ones_like(x), sense, v * np.abs(v), x**2, x**3)
     more = (inside * v, np.abs(v), inside * sense, t - t[0])
     return np.stack([*columns, *more], axis=1), force
 
 
-def answer(sizes_n: Array, values: Array, seconds: float) -> Answer:
+def answer(sizes_n: Floats, values: Floats, seconds: float) -> Answer:
     """Every column with a coefficient names its effect; mass, damping, stiffness none.
 
     Args:

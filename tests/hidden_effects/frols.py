@@ -11,28 +11,27 @@ from sysidentpy.basis_function import Polynomial
 from sysidentpy.model_structure_selection import FROLS
 from sysidentpy.parameter_estimation import LeastSquares
 
-from tests.hidden_effects.answers import Answer
+from forefeel.common.error_size import Floats
+from tests.hidden_effects.answers import Answer, Measured
 from tests.hidden_effects.columns import CONSTANT, answer, candidates, moves
-from tests.hidden_effects.generator import Hidden
-from tests.hidden_effects.generator.scan import Array
 
 _FIRST_INPUT = 2
 """Its code of a term is 1000 times the signal and the lag; signal 1 is the output, 0 the constant."""
 
 
-def regressed(hidden: Hidden) -> Answer:
+def regressed(measured: Measured) -> Answer:
     """Its answer."""
     start_s = time.perf_counter()
-    if not moves(hidden):
+    if not moves(measured):
         return Answer("refused", seconds=time.perf_counter() - start_s)
-    phi, force = candidates(hidden)
+    phi, force = candidates(measured)
     scale = np.std(phi, axis=0)
     scale[scale < 1e-12] = 1.0
     coefficients = _chosen(phi / scale, force)
     return answer(coefficients, coefficients / scale, time.perf_counter() - start_s)
 
 
-def _chosen(phi: Array, force: Array) -> Array:
+def _chosen(phi: Floats, force: Floats) -> Floats:
     """A coefficient for each column, 0 for those that it leaves out. It regards columns one sample back."""
     count = phi.shape[1]
     method = FROLS(

@@ -6,13 +6,12 @@ import time
 from forefeel.common.errors import InputError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from tests.hidden_effects.answers import Answer, from_document
-from tests.hidden_effects.generator import Hidden
+from tests.hidden_effects.answers import Answer, Measured, from_document
 
 
-def diagnosed(hidden: Hidden) -> Answer:
+def diagnosed(measured: Measured) -> Answer:
     """Its answer; the verdict `refused` stands for an input error."""
-    recording = Recording("hidden", hidden.time_s, hidden.position_m, hidden.force_n, "hidden")
+    recording = Recording("hidden", measured.time_s, measured.position_m, measured.force_n, "hidden")
     start_s = time.perf_counter()
     try:
         result = diagnose(recording)

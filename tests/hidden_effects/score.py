@@ -78,10 +78,7 @@ class Outcome:
         return not self.flags.below_floor and not self.flags.inseparable
 
 
-Method = Callable[[Hidden], Answer]
-
-
-def scored(case: Case, method: Method) -> Outcome:
+def scored(case: Case, method: Callable[[Hidden], Answer]) -> Outcome:
     """Draws the case, asks the method, compares."""
     hidden = case.drawn()
     answer = method(hidden)

@@ -8,39 +8,39 @@ import time
 import warnings
 
 import numpy as np
+from numpy.typing import NDArray
 from pysindy import STLSQ
 
-from tests.hidden_effects.answers import Answer
+from forefeel.common.error_size import Floats
+from tests.hidden_effects.answers import Answer, Measured
 from tests.hidden_effects.columns import answer, candidates, moves
-from tests.hidden_effects.generator import Hidden
-from tests.hidden_effects.generator.scan import Array
 
 _BLOCKS = 5
 _THRESHOLDS = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.25, 0.4)
 """Of the std of the force."""
 
 
-def sparse(hidden: Hidden) -> Answer:
+def sparse(measured: Measured) -> Answer:
     """Its answer."""
     start_s = time.perf_counter()
-    if not moves(hidden):
+    if not moves(measured):
         return Answer("refused", seconds=time.perf_counter() - start_s)
-    phi, force = candidates(hidden)
+    phi, force = candidates(measured)
     scale = np.std(phi, axis=0)
     scale[scale < 1e-12] = 1.0
     unit = float(np.std(force))
-    coefficients = _chosen(phi / scale, force / unit) * unit
+    coefficients = chosen(phi / scale, force / unit) * unit
     return answer(coefficients, coefficients / scale, time.perf_counter() - start_s)
 
 
-def _fitted(phi: Array, force: Array, threshold: float) -> Array:
+def _fitted(phi: Floats, force: Floats, threshold: float) -> Floats:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = STLSQ(threshold=threshold, alpha=1e-6, max_iter=30).fit(phi, force[:, None])
     return np.asarray(found.coef_[0], dtype=np.float64)
 
 
-def _chosen(phi: Array, force: Array) -> Array:
+def chosen(phi: Floats, force: Floats) -> Floats:
     """Coefficients at the threshold of the sparsest model within one standard error of the best."""
     blocks = np.array_split(np.arange(len(force)), _BLOCKS)
     errors = np.array([[_error(phi, force, held, limit) for held in blocks] for limit in _THRESHOLDS])
@@ -51,7 +51,7 @@ def _chosen(phi: Array, force: Array) -> Array:
     return _fitted(phi, force, _THRESHOLDS[last])
 
 
-def _error(phi: Array, force: Array, held: np.ndarray[tuple[int], np.dtype[np.int_]], limit: float) -> float:
+def _error(phi: Floats, force: Floats, held: NDArray[np.int_], limit: float) -> float:
     seen = np.ones(len(force), dtype=bool)
     seen[held] = False
     rest = force[held] - phi[held] @ _fitted(phi[seen], force[seen], limit)

@@ -6,12 +6,13 @@ from math import exp
 import numpy as np
 import pytest
 
+from tests.hidden_effects.answers import Answer
 from tests.hidden_effects.bench import FAMILIES, LEAST_SHARE, Population, draw, draw_two, family_of
 from tests.hidden_effects.bench.effects import KNOWN, Effect, drive_play
 from tests.hidden_effects.bench.made import visibility
 from tests.hidden_effects.bench.measure import NOISES, Bench, Sensor, Take, noise, stamps
 from tests.hidden_effects.bench.rig import Body, Link, Rig, Wall, contact, simulated
-from tests.hidden_effects.bench.score import Answer, Outcome, elsewhere, scored
+from tests.hidden_effects.bench.score import Outcome, elsewhere, scored
 from tests.hidden_effects.bench.stage import STEP_S, Array, Stage
 
 _CELL = Link(*contact(0.1, 400.0, 0.4))
@@ -178,7 +179,7 @@ def test_stamps_are_lost_or_jitter() -> None:
 
 def test_outcomes() -> None:
     truth = frozenset({"play"})
-    outcome = Outcome(Population.PLAY, 0, truth, truth, True, "", Answer("cause_found", ("backlash",)), 1.0)
+    outcome = Outcome(Population.PLAY, 0, truth, truth, True, "", Answer("cause_found", ("backlash",)))
     assert outcome.exact and outcome.right_first and not outcome.wrong_first
     wrong = replace(outcome, answer=Answer("cause_found", ("sensor_lag", "backlash")))
     assert wrong.wrong_first and not wrong.exact and not wrong.abstained

@@ -1,7 +1,8 @@
-"""Recordings of a bench put to the diagnosis: `python -m tests.hidden_effects.bench --count N --seed S`.
+"""Recordings of a bench put to the diagnosis and its peers: `python -m tests.hidden_effects.bench`.
 
-Prints the families, a line for each population, and every recording whose first cause is confidently wrong or
-that ended in an exception. `bias` among the answered causes is passed over: every recording has one.
+Prints the families and a line for each population and method; then every recording of which the diagnosis
+names a first cause that is confidently wrong, or that ended in an exception. `bias` among the answered causes
+is passed over: every recording has one.
 """
 
 import argparse
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from functools import partial
+from itertools import product
 from multiprocessing import get_context
 from typing import TypeVar
 
@@ -17,6 +19,7 @@ import numpy as np
 
 from tests.hidden_effects.bench import FAMILIES, LEAST_SHARE, Population
 from tests.hidden_effects.bench.score import Elsewhere, Outcome, elsewhere, scored
+from tests.hidden_effects.methods import PRODUCT, TITLES, method_of
 
 T = TypeVar("T")
 _ALIKE = 2.0  # ratio of speeds within which another motion is within the recorded range
@@ -30,17 +33,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _elsewhere(population, range(options.seed, options.seed + options.count), options.jobs)
         return 0
     print(families(), head(), sep="\n\n", flush=True)
-    outcomes: list[Outcome] = []
-    for population in map(Population, options.population):
-        outcomes += _run(population, range(options.seed, options.seed + options.count), options.jobs)
-        print(row(population.value, [o for o in outcomes if o.population is population]), flush=True)
-    print(listed("confidently wrong first", (o for o in outcomes if o.wrong_first)))
-    print(listed("exceptions", (o for o in outcomes if o.answer.error)))
+    of_the_product: list[Outcome] = []
+    for population, method in product(map(Population, options.population), options.methods):
+        asked = partial(scored, population, method=method_of(method))
+        outcomes = list(_mapped(asked, range(options.seed, options.seed + options.count), options.jobs))
+        print(row(population.value if method == PRODUCT else f"- {method}", population, outcomes), flush=True)
+        of_the_product += outcomes if method == PRODUCT else []
+    print(listed("confidently wrong first", (o for o in of_the_product if o.wrong_first)))
+    print(listed("exceptions", (o for o in of_the_product if o.answer.error)))
     return 0
-
-
-def _run(population: Population, seeds: Iterable[int], jobs: int) -> list[Outcome]:
-    return list(_mapped(partial(scored, population), seeds, jobs))
 
 
 def _mapped(one: Callable[[int], T], seeds: Iterable[int], jobs: int) -> list[T]:
@@ -84,11 +85,11 @@ def head() -> str:
     return "  ".join([f"{'population':<12s}", *COLUMNS])
 
 
-def row(population: str, outcomes: Sequence[Outcome]) -> str:
+def row(title: str, population: Population, outcomes: Sequence[Outcome]) -> str:
     """One population; of `odd` only exceptions count, where nothing is hidden no family can be right."""
     count, found = len(outcomes), sum(o.found for o in outcomes)
-    names = any(o.hides for o in outcomes) and population != Population.ODD.value
-    judged = population != Population.ODD.value
+    names = any(o.hides for o in outcomes) and population is not Population.ODD
+    judged = population is not Population.ODD
     cells = (
         str(count),
         str(found),
@@ -98,10 +99,10 @@ def row(population: str, outcomes: Sequence[Outcome]) -> str:
         _share(sum(o.exact for o in outcomes), count) if judged else "-",
         str(sum(o.missed for o in outcomes)) if names else "-",
         str(sum(bool(o.answer.error) for o in outcomes)),
-        f"{np.median([o.seconds for o in outcomes]):.1f}",
+        f"{np.median([o.answer.seconds for o in outcomes]):.1f}",
     )
     padded = (f"{cell:>{len(title)}s}" for cell, title in zip(cells, COLUMNS, strict=True))
-    return "  ".join([f"{population:<12s}", *padded])
+    return "  ".join([f"{title:<12s}", *padded])
 
 
 def _share(hits: int, total: int) -> str:
@@ -123,6 +124,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--count", type=int, default=50, help="recordings of each population")
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--population", nargs="+", choices=every, default=every)
+    parser.add_argument("--methods", nargs="+", choices=TITLES, default=[PRODUCT])
     parser.add_argument("--other-motion", action="store_true", help="measure the gain on another motion")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     return parser.parse_args(arguments)

@@ -1,11 +1,10 @@
-"""One recording put to the diagnosis, and its answer beside the truth.
+"""One recording put to the diagnosis or a peer, and the answer beside the truth.
 
 This is the only module that imports the product. It stands apart from `__main__`, which the processes of a
 pool do not import.
 """
 
-import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,24 +14,17 @@ from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.diagnose.signals import Signals
 from forefeel.diagnosis.diagnose.verdict import ExpectedGain
+from tests.hidden_effects.answers import Answer, Method
 from tests.hidden_effects.bench import Made, Population, canonical, draw, draw_two, family_of
+from tests.hidden_effects.product import diagnosed
 
 ABSTENTIONS = ("not_separable", "unexplained", "nothing_found", "not_driven_by_this_axis", "refused")
 """Verdicts that name no cause; `refused` stands for an input error."""
 
 
 @dataclass(frozen=True)
-class Answer:
-    """Names in the diagnosis' order, without `bias`; the verdict is `exception` where there was one."""
-
-    verdict: str
-    names: tuple[str, ...] = ()
-    error: str = ""
-
-
-@dataclass(frozen=True)
 class Outcome:
-    """One recording: its truth, the answer, the seconds that it took."""
+    """One recording: its truth and the answer."""
 
     population: Population
     seed: int
@@ -41,7 +33,6 @@ class Outcome:
     hides: bool
     description: str
     answer: Answer
-    seconds: float
 
     @property
     def found(self) -> bool:
@@ -78,28 +69,24 @@ class Outcome:
         return self.found and frozenset(map(canonical, self.answer.names)) == self.names
 
 
-def scored(population: Population, seed: int) -> Outcome:
+def scored(population: Population, seed: int, method: Method = diagnosed) -> Outcome:
     """Draws, asks, compares."""
     made = draw(population, seed)
-    recording = Recording(f"bench {seed}", made.time_s, made.position_m, made.force_n, "bench")
-    start_s = time.perf_counter()
-    answer = answered(recording)
-    seconds = time.perf_counter() - start_s
-    return Outcome(population, seed, made.names, made.families, made.hides, made.description, answer, seconds)
+    return Outcome(
+        population, seed, made.names, made.families, made.hides, made.description, answered(made, method)
+    )
 
 
-def answered(recording: Recording) -> Answer:
-    """What the diagnosis says of it; where it names `bias` only, the completed baseline is sufficient."""
+def answered(made: Made, method: Method = diagnosed) -> Answer:
+    """What a method says of it; where it names `bias` only, the completed baseline is sufficient."""
     try:
-        diagnosis = diagnose(recording).diagnosis
-    except InputError:
-        return Answer("refused")
+        answer = method(made)
     except Exception as error:  # noqa: BLE001 - whatever goes wrong is counted
         return Answer("exception", error=f"{type(error).__name__}: {error}")
-    names = tuple(cause.name for cause in diagnosis.causes if cause.name != "bias")
-    if diagnosis.verdict == "cause_found" and not names:
-        return Answer("nothing_missing")
-    return Answer(diagnosis.verdict, names)
+    names = tuple(name for name in answer.names if name != "bias")
+    if answer.verdict == "cause_found" and not names:
+        return replace(answer, verdict="nothing_missing", names=())
+    return replace(answer, names=names)
 
 
 @dataclass(frozen=True)
