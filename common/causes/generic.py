@@ -1,9 +1,10 @@
 """How a diagnosis fits a force effect that does not say so itself, such as one of another distribution.
 
-Its `span` gives the columns, the parameters that it calls not linear are searched between its bounds,
-`from_span` leads back to its parameters. The scale is logarithmic for a positive parameter whose bounds are
-far apart; a linear one is searched as `exp` of its share of the range: one kind of search serves both.
-Time, where an effect depends on it, counts from the recording's first stamp.
+Its `span` gives the columns, the parameters that it calls not linear are searched between its bounds, but for
+those that are off, at a lowest value of 0, by default; `from_span` leads back to its parameters. The scale is
+logarithmic for a positive parameter whose bounds are far apart; a linear one is searched as `exp` of its
+share of the range: one kind of search serves both. Time, where an effect depends on it, counts from the
+recording's first stamp.
 """
 
 from dataclasses import dataclass, replace
@@ -35,7 +36,7 @@ class GenericForce:
     def shapes(self) -> tuple[Parameter, ...]:
         """The parameters that are searched, in the order of a shape."""
         wanted = self.kind.shape_names()
-        return tuple(p for p in self.kind.parameters if p.name in wanted)
+        return tuple(p for p in self.kind.parameters if p.name in wanted and not p.default == p.lower == 0.0)
 
     def candidate(self) -> ForceColumns:
         """Of the effect's only form."""

@@ -19,6 +19,7 @@ _BRANCHES = "stress_relaxation", "stress_relaxation:two"
 _MODE = "unmodelled_resonance"
 _FRICTION = (
     "coulomb_friction", "coulomb_friction:asymmetric", "stribeck_friction", "stribeck_friction:exponential",
+    "coulomb_friction:elastic", "stribeck_friction:elastic", "position_dependent_friction:elastic",
     "presliding_hysteresis", "presliding_hysteresis:bristles", "presliding_hysteresis:two",
     "position_dependent_friction",
 )  # fmt: skip
@@ -162,7 +163,7 @@ class ForwardModel:
         values = np.array([0.0, 0.0, 0.0, 1.0, 2.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, self.band])
         for name, shape in self.model.items():
             c = self.coefficients(name)
-            if name == "position_dependent_friction":
+            if base_name(name) == "position_dependent_friction":
                 values[5] = c[0]
             elif base_name(name) == "coulomb_friction":
                 values[:2] = c[0], c[-1]

@@ -220,6 +220,7 @@ class Judge:
                 base_name(other)
                 for other in self.search.names
                 if base_name(other) not in taken | kin(base_name(name))
+                and self.search.open_to(rest, other)
                 and not (name == "bias" and CANDIDATES[other].costly)  # it may hold a constant itself
                 and self._as_good(rest, other)
             }

@@ -170,7 +170,7 @@ class Search(Refiner):
 
     def _best_of(self, fit: ModelFit, names: Iterable[str]) -> ModelFit | None:
         """The best of the models with one of these causes more, when it is worth it."""
-        scanned = [self._scan(fit, name) for name in names if self._open(fit, name)]
+        scanned = [self._scan(fit, name) for name in names if self.open_to(fit, name)]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
         refined = [
             self.refined(trial, only=next(iter(set(trial.model) - set(fit.model))), most=_ROUGH)
@@ -193,7 +193,7 @@ class Search(Refiner):
     def _leaves_more_than_noise(self, fit: ModelFit) -> bool:
         return self.plain_rms(fit) > _MORE_THAN_NOISE * self.noise_n
 
-    def _open(self, fit: ModelFit, name: str) -> bool:
+    def open_to(self, fit: ModelFit, name: str) -> bool:
         """Whether neither a form of that name nor another description of the same contact is in the model
         yet.
         """
@@ -241,7 +241,7 @@ class Search(Refiner):
             scanned = [
                 self._scan(rest, other)
                 for other in self._worth_trying(fit, rest)
-                if other not in fit.model and self._open(rest, other)
+                if other not in fit.model and self.open_to(rest, other)
             ]
             ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:2]
             reach = abs(rest.score - fit.score)

@@ -40,9 +40,23 @@ def test_coulomb_friction_opposes_each_direction_with_its_own_level(v: float, ex
 
 
 def test_coulomb_friction_takes_one_force_for_both_directions() -> None:
-    assert CoulombFriction(force_n=0.2).values == {"forward_n": 0.2, "backward_n": 0.2}
+    assert CoulombFriction(force_n=0.2).values == {
+        "forward_n": 0.2,
+        "backward_n": 0.2,
+        "breakaway_m": 0.0,
+    }
     with pytest.raises(ValueError, match=r"^coulomb_friction.forward_n: sets forward_n a second time$"):
         CoulombFriction(force_n=0.2, forward_n=0.3)
+
+
+def test_with_a_breakaway_friction_turns_over_twice_that_distance() -> None:
+    effect = CoulombFriction(force_n=0.2, breakaway_m=1e-5)
+    assert glide(effect, 5e-6, 1e-3, 10) == pytest.approx(0.1)
+    assert glide(effect, 1e-3, 1e-3, 10) == pytest.approx(0.2)
+    assert glide(effect, -1e-5, 1e-3, 10) == pytest.approx(0.0, abs=1e-12)
+    assert glide(effect, -1e-4, 1e-3, 10) == pytest.approx(-0.2)
+    effect.reset()
+    assert effect.step(0.0, 0.0, 0.0, 0.0, 1e-3) == 0.0
 
 
 @pytest.mark.parametrize("steps", [1, 7, 1000])

@@ -120,7 +120,10 @@ def test_a_mapping_comes_back_with_its_defaults() -> None:
     full = {"stiffness_n_m": 6.0, "time_constant_s": 1.0}
     assert described == mapping(
         {**short, "parameters": full},
-        {"effect": "coulomb_friction", "parameters": {"forward_n": 0.2, "backward_n": 0.2}},
+        {
+            "effect": "coulomb_friction",
+            "parameters": {"forward_n": 0.2, "backward_n": 0.2, "breakaway_m": 0.0},
+        },
     )
     assert ContactModel.from_mapping(described) == model(short, VALVE)
 
