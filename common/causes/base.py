@@ -194,15 +194,15 @@ class FactorEffect(Effect):
     """Something along the instrument that lets more or less of the tip's force through, by the motion."""
 
     @abstractmethod
-    def factor(self, v: float, force_n: float) -> float:
+    def factor(self, x: float, v: float, force_n: float) -> float:
         """By which the forces of shaft and wall are multiplied.
 
-        v in m/s is the instrument's, force_n the sum of these forces at the tip.
+        x in m and v in m/s are the instrument's, force_n the sum of these forces at the tip.
         """
 
-    def factors(self, v: Array, force_n: Array) -> Array:
+    def factors(self, x: Array, v: Array, force_n: Array) -> Array:
         """`factor` over a whole recording, shape (n,)."""
-        at = zip(v.tolist(), force_n.tolist(), strict=True)
+        at = zip(x.tolist(), v.tolist(), force_n.tolist(), strict=True)
         return np.array([self.factor(*each) for each in at], dtype=np.float64)
 
 

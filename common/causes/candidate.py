@@ -28,7 +28,9 @@ Entry = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class MotionGrid:
-    """The instrument's motion on the fine grid; `touching` is 1 in contact; `speed_band` where v is noise."""
+    """The instrument's motion on the fine grid and the measured force in N; `touching` is 1 in contact;
+    `speed_band` where v is noise.
+    """
 
     t: Array
     x: Array
@@ -38,6 +40,7 @@ class MotionGrid:
     pieces: tuple[slice, ...]
     speed_band: float
     decimated: bool
+    force: Array
 
     @cached_property
     def direction(self) -> Array:
@@ -63,6 +66,8 @@ class Extent:
     low_m: float
     high_m: float
     speed_band: float
+    low_n: float
+    high_n: float
 
     @property
     def range_m(self) -> float:
@@ -181,7 +186,13 @@ class Mode(Candidate):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Changing(Candidate):
-    """It changes the columns of all others. A transmission has one of its own where it has a coefficient."""
+    """It changes the columns of all others, and has one of its own where it has a coefficient.
+
+    `mass_site`: where the mass is, by the motion that it makes: the stage's, before all that changes motion
+    or force (sensor), the instrument's with or without contact (shaft), or in contact only (wall).
+    """
+
+    mass_site: Site = "wall"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,20 +204,21 @@ class Alignment(Changing):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transmission(Changing):
-    """Another motion for all forces; `mass_site`: where the mass is, by the motion that it makes: the stage's
-    (sensor), the instrument's with or without contact (shaft), or in contact only (wall). Its own column is
-    the acceleration of the instrument, of a second mass.
-    """
+    """Another motion for all forces. Its own column is the instrument's acceleration, of a second mass."""
 
     moved: Callable[[MotionGrid, Shape], MotionGrid]
-    mass_site: Site = "wall"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modulation(Changing):
-    """A factor of all forces at each instant: of (motion, shape)."""
+    """A factor of all forces at each instant: of (motion, shape). Its own column is a constant of the tip's.
+
+    `zero_n`: of a factor that asks for the sign of the tip's force, the reading at which it takes that force
+    to be zero, by its shape.
+    """
 
     factor: Callable[[MotionGrid, Shape], Array]
+    zero_n: Callable[[Shape], float] | None = None
 
 
 def entry(kind: type[Effect], values: Values) -> Entry:

@@ -1,47 +1,132 @@
 """Friction along a bent shaft: it multiplies the tip's force."""
 
+from itertools import product
 from math import copysign, exp
 
 import numpy as np
 
 from forefeel.common.causes.base import FactorEffect, Parameter
-from forefeel.common.causes.candidate import Extent, Modulation, MotionGrid, Shape, log_grid
+from forefeel.common.causes.bias import Bias
+from forefeel.common.causes.candidate import (
+    Entry,
+    Extent,
+    Found,
+    Modulation,
+    MotionGrid,
+    Shape,
+    Values,
+    entry,
+    log_grid,
+)
 from forefeel.common.causes.direction import direction, directions
 from forefeel.common.causes.offline import Array
+
+_LEAST, _MOST = 0.03, 1.5  # rad, wraps that are tried; chosen
+_ZEROS = 0.0, 0.2, 0.4, 0.6, 0.8, 1.0  # of the force's range, where the tip's may be zero; chosen
 
 
 def _more(motion: MotionGrid, shape: Shape) -> Array:
     return np.asarray(np.exp(shape[0] * motion.direction))
 
 
+def _opposing(motion: MotionGrid, zero_n: float) -> Array:
+    """The direction by the sign of the tip's force, which is that of the reading without its offset."""
+    return motion.direction * np.sign(motion.force - zero_n)
+
+
+def _by_the_tip(motion: MotionGrid, shape: Shape) -> Array:
+    wrap_rad, zero_n = shape
+    return np.asarray(np.exp(wrap_rad * _opposing(motion, zero_n)))
+
+
+def _by_the_depth(motion: MotionGrid, shape: Shape) -> Array:
+    wrap_rad_m, zero_n = shape
+    return np.asarray(np.exp(wrap_rad_m * motion.depth * _opposing(motion, zero_n)))
+
+
+def _zero_n(shape: Shape) -> float:
+    return shape[1]
+
+
 def _wraps(_extent: Extent) -> list[Shape]:
-    return log_grid(0.03, 1.5, 9)
+    return log_grid(_LEAST, _MOST, 9)
+
+
+def _wraps_and_zeros(extent: Extent) -> list[Shape]:
+    zeros_n = [extent.low_n + share * (extent.high_n - extent.low_n) for share in _ZEROS]
+    wraps = [wrap_rad for (wrap_rad,) in log_grid(4.0 * _LEAST, _MOST, 3)]
+    return list(product(wraps, zeros_n))
+
+
+def _wraps_of_depths(extent: Extent) -> list[Shape]:
+    reach_m = max(extent.high_m, 0.5 * extent.stroke_m)
+    return [(wrap_rad / reach_m, zero_n) for wrap_rad, zero_n in _wraps_and_zeros(extent)]
+
+
+def _wrap(found: Found) -> Values:
+    return {"wrap_rad": found.shape[0]}
+
+
+def _wrap_of_depth(found: Found) -> Values:
+    return {"wrap_rad_m": found.shape[0]}
+
+
+def _with_preload(found: Found) -> list[Entry]:
+    return [entry(Capstan, _wrap(found)), _preload(found)]
+
+
+def _of_depth_with_preload(found: Found) -> list[Entry]:
+    return [entry(Capstan, _wrap_of_depth(found)), _preload(found)]
+
+
+def _preload(found: Found) -> Entry:
+    return {**entry(Bias, {"force_n": float(found.coefficients[0])}), "site": "wall"}
 
 
 class Capstan(FactorEffect):
     """`F = F_tip exp(wrap s)`: against its motion the stage feels more than the tip, along with it less.
 
-    wrap = wrap_rad is the coefficient of friction times the angle by which the shaft is wrapped; s is the
-    direction of the motion, see `direction`, by the sign of F_tip. All that acts on shaft and wall is
-    multiplied. A diagnosis takes the tip to push throughout.
+    wrap = wrap_rad + wrap_rad_m max(x, 0) is the coefficient of friction times the angle by which the shaft
+    is wrapped, which grows with the inserted length where the bends do; s is the direction of the motion, see
+    `direction`, by the sign of F_tip. All that acts on shaft and wall is multiplied. A spring that is not
+    relaxed at 0 has a preload, in a model.yaml a `bias` at the site `wall`.
     """
 
     name = "capstan"
-    parameters = (Parameter("wrap_rad", "rad", 0.0, 0.0, 10.0, linear=False),)
+    parameters = (
+        Parameter("wrap_rad", "rad", 0.0, 0.0, 10.0, linear=False),
+        Parameter("wrap_rad_m", "rad/m", 0.0, 0.0, 1e5, linear=False),
+    )
     reference = "capstan (Euler-Eytelwein) equation"
     fingerprint = (
         "a jump at each reversal that is everywhere the same share of the force: it opens with depth"
     )
     words = "friction along the bent shaft that multiplies the tip's force"
-    equation = ("all but the bias times exp({wrap_rad} sgn(x'))",)
+    equation = (
+        "the tip's force times exp({wrap_rad_m} max(x, 0) sgn(x')), by its sign",
+        "the tip's force times exp({wrap_rad} sgn(x')), by its sign",
+    )
     candidates = (
         Modulation(shapes=("wrap_rad",), sizes=("wrap_rad",), factor=_more, grid=_wraps, picture="direction"),
-    )
+        Modulation(
+            form="tip", coefficients=("preload_n",), shapes=("wrap_rad", "zero_n"), naming=_wrap,
+            making=_with_preload, sizes=("wrap_rad",), signs=(0,), factor=_by_the_tip, zero_n=_zero_n,
+            grid=_wraps_and_zeros, logarithmic=False, mass_site="sensor", costly=True, picture="direction",
+        ),
+        Modulation(
+            form="depth", coefficients=("preload_n",), shapes=("wrap_rad_m", "zero_n"), naming=_wrap_of_depth,
+            making=_of_depth_with_preload, sizes=("wrap_rad_m",), signs=(0,), factor=_by_the_depth,
+            zero_n=_zero_n, grid=_wraps_of_depths, logarithmic=False, mass_site="sensor", costly=True,
+            picture="direction",
+        ),
+    )  # fmt: skip
 
-    def factor(self, v: float, force_n: float) -> float:
+    def factor(self, x: float, v: float, force_n: float) -> float:
         """exp(wrap s)."""
-        return exp(self.values["wrap_rad"] * direction(v) * copysign(1.0, force_n))
+        wrap = self.values["wrap_rad"] + self.values["wrap_rad_m"] * max(x, 0.0)
+        return exp(wrap * direction(v) * copysign(1.0, force_n))
 
-    def factors(self, v: Array, force_n: Array) -> Array:
+    def factors(self, x: Array, v: Array, force_n: Array) -> Array:
         """exp(wrap s) at each instant."""
-        return np.asarray(np.exp(self.values["wrap_rad"] * directions(v) * np.copysign(1.0, force_n)))
+        wrap = self.values["wrap_rad"] + self.values["wrap_rad_m"] * np.maximum(x, 0.0)
+        return np.asarray(np.exp(wrap * directions(v) * np.copysign(1.0, force_n)))

@@ -11,7 +11,12 @@ from forefeel.common.causes.offline import Array, lazy_kernel
 BAND_M_S = 1e-5
 BREAKAWAY = Parameter("breakaway_m", "m", 0.0, 0.0, 1.0, linear=False)
 """Distance over which friction goes from rest to its full size; 0 where it has it at once."""
-_SHORTEST, _LONGEST, _LENGTHS = 1e-5, 3e-3, 5  # of the stroke, and how many lengths are tried; chosen
+_SHORTEST, _LONGEST, _LENGTHS = (
+    1e-5,
+    6e-4,
+    4,
+)  # of the stroke, and how many lengths are tried; chosen: a refined
+# length ends at the shortest of presliding_hysteresis
 
 
 def direction(v: float) -> float:

@@ -85,7 +85,7 @@ def _try(kind: type[Effect]) -> None:
         elif isinstance(effect, MotionEffect):
             found, count = effect.transform(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S), 3
         elif isinstance(effect, FactorEffect):
-            found, count = (effect.factor(v, x),), 1
+            found, count = (effect.factor(x, v, v),), 1
         elif isinstance(effect, SensorEffect):
             found, count = (effect.sense(_TRIAL_STEP_S, x, _TRIAL_STEP_S),), 1
         else:

@@ -107,7 +107,7 @@ class ContactRuntime:
                 phi += compute(t, depth, v, a, dt)
         if self._factors:
             force_n = sum(map(mul, self.linear_values[own:], phi[own:]))
-            factor = prod(effect.factor(v, force_n) for effect in self._factors)
+            factor = prod(effect.factor(x, v, force_n) for effect in self._factors)
             phi[own:] = [factor * each for each in phi[own:]]
         return phi
 
@@ -141,7 +141,7 @@ class ContactRuntime:
         own = np.concatenate([np.empty((len(t), 0)), *acting], axis=1)
         if self._factors:
             force_n = own @ np.array(self.linear_values[len(self.linear_values) - own.shape[1] :])
-            own = own * np.prod([each.factors(v, force_n) for each in self._factors], axis=0)[:, None]
+            own = own * np.prod([each.factors(x, v, force_n) for each in self._factors], axis=0)[:, None]
         phi = np.concatenate([*blocks, own], axis=1)
         for sensor in self._sensors if sensed else ():
             if sensor.linear:

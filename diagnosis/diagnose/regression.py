@@ -41,6 +41,7 @@ _WHITE = 2  # taps of no colour
 _FROM_THE_STAGE: tuple[Site, ...] = "sensor", "shaft"  # sites that a mass before the contact may have
 C = TypeVar("C", bound=Changing)
 _LEAST_SIDE = 0.03  # of the samples, on each side of a play; chosen
+_NEAR_ZERO = 0.1  # of the range of the force, by which its zero may be off: where it is small; chosen
 _MOST_PRODUCTS = 40_000
 _CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
 
@@ -96,7 +97,7 @@ class RecordingRegression:
         s = signals
         self._motion = MotionGrid(
             s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band,
-            s.decimated,
+            s.decimated, _on(s.piecewise(), s.fine_t, s.piecewise(fine=False), s.t, s.force),
         )  # fmt: skip
         self._motions: OrderedDict[object, MotionGrid] = OrderedDict()
         self._spectra: OrderedDict[object, list[Spectrum]] = OrderedDict()
@@ -291,6 +292,8 @@ class RecordingRegression:
             columns = [self._accelerated(model, motion), motion.v * motion.touching, motion.x]
         elif isinstance(candidate, Transmission):
             columns = [motion.a]
+        elif isinstance(candidate, Modulation):
+            columns = [np.ones_like(motion.x)]
         else:
             assert isinstance(candidate, ForceColumns)
             columns = candidate.columns(motion, shape)
@@ -298,7 +301,8 @@ class RecordingRegression:
                 columns = [column * motion.touching for column in columns]
         for modulation, wrap in changing(model, Modulation):
             factor = modulation.factor(motion, wrap)
-            columns = [column * factor for column in columns]
+            carried = candidate is None and mass_site(model) == "sensor"  # the mass, which is before it
+            columns = [columns[0] if carried else factor * columns[0], *(factor * c for c in columns[1:])]
         return [self.signals.spectrum(column) for column in columns]
 
     def _accelerated(self, model: Model, motion: MotionGrid) -> Floats:
@@ -318,7 +322,14 @@ class RecordingRegression:
                     for sign, value in zip(signs, values, strict=True)
                 ):
                     return False
-        return self._plays_on_both_sides(model)
+        return self._plays_on_both_sides(model) and self._zero_is_kept(model, owners, coefficients)
+
+    def _zero_is_kept(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
+        """Whether the reading at which a factor takes the tip's force to be zero is the cell's offset."""
+        offset_n = float(coefficients[owners.index("bias")]) if "bias" in owners else 0.0
+        near_n = _NEAR_ZERO * (self.extent.high_n - self.extent.low_n)
+        zeros_n = (each.zero_n(shape) for each, shape in changing(model, Modulation) if each.zero_n)
+        return all(abs(zero_n - offset_n) < near_n for zero_n in zeros_n)
 
     def _plays_on_both_sides(self, model: Model) -> bool:
         """Whether the instrument lies against each side of a play for a while: else it is a wall's begin."""
@@ -335,6 +346,12 @@ def _has_no_column(candidate: Candidate | None) -> bool:
     return isinstance(candidate, Changing) and not candidate.coefficients
 
 
+def _on(fine: Sequence[slice], fine_t: Floats, coarse: Sequence[slice], t: Floats, values: Floats) -> Floats:
+    """Values of the coarse grid on the fine one, piece by piece."""
+    parts = [np.interp(fine_t[f], t[c], values[c]) for f, c in zip(fine, coarse, strict=True)]
+    return np.concatenate(parts)
+
+
 def frame(model: Model, *kinds: type[Changing]) -> tuple[tuple[str, Shape], ...]:
     """What in a model changes the columns of all others; sorted, so that it can be a key."""
     return tuple(sorted((n, shape) for n, shape in model.items() if isinstance(CANDIDATES[n], kinds)))
@@ -348,7 +365,7 @@ def changing(model: Model, kind: type[C]) -> list[tuple[C, Shape]]:
 
 def mass_site(model: Model) -> Site:
     """Where the mass is, by the motion that it makes."""
-    sites = {transmission.mass_site for transmission, _ in changing(model, Transmission)}
+    sites = {each.mass_site for each, _ in changing(model, Changing)}
     return next((site for site in _FROM_THE_STAGE if site in sites), "wall")
 
 

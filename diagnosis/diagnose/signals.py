@@ -321,4 +321,5 @@ def extent_of(signals: Signals, speed_band: float) -> Extent:
         float(low),
         float(high),
         speed_band,
+        *np.quantile(signals.force[signals.rows], (0.005, 0.995)).tolist(),
     )

@@ -63,7 +63,7 @@ def stepwise(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
         depths = [effect.penetration_m(at[1], at[2]) for at in steps]
         return np.array([[np.nan if depth is None else depth] for depth in depths])
     if isinstance(effect, FactorEffect):
-        return np.array([[effect.factor(at[2], at[1])] for at in steps])
+        return np.array([[effect.factor(at[1], at[2], at[3])] for at in steps])
     assert isinstance(effect, SensorEffect)
     return np.array([[effect.sense(at[0], at[1], at[4])] for at in steps])
 
@@ -76,7 +76,7 @@ def whole(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
     if isinstance(effect, ContactEffect):
         return effect.penetrations_m(x, v)[:, None]
     if isinstance(effect, FactorEffect):
-        return effect.factors(v, x)[:, None]
+        return effect.factors(x, v, a)[:, None]
     assert isinstance(effect, SensorEffect)
     return effect.readings(t, x)[:, None]
 
@@ -119,7 +119,7 @@ def test_the_loop_that_a_new_effect_inherits_is_the_same(name: str) -> None:
     elif isinstance(effect, ContactEffect):
         inherited = ContactEffect.penetrations_m(effect, motion[1], motion[2])[:, None]
     elif isinstance(effect, FactorEffect):
-        inherited = FactorEffect.factors(effect, motion[2], motion[1])[:, None]
+        inherited = FactorEffect.factors(effect, *motion[1:])[:, None]
     else:
         assert isinstance(effect, SensorEffect)
         inherited = SensorEffect._readings(effect, motion[0], motion[1], dt)[:, None]

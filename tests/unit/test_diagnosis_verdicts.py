@@ -78,6 +78,20 @@ def test_friction_along_the_shaft_multiplies_the_tip_s_force() -> None:
     assert kin("capstan") == {"capstan", "position_dependent_friction"}
 
 
+@pytest.mark.parametrize(("name", "wrap"), [("wrap_rad", 0.3), ("wrap_rad_m", 12.0)])
+def test_the_tip_of_a_bent_shaft_may_pull_as_well_as_push(name: str, wrap: float) -> None:
+    """The tissue is relaxed amid the stroke; the model that is written has its preload and gives the force."""
+    preload = {**effect("bias", force_n=-0.4), "site": "wall"}
+    recording = recorded(body(0.0), preload, effect("capstan", **{name: wrap}), effect("bias", force_n=0.1))
+    found = diagnose(recording)
+    (cause,) = (each for each in found.diagnosis.causes if each.name != "bias")
+    assert cause.name == "capstan"
+    assert cause.parameters[name].value == pytest.approx(wrap, rel=0.03)
+    said = extended_model(found.analysis, "made").runtime().forces_n(*motion())
+    assert recording.force_n is not None
+    assert np.std((said - recording.force_n)[200:-200]) < 4e-3
+
+
 def test_without_a_cause_only_the_noise_decides_what_is_said() -> None:
     assert diagnose(recorded(body(0.03))).diagnosis.verdict == "nothing_missing"
     slow = diagnose(recorded(body(0.03), rate_hz=25.0)).diagnosis

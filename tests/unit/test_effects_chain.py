@@ -5,6 +5,7 @@ from math import exp
 import pytest
 
 from forefeel.common.causes.backlash import Backlash
+from forefeel.common.causes.capstan import Capstan
 from forefeel.common.causes.contact_loss import ContactLoss
 from forefeel.common.causes.sensor_lag import SensorLag
 from forefeel.common.causes.sensor_quantisation import SensorQuantisation
@@ -38,6 +39,14 @@ def test_a_damped_wall_pushes_and_does_not_pull() -> None:
     assert effect.penetration_m(0.013, -0.029) == pytest.approx(0.003)
     assert effect.penetration_m(0.013, -0.031) is None, "spring and damper together would pull"
     assert effect.penetration_m(0.009, 1.0) is None
+
+
+def test_a_shaft_whose_bends_grow_with_its_length_multiplies_more_the_deeper_it_is() -> None:
+    effect = Capstan(wrap_rad=0.1, wrap_rad_m=20.0)
+    assert effect.factor(0.01, 1.0, 1.0) == pytest.approx(exp(0.3))
+    assert effect.factor(0.01, -1.0, 1.0) == pytest.approx(exp(-0.3))
+    assert effect.factor(0.01, -1.0, -1.0) == pytest.approx(exp(0.3)), "a tip that pulls"
+    assert effect.factor(-0.01, 1.0, 1.0) == pytest.approx(exp(0.1))
 
 
 @pytest.mark.parametrize("steps", [1, 10, 1000])
