@@ -11,12 +11,8 @@ from forefeel.common.causes.offline import Array, lazy_kernel
 BAND_M_S = 1e-5
 BREAKAWAY = Parameter("breakaway_m", "m", 0.0, 0.0, 1.0, linear=False)
 """Distance over which friction goes from rest to its full size; 0 where it has it at once."""
-_SHORTEST, _LONGEST, _LENGTHS = (
-    1e-5,
-    6e-4,
-    4,
-)  # of the stroke, and how many lengths are tried; chosen: a refined
-# length ends at the shortest of presliding_hysteresis
+# of the stroke, and how many are tried; chosen: a refined one ends where presliding_hysteresis begins
+_SHORTEST, _LONGEST, _LENGTHS = 1e-5, 6e-4, 4
 
 
 def direction(v: float) -> float:

@@ -15,7 +15,8 @@ LONG = ("breathing_spring", "pulsation", "position_ripple", "time_delay", "unmod
 OF_THE_BENCH = (
     ("known", 704), ("known", 705), ("known", 706), ("known", 714), ("known", 715), ("known", 719),
     ("known", 722), ("known", 751), ("known", 755), ("known", 720), ("known", 737), ("known", 723),
-    ("known", 741), ("known", 726), ("play", 105), ("play", 108), ("nothing", 103), ("hum", 103), ("slow", 101),
+    ("known", 741), ("known", 726), ("play", 105), ("play", 108), ("nothing", 103), ("hum", 103),
+    ("slow", 101),
 )  # fmt: skip
 
 

@@ -80,7 +80,7 @@ def test_friction_along_the_shaft_multiplies_the_tip_s_force() -> None:
 
 @pytest.mark.parametrize(("name", "wrap"), [("wrap_rad", 0.3), ("wrap_rad_m", 12.0)])
 def test_the_tip_of_a_bent_shaft_may_pull_as_well_as_push(name: str, wrap: float) -> None:
-    """The tissue is relaxed amid the stroke; the model that is written has its preload and gives the force."""
+    """The tissue is relaxed amid the stroke; the model.yaml has its preload and gives the force."""
     preload = {**effect("bias", force_n=-0.4), "site": "wall"}
     recording = recorded(body(0.0), preload, effect("capstan", **{name: wrap}), effect("bias", force_n=0.1))
     found = diagnose(recording)
