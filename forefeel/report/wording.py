@@ -23,6 +23,7 @@ _UNITS = {
     "_n_m": "N/m",
     "_n_s": "N/s",
     "_m_s": "m/s",
+    "_rad_m": "rad/m",
     "_rad": "rad",
     "_kg": "kg",
     "_hz": "Hz",
