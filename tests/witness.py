@@ -23,7 +23,7 @@ PRIORITY = 30
 WATCHDOG_S = 0.060
 """Of the slave. What needs a session without a stop has this slack: a machine that stands still ends it."""
 MOST_NOT_JUDGED = 0.05
-"""Of the tests of real time."""
+"""Of the tests of real time, but one always: of the 14 long ones one is 7 %, and machines stall at times."""
 _DEVICE_PRIORITY = 60
 """Of SCHED_RR: that of `forefeel emulate`, above the loops of daemons, which other tests run meanwhile."""
 _STEP_S = 0.005
@@ -153,7 +153,7 @@ class _Account:
 
     @property
     def _too_many(self) -> bool:
-        return len(self._late) > MOST_NOT_JUDGED * len(self._found)
+        return len(self._late) > max(1.0, MOST_NOT_JUDGED * len(self._found))
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         """Turns a passed session into a failed one."""
@@ -167,7 +167,7 @@ class _Account:
         on_time, failed = len(self._found) - len(self._late), "FAILED " if self._too_many else ""
         terminalreporter.write_line(
             f"{failed}timeliness: judged in {on_time} of {len(self._found)} tests; "
-            f"at most {MOST_NOT_JUDGED:.0%} may go without"
+            f"at most one or {MOST_NOT_JUDGED:.0%} may go without"
         )
         for nodeid, said in self._late.items():
             terminalreporter.write_line(f"NOT JUDGED {nodeid}: {'; '.join(said)}")

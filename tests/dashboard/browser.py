@@ -143,6 +143,7 @@ class Shown:
     def __init__(self, chromium: Chromium, url: str, width: int = 1280, height: int = 800) -> None:
         self._browser, self._group = chromium.launch()
         self.page = self._browser.new_page(viewport={"width": width, "height": height})
+        self.page.set_default_timeout(1e3 * _PATIENCE_S)  # the server behind all others loads the page, too
         self.asked: set[str] = set()
         self.errors: list[str] = []
         self.page.on("request", lambda request: self.asked.add(request.url))

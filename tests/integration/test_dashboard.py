@@ -313,9 +313,9 @@ def test_a_loopback_is_shown_while_it_runs(chromium: Chromium, tmp_path: Path) -
     out = tmp_path / "out"
     run = Process("loopback", tmp_path, "loopback", "--dashboard", "--duration", "150", "--out", str(out))
     try:
-        wait_until(lambda: "dashboard at http" in run.log.read_text(), 30.0, "the address")
+        wait_until(lambda: "dashboard at http" in run.log.read_text(), 60.0, "the address")
         (url,) = re.findall(r"dashboard at (\S+)", run.log.read_text())
-        wait_until(lambda: url in (out / "dashboard.log").read_text(), 30.0, "the server")
+        wait_until(lambda: url in (out / "dashboard.log").read_text(), 60.0, "the server")
         with Shown(chromium, url) as shown:
             shown.drawing()
             assert shown.text("cell") == "loopback"
