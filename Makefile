@@ -32,9 +32,8 @@ $(READY): $(DEMO) deploy/lock/dev.txt
 demo: $(DEMO) ## two daemons over Zenoh on this machine for 20 s, report in out/demo; live at 127.0.0.1:8600
 	$(BIN)/forefeel loopback --dashboard --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
-test: $(READY) ## all tests: what runs in virtual time on both cores, then what runs on the wall clock
+test: $(READY) ## all tests that do not depend on the speed of the machine
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not soak and not fuzz'
-	$(BIN)/python -m pytest -n 2 --dist loadscope --no-loadscope-reorder -m 'realtime and not soak and not fuzz' tests/integration
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/ruff check .
