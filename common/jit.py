@@ -67,7 +67,7 @@ def _forget_what_is_old() -> None:
     Numba takes what it kept for fresh as long as the kernel's own file is unchanged, though the code of every
     kernel that it calls is in there. Where the folder can not be written, as in a container, nothing changes.
     """
-    package = Path(__file__).resolve().parents[1]
+    package = Path(__file__).parents[1]  # forefeel/, by its links: not resolved
     folders = [package / name for name in _WITH_KERNELS]
     sources = b"\0".join(path.read_bytes() for folder in folders for path in sorted(folder.rglob("*.py")))
     found, stamp = hashlib.sha256(sources).hexdigest(), package / _STAMP

@@ -21,8 +21,6 @@ BUILT_FROM = (
     "common",
     "master",
     "slave",
-    "devices",
-    "diagnosis",
     "studies",
 )
 

@@ -18,7 +18,7 @@ from tests.commands.command_line import COMMANDS
 from tests.docs.commands import tree
 from tests.docs.pages import ROOT
 
-_PRODUCT = ("common", "slave", "master", "devices", "forefeel")
+_PRODUCT = ("common", "slave", "master", "forefeel")
 _FILES = ("settings.py", "network_settings.py", "hardware/calibration.py")
 _BASES = {  # never a section: what derives from them is
     "DaemonSettings", "SerialSettings", "DriverSettings", "StageDriverSettings", "GripperDriverSettings",
