@@ -59,21 +59,21 @@ hidden-effects: $(READY) ## both generators: false confidence first; 400 recordi
 
 MINUTES ?= 60
 # of those on the wall clock the three-minute form runs the attacks and the live view in a browser
-SHORT = tests/attacks tests/integration/test_dashboard.py tests/integration/test_emulated_loopback.py --deselect \
-	tests/integration/test_dashboard.py::test_ten_minutes_without_growth --deselect \
-	'tests/attacks/test_attacks.py::test_every_attack_is_refused_and_counted[20000 silent]'
+SHORT = tests/system/attacks tests/process/test_dashboard.py tests/process/test_emulated_loopback.py --deselect \
+	tests/process/test_dashboard.py::test_ten_minutes_without_growth --deselect \
+	'tests/system/attacks/test_attacks.py::test_every_attack_is_refused_and_counted[20000 silent]'
 # the three-minute form tells what failed; the long one also what every test measured
 FIGURES = $(if $(filter 3,$(MINUTES)),,$(1))
 soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' $(call FIGURES,-rP)
 	$(BIN)/python -m pytest -m 'soak and realtime' $(call FIGURES,-s) $(if $(filter 3,$(MINUTES)),$(SHORT))
-	$(BIN)/python -m tests.soak --minutes $(MINUTES)
+	$(BIN)/python -m tests.system.soak --minutes $(MINUTES)
 
 faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (30 minutes)
-	$(BIN)/python -m tests.faults --out docs/explanation/faults.md
+	$(BIN)/python -m tests.system.faults --out docs/explanation/faults.md
 
 signals: $(READY) ## 300 signals at random times over every command on a busy machine (25 minutes)
-	$(BIN)/python -m tests.signals
+	$(BIN)/python -m tests.system.signals
 
 fuzz: $(READY) ## 100,000 byte strings for every parser
 	$(BIN)/python -m pytest -m fuzz -s --timeout 900

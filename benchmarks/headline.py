@@ -23,7 +23,7 @@ from forefeel.loopback.plan import DEFAULT_DURATION_S, LoopbackOptions, make_pla
 from forefeel.loopback.real import run_real
 from forefeel.report.score import PredictionComparison
 from forefeel.report.summary import RunReport, summarise
-from tests.net.links import LINKS, Route, link_run
+from tests.system.net.links import LINKS, Route, link_run
 
 COLUMNS = (
     "network", "loss, %", "seed", "prediction, mN rms", "hold, mN rms", "prediction / hold", "settled",

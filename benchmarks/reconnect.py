@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.links import Setting, add_options, command, settings
 from benchmarks.markdown import Table
-from tests.net.links import ENDS, LINKS, LinkedDaemons, linked
+from tests.system.net.links import ENDS, LINKS, LinkedDaemons, linked
 
 COLUMNS = ("link", "round trip, ms", "loss, %", "opened, s", "after a cut, s", "congestion control")
 BOUNDS_S = {100.0: 3.0, 300.0: 5.0, 600.0: 8.0}

@@ -21,8 +21,8 @@ from forefeel.common.clock import now_utc
 from forefeel.common.state.folder import SOCKET
 from forefeel.pki.folder import make_folder
 from tests.live_cell import free_port
-from tests.net.cable import ADDRESSES
-from tests.net.hosts import joined_by_tun
+from tests.system.net.cable import ADDRESSES
+from tests.system.net.hosts import joined_by_tun
 
 _ROUNDS = 21  # rounds, an odd number for the median; chosen, not measured: fewer scatter more
 _ONE_WAY_S = 0.010  # s that a packet takes each way; chosen, not measured: a far host

@@ -10,7 +10,7 @@ from forefeel.common.topics import COMMAND, FORCE, HAPTICS, MASTER_STATE, SLAVE_
 from forefeel.devices.coil.driver import CoilHandle
 from forefeel.devices.coil.emulator import CoilDevice
 from forefeel.devices.coil.settings import CoilSettings
-from tests.hardware.coil_rig import MS, Line, SteppedCoil, coil_settings
+from tests.devices.coil_rig import MS, Line, SteppedCoil, coil_settings
 from tests.simulation.pair import Pair, S
 
 TICK_S = 0.001

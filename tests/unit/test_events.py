@@ -13,7 +13,7 @@ from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import EmergencyStop, LimitEvent, MasterEvent, Message, SafetyEvent, SafetyState
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.master.events import MasterEvents
-from tests.dashboard.said import limit, safety, slave_state
+from tests.unit.dashboard.said import limit, safety, slave_state
 
 MS = 1_000_000
 S = 1000 * MS

@@ -1,0 +1,188 @@
+"""The driver of number lines against emulators of Loadstar and HX711 cells, streaming and asked."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
+from forefeel.devices.ascii_line.emulator import EmulatedHx711, EmulatedLoadstar
+from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT
+from forefeel.devices.ascii_line.settings import AsciiLineSettings
+from forefeel.devices.emulation.device import EmulatedDevice
+from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.wire import Faults
+from forefeel.devices.shared.stuck import StuckWatch
+from tests.devices.cell_bench import NOW_S, Port
+from tests.devices.test_bota_serial import CALIBRATION, Bytes, played, slope, stamp_s
+
+NAME = "/dev/serial/by-id/loadstar"
+MILLIPOUND_N = NEWTON_PER_UNIT["millipound_force"]
+COUNTS = {"unit": "counts", "full_scale_native": 2_000_000}
+QUIET = Sensing(150.0, noise_n=0.0, resolution_n=MILLIPOUND_N)
+
+
+def settings(**more: object) -> AsciiLineSettings:
+    given = {
+        "driver": "ascii_line",
+        "port": NAME,
+        "baud": 115_200,
+        "full_scale_n": 10.0,
+        "unit": "millipound_force",
+        "serial": "L-4",
+    }
+    return AsciiLineSettings.model_validate({**given, **more})
+
+
+@contextmanager
+def opened(port: Port, chosen: AsciiLineSettings) -> Iterator[AsciiLineLoadCell]:
+    driver = AsciiLineLoadCell(chosen, port.clock, port.open, lambda: date(2026, 2, 1))
+    driver.open()
+    port.settle()
+    try:
+        yield driver
+    finally:
+        driver.close()
+
+
+def port(device: EmulatedDevice, hub_s: float = 0.0, until_s: float = 4.0) -> Port:
+    return Port(device, 115_200, hub_s=hub_s, until_s=until_s)
+
+
+@pytest.mark.parametrize("hub_s", [0.0, 0.016])
+def test_a_loadstar_that_is_asked_answers_once_a_period(hub_s: float) -> None:
+    bench = port(EmulatedLoadstar(slope, QUIET), hub_s=hub_s)
+    with opened(bench, settings(request="O0W1", rate_hz=20)) as driver:
+        driver.read(0, None)
+        got = [reading for _ in range(3) for reading in played(driver, bench, 1.0)]
+        assert len(got) == pytest.approx(60, abs=1)
+        assert driver.link.counters["unanswered"] == 0
+        for reading in got:
+            assert reading.valid
+            true_n = slope(stamp_s(reading))
+            assert reading.force_n == pytest.approx(true_n, abs=MILLIPOUND_N + 0.1 * (1 / 150 + hub_s))
+            assert reading.raw_counts == round(reading.force_n * 1e6)
+
+
+def test_a_loadstar_that_streams_is_asked_once_and_left_quiet() -> None:
+    device = EmulatedLoadstar(slope, QUIET)
+    bench = port(device, hub_s=0.016)
+    with opened(bench, settings(request="O0W0", rate_hz=150)) as driver:
+        driver.read(0, None)
+        got = played(driver, bench, 1.0)
+        assert len(got) == pytest.approx(150, abs=3)
+        off_s = [reading.force_n / 0.1 - stamp_s(reading) for reading in got]
+        assert max(map(abs, off_s)) < 1 / 150 + 0.016 + MILLIPOUND_N / 0.1
+        stamps = [stamp_s(each) for each in got]
+        assert stamps == sorted(set(stamps))
+    heard = bench.to_device.arrived(bench.t_s + 1.0)
+    device.receive(heard, bench.t_s + 1.0)
+    assert b"\r" in heard
+    device.advance(bench.t_s + 1.0)
+    assert device.advance(bench.t_s + 2.0) == b"", "it does not stream on"
+
+
+def test_an_unanswered_request_is_counted_and_asked_again() -> None:
+    bench = Port(EmulatedLoadstar(slope, QUIET), 115_200, Faults(drop=0.05), until_s=4.0)
+    with opened(bench, settings(request="O0W1", rate_hz=20)) as driver:
+        dropped, asked = bench.to_host.counts["dropped"], driver.link.counters["unanswered"]
+        bench.play(10.0)
+        assert driver.link.inhibited is None
+        assert bench.to_host.counts["dropped"] - dropped > 3
+        missed = driver.link.counters["unanswered"] - asked
+        assert missed == pytest.approx(bench.to_host.counts["dropped"] - dropped, abs=1)
+
+
+def calibration(folder: Path) -> Path:
+    path = folder / "counts.yaml"
+    text = (
+        CALIBRATION.format(serial="L-4")
+        .replace("bota_serial", "ascii_line")
+        .replace("gain_n: 2.0", "gain_n: 5.0e-6")
+    )
+    path.write_text(text.replace("zero: 0.25", "zero: 84000.0"))
+    return path
+
+
+@pytest.mark.parametrize("label", ["", "HX711 reading: "])
+def test_counts_of_an_hx711_with_its_calibration(tmp_path: Path, label: str) -> None:
+    device = EmulatedHx711(slope, Sensing(80.0, noise_n=0.0), label=label)
+    bench = port(device)
+    with opened(bench, settings(**COUNTS, calibration=calibration(tmp_path))) as driver:
+        driver.read(0, None)
+        for reading in played(driver, bench, 1.0):
+            assert reading.valid
+            assert reading.force_n == pytest.approx(slope(stamp_s(reading)), abs=0.1 * 0.001)
+            assert reading.raw_counts == pytest.approx(84_000 + 200_000 * reading.force_n)
+        device.provoke("overrange")
+        *_, last = played(driver, bench, 0.5)
+        assert last[:3] == (10.0, (1 << 23) - 1, False)
+        assert driver.link.counters["overrange"] > 30
+
+
+def test_counts_without_a_calibration_are_no_force_but_can_be_calibrated() -> None:
+    bench = port(EmulatedHx711(slope, Sensing(80.0)))
+    driver = AsciiLineLoadCell(settings(**COUNTS), bench.clock, bench.open)
+    with pytest.raises(DeviceSetupError, match="'counts' without calibration"):
+        driver.open()
+    driver = AsciiLineLoadCell(settings(**COUNTS), bench.clock, bench.open)
+    driver.open_native()
+    bench.settle()
+    bench.play(0.5)
+    got = driver.read_native(0)
+    assert len(got) > 30
+    assert got[-1].valid
+    assert got[-1].native == pytest.approx(
+        84_000 + 200_000 * slope(got[-1].stamp_ns * 1e-9 - NOW_S), abs=3000
+    )
+    with pytest.raises(DeviceError, match="native"):
+        driver.read(0, None)
+    driver.close()
+
+
+def test_what_is_no_cell_is_said_in_one_line() -> None:
+    for device, chosen, said in (
+        (Bytes(lambda _: b""), settings(request="O0W1"), "nothing comes within 1.4 s"),
+        (
+            Bytes(lambda _: b"\x80\x99"),
+            settings(),
+            "but nothing of the expected lines of numbers at 115200 baud",
+        ),
+        (EmulatedLoadstar(slope, QUIET), settings(request="SSX"), "lines of numbers, asked by 'SSX'"),
+        (EmulatedHx711(slope), settings(rate_hz=10), "rate_hz = 10: 80"),
+    ):
+        with pytest.raises(DeviceSetupError) as refused, opened(port(device, until_s=8.0), chosen):
+            pass
+        assert said in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+def test_damaged_lines_are_counted_or_numbers() -> None:
+    device = EmulatedHx711(slope, Sensing(80.0))
+    bench = Port(device, 115_200, Faults(corrupt=0.05), until_s=4.0)
+    with opened(bench, settings(unit="newton", full_scale_n=10_000.0)) as driver:
+        bench.play(30.0)
+        counters = driver.link.counters
+        assert counters["junk_lines"] > 20
+        lost = bench.to_host.counts["chunks"] - counters["lines"]
+        assert lost <= 2 * counters["junk_lines"], "where the end of a line is damaged, two are lost"
+        assert counters["junk_lines"] <= 2 * bench.to_host.counts["corrupted"] + 1
+
+
+def repeats(values: list[float], noisy: bool) -> list[bool]:
+    watch = StuckWatch(noisy)
+    return [watch.take(value, n / 80) for n, value in enumerate(values)]
+
+
+def test_only_who_was_noisy_is_said_to_stick() -> None:
+    noise = [float(n * 7919 % 13) for n in range(200)]
+    coarse = [float(n // 8) for n in range(200)]  # a slow motion on a coarse cell
+    flicker = [float(n % 25 == 0) for n in range(200)]
+    assert not any(repeats(noise, False))
+    assert repeats(noise + [3.5] * 200, False).index(True) == 200 + 80
+    assert not any(repeats([*noise, *([3.5] * 79), *noise], False))
+    for quiet in (coarse, flicker, [0.0] * 200):
+        assert not any(repeats(quiet + [3.5] * 400, False))

@@ -1,0 +1,261 @@
+"""`forefeel devices` and `forefeel device probe` as a person uses them, on fakes in stepped time."""
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.driver import (
+    SLOTS,
+    Driver,
+    DriverSettings,
+    InstalledDriver,
+    imported,
+    installed_drivers,
+)
+from forefeel.daemon_settings import load_daemon
+from forefeel.daemons import warn_of_latency
+from forefeel.probe.configured import ConfiguredDevice, configured
+from forefeel.probe.ports import can_interfaces, serial_ports
+from tests.devices.fake_devices import FakeCell, FakeHandle, FakeStage, SteppedClock
+
+HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "hardware.md"
+Run = Callable[[Sequence[str]], int]
+SLAVE = """role: slave
+axes:
+- stage: {driver: zaber_ascii, port: /dev/stage, microstep_m: 1e-6, travel_m: [-0.01, 0.2]}
+  load_cell: {driver: ascii_line, port: /dev/cell, full_scale_n: 10, rate_hz: 80}
+"""
+MASTER = """role: master
+axes:
+- handle: {driver: coil_serial, port: /dev/handle, counts_per_m: 1e6, newton_per_ampere: 5, max_current_a: 1}
+"""
+WRONG = DeviceSetupError("/dev/cell: no such port; expected one that `forefeel devices` lists")
+
+
+class Bench:
+    """The fakes that stand in for the drivers, by slot."""
+
+    def __init__(self) -> None:
+        self.clock = SteppedClock()
+        self.stage, self.load_cell = FakeStage(self.clock), FakeCell(self.clock)
+        self.handle = FakeHandle(self.clock)
+
+    def make(self, driver: InstalledDriver) -> Any:  # noqa: ANN401
+        return getattr(self, driver.slot)
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Bench:
+    bench = Bench()
+    monkeypatch.setattr(InstalledDriver, "make", lambda driver, *_: bench.make(driver))
+    monkeypatch.setattr("forefeel.probe.probing.MonotonicClock", lambda: bench.clock)
+    monkeypatch.chdir(tmp_path)
+    Path("slave.yaml").write_text(SLAVE)
+    Path("master.yaml").write_text(MASTER)
+    return bench
+
+
+class NetworkCell(DriverSettings):
+    """A load cell behind a socket: its port is no serial one."""
+
+    driver: Literal["network"] = "network"
+    port: int = 5000
+
+
+def test_a_port_that_is_a_number_is_probed_and_is_no_serial_port(
+    bench: Bench, run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    driver = InstalledDriver("load_cell", "network", "elsewhere", "1.0", Driver(NetworkCell, "a:b", "a cell"))
+    device = ConfiguredDevice("insertion", NetworkCell(), driver)
+    assert device.serial_port is None
+    monkeypatch.setattr("forefeel.probe.probing.configured", lambda _: [device])
+    assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "0.5"]) == 0
+    assert "insertion load_cell: network on 5000: ready; " in capsys.readouterr().out
+
+
+# --- the registry ---
+
+
+DRIVERS = [found for slot in SLOTS for found in installed_drivers(slot)]
+
+
+@pytest.mark.parametrize("found", DRIVERS, ids=lambda found: f"{found.slot} {found.name}")
+def test_every_place_that_a_driver_names_can_be_imported(found: InstalledDriver) -> None:
+    driver = found.driver
+    for place in (driver.make, driver.homing, driver.emulator):
+        assert place is None or imported(place) is not None
+
+
+@pytest.mark.parametrize("text", re.findall(r"```yaml\n(.*?)```", HOW_TO.read_text(), re.DOTALL))
+def test_the_configurations_of_the_how_to_are_accepted(tmp_path: Path, text: str) -> None:
+    (tmp_path / "daemon.yaml").write_text(text)
+    devices = configured(load_daemon(tmp_path / "daemon.yaml"))
+    assert any(device.settings.hardware and device.where for device in devices)
+
+
+def test_the_how_to_shows_every_driver_with_hardware() -> None:
+    text = HOW_TO.read_text()
+    assert [
+        each.name for each in DRIVERS if each.driver.settings.hardware and f"driver: {each.name}" not in text
+    ] == []
+
+
+# --- devices ---
+
+
+def port(device: str, vid: int | None = None, serial: str | None = None) -> ListPortInfo:
+    found = ListPortInfo(device, skip_link_detection=True)
+    found.vid, found.pid, found.serial_number = vid, None if vid is None else 0x6001, serial
+    return found
+
+
+def test_serial_ports_have_stable_names_ids_and_a_slow_timer_is_said(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    for name in ("ttyUSB0", "ttyUSB1"):
+        (tmp_path / name).touch()
+    (by_id / "usb-FTDI_A50-if00-port0").symlink_to(tmp_path / "ttyUSB1")
+    ports = [port(str(tmp_path / "ttyUSB1"), 0x0403, "A50"), port(str(tmp_path / "ttyUSB0"))]
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(
+        "forefeel.devices.shared.stream.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
+    )
+    monkeypatch.setattr(
+        "forefeel.probe.ports.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
+    )
+    plain, ftdi = serial_ports(by_id)
+    assert (plain.device, plain.stable, plain.usb, plain.advice) == (ports[1].device, None, None, None)
+    assert (ftdi.stable, ftdi.usb) == (str(by_id / "usb-FTDI_A50-if00-port0"), "0403:6001")
+    assert (ftdi.serial, ftdi.latency_ms) == ("A50", 16)
+    assert ftdi.advice == f"{ftdi.device}: latency timer 16 ms, expected 1 (deploy/udev sets it)"
+
+
+def test_can_interfaces_are_told_by_their_type_and_how_to_bring_one_up(tmp_path: Path) -> None:
+    for name, kind, flags in (
+        ("eth0", "1", "0x1003"),
+        ("can1", "280", "0x40080"),
+        ("can0", "280", "0x40081"),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "type").write_text(f"{kind}\n")
+        (tmp_path / name / "flags").write_text(f"{flags}\n")
+    up, down = can_interfaces(tmp_path)
+    assert (up.name, up.up, up.advice) == ("can0", True, None)
+    assert (down.name, down.up) == ("can1", False)
+    assert down.advice == "down; as root: ip link set can1 up type can bitrate 1000000 restart-ms 100"
+    assert can_interfaces(tmp_path / "none") == []
+
+
+def test_devices_are_listed_for_a_person_and_for_a_program(
+    run: Run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(list_ports, "comports", lambda: [port("/dev/ttyUSB0", 0x0403, "A50")])
+    assert run(["devices"]) == 0
+    shown = capsys.readouterr().out
+    assert "0403:6001" in shown
+    assert all(each.name in shown and each.driver.what in shown for each in DRIVERS)
+    assert run(["devices", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "forefeel.devices/1"
+    assert [each["driver"] for each in document["drivers"]] == [driver.name for driver in DRIVERS]
+    assert document["serial_ports"][0]["serial"] == "A50"
+
+
+# --- probe ---
+
+
+def test_probe_says_rate_and_round_trip_and_touches_nothing(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "4"]) == 0
+    said = capsys.readouterr()
+    stage, gripper, cell = said.out.splitlines()
+    assert said.err == ""
+    assert stage == (
+        "insertion stage: zaber_ascii on /dev/stage: ready; Fake 2000; 250 Hz; "
+        "round trip p50 2 ms, p99 6 ms; link ready; nothing counted"
+    )
+    assert gripper == "insertion gripper: simulated: simulated"
+    assert "ascii_line on /dev/cell: ready; Fake 2000; 80 of 80 Hz; age p50 " in cell
+    assert bench.stage.calls == bench.load_cell.calls == ["open", "close"]
+
+
+def test_probe_of_a_master_reads_the_handle_and_gives_no_force(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["device", "probe", "--config", "master.yaml", "--seconds", "1", "--json"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)["devices"]
+    assert found["slot"] == "handle"
+    assert found["verdict"] == "ready"
+    assert found["rate_hz"] is None
+    assert bench.handle.calls == ["open", "close"]
+
+
+def test_a_wrong_device_is_one_line_and_exit_2_after_all_were_probed(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench.load_cell.refuses = WRONG
+    bench.stage.fails_at_s = 0.5
+    assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "1"]) == 2
+    said = capsys.readouterr()
+    assert said.err == f"forefeel: insertion load_cell: {WRONG}\n"
+    assert "zaber_ascii on /dev/stage: failed; Fake 2000; link inhibited; 1 faults" in said.out
+    assert "ascii_line on /dev/cell: refused; link closed; nothing counted" in said.out
+    assert bench.stage.calls[-1] == bench.load_cell.calls[-1] == "close"
+
+
+def test_a_slow_latency_timer_is_said_by_the_probe_and_by_the_daemons_at_their_start(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    timers = {"/dev/cell": 16, "/dev/stage": 1, "/dev/handle": 4}
+    monkeypatch.setattr("forefeel.devices.shared.stream.latency_timer_ms", timers.get)
+    said = "latency timer {} ms, expected 1 (deploy/udev sets it)"
+    assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "1"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"  /dev/cell: {said.format(16)}"
+    warn_of_latency("slave", load_daemon(Path("slave.yaml")))
+    warn_of_latency("master", load_daemon(Path("master.yaml")))
+    assert capsys.readouterr().err.splitlines() == [
+        f"slave: /dev/cell: {said.format(16)}", f"master: /dev/handle: {said.format(4)}",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("flaw", ["fails", "silent", "does not open"])
+def test_a_device_that_fails_while_it_is_probed_is_exit_1(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str], flaw: str
+) -> None:
+    words = {"fails": "a fake: unplugged", "silent": "no reading within 1 s; expected at least one"}
+    if flaw == "fails":
+        bench.load_cell.fails_at_s = 0.5
+    elif flaw == "silent":
+        bench.load_cell.rate_hz = 0.0
+    else:
+        bench.load_cell.refuses = DeviceError("not ready within 4 s")
+    assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "1", "--json"]) == 1
+    said = capsys.readouterr()
+    assert said.err == f"forefeel: insertion load_cell: {words.get(flaw, 'not ready within 4 s')}\n"
+    assert [each["verdict"] for each in json.loads(said.out)["devices"]] == ["ready", "simulated", "failed"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--config", "none.yaml"], "none.yaml: No such file or directory; expected a readable YAML file"),
+        (["--config", "slave.yaml", "--seconds", "0"], "--seconds 0: expected 0.05 to 3600 s"),
+        (["--config", "slave.yaml", "--seconds", "nan"], "--seconds nan: expected 0.05 to 3600 s"),
+    ],
+)
+def test_bad_input_of_probe_is_one_line(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    assert run(["device", "probe", *words]) == 2
+    assert capsys.readouterr().err == f"forefeel: {message}\n"
+    assert bench.stage.calls == []

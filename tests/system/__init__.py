@@ -1,0 +1,1 @@
+"""What needs root, namespaces, faults, attacks or minutes: `make system`."""

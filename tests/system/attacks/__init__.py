@@ -1,0 +1,1 @@
+"""The attack matrix: `python -m tests.system.attacks`."""

@@ -1,0 +1,310 @@
+"""Attacks where the transport does not matter: in virtual time, both daemons and a stranger on the bus."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from random import Random
+
+import msgpack
+
+from forefeel.common.codec import encode
+from forefeel.common.messages import PROTOCOL_VERSION, EmergencyStop
+from forefeel.common.topics import (
+    COMMAND,
+    EMERGENCY_STOP,
+    MASTER_HANDSHAKE,
+    MASTER_HEARTBEAT,
+    MASTER_STATE,
+    SLAVE_HANDSHAKE,
+    Qos,
+)
+from tests.simulation.pair import Pair, S
+from tests.system.attacks.outcome import Expected, Outcome
+from tests.system.attacks.scene import Scene
+from tests.system.attacks.writers import (
+    forged_heartbeats,
+    hijacker,
+    invented_echoes,
+    lying_clock,
+    replayed_heartbeats,
+    second_master,
+    second_writer,
+)
+
+_REARMED_S = 4.5  # the lease of 1 s, a new session, the clocks, the operator's hand
+
+
+def replayed_commands(name: str) -> Outcome:
+    scene = Scene(name)
+    for payload in scene.recorded(COMMAND)[-500:]:
+        scene.put(COMMAND, payload)
+    scene.run(0.5)
+    return scene.end(Expected("refused_sequence", 500, "sequence"))
+
+
+def replayed_after_the_session(name: str) -> Outcome:
+    """The master dies, another one takes over; what the first said comes again."""
+    scene = Scene(name)
+    old = scene.recorded(COMMAND)[-500:]
+    scene.kill_master()
+    scene.pair.start_master()
+    scene.run(2.6)
+    for payload in old:
+        scene.put(COMMAND, payload)
+    scene.run(0.3)
+    return scene.end(Expected("refused_session", 500, "session", armed=0.1))
+
+
+def replayed_to_a_new_slave(name: str) -> Outcome:
+    """All that the master said, with its timing, to a slave that was started again and whose clock begins
+    where it began then, but for 12 microseconds: the whole session is done again.
+    """
+    scene = Scene(name)
+    start_s = 0.0
+    said = [
+        (stamp_ns, topic, payload)
+        for topic in (MASTER_HANDSHAKE, MASTER_HEARTBEAT, COMMAND)
+        for key, payload, stamp_ns in scene.pair.payloads
+        if key == topic.key("cell", "insertion") and stamp_ns >= start_s * S
+    ]
+    scene.pair.master.transport.close()
+    scene.pair.slave.transport.close()
+    scene.run(1.0)
+    began_ns = scene.now_ns
+    scene._from_ns, scene._before = began_ns, {}
+    scene.pair.start_slave(12_345 - began_ns)
+    for stamp_ns, topic, payload in sorted(said, key=lambda entry: entry[0]):
+        while scene.now_ns - began_ns < stamp_ns:
+            scene.run(0.001)
+        scene.put(topic, payload)
+    events = {event for time_s, event in scene.pair.heard.events()[3:]}
+    outcome = scene.end(Expected("heartbeats_refused", 5, armed=0.0, ends="idle"))
+    outcome.require(not events & {"engage", "engaged"}, f"events {events}")
+    return outcome
+
+
+def future_stamped(name: str) -> Outcome:
+    scene = Scene(name)
+    for ahead in (0.1, 1, 3600, 1e9):
+        for i in range(10):
+            scene.command(sequence=10**6 + i, stamp_ns=scene.now_ns + round(ahead * S))
+        scene.run(0.05)
+    return scene.end(Expected("refused_future", 40, "future"))
+
+
+def reordered(name: str) -> Outcome:
+    """A network that holds one command in twenty back, so that those after it come first."""
+    link = {"reorder": 0.05, "reorder_hold_s": 0.02}
+    scene = Scene(name, {"impairment": {"inbound": link}})
+    scene.run(1.0)
+    return scene.end(Expected())
+
+
+def reordered_by_a_stranger(name: str) -> Outcome:
+    scene = Scene(name)
+    random = Random(1)
+
+    def again() -> None:
+        scene.put(COMMAND, random.choice(scene.recorded(COMMAND)[-40:-2]))
+
+    scene.each_ms(0.3, again)
+    return scene.end(Expected("refused_sequence", 300, "sequence"))
+
+
+def stop_twice(name: str) -> Outcome:
+    """The same bytes again, also after they were cleared: every one is a stop."""
+    scene = Scene(name)
+    payload = scene.stop(sequence=7)
+    scene.put(EMERGENCY_STOP, payload)
+    scene.run(0.3)
+    scene.clear()
+    scene.run(2.0)
+    rearmed = scene.state
+    scene.put(EMERGENCY_STOP, payload)
+    scene.run(0.3)
+    outcome = scene.end(Expected(told="estop", armed=0.1, ends="estopped"))
+    outcome.require(rearmed == "armed", f"{rearmed} after the clearing")
+    outcome.require(outcome.told.get("estop") == 2, "not stopped twice")
+    return outcome
+
+
+def motion_while_stopped(name: str) -> Outcome:
+    """Every other path: commands, a release and a press, the session again, another session, a new master,
+    heartbeats, garbled and fine words about clearing.
+    """
+    scene = Scene(name)
+    scene.stop()
+    scene.run(0.3)
+    stood_m = scene.pair.slave.axes[0]._watch.stage.position_m
+    for deadman in (True, False, True):
+        scene.command(position_m=stood_m + 0.0005, deadman=deadman, sequence=scene.sequence + 1)
+        scene.run(0.05)
+    scene.shake(scene.session_id)
+    scene.shake(0)
+    scene.shake(4711)
+    scene.put(EMERGENCY_STOP, b"clear")
+    scene.run(0.5)
+    scene.kill_master()
+    scene.pair.start_master()
+    scene.run(2.0)
+    moved_m = abs(scene.pair.slave.axes[0]._watch.stage.position_m - stood_m)
+    outcome = scene.end(Expected("handshakes_refused", 1, "estop", armed=0.0, ends="estopped"))
+    outcome.require(moved_m < 3e-6, f"moved by {moved_m * 1e6:.0f} um")
+    return outcome
+
+
+def flood_of_stops(name: str) -> Outcome:
+    scene = Scene(name)
+
+    def stops() -> None:
+        for i in range(10):
+            scene.stop(i)
+
+    scene.each_ms(0.5, stops)
+    outcome = scene.end(Expected(told="estop", armed=0.0, ends="estopped"))
+    outcome.require(outcome.told.get("estop") == 1, "told more than once")
+    return outcome
+
+
+def flood_of_handshakes(name: str) -> Outcome:
+    """Ten thousand a second; meanwhile a new master comes in the place of a dead one."""
+    scene = Scene(name)
+    ids = iter(range(10**6, 10**9))
+
+    def shakes() -> None:
+        for _ in range(10):
+            scene.shake(next(ids), settings_hash="other", settings='{"cell": "x"}')
+
+    scene.each_ms(0.5, shakes)
+    kept = scene.state
+    scene.kill_master()
+    scene.pair.start_master()
+    scene.each_ms(3.5, shakes)
+    outcome = scene.end(Expected("handshakes_refused", 1000, armed=0.1))
+    outcome.require(kept == "armed", "the session did not outlive the first half second")
+    return outcome
+
+
+def malformed(name: str) -> Outcome:
+    """Whatever is no command, and whatever is nearly one."""
+    scene = Scene(name)
+    payloads = list(garbage(scene.recorded(COMMAND)[-1]))
+    for payload in payloads:
+        for topic in (COMMAND, MASTER_HANDSHAKE, MASTER_HEARTBEAT):
+            scene.put(topic, payload)
+        scene.run(0.002)
+    return scene.end(Expected("malformed_master_command", len(payloads)))
+
+
+def garbled_stop(name: str) -> Outcome:
+    """Who sends garbage to the emergency stop means a stop."""
+    scene = Scene(name)
+    scene.put(EMERGENCY_STOP, bytes(65_537))
+    scene.run(0.2)
+    return scene.end(Expected("malformed_any_estop", 1, "estop", armed=0.0, ends="estopped"))
+
+
+def garbage(whole: bytes) -> Iterator[bytes]:
+    """What is no command: random, cut, deep, huge, of wrong types; from a good one."""
+    random = Random(3)
+    good = msgpack.unpackb(whole)
+    yield from (random.randbytes(random.randrange(1, 300)) for _ in range(50))
+    yield from (whole[:n] for n in range(1, len(whole), 7))
+    yield from (whole + b"\xc0", b"", bytes(65_537), bytes(2049))
+    yield b"\xdd\x00\x00\xff\xf0" * 1000  # arrays in arrays that claim to be long
+    yield b"\x91" * 2000  # nested deeper than anything
+    yield b"\xdf\xff\xff\xff\xff"  # a map of four thousand million
+    yield b"\xc6\xff\xff\xff\xff"  # as many bytes
+    for field, value in (
+        ("position_m", float("nan")), ("velocity_m_s", float("inf")), ("position_m", "0.1"), ("deadman", 1),
+        ("sequence", 1.5), ("sequence", -1), ("sequence", 2**64 - 1), ("stamp_ns", None), ("gripper", "ajar"),
+        ("unknown", 1), ("recording_time_s", float("-inf")), ("protocol", PROTOCOL_VERSION + 1),
+        ("deadman", b"\xff\xfe"), ("position_m", 1e300),
+    ):  # fmt: skip
+        yield msgpack.packb({**good, field: value})
+    yield whole.replace(b"position_m", b"positi\xff\xfem")
+
+
+def terminal_escapes(name: str) -> Outcome:
+    """Control characters in all that is shown to a person, at the slave and at the master."""
+    scene = Scene(name)
+    evil = "\x1b]0;owned\x07\x1b[2J\r\n\u202ecba"
+    scene.shake(4711, settings=evil, settings_hash=evil, software=evil)
+    said = scene.pair.stranger().publisher(SLAVE_HANDSHAKE.key("cell", "insertion"), Qos.EVENT)
+    scene.run(0.1)
+    scene.kill_master()
+    scene.pair.start_master()
+    scene.run(0.06)
+    answer = {
+        "session_id": scene.pair.master.axes[0].session.session_id, "sequence": 1, "stamp_ns": 0,
+        "role": "slave", "instance_id": 1, "software": "", "settings_hash": "", "reason": evil,
+        "answers_stamp_ns": scene.now_ns,
+    }  # fmt: skip
+    said(msgpack.packb(answer))
+    scene.run(0.15)
+    heard = [scene.pair.master.axes[0].session.cause(scene.now_ns)]
+    stop = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason=evil)
+    scene.put(EMERGENCY_STOP, encode(stop))
+    scene.run(0.2)
+    heard += (
+        scene.pair.slave.axes[0].events.notices.drain() + scene.pair.master.axes[0].events.notices.drain()
+    )
+    heard += [scene.pair.heard.messages(MASTER_STATE)[-1].reason]
+    outcome = scene.end(Expected("handshakes_refused", 1, "estop", armed=0.0, ends="estopped"))
+    outcome.require(any("owned" in text for text in heard), "the text was not shown at all")
+    outcome.require(all(text.isprintable() for text in heard), f"shown as it is: {heard}")
+    return outcome
+
+
+def stale_burst(name: str) -> Outcome:
+    """What an attacker between the two held back for 2 s comes at once."""
+    scene = Scene(name)
+    now_s = scene.now_ns / S
+    scene.pair.to_slave.stalls.append((now_s, now_s + 2.0))
+    first_ns = scene.now_ns
+    scene.run(2.0)
+    late = [c for c in scene.pair.heard.messages(COMMAND) if c.stamp_ns < first_ns + 1.85 * S]
+    scene.forged = {(c.sequence, c.stamp_ns) for c in late if c.stamp_ns > first_ns}
+    scene.run(3.5)
+    return scene.end(Expected("refused_late", 1000, "watchdog", armed=0.1))
+
+
+def names(name: str) -> Outcome:
+    """A cell or axis that would be a pattern: refused when the settings are read."""
+    outcome = Outcome(name, "settings", 1.0, "armed")
+    for bad in ("*", "**", "$*", "a*", "a/b", "a?x", "a#b", "", " ", "@x", "a b", "\n"):
+        for settings in ({"cell": bad}, {"axes": [{"name": bad}]}):
+            try:
+                Pair(settings)
+            except Exception as error:  # noqa: BLE001 - which it is is judged
+                one_line = "\n" not in str(error) and type(error).__name__ == "ConfigurationError"
+                outcome.require(one_line, f"{bad!r}: {error!r}")
+            else:
+                outcome.require(False, f"{settings} accepted")
+    return outcome
+
+
+VIRTUAL: dict[str, Callable[[str], Outcome]] = {
+    "commands replayed within the session": replayed_commands,
+    "commands replayed after the session": replayed_after_the_session,
+    "a whole session replayed to a slave started again": replayed_to_a_new_slave,
+    "burst of held-back commands": stale_burst,
+    "commands stamped in the future": future_stamped,
+    "commands reordered by the network": reordered,
+    "older commands put between newer ones": reordered_by_a_stranger,
+    "second master, a session of its own": second_master,
+    "second writer, the session's id, numbered from 1": second_writer,
+    "second writer, the session's id, numbered ahead": partial(hijacker, 1000),
+    "heartbeats of a dead session replayed": replayed_heartbeats,
+    "heartbeats of a dead session forged": forged_heartbeats,
+    "heartbeats that echo what was never sent": invented_echoes,
+    "heartbeats of a clock 10 s ahead, then old commands": partial(lying_clock, 10.0),
+    "heartbeats of a clock 10 s behind, then old commands": partial(lying_clock, -10.0),
+    "emergency stop sent again, also after a clearing": stop_twice,
+    "motion by every other path while stopped": motion_while_stopped,
+    "flood of emergency stops": flood_of_stops,
+    "flood of handshakes while a new master comes": flood_of_handshakes,
+    "malformed payloads": malformed,
+    "emergency stop that can not be read": garbled_stop,
+    "control characters in texts": terminal_escapes,
+    "wildcard as a name of a cell or axis": names,
+}

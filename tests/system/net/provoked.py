@@ -1,0 +1,74 @@
+"""An emulated device that fails when told: `python -m tests.system.net.provoked FAULTS DEVICE OPTIONS...`.
+
+`forefeel emulate DEVICE OPTIONS...`, to which the next one of FAULTS (`unplug,plug`) happens at SIGUSR1. What
+the stage really does is told in the file that FOREFEEL_MOTION names: a row of (CLOCK_MONOTONIC ns, position
+m, velocity m/s) for each millisecond that it lived through, whatever becomes of its host; written at its end,
+for a device waits for no disk.
+"""
+
+import os
+import signal
+import struct
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from forefeel.__main__ import main as run_command_line
+from forefeel.devices.emulation import bench, pty
+from forefeel.devices.emulation.bench import Surroundings
+from forefeel.devices.emulation.wire import Timetable
+from forefeel.devices.zaber import emulator
+
+ROW = struct.Struct("<qdd")
+OnMotion = Callable[[float, float, float, float], None]
+
+
+class Provocation(Timetable):
+    """What is to happen, when the signal has come."""
+
+    waiting: list[str] = []  # noqa: RUF012 - of the process, as its signals are
+
+    def due(self, t_s: float) -> list[str]:
+        """See `Timetable`."""
+        came, Provocation.waiting = Provocation.waiting, []
+        return super().due(t_s) + came
+
+
+@contextmanager
+def told(path: Path) -> Iterator[None]:
+    """The motion of the stage that is made meanwhile is added to the file at the end."""
+    original, rows = bench.moved, bytearray()
+
+    def moved(around: Surroundings, sign: int, leave: ExitStack) -> OnMotion:
+        inner = original(around, sign, leave)
+
+        def on_motion(t_s: float, x_m: float, v_m_s: float, a_m_s2: float) -> None:
+            inner(t_s, x_m, v_m_s, a_m_s2)
+            rows.extend(ROW.pack(time.monotonic_ns(), sign * x_m, sign * v_m_s))
+
+        return on_motion
+
+    setattr(emulator, "moved", moved)  # noqa: B010 - what `build` looks up
+    try:
+        yield
+    finally:
+        setattr(emulator, "moved", original)  # noqa: B010
+        if rows:
+            with path.open("ab") as file:
+                file.write(rows)
+
+
+def main() -> None:
+    """See the module."""
+    faults = sys.argv.pop(1).split(",")
+    sys.argv.insert(1, "emulate")
+    setattr(pty, "Timetable", Provocation)  # noqa: B010 - what the server looks up
+    signal.signal(signal.SIGUSR1, lambda *_: Provocation.waiting.append(faults.pop(0)))
+    with told(Path(os.environ["FOREFEEL_MOTION"])):
+        run_command_line()
+
+
+if __name__ == "__main__":
+    main()

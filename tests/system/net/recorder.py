@@ -1,0 +1,53 @@
+"""A recorder beside a daemon: `python -m tests.system.net.recorder FILE CELL WAY ENDPOINT PKI`.
+
+`WAY`: `listen` for a daemon, `connect` to one, or `client` of a router.
+
+`forefeel record` connects, and again within a second after a daemon was started anew: in that second it hears
+nothing. This one listens and hears the daemon's first word, or connects so soon that it hears the first word
+of a session.
+"""
+
+import os
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.interrupt import heeded
+from forefeel.recorder import Recorder
+
+_POLL_S = 0.1
+_RETRY_S = 0.1
+"""A master opens no session so soon after it has begun to listen."""
+NICE = -15
+"""Behind the daemons, ahead of all else: a witness that gets no processor for a second loses its link.
+Not under SCHED_FIFO: the kernel's own threads, which carry the bytes of a pty, would wait for it, too.
+"""
+
+
+def onlooker(way: str, endpoint: str, pki: str) -> TransportSettings:
+    """Of who looks on, see `WAY`."""
+    if way == "client":
+        return TransportSettings(mode="client", connect=(endpoint,), pki=Path(pki))
+    if way == "connect":
+        return TransportSettings(connect=(endpoint,), retry_max_s=_RETRY_S, pki=Path(pki))
+    return TransportSettings(listen=(endpoint,), pki=Path(pki))
+
+
+def main() -> None:
+    """Until SIGTERM."""
+    out, cell, *way = sys.argv[1:]
+    os.nice(NICE)
+    tables = {"run": {"cell": cell}}
+    recorder = Recorder(Path(out), cell, onlooker(*way), tables, Party("recorder", (cell,)))
+    print("recording", flush=True)
+    with heeded() as stop, closing(recorder):
+        while not stop.wanted():
+            recorder.check()
+            time.sleep(_POLL_S)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""The cable's schedule in virtual time: no device, no packet leaves."""
+
+import numpy as np
+import pytest
+
+from forefeel.common.transport.settings import ImpairmentSettings
+from tests.system.net.shape import QUEUE_BYTES, S, Way
+
+MS = 1_000_000
+PACKET = bytes(125)  # 1000 bits
+
+
+def way(rate_bit_s: float | None = None, **settings: float) -> Way:
+    found = Way(7)
+    found.shape(ImpairmentSettings(**settings), rate_bit_s)
+    return found
+
+
+def driven(one: Way, packets: int, period_ns: int = MS, until_ns: int = 0) -> list[tuple[int, int]]:
+    """(when offered, when delivered) of each packet that comes out, in the order in which they come out."""
+    found, now_ns = [], 0
+    for number in range(packets):
+        now_ns = number * period_ns
+        one.offer(now_ns.to_bytes(8, "little") + PACKET[8:], now_ns)
+        found += delivered(one, now_ns)
+    return found + delivered(one, max(until_ns, now_ns + 100 * S))
+
+
+def delivered(one: Way, now_ns: int) -> list[tuple[int, int]]:
+    return [(int.from_bytes(packet[:8], "little"), due_ns) for due_ns, packet in one.take(now_ns)]
+
+
+def test_a_transparent_cable_gives_everything_at_once() -> None:
+    assert driven(way(), 10) == [(n * MS, n * MS) for n in range(10)]
+
+
+def test_delay_and_jitter_are_as_asked_and_keep_the_order() -> None:
+    pairs = np.array(driven(way(delay_s=0.050, jitter_s=0.005), 20_000))
+    delays_ms = (pairs[:, 1] - pairs[:, 0]) / MS
+    assert delays_ms.mean() == pytest.approx(50.0, abs=0.5)
+    assert delays_ms.std() == pytest.approx(2.5, rel=0.25)  # half of the jitter is its sigma
+    assert delays_ms.min() >= 45.0 and delays_ms.max() <= 55.0 + 1e-6
+    assert np.all(np.diff(pairs[:, 0]) > 0)
+
+
+def test_loss_is_independent_or_in_bursts_of_the_length_that_was_asked() -> None:
+    lost = 40_000 - len(driven(way(loss=0.3), 40_000))
+    assert lost / 40_000 == pytest.approx(0.30, abs=0.01)
+    kept = np.zeros(100_000, dtype=bool)
+    kept[[offered // MS for offered, _ in driven(way(burst_loss=0.1, burst_length=20.0), 100_000)]] = True
+    edges = np.flatnonzero(np.diff(np.concatenate(([True], kept, [True])).astype(int)))
+    bursts = edges[1::2] - edges[::2]
+    assert 1.0 - kept.mean() == pytest.approx(0.1, rel=0.2)
+    assert bursts.mean() == pytest.approx(20.0, rel=0.2)
+
+
+def test_what_is_held_back_is_overtaken() -> None:
+    found = driven(way(delay_s=0.01, reorder=0.1, reorder_hold_s=0.0055), 2000)
+    overtaken = np.flatnonzero(np.diff([offered for offered, _ in found]) < 0)
+    assert len(overtaken) == pytest.approx(200, rel=0.3)
+
+
+def test_a_slow_cable_takes_its_time_for_each_bit_and_drops_what_it_can_not_queue() -> None:
+    found = driven(way(rate_bit_s=500_000.0), 100)  # 2 ms a packet, one comes each ms
+    assert [due_ns for _, due_ns in found] == [2 * MS * (n + 1) for n in range(100)]
+    slow = way(rate_bit_s=8000.0)
+    for _ in range(QUEUE_BYTES // len(PACKET) + 50):
+        slow.offer(PACKET, 0)
+    assert 45 <= slow.counts["overflowed"] <= 50
+
+
+def test_a_stall_holds_what_is_under_way_and_gives_it_in_one_burst() -> None:
+    one = way(delay_s=0.010)
+    one.offer(PACKET, 0)
+    one.stall(5 * MS, 2.0)
+    for number in range(1, 1000):
+        one.offer(PACKET, number * MS)
+        assert one.take(number * MS) == []
+    end_ns = 5 * MS + 2 * S
+    assert one.next_ns == end_ns
+    assert [due_ns for due_ns, _ in one.take(end_ns)] == [end_ns] * 1000
+    one.offer(PACKET, end_ns + MS)
+    assert one.next_ns == end_ns + 11 * MS
+
+
+def test_a_cut_takes_what_is_under_way_and_a_mended_cable_gives_again() -> None:
+    one = way(delay_s=0.010)
+    one.offer(PACKET, 0)
+    one.cut()
+    one.offer(PACKET, MS)
+    assert one.next_ns is None and one.take(S) == []
+    assert one.counts["cut"] == 2
+    one.mend()
+    one.offer(PACKET, S)
+    assert len(one.take(2 * S)) == 1
+
+
+def test_what_is_too_large_is_dropped_and_the_rest_passes() -> None:
+    one = Way(7)
+    one.shape(ImpairmentSettings(), largest_bytes=576)
+    for size in (40, 576, 577, 1500):
+        one.offer(bytes(size), 0)
+    assert [len(packet) for _, packet in one.take(0)] == [40, 576]
+    assert one.counts["too_large"] == 2
+    one.shape(ImpairmentSettings())
+    one.offer(bytes(1500), 0)
+    assert len(one.take(0)) == 1
+
+
+def packet_of(source_port: int) -> bytes:
+    """IPv4 and TCP, as far as the cable reads them."""
+    return bytes(12) + bytes([10, 77, 0, 2, 10, 77, 0, 1]) + source_port.to_bytes(2, "big") + bytes(18)
+
+
+def test_a_forgotten_connection_passes_no_more_and_a_new_one_does() -> None:
+    one = way(delay_s=0.010)
+    one.offer(packet_of(40_001), 0)
+    one.forget()
+    assert len(one.take(S)) == 1, "what is under way arrives"
+    for port in (40_001, 40_002, 40_001, 40_002):
+        one.offer(packet_of(port), S)
+    assert [packet for _, packet in one.take(2 * S)] == [packet_of(40_002)] * 2
+    assert one.counts["forgotten"] == 2
+
+
+def test_a_new_shape_overtakes_nothing_that_is_under_way() -> None:
+    one = way(delay_s=0.100)
+    one.offer(b"first", 0)
+    one.shape(ImpairmentSettings(delay_s=0.001))
+    one.offer(b"second", MS)
+    assert [packet for _, packet in one.take(S)] == [b"first", b"second"]
+
+
+def test_the_same_seed_gives_the_same_cable() -> None:
+    settings = {"delay_s": 0.02, "jitter_s": 0.01, "loss": 0.1, "duplicate": 0.05, "reorder": 0.05}
+    assert driven(way(**settings), 3000) == driven(way(**settings), 3000)

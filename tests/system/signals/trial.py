@@ -1,0 +1,279 @@
+"""One command, one signal at a random time, and what is left."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from forefeel.common.recording.mcap_reader import read_run
+from forefeel.local.audit_text import read_verdict
+from tests.live_cell import free_port
+from tests.system.signals.cases import CASES, LOOKS, Case
+from tests.system.signals.scene import COMMAND, environment
+
+SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+BOUND_S = 3.0
+_MARK = "FOREFEEL_SIGNALS_TRIAL"
+_PATIENCE_S = 60.0
+_BEGINS_S = 15.0
+"""More than any command needs to be at work on a busy machine."""
+_AT_ONCE = 6
+"""Commands that run at the same time, so that two cores have always too much to do."""
+_AT_WORK = 0.75
+"""Share of the signals that find what is more than looked around at work; the others come while it starts."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """`delay_s` counts from when Python has begun with the command, or from when it is at work."""
+
+    number: int
+    case: Case
+    signal: signal.Signals
+    at_work: bool
+    delay_s: float
+
+    def __str__(self) -> str:
+        since = "at work for" if self.at_work else "started for"
+        return f"{self.number}: {self.case.name}, {self.signal.name}, {since} {self.delay_s:.2f} s"
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How: the time from the signal, how much of it another process had the processor, what is wrong."""
+
+    seconds: float
+    waited_s: float
+    code: int
+    last: str
+    wrong: tuple[str, ...]
+
+
+def trials(count: int, seed: int) -> list[Trial]:
+    """Every command as often as every other, within one."""
+    draw = random.Random(seed)
+    found: list[Trial] = []
+    while len(found) < count:
+        for case in draw.sample(CASES, len(CASES)):
+            at_work = case.ends != LOOKS and draw.random() < _AT_WORK
+            delay_s = draw.uniform(0.0, case.within_s)
+            found.append(Trial(len(found), case, draw.choice(SIGNALS), at_work, delay_s))
+    return found[:count]
+
+
+def run_all(
+    wanted: Sequence[Trial],
+    ready: Path,
+    port: int,
+    folder: Path,
+    tell: Callable[[Trial, Ended], None] = lambda *_: None,
+    nice: int = 0,
+) -> list[tuple[Trial, Ended]]:
+    """All of them, some at the same time; `tell` is called with each that has ended.
+
+    Args:
+        nice: of the commands, so that other tests beside them have the processor.
+    """
+
+    def one(trial: Trial) -> tuple[Trial, Ended]:
+        ended = run(trial, ready, port, folder / str(trial.number), nice)
+        tell(trial, ended)
+        return trial, ended
+
+    with unignored(), ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as row:
+        ends = [(row if trial.case.shares else pool).submit(one, trial) for trial in wanted]
+        try:
+            return [each.result() for each in ends]
+        finally:
+            _end(ends)
+
+
+def _end(ends: Sequence[Future[tuple[Trial, Ended]]]) -> None:
+    """Whoever ends us waits for no command, neither for one to come nor for one that hangs."""
+    for each in ends:
+        each.cancel()
+    while not all(each.done() for each in ends):
+        _kill(f"{os.getpid()}.")
+        time.sleep(0.05)
+
+
+def run(trial: Trial, ready: Path, port: int, here: Path, nice: int) -> Ended:
+    """Starts the command, sends the signal as a terminal or a service manager does, looks at what is left."""
+    here.mkdir()
+    places = {"HERE": str(here), "READY": str(ready), "CELL": str(port), "PORT": str(free_port())}
+    for name, text in trial.case.files:
+        (here / name).write_text(_placed(text, places))
+    mark = f"{os.getpid()}.{here}."
+    with (here / "stderr").open("wb") as said, (here / "stdout").open("wb") as out:
+        process = subprocess.Popen(
+            ["nice", "-n", str(nice), *COMMAND, *_placed(trial.case.line, places).split()],
+            env={**environment(here), _MARK: mark},
+            stdin=subprocess.DEVNULL, stdout=out, stderr=said, process_group=0,
+        )  # fmt: skip
+        try:
+            _begun(process, trial.at_work)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(trial.delay_s)
+            finished = process.poll() is not None
+            start_s, waited_s = time.monotonic(), 0.0
+            if not finished:
+                before_s = _ready_s(process.pid)
+                _send(process.pid, trial.signal)
+                after_s = _end_ready_s(process, start_s + _PATIENCE_S)
+                waited_s = sum(after_s[pid] - before_s.get(pid, 0.0) for pid in after_s)
+            code = process.wait(0.0)
+            seconds = 0.0 if finished else time.monotonic() - start_s
+            left = _gone(mark, start_s + BOUND_S + 1.0 + waited_s)
+        finally:
+            _kill(mark)
+            process.wait()
+    words = (here / "stderr").read_text()
+    wrong = [*_said(trial, code, words), *_half_written(here, code)]
+    if left:
+        wrong.append(f"left processes {left}")
+    return Ended(seconds, waited_s, code, (words.strip().splitlines() or [""])[-1], tuple(wrong))
+
+
+@contextmanager
+def unignored() -> Iterator[None]:
+    """What runs under nohup, or behind a script's &, ignores signals, and so would what it starts."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _placed(text: str, places: dict[str, str]) -> str:
+    for name, place in places.items():
+        text = text.replace(name, place)
+    return text
+
+
+def _begun(process: "subprocess.Popen[bytes]", at_work: bool) -> None:
+    """Until the command has taken SIGINT from Python, which would show a traceback while it starts; and until
+    it catches it by itself, as it does at work. A change that was too short to be seen is not waited for.
+    """
+    end_s = time.monotonic() + _BEGINS_S
+    for caught in (True, False, True) if at_work else (True, False):
+        while process.poll() is None and _catches_sigint(process.pid) != caught:
+            if time.monotonic() > end_s:
+                return
+            time.sleep(0.001)
+
+
+def _catches_sigint(pid: int) -> bool:
+    with suppress(OSError):
+        status = Path(f"/proc/{pid}/status").read_text()
+        return bool(int(status.partition("SigCgt:")[2].split()[0], 16) & 1 << signal.SIGINT - 1)
+    return False
+
+
+def _ready_s(group: int) -> dict[int, float]:
+    """For how long the main threads of a command and of its children could have run while another process had
+    the processor; a command that waits for its children waits as long as they do.
+    """
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if os.getpgid(int(path.name)) == group:
+                found[int(path.name)] = int((path / "schedstat").read_text().split()[1]) * 1e-9
+    return found
+
+
+def _end_ready_s(process: "subprocess.Popen[bytes]", until_s: float) -> dict[int, float]:
+    """Waits for the end; what `_ready_s` said last of each process."""
+    last_s: dict[int, float] = {}
+    while process.poll() is None and time.monotonic() < until_s:
+        last_s |= _ready_s(process.pid)
+        time.sleep(0.02)
+    return last_s
+
+
+def _send(pid: int, number: signal.Signals) -> None:
+    """A service manager tells the process, a terminal its whole group."""
+    with suppress(ProcessLookupError):
+        os.kill(pid, number) if number == signal.SIGTERM else os.killpg(pid, number)
+
+
+def _marked(mark: str) -> Iterator[int]:
+    """Living processes that descend from a command whose mark begins so."""
+    sought = f"{_MARK}={mark}".encode()
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            zombie = (path / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
+            if not zombie and any(
+                each.startswith(sought) for each in (path / "environ").read_bytes().split(b"\0")
+            ):
+                yield int(path.name)
+
+
+def _gone(mark: str, until_s: float) -> list[int]:
+    while (left := list(_marked(mark))) and time.monotonic() < until_s:
+        time.sleep(0.05)
+    return left
+
+
+def _kill(mark: str) -> None:
+    for pid in _marked(mark):
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def _said(trial: Trial, code: int, words: str) -> Iterator[str]:
+    if "Traceback" in words:
+        yield f"traceback: {words[-400:]}"
+    if code == -trial.signal:
+        return  # before it began, or where there is nothing to close
+    if code not in trial.case.ends:
+        yield f"exit code {code}: {words[-300:]}"
+    errors = [line.startswith("forefeel: ") for line in words.splitlines()]
+    if code and trial.case.ends != LOOKS and not (sum(errors) == 1 and errors[-1]):
+        yield f"not one line at the end: {words[-300:]}"
+
+
+def _half_written(here: Path, code: int) -> Iterator[str]:
+    for path in sorted(here.rglob("*")):
+        if ".part" in path.name or path.is_symlink():
+            yield f"left {path.relative_to(here)}"
+        elif path.is_file():
+            try:
+                _parse(path, code)
+            except Exception as error:  # noqa: BLE001 - whatever it is, the file is not whole
+                yield f"{path.relative_to(here)}: {type(error).__name__}: {error}"
+
+
+def _parse(path: Path, code: int) -> None:
+    """Raises what it likes for a file that is not whole."""
+    content = path.read_bytes()
+    match path.suffix:
+        case ".json":
+            json.loads(content)
+        case ".yaml":
+            yaml.safe_load(content)
+        case ".html":
+            assert content.rstrip().endswith(b"</html>")
+        case ".png":
+            assert content.endswith(b"IEND\xaeB`\x82")
+        case ".csv":
+            rows = content.splitlines()
+            assert content.endswith(b"\n") and all(row.count(b",") == rows[0].count(b",") for row in rows)
+        case ".crt" | ".key":
+            assert content.rstrip().endswith(b"-----")
+        case ".mcap":
+            assert not read_run(path).truncated
+        case ".jsonl":
+            verdict = read_verdict(path, None)
+            assert verdict.intact and verdict.closed, verdict

@@ -1,0 +1,257 @@
+"""Master, slave and recorder for long, among random faults."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+
+from forefeel.common.topics import LIMIT_EVENT, MASTER_STATE, SAFETY_EVENT, SLAVE_HANDSHAKE, SLAVE_STATE
+from tests.live_cell import CELL, ROOT, LiveCell, Process
+from tests.system.soak.monitor import FORCE_KEY, TIMING_KEYS, Life, Loops, Motion
+from tests.system.soak.schedule import OFTEN, Fault
+from tests.waiting import wait_until
+
+BACK_S = 20.0
+"""From the end of any fault on, ARMED again: a new process, a session, the clocks, the operator's hand."""
+_FIRST_S = 60.0
+"""From the start on: a machine that has just booted reads all that the processes import from its disk."""
+_COMMAND_S = 30.0
+_STALLS = {"stalls_per_s": 0.02, "stall_s": 0.15}
+_LINKS: tuple[dict[str, float], ...] = (
+    {"delay_s": 0.005, "jitter_s": 0.001},
+    {"delay_s": 0.02, "jitter_s": 0.008, "loss": 0.01, **_STALLS},
+    {
+        "delay_s": 0.01,
+        "jitter_s": 0.004,
+        "loss": 0.02,
+        "burst_loss": 0.01,
+        "reorder": 0.01,
+        "duplicate": 0.01,
+    },
+    {"delay_s": 0.05, "jitter_s": 0.02, "jitter_correlation_s": 0.5, **_STALLS},
+)
+
+
+@dataclass(slots=True)
+class Done:
+    """One fault: when it was, and how long after its end the stage was armed again."""
+
+    fault: Fault
+    from_ns: int
+    to_ns: int = 0
+    back_s: float = float("inf")
+
+
+@dataclass(slots=True)
+class Taken:
+    """One recording, and whether its writer was killed."""
+
+    path: Path
+    killed: bool = False
+
+
+@dataclass(slots=True)
+class Soak:
+    """Runs faults on a live cell, one after the other, and watches."""
+
+    cell: LiveCell
+    seed: int
+    lives: list[Life] = field(default_factory=list)
+    done: list[Done] = field(default_factory=list)
+    taken: list[Taken] = field(default_factory=list)
+    loops: Loops = field(default_factory=Loops)
+    motion: Motion = field(default_factory=Motion)
+    ends: Mapping[str, Process] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+    def run(self, faults: list[Fault], duration_s: float) -> None:
+        """From the start of the processes to their end in order."""
+        random = Random(f"links {self.seed}")
+        self.cell.watch = self._hear
+        self.ends = {}
+        for role in ("slave", "master", "recorder"):
+            self._start(role, random)
+        stop = threading.Event()
+        metronome = self.cell.start("metronome", "", module="tests.system.soak.metronome")
+        watcher = threading.Thread(target=self._sample, args=(stop,))
+        watcher.start()
+        try:
+            self.cell.await_state("armed", _FIRST_S)
+            start_s = time.monotonic()
+            for fault in faults:
+                self._until(start_s + fault.at_s)
+                self._act(fault, random)
+                self._note_warm()
+            self._until(start_s + duration_s)
+        finally:
+            stop.set()
+            watcher.join()
+            metronome.kill()
+        self._read_metronome(metronome)
+        self._end()
+
+    def _note_warm(self) -> None:
+        """A process that has seen each kind of fault twice has had all its buffers full."""
+        for role, process in self.ends.items():
+            life = [each for each in self.lives if each.name.startswith(role)][-1]
+            seen = [done.fault.kind for done in self.done if done.from_ns > process.started_s * 1e9]
+            if life.warm_s == float("inf") and all(seen.count(kind) >= 2 for kind in OFTEN):
+                life.warm_s = time.monotonic() - process.started_s
+
+    def _hear(self, key: str, payload: bytes) -> None:
+        if key == FORCE_KEY:
+            self.motion.heard(payload)
+        elif key in TIMING_KEYS:
+            self.loops.heard(key, payload, time.monotonic_ns())
+
+    def _start(self, role: str, random: Random) -> None:
+        link = {"impairment": {"inbound": random.choice(_LINKS), "seed": random.randrange(1000)}}
+        cell = self.cell
+        if role == "slave":
+            cell.write_slave(link)
+            process = cell.start("slave", "slave.yaml", module="tests.system.soak.slave")
+        elif role == "master":
+            cell.write_master({**link, "axes": [{"handle": {"driver": "operator", "seed": self.seed}}]})
+            process = cell.start("master")
+        else:
+            path = cell.folder / f"run{len(self.taken)}.mcap"
+            self.taken.append(Taken(path))
+            words = (
+                "--out",
+                str(path),
+                "--connect",
+                cell.endpoint,
+                "--connect",
+                cell.master_endpoint,
+                "--cell",
+                CELL,
+            )
+            process = cell.start("recorder", "record", *words)
+        self.ends = {**self.ends, role: process}
+        self.lives.append(Life(f"{role} {sum(life.name.startswith(role) for life in self.lives) + 1}"))
+
+    def _read_metronome(self, metronome: Process) -> None:
+        start_ns = metronome.started_s * 1e9
+        for second, line in enumerate(metronome.log.read_text(encoding="ascii").splitlines()):
+            self.loops.lives["empty"][0].append((int(start_ns + (second + 1) * 1e9), json.loads(line)))
+
+    def _sample(self, stop: threading.Event) -> None:
+        """Memory of those that live, once a second."""
+        while not stop.wait(1.0):
+            for role, process in dict(self.ends).items():
+                life = [each for each in self.lives if each.name.startswith(role)][-1]
+                try:
+                    life.samples.append((time.monotonic() - process.started_s, process.resident_mb()))
+                except (OSError, StopIteration):
+                    continue  # it has just been killed
+
+    def _until(self, due_s: float) -> None:
+        while time.monotonic() < due_s:
+            for role, process in self.ends.items():
+                assert process.running, f"the {role} ended by itself: {process.log.read_text()[-500:]}"
+            time.sleep(0.1)
+
+    def _act(self, fault: Fault, random: Random) -> None:
+        """The fault, its end, and the way back to ARMED."""
+        done = Done(fault, time.monotonic_ns())
+        self.done.append(done)
+        try:
+            self._do(fault, random)
+            done.to_ns = time.monotonic_ns()
+            time.sleep(0.3)  # a state from before the fault does not count
+            done.back_s = 0.3 + self.cell.await_state("armed", BACK_S)
+        except AssertionError as error:
+            self.problems.append(f"{fault.kind} at {fault.at_s:.0f} s: {error}; {self._shown(done.from_ns)}")
+        done.to_ns = time.monotonic_ns()
+
+    def _shown(self, from_ns: int) -> str:
+        """What both ends say now, and what became of the session since."""
+        slave, master = self.cell.newest(SLAVE_STATE), self.cell.newest(MASTER_STATE)
+        events = [f"{each.event} ({each.reason})" for each in self.cell.since(SAFETY_EVENT, from_ns)]
+        answers = [each.reason or "accepted" for each in self.cell.since(SLAVE_HANDSHAKE, from_ns)]
+        rules = Counter(each.rule for each in self.cell.since(LIMIT_EVENT, from_ns))
+        return (
+            f"slave {slave.state.value} ({slave.reason}) of session {slave.session_id}, clock within "
+            f"{slave.clock_bound_ns} ns; master {master.indication} ({master.reason}) of session "
+            f"{master.session_id}, deadman {master.deadman}; events {events[-8:]}; "
+            f"handshakes {answers[-4:]}; limits {dict(rules)}"
+        )
+
+    def _do(self, fault: Fault, random: Random) -> None:
+        what, _, role = fault.kind.partition(" ")
+        match what:
+            case "freeze":
+                self.ends[role].send(signal.SIGSTOP)
+                time.sleep(fault.lasts_s)
+                self.ends[role].send(signal.SIGCONT)
+            case "kill":
+                self._kill(role, random)
+            case "emergency":
+                self._stop_and_clear()
+            case _:
+                self._say_nan()
+
+    def _say_nan(self) -> None:
+        """The load cell says NaN until the slave has noticed, and is cleared after it."""
+        self.ends["slave"].send(signal.SIGUSR1)
+        try:
+            self.cell.await_state("fault", 5.0)
+        finally:
+            self.ends["slave"].send(signal.SIGUSR2)
+        time.sleep(0.1)
+        self._clear()
+
+    def _kill(self, role: str, random: Random) -> None:
+        self.ends[role].kill()
+        if role == "recorder":
+            self.taken[-1].killed = True
+        time.sleep(0.5)
+        self._start(role, random)
+        if role == "recorder":
+            path = self.taken[-1].path
+            wait_until(lambda: path.exists() and path.stat().st_size > 0, BACK_S, "a new recording")
+
+    def _stop_and_clear(self) -> None:
+        """By the command line, as a person does."""
+        self._forefeel("estop", "--config", "slave.yaml")
+        self.cell.await_state("estopped", 5.0)
+        time.sleep(0.3)
+        self._clear()
+
+    def _clear(self) -> None:
+        self._forefeel("clear", "--config", "slave.yaml")
+
+    def _forefeel(self, *words: str) -> None:
+        """A command as a person gives it; AssertionError with its words when it fails."""
+        process = subprocess.Popen(
+            [sys.executable, "-X", "faulthandler", "-m", "forefeel", *words],
+            cwd=self.cell.folder, env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        try:
+            said, _ = process.communicate(timeout=_COMMAND_S)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGABRT)  # where it hangs
+            said, _ = process.communicate()
+        assert process.returncode == 0, f"forefeel {words[0]}: {process.returncode}: {said.strip()}"
+
+    def _end(self) -> None:
+        """In order; each says 0, and both audit logs are whole."""
+        for role in ("master", "slave", "recorder"):
+            self.ends[role].send(signal.SIGTERM)
+            code = self.ends[role].process.wait(20)
+            if code:
+                self.problems.append(f"the {role} ended with {code}")
+        for role in ("slave", "master"):
+            try:
+                self._forefeel("audit", "verify", f"state-{role}/audit.jsonl")
+            except AssertionError as error:
+                self.problems.append(str(error))

@@ -1,0 +1,37 @@
+"""The slave with a load cell that says NaN while it is told to: `python -m tests.system.soak.slave SETTINGS`.
+
+SIGUSR1: from now on; SIGUSR2: no more.
+"""
+
+import signal
+import sys
+from math import nan
+from pathlib import Path
+
+from forefeel.common.config import load_settings
+from forefeel.daemons import run_slave
+from forefeel.devices.simulated.driver import SimulatedLoadCell
+from forefeel.slave.load_cell import LoadCellReading
+from forefeel.slave.settings import SlaveSettings
+
+_SAYS_NAN = {"now": False}
+
+
+def main() -> None:
+    """Runs until SIGTERM."""
+    signal.signal(signal.SIGUSR1, lambda *_: _SAYS_NAN.update(now=True))
+    signal.signal(signal.SIGUSR2, lambda *_: _SAYS_NAN.update(now=False))
+    read = SimulatedLoadCell.read
+
+    def read_or_nan(
+        self: SimulatedLoadCell, now_ns: int, recording_time_s: float | None
+    ) -> tuple[LoadCellReading]:
+        (reading,) = read(self, now_ns, recording_time_s)
+        return (reading._replace(force_n=nan) if _SAYS_NAN["now"] else reading,)
+
+    SimulatedLoadCell.read = read_or_nan  # type: ignore[method-assign]
+    run_slave(load_settings(SlaveSettings, Path(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,167 @@
+"""What an axis and a cell know after they have heard so much."""
+
+from math import isnan
+
+import numpy as np
+import pytest
+
+from forefeel.common.codec import encode
+from forefeel.common.messages import ForceSample
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SLAVE_STATE
+from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.cell_view import BEYOND, MOST_AXES, CellView
+from forefeel.dashboard.event_log import MOST
+from tests.unit.dashboard.said import (
+    AHEAD_NS,
+    AXIS,
+    CELL,
+    HOSTILE,
+    MS,
+    S,
+    force,
+    haptics,
+    hear,
+    heard,
+    limit,
+    safety,
+    slave_state,
+    talk,
+    wave_n,
+)
+
+
+def test_a_measured_force_stands_at_the_command_that_it_answers() -> None:
+    """300 ms late and 40 s off by its own clock, it lies on what was predicted for that command."""
+    view, _ = heard(3.0)
+    points = view.traces["measured"].since(0).rows
+    start_ns = 9 * S + MS  # the first stamp that was heard
+    assert len(points) > 200
+    for t_s, force_n in points:
+        assert force_n == pytest.approx(wave_n(start_ns + round(t_s * 1e9)), abs=1e-9)
+    newest_s = view.traces["predicted"].since(0).rows[-1][0]
+    assert newest_s - points[-1][0] == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_force_that_answers_nothing_stands_where_it_was_heard() -> None:
+    view = AxisView()
+    view.take(HAPTICS, haptics(1, 9 * S), 9 * S)
+    for tick in range(100):
+        stamp_ns = 9 * S + tick * MS
+        view.take(FORCE, force(tick, stamp_ns + AHEAD_NS, None, force_n=0.7), stamp_ns + 5 * MS)
+    points = view.traces["measured"].since(0).rows
+    assert points[0][0] == pytest.approx(0.005, abs=0.02)
+    assert set(points[:, 1]) == {0.7}
+
+
+def test_an_answer_to_a_command_far_away_can_not_stretch_the_time() -> None:
+    view = AxisView()
+    view.take(HAPTICS, haptics(1, 9 * S), 9 * S)
+    for tick, stamp_ns in enumerate((2**62, 1, 9 * S + 100 * S)):
+        view.take(FORCE, force(tick, tick, (1, stamp_ns)), 10 * S + 40 * tick * MS)
+    assert np.nanmax(view.traces["readback"].since(0).rows[:, 0]) < 2.0
+
+
+def test_the_band_goes_with_the_prediction() -> None:
+    view, _ = heard(1.0)
+    rows = view.traces["predicted"].since(0).rows
+    assert np.allclose(rows[:, 1] - rows[:, 2], 0.02)
+    assert np.allclose(rows[:, 3] - rows[:, 1], 0.03)
+
+
+def test_no_prediction_leaves_a_gap() -> None:
+    view = AxisView()
+    for tick in range(900):
+        nothing = {"predicted_n": None, "low_n": None, "high_n": None} if 300 <= tick < 600 else {}
+        view.take(HAPTICS, haptics(tick, 9 * S + tick * MS, **nothing), 9 * S + tick * MS)
+    rows = view.traces["predicted"].since(0).rows
+    (gap,) = [row[0] for row in rows if isnan(row[1])]
+    assert 0.29 < gap < 0.33
+    assert not np.isnan(view.traces["felt"].since(0).rows).any()
+
+
+def test_each_answered_command_gives_one_delay() -> None:
+    view, _ = heard(2.0)
+    assert len(view.delays.rows()) == pytest.approx(1700, abs=2)
+    again = AxisView()
+    for tick in range(50):
+        again.take(HAPTICS, haptics(tick, 9 * S + tick * MS, answered_sequence=5), 9 * S + tick * MS)
+    assert len(again.delays.rows()) == 1
+
+
+def test_a_diagnosis_gets_the_samples_by_the_clock_of_the_slave() -> None:
+    view, _ = heard(1.0)
+    rows = view.samples.rows()
+    assert np.allclose(np.diff(rows[:, 0]), 1e-3)
+    assert len(rows) == 700
+    view.take(FORCE, force(1, round(rows[5, 0] * S), None), 20 * S)  # overtaken
+    view.take(FORCE, force(2000, 2**40, None, valid=False), 20 * S)
+    assert len(view.samples.rows()) == 700
+
+
+def test_the_error_of_a_prediction_is_counted_by_command() -> None:
+    view, _ = heard(8.0)
+    assert view.watch.signs.outside_share == 0.0
+    wrong = CellView()
+    for topic, message, when in talk(1, 8000):
+        changed = message
+        if isinstance(message, ForceSample):
+            changed = message.model_copy(update={"force_n": message.force_n + 0.1})
+        wrong.take(AXIS, topic, changed, when)
+    assert wrong.axes[AXIS].watch.signs.outside_share == 1.0
+
+
+def test_a_master_that_was_started_again_begins_anew() -> None:
+    view, now_ns = heard(2.0)
+    view.take(HAPTICS, haptics(1, 5), now_ns + S)
+    assert view.timeline.epoch == 2
+    assert view.traces["felt"].since(0).end == 0
+
+
+def test_events_are_kept_in_words_and_bounded() -> None:
+    view, _ = heard(0.01)
+    view.take(FORCE, force(1, 1, None), 20 * S)
+    for count in range(3 * MOST):
+        view.events.hear(limit(count=count + 1), "slave", count)
+    view.events.hear(safety(reason=HOSTILE + "\x1b[2J\n"), "slave", 1)
+    lines = list(view.events)
+    assert len(lines) == MOST
+    assert lines[-1].text == f"armed -> stopping, watchdog: {HOSTILE}?[2J?"
+    assert lines[-2].text == f"limit velocity: asked 300 mm/s, applied 200 mm/s, {3 * MOST} times"
+    assert lines[-1].level == "warn"
+
+
+def test_axes_of_strangers_are_bounded() -> None:
+    cell = CellView()
+    for number in range(3 * MOST_AXES):
+        cell.hear(SLAVE_STATE.key(CELL, f"axis{number}"), encode(slave_state()), number)
+    assert len(cell.axes) == MOST_AXES
+    assert cell.refused == {BEYOND: 2 * MOST_AXES}
+
+
+def test_what_is_no_message_is_counted_and_changes_nothing() -> None:
+    cell = CellView()
+    cell.hear(FORCE.key(CELL, AXIS), b"nonsense", 1)
+    cell.hear("some/other/key", b"", 2)
+    assert (cell.refused, cell.heard_ns, dict(cell.axes)) == ({"malformed": 1}, None, {})
+    cell.hear(COMMAND.key(CELL, AXIS), b"not decoded", 3)
+    assert (cell.refused, cell.heard_ns) == ({"malformed": 1}, 3)
+
+
+def test_several_axes_stay_apart() -> None:
+    cell = CellView()
+    hear(cell, talk(1, 500))
+    hear(cell, talk(1, 200), "rotation")
+    assert list(cell.axes) == [AXIS, "rotation"]
+    ends = [view.traces["felt"].end for view in cell.axes.values()]
+    assert ends[0] > 2 * ends[1] > 0
+
+
+def test_samples_of_a_slave_that_was_started_again_are_not_mixed_with_those_before() -> None:
+    view = AxisView()
+    for tick in range(100):
+        view.take(FORCE, force(tick, 5000 * S + tick * MS, None), 9 * S + tick * MS)
+    view.take(FORCE, force(100, 5000 * S, None), 10 * S)  # overtaken on the way
+    assert len(view.samples.rows()) == 100
+    for tick in range(50):
+        view.take(FORCE, force(tick, 2 * S + tick * MS, None), 90 * S + tick * MS)
+    assert view.samples.rows()[:, 0] == pytest.approx(2.0 + np.arange(50) * 1e-3)

@@ -1,0 +1,156 @@
+"""Link, lease and safety in words, never by colour alone."""
+
+import json
+from typing import get_args
+
+import pytest
+
+from forefeel.common.events.text import long_round_trip
+from forefeel.common.messages import SafetyState
+from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING
+from forefeel.dashboard import cards
+from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.levels import Level
+from forefeel.dashboard.lights import lights, silent_s
+from forefeel.dashboard.tally import tallies, totals
+from tests.unit.dashboard.said import HOSTILE, S, heard, master_state, parameters, slave_state, timing
+
+
+def told(
+    slave: dict[str, object] | None = None, master: dict[str, object] | None = None, later_s: float = 0.1
+) -> dict[str, tuple[str, str, str]]:
+    view = AxisView()
+    if slave is not None:
+        view.take(SLAVE_STATE, slave_state(0, **slave), S)
+    if master is not None:
+        view.take(MASTER_STATE, master_state(0, **master), S)
+    return {light.name: light[1:] for light in lights(view, round((1 + later_s) * S))}
+
+
+def test_all_is_well() -> None:
+    found = told({}, {})
+    assert [each[:2] for each in found.values()] == [
+        ("good", "linked"), ("good", "held"), ("good", "armed"), ("good", "pressed"),
+    ]  # fmt: skip
+
+
+def test_silence_is_no_state() -> None:
+    found = told({}, {}, later_s=3.2)
+    assert found["link"] == ("bad", "silent", "master silent for 3.2 s; slave silent for 3.2 s")
+    assert found["safety"] == ("bad", "unknown", "slave silent for 3.2 s; was armed")
+    assert found["lease"][0] == found["deadman"][0] == "off"
+
+
+def test_nobody_heard_yet() -> None:
+    assert told()["link"][2] == "no master heard yet; no slave heard yet"
+    assert told({})["link"][2] == "no master heard yet"
+    assert told()["safety"][:2] == ("off", "unknown")
+
+
+@pytest.mark.parametrize(
+    ("slave", "master", "word"),
+    [
+        ({"session_id": 0}, {}, "free"),
+        ({"session_id": 5}, {}, "held by another"),
+        ({}, None, "held"),
+    ],
+)
+def test_who_holds_the_lease(slave: dict[str, object], master: dict[str, object] | None, word: str) -> None:
+    assert told(slave, master)["lease"][1] == word
+
+
+def test_why_there_is_no_session() -> None:
+    found = told({}, {"indication": "no_session", "reason": "settings differ: max_force_n"})
+    assert found["link"] == ("bad", "no link", "settings differ: max_force_n")
+    assert told({}, {"indication": "handle_fault", "reason": "unplugged"})["link"][1] == "handle fault"
+
+
+def test_a_round_trip_at_which_nothing_arms_is_no_good_link() -> None:
+    reason = long_round_trip(0.812, 0.7)
+    found = told({"state": "ready", "reason": reason}, {"indication": "ready", "reason": reason})
+    assert found["link"] == ("warn", "too slow", "round trip 812 ms, limit 700 ms")
+
+
+@pytest.mark.parametrize("state", list(SafetyState))
+def test_every_safety_state_has_a_word_and_a_level(state: SafetyState) -> None:
+    level, word, more = told({"state": state.value, "reason": "x"}, {})["safety"]
+    assert level in get_args(Level)
+    assert word == ("emergency stop" if state is SafetyState.ESTOPPED else state.value)
+    assert more.endswith(" · x")
+
+
+def test_times_that_have_passed() -> None:
+    assert silent_s(None, 5 * S, 0) == 5.0
+    assert silent_s(4 * S, 5 * S, 0) is None
+    assert silent_s(1 * S, 5 * S, 0) == 4.0
+
+
+def test_counters_by_what_they_mean() -> None:
+    slave = {"refused_late": 7, "refused_sequence": 3, "refused_session": 2, "steps": 9, "zero": 0}
+    master = {"forces_reordered": 2, "forces_dropped": 4}
+    found = tallies((slave_state(counters=slave), master_state(counters=master), None))
+    assert totals(found) == {"late": 7, "reordered": 5, "lost": 4, "refused": 2}
+    assert found[-1] == ("", "slave", "steps", 9)
+    assert "zero" not in {each.name for each in found}
+    assert tallies((), {"malformed": 5}) == [("refused", "page", "malformed", 5)]
+
+
+def test_figures_are_those_of_the_messages() -> None:
+    view, now_ns = heard(3.0)
+    assert view.newest.haptics is not None
+    assert view.newest.force is not None
+    found = cards.numbers(view, now_ns)
+    assert found["felt"] == f"{view.newest.haptics.rendered_n:.3f}"
+    assert found["predicted"] == f"{view.newest.haptics.predicted_n:.3f}"
+    assert found["measured"] == f"{view.newest.force.force_n:.3f}"
+    assert found["delay"] == "300"
+    assert found["leading"] == "friction, recent"
+    assert set(cards.numbers(view, now_ns + S).values()) <= {"–", "", False, "nobody yet"}
+
+
+def test_the_delay_is_that_of_the_last_minute() -> None:
+    view, now_ns = heard(2.0)
+    found = cards.delay(view, now_ns)
+    assert found["words"] == "median 300 · 99 % 300 · most 300 ms"
+    assert sum(found["counts"]) == len(view.delays.rows())
+    assert len(found["edges_ms"]) == len(found["counts"]) + 1
+    assert cards.delay(view, now_ns + 61 * S)["counts"] == []
+
+
+def test_what_is_known_of_the_model() -> None:
+    view, now_ns = heard(1.0)
+    found = cards.model(view, now_ns)
+    assert found["parameters"][0] == {
+        "name": "stiffness", "value": "12", "deviation": "0.3", "unit": "N/m", "known": "well",
+    }  # fmt: skip
+    assert found["parameters"][1]["known"] == "not yet"
+    assert found["statements"] == ["the motion tells all parameters apart"]
+    view.newest.model = parameters(valid=False, identifiable=(HOSTILE,))
+    assert cards.model(view, now_ns)["statements"][1:] == [HOSTILE]
+
+
+def test_energy_below_zero_is_said() -> None:
+    view, now_ns = heard(0.1)
+    assert cards.energy(view, now_ns)["level"] == "good"
+    assert cards.energy(view, now_ns + S)["words"] == "no hand heard"
+    assert view.newest.haptics is not None
+    view.newest.haptics = view.newest.haptics.model_copy(update={"energy_j": -0.002})
+    assert cards.energy(view, now_ns) | {"words": ""} == {"level": "warn", "value": "-2 mJ", "words": ""}
+
+
+def test_a_loop_that_misses_ticks_is_said() -> None:
+    view, now_ns = heard(0.1)
+    view.newest.heard_ns |= {MASTER_TIMING.name: now_ns, SLAVE_TIMING.name: now_ns}
+    view.newest.timings = {"master": timing(), "slave": timing(missed=9_000)}
+    assert [loop["word"] for loop in cards.loops(view, now_ns)] == ["on time", "misses"]
+    assert {loop["word"] for loop in cards.loops(view, now_ns + 4 * S)} == {"not heard"}
+
+
+def test_every_card_is_json_whatever_was_heard() -> None:
+    view = AxisView()
+    made = [
+        *(card(view, S) for card in (cards.numbers, cards.standing, cards.delay, cards.model)),
+        *(card(view, S) for card in (cards.energy, cards.loops, cards.counters)),
+        cards.events(view.events),
+    ]
+    assert json.dumps(made, allow_nan=False)

@@ -1,0 +1,91 @@
+"""One viewer is sent what it does not have, however slowly it asks."""
+
+import json
+from typing import Any
+
+import pytest
+
+from forefeel.common.topics import FORCE
+from forefeel.dashboard.cell_view import CellView
+from forefeel.dashboard.feed import Feed
+from forefeel.dashboard.trace import SPAN_S
+from tests.unit.dashboard.said import AXIS, CELL, HOSTILE, MS, S, hear, safety, slave_state, talk
+
+
+def test_points_are_sent_once_and_none_is_left_out() -> None:
+    cell, feed, got = CellView(), Feed(), list[list[float]]()
+    for first in range(1, 3000, 33):
+        now_ns = hear(cell, talk(first, first + 33))
+        got += feed.answer(cell, AXIS, now_ns)["traces"]["felt"]
+    whole = Feed().answer(cell, AXIS, now_ns)["traces"]["felt"]
+    assert got == whole
+
+
+def test_a_viewer_that_slept_gets_the_last_minute_and_no_more() -> None:
+    cell, feed = CellView(), Feed()
+    now_ns = hear(cell, talk(1, 50))
+    feed.answer(cell, AXIS, now_ns)
+    for second in range(100):
+        for part in range(50):  # one message for each bin
+            tick = 1000 * second + 20 * part + 60
+            now_ns = hear(cell, talk(tick, tick + 1))
+    rows = feed.answer(cell, AXIS, now_ns)["traces"]["felt"]
+    assert len(rows) <= 2 * SPAN_S * 50
+    assert rows[-1][0] - rows[0][0] <= 2 * SPAN_S + 1
+
+
+def test_cards_come_when_they_say_something_new_and_slow_ones_seldom() -> None:
+    cell, feed, seen = CellView(), Feed(), list[str]()
+    for first in range(1, 1001, 33):
+        now_ns = hear(cell, talk(first, first + 33))
+        seen += feed.answer(cell, AXIS, now_ns)["cards"]
+    assert 8 <= seen.count("numbers") <= 11
+    assert seen.count("model") <= 3
+    assert feed.answer(cell, AXIS, now_ns + MS)["cards"] == {}
+
+
+def test_what_the_page_itself_could_not_read_is_among_the_counters() -> None:
+    cell = CellView()
+    now_ns = hear(cell, talk(1, 100))
+    for _ in range(7):
+        cell.hear(FORCE.key(CELL, AXIS), b"nonsense", now_ns)
+    rows = Feed().answer(cell, AXIS, now_ns)["cards"]["counters"]["rows"]
+    assert {"who": "page", "name": "malformed", "count": "7"} in rows
+
+
+def test_two_viewers_do_not_take_from_one_another() -> None:
+    cell, one, other = CellView(), Feed(), Feed()
+    now_ns = hear(cell, talk(1, 1000))
+    assert one.answer(cell, AXIS, now_ns) == other.answer(cell, AXIS, now_ns)
+
+
+def test_another_axis_and_another_time_begin_anew() -> None:
+    cell, feed = CellView(), Feed()
+    hear(cell, talk(1, 500), "rotation")
+    now_ns = hear(cell, talk(1, 500))
+    assert feed.answer(cell, "rotation", now_ns)["anew"]
+    assert not feed.answer(cell, "rotation", now_ns)["anew"]
+    found = feed.answer(cell, AXIS, now_ns)
+    assert (found["anew"], found["axis"], found["axes"]) == (True, AXIS, ["rotation", AXIS])
+    for topic, message, heard_ns in talk(1, 50, start_ns=0):  # the master's host was started again
+        cell.take(AXIS, topic, message, heard_ns + 60 * S)
+    assert feed.answer(cell, AXIS, 61 * S)["anew"]
+
+
+@pytest.mark.parametrize("wanted", [None, "no such axis", HOSTILE])
+def test_an_axis_that_is_not_there_is_the_first_one(wanted: str | None) -> None:
+    cell = CellView()
+    now_ns = hear(cell, talk(1, 10))
+    assert Feed().answer(cell, wanted, now_ns)["axis"] == AXIS
+    assert Feed().answer(CellView(), wanted, now_ns)["axis"] is None
+
+
+def test_answers_are_json_without_nan_and_keep_hostile_text_as_it_is() -> None:
+    cell, feed = CellView(), Feed()
+    now_ns = hear(cell, talk(1, 700))
+    view = cell.axes[AXIS]
+    view.newest.slave = slave_state(reason=HOSTILE)
+    view.events.hear(safety(reason=HOSTILE), "slave", now_ns)
+    answer: dict[str, Any] = json.loads(json.dumps(feed.answer(cell, AXIS, now_ns), allow_nan=False))
+    assert answer["cards"]["standing"][2]["more"].endswith(HOSTILE)
+    assert answer["cards"]["events"][0]["text"].endswith(HOSTILE)
