@@ -1,4 +1,4 @@
-"""Round trip and CPU of the CAN drivers beside raw frames, and frames lost to corruption:
+"""Round trip and CPU of the CAN drivers beside raw frames:
 `python -m benchmarks.hardware_can`. Hub and devices run in processes of their own.
 """
 
@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from random import Random
 
 import can
 
@@ -22,7 +21,6 @@ from forefeel.devices.canopen.cia301 import HEARTBEAT, NMT, OPERATIONAL, START, 
 from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork, acquire, release
 from forefeel.devices.canopen.settings import CanSettings
-from forefeel.devices.canopen.slcan import Frame, SlcanParser, encoded
 from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.driver import Cia402Stage, command_pdo, state_pdo
 from forefeel.devices.cia402.emulator import Drive402
@@ -30,7 +28,6 @@ from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
 from forefeel.devices.cia404.settings import Cia404Settings
-from forefeel.devices.emulation.wire import Faults, Wire
 from forefeel.devices.shared.pacing import Pacer
 from forefeel.slave.plant.settings import preset
 
@@ -38,12 +35,10 @@ _RATES_HZ = 250, 500  # Hz of SYNC: the default of `sync_hz`, and twice that
 _LASTS_S, _PRIORITY = 10.0, 50  # s of each measurement, chosen; SCHED_FIFO as `realtime.priority` by default
 _DRIVE_NODE, _CELL_NODE = 5, 6  # CANopen nodes, arbitrary
 _COUNTS_PER_M = 1e6  # of the emulated drive: a count is a micrometre
-_FRAMES, _DAMAGED = 100_000, 0.01  # frames, and share of them with one damaged byte; chosen, not measured
 
 
 def main() -> None:
     """Prints one line a figure."""
-    _corruption()
     print(_prepare())
     for rate_hz in _RATES_HZ:
         with _devices() as channel:
@@ -251,30 +246,6 @@ def _raw(settings: CanSettings, rate_hz: int) -> None:
 
 def _frame(can_id: int, data: bytes) -> can.Message:
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
-
-
-def _corruption() -> None:
-    """Each frame carries its number, so that a lost and a changed one are told apart."""
-    wire, parser, random = Wire(12_000_000, Faults(corrupt=_DAMAGED), "corruption"), SlcanParser(), Random(1)
-    sent = {}
-    found: dict[bytes, int] = {}
-    start_s = time.process_time()
-    for number in range(_FRAMES):
-        data = number.to_bytes(4, "little") + random.randbytes(4)
-        sent[data] = 0x185
-        wire.send(encoded(Frame(0x185, data)), number * 1e-4)
-        for frame in parser.feed(wire.arrived(number * 1e-4)):
-            found[frame.data] = frame.can_id
-    for frame in parser.feed(wire.arrived(1e9)):
-        found[frame.data] = frame.can_id
-    cpu_s = time.process_time() - start_s
-    intact = sum(found.get(data) == can_id for data, can_id in sent.items())
-    changed = sum(sent.get(data) != can_id for data, can_id in found.items())
-    print(
-        f"slcan: {_FRAMES} frames, {wire.counts['corrupted']} corrupted: {_FRAMES - intact} not delivered as "
-        f"sent, {changed} of them as another valid frame (slcan has no checksum); {parser.counts['damaged']} "
-        f"counted as damaged; {1e6 * cpu_s / _FRAMES:.0f} us of CPU a frame, there and back"
-    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Any bytes into the slcan parser."""
+"""Any bytes into python-can's slcan on our port, and into the emulated adapter."""
 
 from random import Random
 
@@ -7,22 +7,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.devices.canopen.hub import SlcanAdapter
-from forefeel.devices.canopen.slcan import Frame, SlcanParser, encoded
+from tests.devices.test_slcan import MemoryPort, bus_on, received
 
-GOOD = [Frame(0x185, bytes(range(6))), Frame(0x5, b""), Frame(0x18DAF110, b"\xff" * 8, True)]
-STREAM = b"".join(map(encoded, GOOD))
+STREAM = b"t1856000102030405\rt0050\rT18DAF1108FFFFFFFFFFFFFFFF\r"
+GOOD = [(0x185, bytes(range(6))), (0x5, b""), (0x18DAF110, b"\xff" * 8)]
 
 
 def check_slcan(data: bytes) -> None:
     """Nothing raises, memory is bounded, frames are valid, and what follows is delivered."""
-    parser = SlcanParser()
-    cut = len(data) // 2
-    for frame in parser.feed(data[:cut]) + parser.feed(data[cut:]):
-        assert len(frame.data) <= 8
-        assert frame.can_id <= (0x1FFFFFFF if frame.extended else 0x7FF)
-    assert len(parser._lines._rest) <= 64
-    after = parser.feed(b"\r" + STREAM)[-len(GOOD) :]
-    assert [(f.can_id, f.data) for f in after] == [(f.can_id, f.data) for f in GOOD]
+    port = MemoryPort()
+    bus, cut = bus_on(port), len(data) // 2
+    for can_id, frame in received(port, bus, data[:cut], data[cut:]):
+        assert len(frame) <= 8 and can_id <= 0x1FFFFFFF
+    assert len(bus._lines._rest) <= 64
+    assert received(port, bus, b"\r" + STREAM)[-len(GOOD) :] == GOOD
+    bus.shutdown()
     adapter = SlcanAdapter(1_000_000)
     adapter.receive(data)
     adapter.receive(b"\rC\rS8\rO\r")

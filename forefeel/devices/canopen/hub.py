@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from forefeel.devices.canopen.slcan import BELL, BITRATES, OK, Frame, Lines, decoded, encoded
+from forefeel.devices.canopen.slcan import BELL, BITRATES, OK, Lines, frame_of
 from forefeel.devices.emulation.pty import Pty
 from forefeel.devices.emulation.wire import Faults, Timetable, Wire
 
@@ -16,13 +16,14 @@ _WAIT_S = 0.002  # s that a round waits at most; chosen, not measured: longer pa
 _STATUS, _VERSION, _SERIAL = b"F00\r", b"V1013\r", b"NFF01\r"
 
 
-def frame_s(frame: Frame, bitrate: int) -> float:
-    """The time that a frame takes on the wire with worst-case stuffing, the gap after it included.
+def frame_s(frame: bytes, bitrate: int) -> float:
+    """The time that a frame (a line of slcan) takes on the wire with worst-case stuffing, the gap included.
 
     Davis et al., CAN schedulability analysis: refuted, revisited and revised (2007), equation 1:
     8 n + g + 13 + (g + 8 n - 1) / 4 bits for n bytes, g = 34 or 54.
     """
-    data_bits, head_bits = 8 * len(frame.data), 54 if frame.extended else 34
+    head_digits, head_bits = (10, 54) if frame[:1] in b"TR" else (5, 34)
+    data_bits = 4 * (len(frame) - head_digits)
     return (data_bits + head_bits + 13 + (head_bits + data_bits - 1) // 4) / bitrate
 
 
@@ -35,20 +36,21 @@ class CanWire:
 
     def __init__(self, bitrate: int) -> None:
         self._bitrate = bitrate
-        self._waiting: list[tuple[tuple[int, bool], int, int, Frame]] = []
-        self._on_wire: tuple[float, int, Frame] | None = None
+        self._waiting: list[tuple[tuple[int, bool], int, int, bytes]] = []
+        self._on_wire: tuple[float, int, bytes] | None = None
         self._count = 0
         self.busy_s = 0.0
 
-    def offer(self, sender: int, frame: Frame) -> None:
+    def offer(self, sender: int, frame: bytes) -> None:
         """An adapter wants to send."""
         self._count += 1
-        ident = frame.can_id if frame.extended else frame.can_id << 18
-        heapq.heappush(self._waiting, ((ident, frame.extended), self._count, sender, frame))
+        extended = frame[:1] in b"TR"
+        ident = int(frame[1:9], 16) if extended else int(frame[1:4], 16) << 18
+        heapq.heappush(self._waiting, ((ident, extended), self._count, sender, frame))
 
-    def advance(self, t_s: float) -> list[tuple[int, Frame]]:
+    def advance(self, t_s: float) -> list[tuple[int, bytes]]:
         """(sender, frame) of all that are complete by then."""
-        done: list[tuple[int, Frame]] = []
+        done: list[tuple[int, bytes]] = []
         while True:
             if self._on_wire is None:
                 if not self._waiting:
@@ -83,40 +85,40 @@ class SlcanAdapter:
     """
 
     def __init__(self, bitrate: int) -> None:
-        self._bitrate_command = BITRATES[bitrate]
+        self._bitrate_command = BITRATES[bitrate].encode("ascii")
         self._lines = Lines()
         self.counts: Counter[str] = self._lines.counts
         self.open = False
         self._fits = False
 
-    def receive(self, data: bytes) -> tuple[list[Frame], bytes]:
+    def receive(self, data: bytes) -> tuple[list[bytes], bytes]:
         """Frames for the bus, and answers for the host."""
         frames, answers = [], bytearray()
         for line in self._lines.feed(data):
-            frame, answer = self._obey(line.decode("latin-1"))
+            frame, answer = self._obey(line)
             answers += answer
             if frame is not None:
                 self.counts["frames"] += 1
                 frames.append(frame)
         return frames, bytes(answers)
 
-    def _obey(self, line: str) -> tuple[Frame | None, bytes]:
-        if line[0] in "tTrR":
-            frame = decoded(line) if self.open else None
-            return (frame, OK) if frame is not None else (None, self._refuse())
-        known = {"C": OK, "O": OK, "L": OK, "V": _VERSION, "v": _VERSION, "N": _SERIAL, "F": _STATUS}
+    def _obey(self, line: bytes) -> tuple[bytes | None, bytes]:
+        if line[:1] in b"tTrR":
+            frame = frame_of(line) if self.open else None
+            return (frame, OK) if frame == line else (None, self._refuse())
+        known = {b"C": OK, b"O": OK, b"L": OK, b"V": _VERSION, b"v": _VERSION, b"N": _SERIAL, b"F": _STATUS}
         if line in known:
             return None, self._switch(line, known[line])
-        if line in BITRATES.values() and not self.open:
+        if line.decode("latin-1") in BITRATES.values() and not self.open:
             self._fits = line == self._bitrate_command
             return None, OK
-        return None, OK if line in ("Z0", "Z1", "X0", "X1") else self._refuse()
+        return None, OK if line in (b"Z0", b"Z1", b"X0", b"X1") else self._refuse()
 
-    def _switch(self, line: str, answer: bytes) -> bytes:
+    def _switch(self, line: bytes, answer: bytes) -> bytes:
         """An adapter at another bitrate than the bus hears nothing of it, as one that is not open."""
-        if line in "OL":
+        if line in b"OL":
             self.open = self._fits
-        elif line == "C":
+        elif line == b"C":
             self.open = False
         return answer
 
@@ -215,11 +217,10 @@ class CanHub:
             return _WAIT_S
         return max(0.0, min(_WAIT_S, soonest_s - self._now()))
 
-    def _spread(self, sender: int, frame: Frame, t_s: float) -> None:
-        line = encoded(frame)
+    def _spread(self, sender: int, frame: bytes, t_s: float) -> None:
         for i, port in enumerate(self._ports):
             if i != sender and port.adapter.open:
-                port.to_host.send(line, t_s)
+                port.to_host.send(frame + OK, t_s)
 
     def _now(self) -> float:
         return time.monotonic() - self._start_s

@@ -9,8 +9,9 @@ import canopen
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import DeviceLink
-from forefeel.devices.canopen.bus import SlcanBus, open_bus
+from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.canopen.slcan import SlcanBus
 
 HOST_NODE = 127
 """The identifier of our heartbeat; no device may have it."""
@@ -88,9 +89,8 @@ class SharedNetwork:
 
     def counts(self) -> dict[str, int]:
         """Counters of what was dropped and what failed on this bus."""
-        parser = self._bus.parser.counts if isinstance(self._bus, SlcanBus) else Counter[str]()
-        kept = {key: count for key, count in parser.items() if key != "frames" and count}
-        return {**kept, **self.counters}
+        lines = self._bus.counts if isinstance(self._bus, SlcanBus) else Counter[str]()
+        return {name: count for name, count in (lines + self.counters).items() if count}
 
     def tell(self, link: DeviceLink) -> None:
         """Adds what has been counted, since this link was told last, to its counters, as `bus_...`."""

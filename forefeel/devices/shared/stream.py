@@ -47,12 +47,16 @@ class ByteStream(Protocol):
 class SerialStream:
     """A serial port, opened for us alone.
 
+    Attributes:
+        timeout_s: how long `read` waits for the first byte; None: for ever.
+
     Raises:
         DeviceSetupError: no such port, busy, not permitted, or it can not be set up like that.
     """
 
     def __init__(self, settings: SerialSettings, timeout_s: float = 0.02) -> None:
-        self.name, self._timeout_s = settings.port, timeout_s
+        self.name = settings.port
+        self.timeout_s: float | None = timeout_s
         try:
             self._serial = serial.Serial(settings.port, settings.baud, timeout=timeout_s, exclusive=True)
         except (serial.SerialException, OSError, termios.error, ValueError) as error:
@@ -61,7 +65,7 @@ class SerialStream:
     def read(self) -> bytes:
         try:  # past pyserial's read, which takes three times the system calls for a frame each millisecond
             number = self._serial.fileno()
-            if not select.select([number], [], [], self._timeout_s)[0]:
+            if not select.select([number], [], [], self.timeout_s)[0]:
                 return b""
             data = os.read(number, _CHUNK_BYTES)
         except _BROKEN as error:
@@ -79,17 +83,6 @@ class SerialStream:
                 data = data[os.write(number, data) :]
         except _BROKEN as error:
             raise DeviceError(f"{self.name}: gone while writing ({_short(error)})") from error
-
-    def fileno(self) -> int:
-        """The descriptor, for `select`.
-
-        Raises:
-            DeviceError: it is closed.
-        """
-        try:
-            return int(self._serial.fileno())
-        except _BROKEN as error:
-            raise DeviceError(f"{self.name}: closed") from error
 
     def close(self) -> None:
         with suppress(*_BROKEN):  # it is gone: as closed as it will be
