@@ -1,6 +1,7 @@
 """Reads a recorded run: messages, columns of numbers, and the recording that they make."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain
 from math import nan
@@ -9,22 +10,87 @@ from types import NoneType
 from typing import Any, TypeVar
 
 import numpy as np
+from mcap.records import Attachment, Channel, Metadata, Statistics
+from mcap.records import Message as MessageRecord
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.messages import Message
-from forefeel.common.recording.mcap_contents import Contents, Stream, read_contents
-from forefeel.common.recording.recording import Recording
-from forefeel.common.topics import FORCE, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, Topic
+from forefeel.common.recording.mcap_records import RecordReader
+from forefeel.common.recording.recording import Recording, opened
+from forefeel.common.topics import FORCE, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, Topic, parse_key
 
 M = TypeVar("M", bound=Message)
 Columns = dict[str, NDArray[Any]]
 
-# messages that are decoded at once; chosen, not measured: more take more memory, fewer are slower
 _BLOCK_MESSAGES = 4096
 _NUMBERS = {bool, int, float, NoneType}
 _IMPAIRMENTS = {topic.name: topic for topic in (MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT)}
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """The messages of one axis and topic in the order of the file: receive stamps in ns, and JSON."""
+
+    log_ns: list[int] = field(default_factory=list)
+    payloads: list[bytes] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Contents:
+    """What a run's file holds, the messages still as bytes, by (axis, topic name).
+
+    `cell` is None without a message. `truncated`: the writer was killed, the file ends with a whole chunk.
+    """
+
+    path: Path
+    truncated: bool = True
+    cell: str | None = None
+    streams: dict[tuple[str, str], Stream] = field(default_factory=dict)
+    metadata: dict[str, Mapping[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+
+    def stream_of(self, channel: Channel) -> Stream:
+        """The stream that takes the messages of a channel; one that nobody reads for a foreign channel."""
+        ours = parse_key(channel.topic)
+        if ours is None or channel.message_encoding != "json":
+            return Stream()
+        cell, axis, topic = ours
+        if self.cell not in (None, cell):
+            raise RecordingError(f"{self.path}: cells {self.cell!r} and {cell!r}, expected one cell")
+        self.cell = cell
+        return self.streams.setdefault((axis, topic.name), Stream())
+
+
+def read_contents(path: Path) -> Contents:
+    """The contents of an MCAP file; of a killed writer's file, what is whole.
+
+    Raises:
+        RecordingError: unreadable, not MCAP, damaged, or of several cells.
+    """
+    contents, channels, count = Contents(path), dict[int, Stream](), 0
+    with opened(path) as file:
+        records = RecordReader(file, path)
+        for record in records:
+            if isinstance(record, MessageRecord):
+                if (stream := channels.get(record.channel_id)) is None:
+                    number = record.channel_id
+                    raise RecordingError(f"{path}: damaged, channel {number} is used but not declared")
+                stream.log_ns.append(record.log_time)
+                stream.payloads.append(record.data)
+                count += 1
+            elif isinstance(record, Channel):
+                channels[record.id] = contents.stream_of(record)
+            elif isinstance(record, Metadata):
+                contents.metadata[record.name] = record.metadata
+            elif isinstance(record, Attachment):
+                contents.attachments[record.name] = record.data
+            elif isinstance(record, Statistics) and record.message_count != count:
+                counts = f"it holds {count} messages, its statistics say {record.message_count}"
+                raise RecordingError(f"{path}: damaged, {counts}")
+    contents.truncated = records.truncated
+    return contents
 
 
 class Run:

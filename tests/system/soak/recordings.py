@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.mcap_contents import Stream, read_contents
+from forefeel.common.recording.mcap_reader import Stream, read_contents
 from forefeel.common.topics import FORCE
 from tests.live_cell import AXIS
 

@@ -1,7 +1,6 @@
 """A recording is read a span at a time, and shows what a viewer saw who was there."""
 
 from pathlib import Path
-from typing import Any, BinaryIO
 
 import pytest
 
@@ -10,7 +9,7 @@ from forefeel.common.errors import RecordingError
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from forefeel.dashboard.feed import Feed
 from forefeel.dashboard.replay import LEAD_S, ReplayClock
 from tests.unit.dashboard.said import AXIS, CELL, S, safety, talk
@@ -60,28 +59,11 @@ def test_the_ends_of_the_run_are_its_first_and_last_message(run_file: Path) -> N
     assert list(spans.between(0, spans.start_ns, [HAPTICS])) == []
 
 
-def test_chunks_without_what_is_asked_for_are_not_read(
-    run_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read = list[int]()
-    inner = RunSpans._cut
-    spans = RunSpans(run_file)
-
-    def cut(self: RunSpans, file: BinaryIO, at: int, size: int) -> list[Any]:
-        read.append(at)
-        return list(inner(self, file, at, size))
-
-    monkeypatch.setattr(RunSpans, "_cut", cut)
-    assert len(list(spans.between(0, 2**63, [SAFETY_EVENT]))) == 1
-    assert list(spans.between(0, 2**63, [COMMAND])) == []
-    assert len(read) == 1
-
-
 def test_memory_does_not_grow_with_the_file(run_file: Path) -> None:
     spans = RunSpans(run_file)
     for _ in spans.between(0, 2**63, [FORCE]):
         pass
-    assert spans._records.cache_info().currsize <= 4
+    assert spans._messages.cache_info().currsize <= 4
 
 
 def test_the_file_of_a_killed_writer_ends_with_its_last_whole_chunk(run_file: Path, tmp_path: Path) -> None:
