@@ -1,0 +1,98 @@
+"""Unit tests, properties, simulations, devices and commands start nothing and wait for no clock."""
+
+import multiprocessing.process
+import os
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from typing import NoReturn
+
+import pytest
+
+FOLDERS = frozenset({"unit", "property", "simulation", "devices", "commands"})
+EXECUTOR_OF_ASYNCIO = "asyncio_"
+"""Name of the threads that an event loop makes, for the resolver among others."""
+
+STILL_VIOLATING = frozenset(
+    {
+        "commands/test_bad_lines.py",
+        "commands/test_cli.py",
+        "commands/test_doctor.py",
+        "commands/test_local_stop.py",
+        "commands/test_output.py",
+        "commands/test_pki.py",
+        "commands/test_results.py",
+        "commands/test_terminal.py",
+        "devices/test_ascii_line_driver.py",
+        "devices/test_bad_input.py",
+        "devices/test_bota_serial.py",
+        "devices/test_cells_on_pty.py",
+        "devices/test_cia402_stage.py",
+        "devices/test_cia404_cell.py",
+        "devices/test_coil_pty.py",
+        "devices/test_fault_counters.py",
+        "devices/test_serial_stream.py",
+        "devices/test_zaber_pty.py",
+        "unit/dashboard/test_admission.py",
+        "unit/dashboard/test_conversation.py",
+        "unit/dashboard/test_finding.py",
+        "unit/dashboard/test_server.py",
+        "unit/test_benchmarks.py",
+        "unit/test_daemons.py",
+        "unit/test_diagnose_command.py",
+        "unit/test_doctor_measures.py",
+        "unit/test_driver_registry.py",
+        "unit/test_flight.py",
+        "unit/test_interrupt.py",
+        "unit/test_jit.py",
+        "unit/test_killed_before.py",
+        "unit/test_last_tick.py",
+        "unit/test_latch.py",
+        "unit/test_local_handlers.py",
+        "unit/test_metrics.py",
+        "unit/test_reaching.py",
+        "unit/test_real_runtime.py",
+        "unit/test_recording_bombs.py",
+        "unit/test_recording_damage.py",
+        "unit/test_service_manager.py",
+        "unit/test_session_opening.py",
+        "unit/test_slots.py",
+        "unit/test_state_folder.py",
+        "unit/test_threads.py",
+        "unit/test_timers.py",
+        "unit/test_waiting.py",
+        "unit/test_witness.py",
+    }
+)
+"""Shrinks; nothing is added."""
+
+
+@pytest.fixture(autouse=True)
+def deterministic(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fails a test of these folders that starts a process or a thread of its own, or calls time.sleep."""
+    path = request.path.relative_to(request.config.rootpath / "tests")
+    if path.parts[0] not in FOLDERS or path.as_posix() in STILL_VIOLATING:
+        yield
+        return
+    start = threading.Thread.start
+
+    def refuse(what: str) -> NoReturn:
+        pytest.fail(f"{what}: use virtual or stepped time, or move the test to tests/process", pytrace=False)
+
+    def start_thread(thread: threading.Thread) -> None:
+        if not thread.name.startswith(EXECUTOR_OF_ASYNCIO):
+            refuse(f"starts the thread {thread.name}")
+        start(thread)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(threading.Thread, "start", start_thread)
+        patch.setattr(time, "sleep", lambda _s: refuse("calls time.sleep"))
+        for place, name in (
+            (subprocess.Popen, "__init__"),
+            (multiprocessing.process.BaseProcess, "start"),
+            (os, "fork"),
+            (os, "posix_spawn"),
+        ):
+            patch.setattr(place, name, lambda *_, **__: refuse("starts a process"))
+        yield
