@@ -1,19 +1,13 @@
-"""What both daemons do alike: one impaired transport, the reports on loop timing and impairment, and the ends
-of the audit logs.
-"""
-
-from collections.abc import Callable
+"""What both daemons do alike: one impaired transport, the reports on loop timing and impairment."""
 
 from forefeel.common.bus import Bus
 from forefeel.common.errors import RecordingError
-from forefeel.common.events.audit import PEER_LOG, AuditSink, ChainEnd
 from forefeel.common.lateness import EDGES_US, Lateness
-from forefeel.common.messages import AuditHead, ImpairmentTrace, LoopTiming
+from forefeel.common.messages import ImpairmentTrace, LoopTiming
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.runtime.port import Runtime
 from forefeel.common.settings import LinkImpairment
-from forefeel.common.slots import LatestValue
-from forefeel.common.topics import BY_NAME, MASTER_AUDIT, SLAVE_AUDIT, Role
+from forefeel.common.topics import BY_NAME, Role
 from forefeel.common.transport.impaired import ImpairedTransport
 from forefeel.common.transport.impairment import ImpairedLink, Impairment, ReplayedImpairment
 from forefeel.common.transport.port import Transport
@@ -112,32 +106,3 @@ class Reports:
                     **header, link=chunk.link, first_index=chunk.first_index, delays_ns=chunk.delays_ns
                 )
             )
-
-
-class AuditHeads:
-    """Tells the other end once a second where our audit log ends, and notes in ours where its log does."""
-
-    def __init__(
-        self, bus: Bus, role: Role, session: Callable[[int], int], audit_sink: AuditSink, runtime: Runtime
-    ) -> None:
-        """`session`: the id of the one that is open at a time in ns, or 0."""
-        own, other = (MASTER_AUDIT, SLAVE_AUDIT) if role == "master" else (SLAVE_AUDIT, MASTER_AUDIT)
-        self._audit_sink, self._session = audit_sink, session
-        self._publisher = bus.publisher(own)
-        self._heard: LatestValue[AuditHead] = LatestValue()
-        self._noted = ChainEnd()
-        bus.subscribe(other, lambda head, _: self._heard.put(head))
-        runtime.task(f"{role} audit heads", SECOND_NS, self._exchange)
-
-    def _exchange(self, now_ns: int) -> None:
-        session, heard = self._session(now_ns), self._heard.take()
-        if session and (head := self._audit_sink.head()) is not None:
-            number, digest = head
-            self._publisher.send(
-                AuditHead(**self._publisher.header(session, now_ns), number=number, hash=digest)
-            )
-        if session and heard is not None and heard.session_id == session:
-            told = ChainEnd(heard.number, heard.hash)
-            if told != self._noted:
-                self._audit_sink.note(PEER_LOG, now_ns, number=told.number, head=told.hash)
-                self._noted = told

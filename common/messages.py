@@ -45,8 +45,6 @@ Quantity = Annotated[float, Field(ge=-MOST_QUANTITY, le=MOST_QUANTITY)]
 Native = Annotated[float, Field(ge=-1e12, le=1e12)]
 """In a device's own unit: 32 bits of counts, and per m of a micrometre's thousandth, are less."""
 ShortText = Annotated[str, Field(max_length=256)]
-DIGEST = r"^[0-9a-f]{64}$"
-"""A SHA-256 in hexadecimal digits."""
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
@@ -351,16 +349,6 @@ class LoopTiming(Message):
     edges_us: tuple[Microseconds, ...]
     counts: tuple[NonNegativeInt, ...]
     scheduling: ShortText
-
-
-class AuditHead(Message):
-    """The end of the sender's audit log, for the other end's log: what is cut off or removed shows there.
-
-    `number`, `hash`: of the newest entry that is not itself about the other end's log.
-    """
-
-    number: NonNegativeInt
-    hash: Annotated[str, Field(pattern=DIGEST)]
 
 
 class ImpairmentTrace(Message):

@@ -120,7 +120,7 @@ class RealtimeSettings(Settings):
 
 
 class StateSettings(Settings):
-    """Where a daemon keeps its audit log, flight records and local socket, relative to this file.
+    """Where a daemon keeps its event log, flight records and local socket, relative to this file.
 
     Without `directory`: STATE_DIRECTORY of systemd, else XDG_STATE_HOME/forefeel or ~/.local/state/forefeel,
     and in it CELL-ROLE. `flight_records`: how many of them are kept.

@@ -74,8 +74,6 @@ CALIBRATION = Topic("slave/calibration", m.Calibration, "slave", None, Qos.EVENT
 EMERGENCY_STOP = Topic("any/estop", m.EmergencyStop, "any", None, Qos.EVENT)
 MASTER_TIMING = Topic("master/timing", m.LoopTiming, "master", 1, Qos.STATE, crosses=False)
 SLAVE_TIMING = Topic("slave/timing", m.LoopTiming, "slave", 1, Qos.STATE, crosses=False)
-MASTER_AUDIT = Topic("master/audit", m.AuditHead, "master", 1, Qos.STATE)
-SLAVE_AUDIT = Topic("slave/audit", m.AuditHead, "slave", 1, Qos.STATE)
 MASTER_IMPAIRMENT = Topic("master/impairment", m.ImpairmentTrace, "master", 10, Qos.STATE, crosses=False)
 SLAVE_IMPAIRMENT = Topic("slave/impairment", m.ImpairmentTrace, "slave", 10, Qos.STATE, crosses=False)
 CONTROL_CYCLE = Topic(
@@ -85,7 +83,7 @@ CONTROL_CYCLE = Topic(
 TOPICS: tuple[Topic[m.Message], ...] = (
     COMMAND, FORCE, HAPTICS, PARAMETERS, SLAVE_STATE, MASTER_STATE, MASTER_HANDSHAKE, SLAVE_HANDSHAKE,
     MASTER_HEARTBEAT, SLAVE_HEARTBEAT, LIMIT_EVENT, SAFETY_EVENT, MASTER_LIMIT, MASTER_EVENT, CALIBRATION,
-    EMERGENCY_STOP, MASTER_TIMING, SLAVE_TIMING, MASTER_AUDIT, SLAVE_AUDIT, MASTER_IMPAIRMENT,
+    EMERGENCY_STOP, MASTER_TIMING, SLAVE_TIMING, MASTER_IMPAIRMENT,
     SLAVE_IMPAIRMENT, CONTROL_CYCLE,
 )  # fmt: skip
 

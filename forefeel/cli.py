@@ -48,8 +48,6 @@ COMMANDS = {
     "pki bundle": "Put together what the host of one role needs, and nothing else.",
     "pki rules": "Write the Zenoh configuration of a router and of each role: TLS and what each may say and "
     "hear.",
-    "audit verify": "Check the hash chain: exit 0 intact, 1 not.",
-    "audit show": "Print the entries, one line each, as far as the chain is intact; exit 1 where it is not.",
 }
 """In the order of the help, which is shown without importing any of them."""
 GROUPS = {
@@ -58,7 +56,6 @@ GROUPS = {
     "driver": "Drivers of devices.",
     "calibrate": "Dated calibration files of load cells and stages.",
     "pki": "Certificates of the cells of a laboratory.",
-    "audit": "The audit log of a daemon.",
 }
 
 

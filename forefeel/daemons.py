@@ -85,13 +85,13 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
         if transport is None:
             return
         with closed_on_failure(transport):
-            daemon = SlaveDaemon(settings, transport, runtime, _new_id, state.audit_sink)
+            daemon = SlaveDaemon(settings, transport, runtime, _new_id, state.event_sink)
         with _closing(daemon, runtime):
             notifier = _notifier("slave", daemon.axes)
             runtime.task("notices", _NOTICES_NS, notifier.serve)
             warn_of_latency("slave", settings)
             watchdog = _service_watchdog(runtime, daemon.axes)
-            handlers = SlaveHandlers(daemon, state.audit_sink, runtime.clock)
+            handlers = SlaveHandlers(daemon, state.event_sink, runtime.clock)
             async with runtime, local.serving(handlers):
                 say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
                 await _until(runtime, duration_s, connecting(settings, transport, found))
@@ -100,7 +100,7 @@ async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bo
                 await _rest(daemon, stop)
         notifier.serve(runtime.clock.now_ns())
         end = "stage at rest" if daemon.at_rest else "stage told to hold"
-        say(f"slave: {state.close(_ended(runtime, end))}")
+        state.close(_ended(runtime, end))
         say(f"slave: {end}, closed")
         runtime.raise_fault()
 
@@ -121,7 +121,7 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
         if transport is None:
             return
         with closed_on_failure(transport):
-            daemon = MasterDaemon(settings, transport, runtime, _new_id, state.audit_sink)
+            daemon = MasterDaemon(settings, transport, runtime, _new_id, state.event_sink)
         with _closing(daemon, runtime):
             notifier = _notifier("master", daemon.axes)
             runtime.task("notices", _NOTICES_NS, notifier.serve)
@@ -138,7 +138,7 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
                 daemon.shut_down()
                 await asyncio.sleep(_FAREWELL_S)
         notifier.serve(runtime.clock.now_ns())
-        say(f"master: {state.close(_ended(runtime, 'handle released'))}")
+        state.close(_ended(runtime, "handle released"))
         say("master: handle released, closed")
         runtime.raise_fault()
 
@@ -225,7 +225,7 @@ async def _until(
 
 
 def _ended(runtime: RealRuntime, how: str) -> str:
-    """How the daemon ended, for its audit log."""
+    """How the daemon ended, for its event log."""
     error = runtime.error
     return how if error is None else f"{how}; by a fault: {type(error).__name__}: {error}"[:500]
 

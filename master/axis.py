@@ -8,8 +8,8 @@ from collections.abc import Callable
 from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
-from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
 from forefeel.common.events.console import printable
+from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import (
@@ -51,7 +51,7 @@ class MasterAxis:
         identification: IdentificationTask,
         bus: Bus,
         new_id: Callable[[], int],
-        audit_sink: AuditSink = NULL_AUDIT_SINK,
+        event_sink: EventSink = NULL_EVENT_SINK,
     ) -> None:
         self.name = settings.name
         self.counters: Counter[str] = Counter()
@@ -71,7 +71,7 @@ class MasterAxis:
         self._slave_state: SlaveState | None = None
         self._state_heard_ns = 0
         self.stop = StopRequest()
-        self.events = MasterEvents(bus, audit_sink, settings.name)
+        self.events = MasterEvents(bus, event_sink, settings.name)
         self._hand = HandleWatch(handle, self.events.notices, loop.release)
         self._deadman = False
         self._identifiable: tuple[str, ...] = ()
@@ -233,7 +233,7 @@ class MasterAxis:
         """Publishes and writes down what was gathered and not said yet; at the end, after the loop."""
         try:
             self._publish_events(now_ns, last=True)
-        finally:  # a link that is broken keeps nothing out of the audit log
+        finally:  # a link that is broken keeps nothing out of the event log
             self.events.write(dict(self._bus.malformed), now_ns, last=True)
 
     def _publish_events(self, now_ns: int, last: bool = False) -> None:

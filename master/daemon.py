@@ -6,13 +6,13 @@ from contextlib import ExitStack
 from forefeel.common.bus import Bus
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.clock import Clock
-from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
+from forefeel.common.daemon import SECOND_NS, Reports, impaired
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.estimation.default_model import default_model
 from forefeel.common.estimation.forecast import compile_kernels
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
 from forefeel.common.estimation.transfer import lasting
-from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
+from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.model_file import load_model
 from forefeel.common.runtime.port import Runtime
@@ -41,7 +41,7 @@ class MasterDaemon:
         inner: Transport,
         runtime: Runtime,
         new_id: Callable[[], int],
-        audit_sink: AuditSink = NULL_AUDIT_SINK,
+        event_sink: EventSink = NULL_EVENT_SINK,
     ) -> None:
         """Registers loops and tasks.
 
@@ -51,13 +51,13 @@ class MasterDaemon:
         """
         compile_kernels()  # before a loop runs: the first call must not be a late one
         self.transport = impaired(inner, settings.impairment, "master", runtime)
-        self._audit_sink, self._now_ns = audit_sink, runtime.clock.now_ns
+        self._event_sink, self._now_ns = event_sink, runtime.clock.now_ns
         buses = [
-            Bus(self.transport, settings.cell, axis.name, runtime.clock, audit_sink.rings)
+            Bus(self.transport, settings.cell, axis.name, runtime.clock, event_sink.rings)
             for axis in settings.axes
         ]
         self.axes = [
-            _axis(settings.cell, axis, bus, new_id, runtime.clock, audit_sink)
+            _axis(settings.cell, axis, bus, new_id, runtime.clock, event_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when the daemon can not be composed
@@ -83,8 +83,6 @@ class MasterDaemon:
         )
         runtime.task("state", SECOND_NS // 10, self._report)
         self._reports = Reports(bus, "master", lateness, self.transport, runtime)
-        session = self.axes[0].session
-        AuditHeads(bus, "master", lambda _: session.open_id, self._audit_sink, runtime)
 
     @property
     def finished(self) -> bool:
@@ -99,7 +97,7 @@ class MasterDaemon:
     def fail(self, error: BaseException) -> None:
         """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
         with ExitStack() as reactions:
-            reactions.callback(self._audit_sink.thread_fault, self.axes[0].name, error, self._now_ns())
+            reactions.callback(self._event_sink.thread_fault, self.axes[0].name, error, self._now_ns())
             for axis in self.axes:
                 reactions.callback(axis.fail, error)
 
@@ -136,7 +134,7 @@ def _axis(
     bus: Bus,
     new_id: Callable[[], int],
     clock: Clock,
-    audit_sink: AuditSink,
+    event_sink: EventSink,
 ) -> MasterAxis:
     wanted = settings.prediction
     model = None if wanted.model is None else load_model(wanted.model)
@@ -147,7 +145,7 @@ def _axis(
     identification = IdentificationTask(identifier, prediction.learn)
     loop = HapticLoop(prediction, settings.rendering)
     handle = make_handle(settings.handle, clock)
-    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, audit_sink)
+    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, event_sink)
 
 
 def _identifier(model: ContactModel, wanted: PredictionSettings) -> ContactIdentifier:

@@ -5,8 +5,8 @@ from typing import Literal
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus
-from forefeel.common.events.audit import REFUSALS, AuditSink
 from forefeel.common.events.axis import AxisEvents
+from forefeel.common.events.sink import REFUSALS, EventSink
 from forefeel.common.events.text import ROUND_TRIP, emergency_stop, event_text
 from forefeel.common.messages import LimitEvent, MasterEvent, SafetyEvent
 
@@ -24,13 +24,12 @@ _REMEMBERED_EVENTS = 64
 class MasterEvents(AxisEvents):
     """The slave's events come where the transport delivers; one that a network doubled counts once."""
 
-    def __init__(self, bus: Bus, audit_sink: AuditSink, axis: str) -> None:
-        super().__init__(bus, topics.MASTER_LIMIT, audit_sink, axis)
+    def __init__(self, bus: Bus, event_sink: EventSink, axis: str) -> None:
+        super().__init__(bus, topics.MASTER_LIMIT, event_sink, axis)
         self._counters: Counter[str] = Counter()
         self._event = bus.publisher(topics.MASTER_EVENT)
         self._standing: Standing = "no_session"
         self._handle_fault: str | None = None
-        self._problem: str | None = None
         self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED_EVENTS)
         bus.subscribe(topics.LIMIT_EVENT, self._on_limit)
         bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
@@ -60,7 +59,7 @@ class MasterEvents(AxisEvents):
         """See `AxisEvents`. A flight record is kept, for nobody else heard what the hand felt."""
         lost = super().session_lost(reason, now_ns)
         if lost:
-            self._audit_sink.flight(self._axis, "session_lost", reason, now_ns)
+            self._event_sink.flight(self._axis, "session_lost", reason, now_ns)
         return lost
 
     def stop_asked(self, by: str, reason: str, now_ns: int) -> None:
@@ -79,16 +78,13 @@ class MasterEvents(AxisEvents):
             )
 
     def check(self, handle_fault: str | None, now_ns: int) -> None:
-        """Tells of a handle that has failed, and of an audit log that can not be written, each once."""
+        """Logs a handle that has failed, once."""
         if handle_fault is not None and self._handle_fault is None:
             self._note("device_fault", now_ns, name="handle", reason=handle_fault)
-            self._audit_sink.flight(self._axis, "handle_fault", handle_fault, now_ns)
+            self._event_sink.flight(self._axis, "handle_fault", handle_fault, now_ns)
         self._handle_fault = handle_fault
-        problem = self._audit_sink.problem(now_ns)
-        if problem is not None and self._problem is None:
-            self.notices.add(f"{problem}; what happens is not written down")
-        self._problem = problem
 
     def counts(self) -> dict[str, int]:
-        """The slave's interventions and refusals by rule, and how often a limit changed the force."""
-        return {**self._counters, "force_limited": self.limits.total}
+        """The slave's interventions and refusals by rule, forces that a limit changed, lost log lines."""
+        lost = self._event_sink.lost
+        return {**self._counters, "force_limited": self.limits.total, "event_lines_lost": lost}

@@ -87,11 +87,6 @@ class Session:
         else:
             self._word = f"the slave refuses: {reason}"
 
-    @property
-    def open_id(self) -> int:
-        """`session_id` while the session is open, else 0."""
-        return self.session_id if self.state is SessionState.OPEN else 0
-
     def heard_state(self, session_id: int, now_ns: int) -> None:
         """A state of the slave that names the holder of the lease."""
         self.heard_ns, self.obstacle, self._named = now_ns, "", session_id

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
-from forefeel.common.events.audit import HALTED, NULL_AUDIT_SINK, AuditSink
+from forefeel.common.events.sink import HALTED, NULL_EVENT_SINK, EventSink
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import (
     EmergencyStop,
@@ -45,15 +45,15 @@ class SlaveAxis:
         devices: Devices,
         bus: Bus,
         instance_id: int,
-        audit_sink: AuditSink = NULL_AUDIT_SINK,
+        event_sink: EventSink = NULL_EVENT_SINK,
     ) -> None:
         self.name = settings.name
         self.settings = settings
         self.counters: Counter[str] = Counter()
-        self.events = SlaveEvents(bus, audit_sink, cell, settings.name)
+        self.events = SlaveEvents(bus, event_sink, cell, settings.name)
         self.shutdown = False
         self._devices = devices
-        self._audit_sink = audit_sink
+        self._event_sink = event_sink
         self._watch = DeviceWatch(devices, self._device_failed)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
         self._session = SlaveSession(cell, settings, devices, bus, instance_id, self.events)
@@ -141,7 +141,7 @@ class SlaveAxis:
     @property
     def latch_persisted(self) -> bool:
         """Whether what is latched is on the disk, so that a new start finds it."""
-        return self._audit_sink.kept(self.name)
+        return self._event_sink.kept(self.name)
 
     def _device_failed(self, device: str, reason: str) -> None:
         self.events.device_fault(device, reason)
@@ -162,7 +162,7 @@ class SlaveAxis:
         """
         self._watch.open(now_ns)
         self._control = AxisControl(self.settings.limits, self.settings.gate, self._watch.stage.position_m)
-        latched = self._audit_sink.latched.get(self.name, self._audit_sink.latched.get(""))
+        latched = self._event_sink.latched.get(self.name, self._event_sink.latched.get(""))
         if latched is not None:
             self._estop.put(f"{_LATCHED}{latched.removeprefix(_LATCHED)}")
 
@@ -211,7 +211,7 @@ class SlaveAxis:
             lost_reason=conflict or self._session.lost_reason,
             clock=self._session.offset,
             estop=self._estop.take(),
-            fault=self._fault.take() or self._audit_sink.problem(now_ns) or self._session.clock_fault(now_ns),
+            fault=self._fault.take() or self._event_sink.problem or self._session.clock_fault(now_ns),
             shutdown=self.shutdown,
             clear=cleared,
         )

@@ -6,8 +6,8 @@ from contextlib import ExitStack
 
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
-from forefeel.common.daemon import SECOND_NS, AuditHeads, Reports, impaired
-from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
+from forefeel.common.daemon import SECOND_NS, Reports, impaired
+from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import DriverSettings, Slot, driver_of
 from forefeel.common.runtime.port import Runtime
 from forefeel.common.settings import TICK_NS
@@ -36,7 +36,7 @@ class SlaveDaemon:
         inner: Transport,
         runtime: Runtime,
         new_id: Callable[[], int],
-        audit_sink: AuditSink = NULL_AUDIT_SINK,
+        event_sink: EventSink = NULL_EVENT_SINK,
     ) -> None:
         """Registers loops and tasks; nothing moves before the runtime starts.
 
@@ -46,13 +46,13 @@ class SlaveDaemon:
         """
         self.transport = impaired(inner, settings.impairment, "slave", runtime)
         buses = [
-            Bus(self.transport, settings.cell, axis.name, runtime.clock, audit_sink.rings)
+            Bus(self.transport, settings.cell, axis.name, runtime.clock, event_sink.rings)
             for axis in settings.axes
         ]
-        self._audit_sink, self._now_ns = audit_sink, runtime.clock.now_ns
+        self._event_sink, self._now_ns = event_sink, runtime.clock.now_ns
         self._clear: BoundedQueue[ClearRequest] = BoundedQueue(_CLEARINGS)
         self.axes = [
-            SlaveAxis(settings.cell, axis, _devices(axis, runtime.clock), bus, new_id(), audit_sink)
+            SlaveAxis(settings.cell, axis, _devices(axis, runtime.clock), bus, new_id(), event_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when the daemon can not be composed
@@ -71,7 +71,6 @@ class SlaveDaemon:
         runtime.task("state", SECOND_NS // 50, self._report)
         runtime.task("calibration", _ANNOUNCE_NS, self._announce)
         self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
-        AuditHeads(bus, "slave", self.axes[0].session, self._audit_sink, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
@@ -101,7 +100,7 @@ class SlaveDaemon:
     def fail(self, error: BaseException) -> None:
         """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
         with ExitStack() as reactions:
-            reactions.callback(self._audit_sink.thread_fault, self.axes[0].name, error, self._now_ns())
+            reactions.callback(self._event_sink.thread_fault, self.axes[0].name, error, self._now_ns())
             for axis in self.axes:
                 reactions.callback(self._settle, axis)
             for axis in self.axes:  # a stack: these are the first

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus
-from forefeel.common.events.audit import REFUSALS, SAFETY, AuditSink
-from forefeel.common.events.axis import AuditCoalescer, AxisEvents, Transition
+from forefeel.common.events.axis import AxisEvents, RepeatedEvents, Transition
 from forefeel.common.events.coalescer import EventCoalescer
+from forefeel.common.events.sink import REFUSALS, SAFETY, EventSink
 from forefeel.common.events.text import ROUND_TRIP, event_text, not_armed
 from forefeel.common.flight import CycleRow
 from forefeel.common.limiter import LimitHit
@@ -21,17 +21,21 @@ _MINUTE_NS = 60_000_000_000  # ns in a minute, the interval of what fails at eve
 class SlaveEvents(AxisEvents):
     """Adds the safety state machine, the devices and the flight recorder's cycles to `AxisEvents`."""
 
-    def __init__(self, bus: Bus, audit_sink: AuditSink, cell: str, axis: str) -> None:
-        super().__init__(bus, topics.LIMIT_EVENT, audit_sink, axis)
+    def __init__(self, bus: Bus, event_sink: EventSink, cell: str, axis: str) -> None:
+        super().__init__(bus, topics.LIMIT_EVENT, event_sink, axis)
         self._safety = bus.publisher(topics.SAFETY_EVENT)
         self._transitions: BoundedQueue[tuple[Transition, int]] = BoundedQueue(256)
-        self._faults: AuditCoalescer = EventCoalescer(_MINUTE_NS)
+        self._faults: RepeatedEvents = EventCoalescer(_MINUTE_NS)
         key = topics.CONTROL_CYCLE.key(cell, axis)
-        self._add_cycle = audit_sink.rings.ring(key).add if audit_sink.rings is not None else None
+        self._add_cycle = event_sink.rings.ring(key).add if event_sink.rings is not None else None
 
     def counts(self) -> dict[str, int]:
-        """Transitions that the network did not get, for too many came at once, and interventions."""
-        return {"events_dropped": self._transitions.dropped, "limit_interventions": self.limits.total}
+        """Transitions that were not published, lost log lines, interventions."""
+        return {
+            "events_dropped": self._transitions.dropped,
+            "event_lines_lost": self._event_sink.lost,
+            "limit_interventions": self.limits.total,
+        }
 
     def transition(self, transition: Transition, session: int, now_ns: int) -> None:
         """Writes it down at once and keeps it for the network; called by the control loop."""
@@ -75,7 +79,7 @@ class SlaveEvents(AxisEvents):
         super().publish(session_id, now_ns, last)
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Writes refusals into the audit log; the other limits stand in the recording."""
+        """Logs refusals; the other limits stand in the recording."""
         if hit.rule in REFUSALS:
             asked, limit = (f"{value:g} {hit.unit}".strip() for value in (hit.requested, hit.applied))
             self._repeat("refused", hit.rule, count, requested=asked, limit=limit)

@@ -9,7 +9,7 @@ import annotated_types
 from hypothesis import strategies as st
 from pydantic.fields import FieldInfo
 
-from forefeel.common.messages import DIGEST, Message
+from forefeel.common.messages import Message
 
 KINDS: tuple[type[Message], ...] = tuple(Message.__subclasses__())
 NAME_LETTERS = string.ascii_letters + string.digits + "_.-"
@@ -78,9 +78,6 @@ def float_ranges(info: FieldInfo) -> list[tuple[float, float]]:
 
 
 def _texts(rules: tuple[Any, ...]) -> st.SearchStrategy[str]:
-    shapes = [rule.pattern for rule in rules if getattr(rule, "pattern", None)]
-    if shapes == [DIGEST]:
-        return st.from_regex(DIGEST, fullmatch=True)
     longest = min(rule.max_length for rule in rules if isinstance(rule, annotated_types.MaxLen))
     if any(getattr(rule, "pattern", None) for rule in rules):
         return st.text(NAME_LETTERS, min_size=1, max_size=min(longest, MOST_LETTERS))

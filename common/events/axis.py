@@ -3,21 +3,19 @@
 from collections.abc import Mapping
 
 from forefeel.common.bus import Bus
-from forefeel.common.events.audit import AuditSink, Detail, peer, worth_a_record
 from forefeel.common.events.coalescer import EventCoalescer
 from forefeel.common.events.console import Notices
+from forefeel.common.events.sink import Detail, EventSink, peer, worth_a_record
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import MOST_QUANTITY, Handshake, LimitEvent, SafetyState, within
 from forefeel.common.topics import Topic
 
-# ns, least time between two events of one rule; chosen, not measured: shorter sends more, longer tells later
-_LIMIT_NS = 100_000_000
-# ns, least time between two entries of one name; chosen, not measured: shorter fills the log faster in a
-# flood, longer tells of a flood's end later
-_AUDIT_NS = 1_000_000_000
+_LIMIT_NS = 100_000_000  # least time between two events of one rule
+# least time between two log lines of one name
+_REPEAT_NS = 1_000_000_000
 
-AuditCoalescer = EventCoalescer[tuple[str, str], dict[str, Detail]]
-"""Of entries of the audit log: event and what it is counted by, details."""
+RepeatedEvents = EventCoalescer[tuple[str, str], dict[str, Detail]]
+"""Of log lines: event and what it is counted by, details."""
 Transition = tuple[SafetyState, str, SafetyState, str]
 """Of the safety state machine: before, event, after, reason."""
 
@@ -30,14 +28,15 @@ class AxisEvents:
         notices: lines for the console.
     """
 
-    def __init__(self, bus: Bus, limit: Topic[LimitEvent], audit_sink: AuditSink, axis: str) -> None:
+    def __init__(self, bus: Bus, limit: Topic[LimitEvent], event_sink: EventSink, axis: str) -> None:
         self.limits: EventCoalescer[str, LimitHit] = EventCoalescer(_LIMIT_NS)
         self.notices = Notices()
-        self._audit_sink, self._axis = audit_sink, axis
+        self._event_sink, self._axis = event_sink, axis
         self._limit = bus.publisher(limit)
-        self._repeated: AuditCoalescer = EventCoalescer(_AUDIT_NS)
+        self._repeated: RepeatedEvents = EventCoalescer(_REPEAT_NS)
         self._payloads: dict[str, int] = {}
         self._session: int | None = None
+        self._loss_noticed = False
 
     def limit(self, hit: LimitHit) -> None:
         self.limits.add(hit.rule, hit)
@@ -71,25 +70,28 @@ class AxisEvents:
             )
 
     def write(self, malformed: Mapping[str, int], now_ns: int, last: bool = False) -> None:
-        """Writes what is due into the audit log. `malformed`: payloads that were no message, by topic."""
+        """Logs what is due. `malformed`: payloads that were no message, by topic."""
         for topic, count in malformed.items():
             new = count - self._payloads.get(topic, 0)
             if new:
                 self._payloads[topic] = count
                 self._repeat("malformed", topic, new)
+        if self._event_sink.lost and not self._loss_noticed:
+            self._loss_noticed = True
+            self.notices.add("event log: lines are lost; is the disk full?")
         self._drain(self._repeated, now_ns, last)
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
         """Is overridden by an end that tells of its limits elsewhere, too."""
 
     def _note(self, event: str, now_ns: int, /, **details: Detail) -> None:
-        self._audit_sink.note(event, now_ns, self._axis, **details)
+        self._event_sink.note(event, now_ns, self._axis, **details)
 
     def _repeat(self, event: str, name: str, count: int = 1, /, **details: Detail) -> None:
         """Adds an event that may come in floods. `name`: what entries of this event are counted by."""
         self._repeated.add((event, name), details, count)
 
-    def _drain(self, coalescer: AuditCoalescer, now_ns: int, last: bool) -> None:
+    def _drain(self, coalescer: RepeatedEvents, now_ns: int, last: bool) -> None:
         for (event, name), details, count in coalescer.drain(now_ns, last):
             self._note(event, now_ns, name=name, count=count, **details)
 
@@ -100,4 +102,4 @@ class AxisEvents:
             before=before.value, event=str(event), after=after.value, reason=reason, session=session,
         )  # fmt: skip
         if worth_a_record(before, event, after):
-            self._audit_sink.flight(self._axis, str(event), reason, now_ns)
+            self._event_sink.flight(self._axis, str(event), reason, now_ns)

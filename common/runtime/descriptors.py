@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from itertools import count, islice
 
 _RESERVED = 64
-"""Descriptors kept below the hard limit. A flight record and the next audit file take fewer than ten."""
+"""Descriptors kept below the hard limit. A flight record takes fewer than ten."""
 _NOFILE = resource.RLIMIT_NOFILE
 
 

@@ -1,1 +1,1 @@
-"""The state folder of a daemon: audit log, flight records, local socket, and the lock on it."""
+"""The state folder of a daemon: event log, flight records, local socket, and the lock on it."""

@@ -11,15 +11,13 @@ from typing import NamedTuple
 from pydantic import ValidationError
 
 from forefeel.common.clock import Clock, WallClock
-from forefeel.common.errors import InputError, RunError
-from forefeel.common.events.audit import Detail
+from forefeel.common.events.sink import Detail
 from forefeel.common.flight import AFTER_NS, BEFORE_NS, FlightRing, Rings, Row, cycle_message
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.descriptors import DESCRIPTORS
 from forefeel.common.topics import CONTROL_CYCLE
 
-# ns, least time between two records; chosen, not measured: shorter lets a flood of faults fill the disk
-_AT_MOST_EVERY_NS = 1_000_000_000
+_AT_MOST_EVERY_NS = 1_000_000_000  # so that a flood of faults does not fill the disk
 _BLOCK_ROWS = 32  # rows that are written without a pause, in less than a millisecond
 _PAUSE_S = 0.0015
 """After each block of less than a millisecond: drivers wait for the same interpreter and processor, and
@@ -38,38 +36,42 @@ class _Request(NamedTuple):
 
 
 class FlightWriter:
-    """Keeps the newest records in a folder; one a second at most, and what is left out is said.
+    """Keeps the newest records in a folder, one a second at most; the others are counted in an event.
 
     Any thread asks; the thread `flight` waits, encodes and writes. A record is there whole or not at all.
 
     Attributes:
         facts: stand in each record.
-        problem: why there are no more records: the thread has ended by what it does not expect.
     """
 
     def __init__(
-        self, folder: Path, keep: int, rings: Rings, clock: Clock, wall: WallClock, note: Note
+        self,
+        folder: Path,
+        keep: int,
+        rings: Rings,
+        clock: Clock,
+        wall: WallClock,
+        note: Note,
+        pause: Callable[[float], None] = sleep,
     ) -> None:
         self._folder, self._keep, self._rings = folder, keep, rings
-        self._clock, self._wall, self._note = clock, wall, note
+        self._clock, self._wall, self._note, self._pause = clock, wall, note, pause
         self.facts: dict[str, str] = {}
-        self.problem: str | None = None
         self._requests: deque[_Request] = deque()
         self._accepted_ns: int | None = None
         self._skipped = 0
         self._wake = threading.Event()
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="flight", daemon=True)
-
-    def start(self) -> None:
-        """Removes what a killed daemon left half-written, and starts the thread."""
-        for part in self._folder.glob(".*.part"):
+        for part in folder.glob(".*.part"):  # of a daemon that was killed
             with suppress(OSError):
                 part.unlink()
+
+    def start(self) -> None:
         self._thread.start()
 
     def ask(self, axis: str, event: str, reason: str, now_ns: int) -> None:
-        """A record of what led to this; never blocks. One that can not be made any more is said."""
+        """Requests a record of what led to this; never blocks."""
         accepted_ns = self._accepted_ns
         if accepted_ns is not None and now_ns - accepted_ns < _AT_MOST_EVERY_NS:
             self._skipped += 1
@@ -77,8 +79,6 @@ class FlightWriter:
         self._accepted_ns = now_ns
         self._requests.append(_Request(axis, event, reason, now_ns, self._wall.utc()))
         self._wake.set()
-        if self.problem is not None:
-            self._say_lost()
 
     def close(self) -> None:
         """Writes what was asked for, as far as it goes, and ends the thread; idempotent."""
@@ -86,34 +86,22 @@ class FlightWriter:
         self._wake.set()
         if self._thread.is_alive():
             self._thread.join()
+        self.write()
+
+    def write(self) -> None:
+        """Writes the requested records, each half a second after its event; at once when closing."""
+        while self._requests:
+            request = self._requests[0]
+            self._wait_for(request.stamp_ns + AFTER_NS)
+            self._record(request)
+            self._requests.popleft()
+            self._say_skipped()
 
     def _run(self) -> None:
-        try:
-            self._write_until_closed()
-        except Exception as error:  # noqa: BLE001 - the edge of the thread: nothing is recorded any more
-            self.problem = f"flight recorder: its thread has ended: {type(error).__name__}: {error}"[:200]
-            self._say_lost()
-
-    def _say_lost(self) -> None:
-        """Of each record that was asked for; in the thread, and in any other once that has ended."""
-        self._say_skipped()
-        while True:
-            try:
-                lost = self._requests.popleft()
-            except IndexError:  # several threads may take them
-                return
-            self._note("flight_failed", lost.stamp_ns, lost.axis, name=lost.event, what=self.problem)
-
-    def _write_until_closed(self) -> None:
-        while not (self._closing and not self._requests):
+        while not self._closing:
             self._wake.wait()
             self._wake.clear()
-            while self._requests:
-                request = self._requests[0]
-                self._wait_for(request.stamp_ns + AFTER_NS)
-                self._record(request)
-                self._requests.popleft()
-                self._say_skipped()
+            self.write()
 
     def _wait_for(self, due_ns: int) -> None:
         while not self._closing and (left_ns := due_ns - self._clock.now_ns()) > 0:
@@ -134,7 +122,7 @@ class FlightWriter:
         try:
             details |= self._write(part, request, rings)
             part.replace(self._folder / name)
-        except (OSError, RunError, InputError) as error:
+        except Exception as error:  # noqa: BLE001 - a record that fails costs no other
             with suppress(OSError):
                 part.unlink(missing_ok=True)
             self._note("flight_failed", self._clock.now_ns(), request.axis, file=name, what=str(error)[:200])
@@ -151,7 +139,7 @@ class FlightWriter:
             asked = {name: str(value) for name, value in request._asdict().items()}
             writer.add_metadata("flight", {**self.facts, **asked})
             for ring, rows in rings:
-                _write_ring(writer, ring, rows)
+                self._write_ring(writer, ring, rows)
             return {"messages": writer.written, "malformed": writer.malformed}
 
     def _prune(self) -> None:
@@ -161,16 +149,15 @@ class FlightWriter:
             with suppress(OSError):
                 old.unlink()
 
-
-def _write_ring(writer: RunWriter, ring: FlightRing, rows: list[Row]) -> None:
-    cycles = ring.key.endswith(f"/{CONTROL_CYCLE.name}")
-    for number, row in enumerate(rows):
-        if number % _BLOCK_ROWS == _BLOCK_ROWS - 1:
-            sleep(_PAUSE_S)
-        if not cycles:
-            writer.write(ring.key, row[1], row[0])
-            continue
-        try:
-            writer.write_message(ring.key, cycle_message(row, number), row[0])
-        except ValidationError:  # a number that is none: the rows around it say more than no file
-            writer.malformed += 1
+    def _write_ring(self, writer: RunWriter, ring: FlightRing, rows: list[Row]) -> None:
+        cycles = ring.key.endswith(f"/{CONTROL_CYCLE.name}")
+        for number, row in enumerate(rows):
+            if number % _BLOCK_ROWS == _BLOCK_ROWS - 1:
+                self._pause(_PAUSE_S)
+            if not cycles:
+                writer.write(ring.key, row[1], row[0])
+                continue
+            try:
+                writer.write_message(ring.key, cycle_message(row, number), row[0])
+            except ValidationError:  # a number that is none: the rows around it say more than no file
+                writer.malformed += 1

@@ -14,10 +14,10 @@ from forefeel.common.errors import ConfigurationError
 if TYPE_CHECKING:  # a stop finds the folder before pydantic is imported
     from forefeel.common.settings import DaemonSettings
 
-AUDIT, FLIGHT, SOCKET, LATCHED = "audit.jsonl", "flight", "control.sock", "latched.json"
+EVENTS, FLIGHT, SOCKET, LATCHED = "events.jsonl", "flight", "control.sock", "latched.json"
 _LOCK = "lock"
 _OTHERS_WRITE = 0o022  # mode bits S_IWGRP and S_IWOTH: group and others may write (stat(2))
-_OWN = (_LOCK, AUDIT, FLIGHT, LATCHED, SOCKET)
+_OWN = (_LOCK, EVENTS, FLIGHT, LATCHED, SOCKET)
 
 
 def state_path(settings: "DaemonSettings", role: str, environment: Mapping[str, str]) -> Path:

@@ -6,14 +6,13 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
-from forefeel.common.events.audit import HALTED, Detail
+from forefeel.common.events.sink import HALTED, Detail
 from forefeel.common.messages import FOLLOWING, SafetyState
 from forefeel.common.state.folder import own_file, sync_folder
 
 _BYTES = 16 * 1024
 """Of the file, whatever it says. 60 axes with a reason of 256 characters each."""
-# s between two attempts to write; chosen, not measured: shorter loads a full disk, longer latches later
-_RETRY_S = 1.0
+_RETRY_S = 1.0  # between two attempts to write to a full disk
 _MOVING = FOLLOWING | {SafetyState.STOPPING}
 _ALL = ""
 """In place of an axis: every one."""
@@ -66,7 +65,6 @@ class Latch:
             raise
 
     def start(self) -> None:
-        """Starts the thread."""
         self._thread.start()
 
     def close(self) -> None:
@@ -76,6 +74,7 @@ class Latch:
         if self._thread.is_alive():
             self._thread.join()
         if self._descriptor >= 0:
+            self.write()
             os.close(self._descriptor)
             self._descriptor = -1
 
@@ -101,18 +100,21 @@ class Latch:
         self._wake.set()
 
     def _run(self) -> None:
-        closing = False
-        while not closing:
+        while not self._closing:
             self._wake.wait(_RETRY_S)
             self._wake.clear()
-            closing, before = self._closing, self.problem
-            try:
-                self._write()
-                self.problem = None
-            except OSError as error:
-                self.problem = f"latch: {error.strerror or error}"
-            if self.problem != before:
-                self._on_problem(before, self.problem)
+            self.write()
+
+    def write(self) -> None:
+        """Writes what is to be kept; calls `on_problem` when that begins to fail, and when it works again."""
+        before = self.problem
+        try:
+            self._write()
+            self.problem = None
+        except OSError as error:
+            self.problem = f"latch: {error.strerror or error}"
+        if self.problem != before:
+            self._on_problem(before, self.problem)
 
     def _write(self) -> None:
         """Makes the file say what is wanted, on the disk when it returns."""

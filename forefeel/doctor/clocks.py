@@ -126,11 +126,11 @@ def parse_ptp(text: str) -> Discipline | None:
 
 
 def judge_discipline(found: Sequence[Discipline]) -> list[Finding]:
-    """This host's clock of the day: it dates certificates and the audit log, never a command."""
+    """This host's clock of the day: it dates certificates and the event log, never a command."""
     if not found:
         what, advice = (
             "neither chrony nor PTP answers",
-            "install chrony: certificates and the audit log have dates",
+            "install chrony: certificates and the event log have dates",
         )
         return [Finding(GROUP, "this host", "amber", f"unknown: {what}", advice)]
     return [_judge_discipline(each) for each in found]

@@ -1,4 +1,4 @@
-"""Is there room for recordings and the audit log, is it quick enough, and who may read it?"""
+"""Is there room for recordings and the event log, is it quick enough, and who may read it?"""
 
 import os
 import shutil
@@ -80,7 +80,7 @@ def _access(folder: Folder, name: str) -> Finding:
     if folder.mode is None:
         return Finding(GROUP, "state folder", "green", f"{name}: made at the first start")
     if folder.mode & 0o022:
-        found = f"{name}: mode {folder.mode:04o}, others may write the audit log"
+        found = f"{name}: mode {folder.mode:04o}, others may write the event log"
         return Finding(GROUP, "state folder", "red", found, f"chmod 700 {name}")
     if folder.mode & 0o077:
         found = f"{name}: mode {folder.mode:04o}, others may read it"

@@ -1,1 +1,1 @@
-"""Local acts at a daemon: its control socket, the emergency stop, clearing, and its audit log."""
+"""Local acts at a daemon: its control socket, the emergency stop, and clearing."""

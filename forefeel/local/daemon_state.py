@@ -12,36 +12,33 @@ from forefeel.common.clock import Clock
 from forefeel.common.config import dump_yaml
 from forefeel.common.errors import ForefeelError
 from forefeel.common.settings import DaemonSettings
-from forefeel.common.state.audit_sink import StateAuditSink
+from forefeel.common.state.event_log import StateEventSink
 from forefeel.common.state.folder import StateFolder, state_path
 from forefeel.probe.configured import configured
-from forefeel.terminal import say
 
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
 class DaemonState:
-    """Folder and audit sink of a running daemon."""
+    """Folder and event sink of a running daemon."""
 
-    def __init__(self, folder: StateFolder, audit_sink: StateAuditSink) -> None:
+    def __init__(self, folder: StateFolder, event_sink: StateEventSink) -> None:
         self.path = folder.path
-        self.audit_sink = audit_sink
+        self.event_sink = event_sink
         self._folder = folder
         self._open = True
 
-    def close(self, reason: str) -> str:
-        """The closing entry; what to say of the log: its end, to compare with later, or what is wrong."""
-        if not self._open:
-            return ""
-        self._open = False
-        end, problem = self.audit_sink.close(reason)
-        self._folder.close()
-        return problem or f"audit log: {end.number} entries, head {end.hash}"
+    def close(self, reason: str) -> None:
+        """Logs the end of the daemon; idempotent."""
+        if self._open:
+            self._open = False
+            self.event_sink.close(reason)
+            self._folder.close()
 
 
 @contextmanager
 def daemon_state(settings: DaemonSettings, role: str, clock: Clock) -> Iterator[DaemonState]:
-    """The state of a daemon with these settings; how the body ended stands in its closing entry.
+    """The state of a daemon with these settings from its start to its end.
 
     Raises:
         ConfigurationError: the folder is in use, or can not be used.
@@ -50,14 +47,11 @@ def daemon_state(settings: DaemonSettings, role: str, clock: Clock) -> Iterator[
     try:
         facts = _facts(settings, role)
         axes = [axis["name"] for axis in settings.model_dump(include={"axes"}).get("axes", ())]
-        state = DaemonState(folder, StateAuditSink(folder, clock, axes, settings.state.flight_records))
+        state = DaemonState(folder, StateEventSink(folder, clock, axes, settings.state.flight_records))
     except BaseException:
         folder.close()
         raise
-    head = state.audit_sink.head()
-    if head.number:  # whoever keeps what we say can compare it later
-        say(f"{role}: audit log: goes on behind {head.number} entries, head {head.hash}")
-    state.audit_sink.start(facts)
+    state.event_sink.start(facts)
     try:
         yield state
     except ForefeelError as error:

@@ -58,7 +58,7 @@ PARSER.add_option("--config", metavar="FILE", help="Of slave or master: its sock
 PARSER.add_option("--cell", help="Without --config: which cell.")
 PARSER.add_option("--connect", action="append", metavar="ENDPOINT", help="Where; repeat it.")
 PARSER.add_option("--axis", action="append", help="Which axes; every one that is heard.")
-PARSER.add_option("--reason", default=_REASON, help="Stands in the audit log.")
+PARSER.add_option("--reason", default=_REASON, help="Stands in the event log.")
 PARSER.add_option("--pki", metavar="DIR", help="Certificates of the role viewer.")
 PARSER.add_option(
     "--through-router", action="store_true", default=False, help="What it connects to is a router."

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from forefeel.common.clock import Clock
-from forefeel.common.events.audit import AuditSink
+from forefeel.common.events.sink import EventSink
 from forefeel.common.messages import SafetyState
 from forefeel.local.protocol import Answer, Request
 
@@ -32,8 +32,8 @@ _HANGS = "perhaps cleared: the control loop hangs in the tick that clears; start
 class SlaveHandlers:
     """Of the slave: state, stop, clear."""
 
-    def __init__(self, daemon: "SlaveDaemon", audit_sink: AuditSink, clock: Clock) -> None:
-        self._daemon, self._audit_sink, self._clock = daemon, audit_sink, clock
+    def __init__(self, daemon: "SlaveDaemon", event_sink: EventSink, clock: Clock) -> None:
+        self._daemon, self._event_sink, self._clock = daemon, event_sink, clock
 
     async def __call__(self, request: Request, by: str) -> Answer:
         """Does what is asked for."""
@@ -87,7 +87,7 @@ class SlaveHandlers:
         return [axis.name for axis in self._daemon.axes if not (axis.halted or axis.latch_persisted)]
 
     def _noted(self, by: str, done: bool, *text: str) -> Answer:
-        self._audit_sink.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))
+        self._event_sink.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))
         return self._answer(done, *text)
 
     def _stopped(self) -> bool:
@@ -95,7 +95,7 @@ class SlaveHandlers:
         return all(axis.state is SafetyState.ESTOPPED and axis.latch_persisted for axis in self._daemon.axes)
 
     def _lines(self) -> list[str]:
-        lost = self._audit_sink.problem(self._clock.now_ns()) or "it is not written yet"
+        lost = self._event_sink.problem or "it is not written yet"
         return [
             _line(axis.name, axis.state.value, axis.reason)
             + ("" if axis.latch_persisted else f"; NOT KEPT OVER A NEW START: {lost}")

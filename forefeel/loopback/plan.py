@@ -18,7 +18,7 @@ from forefeel.slave.settings import SlaveSettings
 
 AXIS = "insertion"
 STATE = "state"
-"""Folder of both ends' audit logs and flight records."""
+"""Folder of both ends' event logs and flight records."""
 DEFAULT_DURATION_S = 20.0  # s of a run; chosen, not measured: shorter tells less of the model that it learns
 _DEFAULT_PRESET = "catheter"
 _WORLD_MAX_N = {"catheter": 3.0, "guidewire": 0.3}

@@ -218,7 +218,7 @@ def _with_endpoints(plan: Plan, slave: str, recorder: str, *master: str) -> Plan
 
 
 def with_state(plan: Plan, out: Path) -> Plan:
-    """Both keep their audit log and flight records with the results."""
+    """Both keep their event log and flight records with the results."""
     slave, master = ({"directory": str((out / STATE / role).absolute())} for role in ("slave", "master"))
     return replace(plan, slave={**plan.slave, "state": slave}, master={**plan.master, "state": master})
 

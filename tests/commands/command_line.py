@@ -16,7 +16,7 @@ COMMANDS = [
     ["pki", "rules"],
     ["doctor"], ["devices"], ["device", "probe"], ["driver", "test"],
     ["calibrate", "load-cell"], ["calibrate", "stage"],
-    ["estop"], ["clear"], ["audit", "verify"], ["audit", "show"],
+    ["estop"], ["clear"],
 ]  # fmt: skip
 ROOT = Path(__file__).parents[2]
 

@@ -9,9 +9,6 @@ from typing import Any
 
 import pytest
 
-from forefeel.common.clock import MonotonicClock
-from forefeel.common.state.audit_sink import StateAuditSink
-from forefeel.common.state.folder import StateFolder
 from forefeel.doctor.findings import Finding
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
@@ -28,7 +25,6 @@ ANSWERS = {
     "device probe --config @/slave.yaml --seconds 0.05": None,
     "doctor": None,
     "pki show @/pki": None,
-    "audit verify @/state/audit.jsonl": None,
     "evaluate @/recordings/strokes.csv --out @/out": "evaluation.json",
     "diagnose @/recordings/strokes.csv --out @/out": "diagnosis.json",
     "diagnose @/recordings --out @/out": "summary.json",
@@ -50,10 +46,6 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     (folder / "slave.yaml").write_text("role: slave\n")
     make_pki(folder / "pki")
-    with StateFolder(folder / "state") as state:
-        audit_sink = StateAuditSink(state, MonotonicClock(), ["a"], keep=1)
-        audit_sink.start({"role": "slave"})
-        audit_sink.close("ended")
     (folder / "recordings").mkdir()
     put(folder / "recordings" / "strokes.csv", made(6.0, friction_n=FRICTION_N))
     loop = VirtualLoopback(make_plan(LoopbackOptions(seed=1, duration_s=3.0)), 1)
@@ -85,7 +77,7 @@ def test_every_command_that_answers_is_tested_and_has_both_options() -> None:
     both = {name for name, found in named.items() if {"--json", "--quiet"} <= found}
     assert both == tested | WITH_DEVICES
     assert {name for name, found in named.items() if "--quiet" in found} - both == LASTING
-    assert {name for name, found in named.items() if "--json" in found} - both == {"audit show"}
+    assert {name for name, found in named.items() if "--json" in found} <= both
 
 
 @pytest.mark.parametrize("line", ANSWERS)
@@ -136,7 +128,6 @@ FAILING = {
     "device probe --config @/none.yaml": 2,
     "doctor --config @/none.yaml": 2,
     "pki show @/none": 2,
-    "audit verify @/none": 2,
     "evaluate @/none.csv --out @/out": 2,
     "diagnose @/none.csv --out @/out": 2,
     "reproduce --out @/out --recordings @/none": 2,
@@ -164,14 +155,6 @@ def test_quiet_says_what_is_wrong_in_one_line(
     assert shown.out == ""
     assert shown.err.startswith("forefeel: ")
     assert shown.err.count("\n") == 1
-
-
-def test_the_exit_code_is_the_answer_of_a_quiet_command(
-    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (tmp_path / "audit.jsonl").write_text("{}\n")
-    assert run(["audit", "verify", str(tmp_path / "audit.jsonl"), "--quiet"]) == 1
-    assert capsys.readouterr() == ("", "")
 
 
 def test_a_simulation_can_be_quiet(run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -182,7 +182,6 @@ SPEAKS_ITSELF = {
     "emulate/run.py",  # its first line is for whoever started it
     "doctor/realtime_child.py",  # speaks to its parent
     "dashboard/worker.py",  # as well
-    "commands/audit.py",  # entries of an audit log, line by line
     "commands/clear.py",  # what the daemon answers, line by line
     "local/estop.py",  # a stop waits for no library
     "terminal.py",
@@ -220,7 +219,6 @@ def test_a_number_that_does_not_fit_shows_that(monkeypatch: pytest.MonkeyPatch) 
         ("emulate ", set(emulated_names())),
         ("emulate c", {"coil_serial", "cia402", "cia404", "can_hub"}),
         ("simulate --motion ", {"hand", "multisine", "sine"}),
-        ("audit ", {"show", "verify"}),
         ("report --js", {"--json"}),
         ("estop --con", {"--config", "--connect"}),
     ],

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.local.audit_text import read_entries, read_verdict
+from tests.event_lines import read_events
 from tests.live_cell import free_port
 from tests.system.signals.cases import SLAVE
 from tests.system.signals.scene import environment, scene
@@ -35,7 +35,7 @@ def test_thirty_signals_end_commands_in_time_and_order(tmp_path: Path) -> None:
     assert late == []
 
 
-def test_a_slave_whose_terminal_goes_ends_in_order_and_says_so_in_its_audit_log(tmp_path: Path) -> None:
+def test_a_slave_whose_terminal_goes_ends_in_order_and_logs_it(tmp_path: Path) -> None:
     text = SLAVE.replace("PORT", str(free_port())).replace("HERE", str(tmp_path))
     (tmp_path / "slave.yaml").write_text(text)
     ours, its = pty.openpty()
@@ -54,7 +54,5 @@ def test_a_slave_whose_terminal_goes_ends_in_order_and_says_so_in_its_audit_log(
     finally:
         process.kill()
         process.wait()
-    verdict = read_verdict(tmp_path / "state" / "audit.jsonl", None)
-    assert verdict.intact and verdict.closed
-    last = read_entries(tmp_path / "state" / "audit.jsonl")[0][-1]
-    assert "stage at rest" in str(last.noted.details)
+    last = read_events(tmp_path / "state" / "events.jsonl")[-1]
+    assert last.event == "stop" and "stage at rest" in str(last.details)

@@ -1,6 +1,6 @@
-"""A slave of two simulated axes in virtual time, and the audit log that it writes."""
+"""A slave of two simulated axes in virtual time, and the events that it logs."""
 
-from forefeel.common.events.audit import AuditSink, Detail
+from forefeel.common.events.sink import Detail, EventSink
 from forefeel.common.messages import SafetyState
 from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.transport.memory import MemoryBus
@@ -11,8 +11,8 @@ from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 MS = 1_000_000
 
 
-class Book(AuditSink):
-    """An audit log in memory."""
+class Book(EventSink):
+    """An event sink in memory."""
 
     def __init__(self) -> None:
         self.noted: list[tuple[str, int, str, dict[str, Detail]]] = []
@@ -26,8 +26,8 @@ class Book(AuditSink):
         del reason, now_ns
         self.flights.append((axis, event))
 
-    def problem(self, now_ns: int) -> str | None:
-        del now_ns
+    @property
+    def problem(self) -> str | None:
         return self.broken
 
     def of(self, event: str) -> list[dict[str, Detail]]:

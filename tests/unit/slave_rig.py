@@ -6,7 +6,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
-from forefeel.common.events.audit import NULL_AUDIT_SINK, AuditSink
+from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.messages import (
     EmergencyStop,
     ForceSample,
@@ -133,15 +133,15 @@ class SlaveRig:
     """A millisecond per `step`; asyncio's tasks run at their rates."""
 
     def __init__(
-        self, settings: SlaveAxisSettings = SETTINGS, audit_sink: AuditSink = NULL_AUDIT_SINK
+        self, settings: SlaveAxisSettings = SETTINGS, event_sink: EventSink = NULL_EVENT_SINK
     ) -> None:
         self.clock = VirtualClock(1000 * MS)
         self.network = MemoryBus()
         self.stage, self.gripper, self.load_cell = FakeStage(), FakeGripper(), FakeLoadCell()
         devices = Devices(self.stage, self.gripper, self.load_cell)
         bus = Bus(self.network.session(self.clock), "cell", "insertion", self.clock)
-        self.audit_sink = audit_sink
-        self.axis = SlaveAxis("cell", settings, devices, bus, 99, audit_sink)
+        self.event_sink = event_sink
+        self.axis = SlaveAxis("cell", settings, devices, bus, 99, event_sink)
         self._connect()
         self.session_id = SESSION
         self.beating = True

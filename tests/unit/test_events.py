@@ -5,9 +5,9 @@ import pytest
 from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
-from forefeel.common.events.audit import NULL_AUDIT_SINK
 from forefeel.common.events.coalescer import EventCoalescer
 from forefeel.common.events.console import ConsoleNotifier, Notices
+from forefeel.common.events.sink import NULL_EVENT_SINK
 from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import EmergencyStop, LimitEvent, MasterEvent, Message, SafetyEvent, SafetyState
@@ -134,7 +134,7 @@ class Rig:
         self.slave.subscribe(topics.MASTER_LIMIT, lambda event, _: self.limits.append(event))
         self.slave.subscribe(topics.MASTER_EVENT, lambda event, _: self.transitions.append(event))
         own = Bus(network.session(self.clock), "c", "a", self.clock)
-        self.events = MasterEvents(own, NULL_AUDIT_SINK, "a")
+        self.events = MasterEvents(own, NULL_EVENT_SINK, "a")
 
 
 def test_a_change_of_how_the_master_stands_is_one_event() -> None:
@@ -185,5 +185,6 @@ def test_the_slaves_limits_are_counted_by_rule_and_its_transitions_told_each_onc
     slow = ["slave not armed: round trip 812 ms, limit 700 ms"] * 2  # in 8 s, every 5 s
     assert rig.events.counts() == {
         "limit_force": 7, "limit_late": 5, "limit_round_trip": 72, "force_limited": 0,
+        "event_lines_lost": 0,
     }  # fmt: skip
     assert rig.events.notices.drain() == ["slave ready -> engaging, engage: pressed"] * 2 + slow

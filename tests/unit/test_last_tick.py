@@ -1,4 +1,4 @@
-"""A control loop that has ended by a fault has no next tick: the safety state, its event and the audit log
+"""A control loop that has ended by a fault has no next tick: the safety state, its event and the event log
 show the fault all the same.
 """
 
@@ -65,7 +65,7 @@ def test_when_a_tick_raises_every_axis_is_in_fault_before_the_daemon_hears_of_it
     assert {axis.reason for axis in cell.daemon.axes} == {"ZeroDivisionError: torn"}
 
 
-def test_the_fault_is_published_and_audited_while_the_daemon_still_runs() -> None:
+def test_the_fault_is_published_and_logged_while_the_daemon_still_runs() -> None:
     cell = live_cell(lambda cell: len(cell.events) == 2 and cell.states and cell.states[-1].state is FAULT)
     for event in cell.events:
         assert (event.event, event.after, event.reason) == ("fault", FAULT, "ZeroDivisionError: torn")

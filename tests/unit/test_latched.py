@@ -28,15 +28,15 @@ def fault(rig: SlaveRig) -> None:
     rig.load_cell.error = None
 
 
-def audit(rig: SlaveRig) -> None:
-    assert isinstance(rig.audit_sink, Book)
-    rig.audit_sink.broken = "audit log: No space left on device"
+def latch_file(rig: SlaveRig) -> None:
+    assert isinstance(rig.event_sink, Book)
+    rig.event_sink.broken = "latch: No space left on device"
 
 
 LATCHES: list[tuple[Callable[[SlaveRig], None], SafetyState]] = [
     (stop, SafetyState.ESTOPPED),
     (fault, SafetyState.FAULT),
-    (audit, SafetyState.FAULT),
+    (latch_file, SafetyState.FAULT),
 ]
 
 
@@ -107,11 +107,11 @@ def pushed(rig: SlaveRig) -> None:
 @pytest.mark.parametrize(
     "path", [commands, press_again, new_session, garbage, device_comes_back, shut_down, pushed]
 )
-@pytest.mark.parametrize(("latch", "state"), LATCHES, ids=["estop", "fault", "audit"])
+@pytest.mark.parametrize(("latch", "state"), LATCHES, ids=["estop", "fault", "latch file"])
 def test_nothing_moves_while_it_is_latched(
     latch: Callable[[SlaveRig], None], state: SafetyState, path: Callable[[SlaveRig], None]
 ) -> None:
-    rig = SlaveRig(audit_sink=Book()).armed()
+    rig = SlaveRig(event_sink=Book()).armed()
     latch(rig)
     rig.step(150)
     assert rig.state() is state
@@ -123,7 +123,7 @@ def test_nothing_moves_while_it_is_latched(
 
 def test_a_flood_of_stops_is_coalesced_and_the_first_stops_at_once() -> None:
     book = Book()
-    rig = SlaveRig(audit_sink=book).armed()
+    rig = SlaveRig(event_sink=book).armed()
     for number in range(5000):
         rig.stop("nurse", f"press {number}")
     rig.step()
@@ -164,9 +164,9 @@ def test_after_a_clearing_a_deadman_that_is_held_moves_nothing() -> None:
     assert rig.state() is SafetyState.ARMED
 
 
-def test_what_is_refused_and_what_happened_stands_in_the_audit_log() -> None:
+def test_refusals_and_transitions_are_logged() -> None:
     book = Book()
-    rig = SlaveRig(audit_sink=book).armed()
+    rig = SlaveRig(event_sink=book).armed()
     session, rig.session_id = rig.session_id, 99  # a second writer
     rig.step(500)
     rig.session_id = session
@@ -189,7 +189,7 @@ def test_what_is_refused_and_what_happened_stands_in_the_audit_log() -> None:
 
 def test_a_device_that_stays_broken_does_not_fill_the_log() -> None:
     book = Book()
-    rig = SlaveRig(audit_sink=book).armed()
+    rig = SlaveRig(event_sink=book).armed()
     rig.stage.broken = {"read"}
     rig.step(3000)
     faults = book.of("device_fault")
@@ -229,18 +229,18 @@ def test_one_axis_that_is_named_takes_with_it_what_stopped_for_it_and_nothing_el
 
 def test_a_cause_that_persists_is_named_and_stays_latched() -> None:
     cell = Cell()
-    cell.book.broken = "audit log: No space left on device"
+    cell.book.broken = "latch: No space left on device"
     cell.step()
     assert cell.states()[0] is SafetyState.FAULT
     (first, *_) = cell.clear()
-    assert first.still == "audit log: No space left on device"
+    assert first.still == "latch: No space left on device"
     assert cell.states()[0] is SafetyState.FAULT
 
 
 def test_a_stop_that_was_latched_when_the_daemon_ended_is_latched_when_it_starts() -> None:
     rig_book = Book()
     rig_book.latched = {"insertion": "nurse: pressed"}
-    rig = SlaveRig(audit_sink=rig_book)
+    rig = SlaveRig(event_sink=rig_book)
     rig.axis.open(rig.now_ns)
     rig.shake()
     rig.step(200)

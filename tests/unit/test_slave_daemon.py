@@ -76,7 +76,7 @@ def test_all_devices_are_open_while_the_daemon_lives_and_closed_after_it(bench: 
     assert bench.enabled() == [False, False]
 
 
-def test_a_session_that_is_broken_keeps_no_device_open_and_nothing_from_the_audit_log(bench: Bench) -> None:
+def test_a_session_that_is_broken_keeps_no_device_open_and_nothing_from_the_event_log(bench: Bench) -> None:
     daemon = bench.start()
     bench.runtime.run(5 * MS)
     for axis in daemon.axes:

@@ -26,7 +26,7 @@ class Expected:
 class Outcome:
     """What was seen.
 
-    `audited`: entries of the audit log by name, None where there is no log. `wrong`: all that is not as it
+    `logged`: events of the log by name, None where there is no log. `wrong`: all that is not as it
     must be; empty: the attack was refused. `late`: what was not in time.
     """
 
@@ -37,7 +37,7 @@ class Outcome:
     executed: int = 0
     counters: Mapping[str, int] = field(default_factory=dict)
     told: Mapping[str, int] = field(default_factory=dict)
-    audited: Mapping[str, int] | None = None
+    logged: Mapping[str, int] | None = None
     wrong: list[str] = field(default_factory=list)
     late: list[str] = field(default_factory=list)
     note: str = ""
@@ -50,8 +50,8 @@ class Outcome:
             self.require(seen >= expected.times, f"{expected.counted}: {seen} of {expected.times}")
         if expected.told:
             self.require(expected.told in self.told, f"no event {expected.told}")
-            if self.audited is not None:
-                self.require(expected.told in self.audited, f"no {expected.told} in the audit log")
+            if self.logged is not None:
+                self.require(expected.told in self.logged, f"no {expected.told} in the event log")
         self.require_in_time(self.armed >= expected.armed, f"armed {self.armed:.0%}")
         self.require(self.ends == expected.ends, f"ends {self.ends}, not {expected.ends}")
         return self
@@ -70,10 +70,10 @@ class Outcome:
         """The cells of the table."""
         counted = ", ".join(f"{name} +{n}" for name, n in sorted(self.counters.items()) if n)
         told = ", ".join(f"{name} x{n}" for name, n in self.told.items())
-        audited = ", ".join(f"{name} x{n}" for name, n in (self.audited or {}).items())
+        logged = ", ".join(f"{name} x{n}" for name, n in (self.logged or {}).items())
         verdict = "refused" if not self.wrong else "NOT REFUSED: " + "; ".join(self.wrong)
         note = self.note.strip(" ;,")
-        seen = (text or "-" for text in (counted, told, audited))
+        seen = (text or "-" for text in (counted, told, logged))
         return self.attack, self.where, *seen, f"{self.armed:.1%}", self.ends, note, verdict
 
 
@@ -89,4 +89,4 @@ def witnessed(attack: Callable[[], Outcome]) -> Outcome:
     return outcome
 
 
-HEAD = ("attack", "where", "counted", "told", "audited", "armed", "ends", "note", "verdict")
+HEAD = ("attack", "where", "counted", "told", "logged", "armed", "ends", "note", "verdict")

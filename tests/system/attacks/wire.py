@@ -12,9 +12,10 @@ import msgpack
 import zenoh
 
 from forefeel.common.codec import encode
-from forefeel.common.events.audit import SAFETY, parse
+from forefeel.common.events.sink import SAFETY
 from forefeel.common.messages import EmergencyStop, Handshake, MotionCommand
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.common.state.folder import EVENTS
 from forefeel.common.topics import (
     COMMAND,
     EMERGENCY_STOP,
@@ -27,6 +28,7 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
     Topic,
 )
+from tests.event_lines import read_events
 from tests.live_cell import AXIS, CELL, LiveCell, Process
 from tests.system.attacks.flood import flood
 from tests.system.attacks.outcome import Expected, Outcome, witnessed
@@ -78,10 +80,9 @@ class Scene:
         self.outcome.note = f"{put / _FLOOD_S:.0f} a second,"
         return put
 
-    def _audited(self) -> Counter[str]:
-        """What the slave's audit log says since the scene began: transitions, refusals, and what else."""
-        lines = (self.cell.folder / "state-slave" / "audit.jsonl").read_bytes().splitlines()
-        noted = [parse(line).noted for line in lines]
+    def _logged(self) -> Counter[str]:
+        """What the slave's event log says since the scene began: transitions, refusals, and what else."""
+        noted = read_events(self.cell.folder / "state-slave" / EVENTS)
         return Counter(
             str(each.details.get("event" if each.event == SAFETY else "name", each.event))
             for each in noted
@@ -106,7 +107,7 @@ class Scene:
         rules = [m.rule for m in cell.since(LIMIT_EVENT, self.from_ns) if f"refused_{m.rule}" in now]
         events = [m.event for m in cell.since(SAFETY_EVENT, self.from_ns)]
         outcome.told = {name: (rules + events).count(name) for name in dict.fromkeys(rules + events)}
-        outcome.audited = self._audited()
+        outcome.logged = self._logged()
         answered = {(m.answers_sequence, m.answers_stamp_ns) for m in cell.since(FORCE, self.from_ns)}
         outcome.executed = len(self.forged & answered)
         outcome.require(self._slave().running, "the slave has ended")
@@ -127,7 +128,7 @@ def wildcards(scene: Scene) -> Outcome:
         scene.attacker.put(key, stop)
     scene.attacker.put(f"forefeel/{CELL}/*/master/command", scene.command())
     outcome = scene.end(Expected("refused_wildcard", 6, armed=_ARMED))
-    outcome.require("refused_wildcard" in (outcome.audited or {}), "not in the audit log")
+    outcome.require("refused_wildcard" in (outcome.logged or {}), "not in the event log")
     return outcome
 
 

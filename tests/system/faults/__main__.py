@@ -19,7 +19,7 @@ from tests.system.net.service import CELL_HZ
 from tests.witness import PRIORITY, Witness
 
 HEAD = ("fault", "required s", "to rest s", "from mm/s", "stale commands executed", "oldest ms",
-        "moved after rest um", "force faded s", "from N", "recovery", "armed again s", "recording", "audit",
+        "moved after rest um", "force faded s", "from N", "recovery", "armed again s", "recording", "events",
         "")  # fmt: skip
 QUIET = 0.3
 TEXT = """# What becomes of the stage at a fault
@@ -65,7 +65,7 @@ operator moves the stage in contact, one thing goes wrong. Measured by `{command
 - **clock rate**: the clock that the master's daemon reads gains so much from then on; the host's clock is
   not touched. The slave names a rate beyond 1000 ppm when the past minute shows it throughout, after
   {named_s:.0f} s at most; ages of commands do not depend on that, for they are measured within a second.
-- **recording, audit**: both recordings read back; both audit logs verify and hold the entries named; each
+- **recording, events**: both recordings read back; both event logs hold the events named; each
   flight record was opened and its cycles compared with the recording (readback, commands and their age).
 - A row that did not hold says by how much the machine itself was late meanwhile: another process on the
   same two cores can hold up a thread for longer than a watchdog.
@@ -160,7 +160,7 @@ def line(row: Row) -> tuple[str, ...]:
         row.recovery,
         _number(row.armed_s, 1),
         row.recording,
-        row.audit,
+        row.logged,
         f"FAILED; the machine was late by {1e3 * row.late_s:.0f} ms" if row.failures else "as required",
     )
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from tests.live_cell import limit_descriptors
 from tests.system.faults import required as r
-from tests.system.faults.audit import Expected, heard, says, stopped
+from tests.system.faults.logged import Expected, heard, says, stopped
 from tests.system.faults.required import Route
 from tests.system.faults.scene import SECOND, Fault, Incident, Scene
 from tests.system.net.evidence import Evidence
@@ -265,20 +265,6 @@ def _recorder_disk_full(scene: Scene) -> Incident:
     return Incident(at_s, time.monotonic(), speed_m_s)
 
 
-def _state_disk_full(scene: Scene) -> Incident:
-    """The slave can not write its audit log and flight records any more; nothing clears that but room."""
-    speed_m_s = scene.service.wait_moving()
-    at_s = time.monotonic()
-    scene.disk.fill()
-    scene.hosts.wait_until(lambda: scene.service.state() == "fault", 5.0, "a fault")
-    time.sleep(1.0)
-    assert scene.service.clear() == 1, "cleared while the disk is full"
-    scene.disk.free()
-    over_s = scene.cleared()
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
-
-
 def _stopped_on_a_full_disk(scene: Scene) -> Incident:
     """The stop is acknowledged while the disk is full, and the slave is killed. A new start finds it."""
     speed_m_s = scene.service.wait_moving()
@@ -383,9 +369,8 @@ def _clock_bound(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
 
 
 _SESSION_LOST = says("slave", "session_lost"), says("master", "session_lost")
-_KILLED = {role: says(role, "previous_not_closed") for role in ("slave", "master")}
 _CLEARED = stopped("clear", "cleared at the slave"), says("slave", "clear", cleared="True")
-_FOUND_LATCHED = _KILLED["slave"], stopped("estop", "latched before .*"), *_CLEARED
+_FOUND_LATCHED = stopped("estop", "latched before .*"), *_CLEARED
 _WATCHDOG = stopped("watchdog", "no valid command .*")
 _STOOD_STILL = stopped("watchdog", "the control loop stood still .*")
 _LATE = says("slave", "refused", name="late")
@@ -411,7 +396,7 @@ def _emulated(
         rest_s=rest_s,
         faded_s=rest_s + r.NEAR.faded_s,
         service={"emulated": {device: f"{fault},{'plug' if lasts else 'free'}"}},
-        audit=_failed(reason, ({"cell": "load_cell"}.get(device, device)) if lasts else ""),
+        events=_failed(reason, ({"cell": "load_cell"}.get(device, device)) if lasts else ""),
         flights=_BOTH,
     )
 
@@ -424,11 +409,11 @@ def _clock_step(role: str, step_s: float, route: Route) -> Fault:
     back = step_s < 0.0
     # a master that ends by the fault lets go, unless the slave missed its commands before it heard that
     first = stopped("(watchdog|release)", "(no valid command|deadman released).*") if back else _WATCHDOG
-    audit: tuple[Expected, ...] = (first, _SESSION_LOST[0] if back else _FUTURE)
+    events: tuple[Expected, ...] = (first, _SESSION_LOST[0] if back else _FUTURE)
     if role == "slave":
-        audit = (stopped("fault", ".*"),) if back else (stopped("watchdog"),)
+        events = (stopped("fault", ".*"),) if back else (stopped("watchdog"),)
     if back:
-        audit = *audit, says(role, "thread_fault", reason=".*")
+        events = *events, says(role, "thread_fault", reason=".*")
     return Fault(
         f"clock step {step_s:+g} s, {role}",
         partial(_clock_set, role),
@@ -440,7 +425,7 @@ def _clock_step(role: str, step_s: float, route: Route) -> Fault:
         service=EMULATED if role == "slave" and not back else {},
         ends=role == "slave" and back,
         steered=(role, Steering(step_s)),
-        audit=audit,
+        events=events,
         flights=(role if back else "slave",),
     )
 
@@ -451,7 +436,7 @@ def _clock_rate(rate: float, route: Route) -> Fault:
         name, _clock_refused, "master started again with a right clock; forefeel clear", route,
         rest_s=route.by_rate_s, faded_s=route.by_rate_s + route.told_s, noticed="fault",
         steered=("master", Steering(rate=rate)),
-        audit=_failed(f"the master's clock runs .* ppm {'fast' if rate > 0 else 'slow'} .*"), flights=_BOTH,
+        events=_failed(f"the master's clock runs .* ppm {'fast' if rate > 0 else 'slow'} .*"), flights=_BOTH,
     )  # fmt: skip
 
 
@@ -476,27 +461,27 @@ def _on_both_routes(of: Callable[[Route], Iterable[Fault]]) -> Iterable[Fault]:
 def _of_master(route: Route) -> Iterable[Fault]:
     yield Fault(
         "master SIGKILL", partial(_killed, "master"), "started again", route, rest_s=route.by_watchdog_s,
-        audit=(_WATCHDOG, _SESSION_LOST[0], _KILLED["master"]), flights=("slave",),
+        events=(_WATCHDOG, _SESSION_LOST[0]), flights=("slave",),
     )  # fmt: skip
     for frozen_s in (2.0, 30.0):
         yield Fault(
             f"master SIGSTOP {frozen_s:g} s", partial(_frozen, "master", frozen_s), "SIGCONT: a new session",
             route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
-            audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
+            events=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
         )  # fmt: skip
     yield Fault(
         "master SIGSTOP 0.3 s", partial(_frozen, "master", 0.3), "SIGCONT", route,
         rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
-        audit=(_WATCHDOG, heard("watchdog")), flights=_BOTH,
+        events=(_WATCHDOG, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "master restarted", partial(_restarted, "master"), "new session", route,
         rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
-        audit=(stopped("release"), says("master", "stop"), says("master", "start")),
+        events=(stopped("release"), says("master", "stop"), says("master", "start")),
     )  # fmt: skip
     yield Fault(
         "two masters at once", _second_master, f"the second one is told: {_HELD}", route,
-        audit=(says("slave", "session_refused", name="handshake", reason=_HELD),), finding=_one_writer,
+        events=(says("slave", "session_refused", name="handshake", reason=_HELD),), finding=_one_writer,
     )  # fmt: skip
 
 
@@ -504,34 +489,34 @@ def _of_slave() -> Iterable[Fault]:
     yield Fault(
         "slave SIGKILL", partial(_killed, "slave"), "started again",
         rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
-        audit=(_KILLED["slave"], _SESSION_LOST[1]), flights=("master",),
+        events=(_SESSION_LOST[1],), flights=("master",),
     )  # fmt: skip
     for frozen_s in (2.0, 30.0):
         yield Fault(
             f"slave SIGSTOP {frozen_s:g} s", partial(_frozen, "slave", frozen_s), "SIGCONT: a new session",
             rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
-            audit=(_STOOD_STILL, *_SESSION_LOST), flights=_BOTH,
+            events=(_STOOD_STILL, *_SESSION_LOST), flights=_BOTH,
         )  # fmt: skip
     yield Fault(
         "slave SIGSTOP 0.3 s", partial(_frozen, "slave", 0.3), "SIGCONT",
         rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
-        audit=(_STOOD_STILL, heard("watchdog")), flights=_BOTH,
+        events=(_STOOD_STILL, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "slave restarted", partial(_restarted, "slave"), "new session",
         rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
-        audit=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
+        events=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
     )  # fmt: skip
     yield Fault(
         "slave's terminal dropped", partial(_restarted, "slave", number=signal.SIGHUP), "started again",
         rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
-        audit=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
+        events=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
     )  # fmt: skip
     yield Fault(
         "load cell unplugged, slave SIGKILL", _faulty_then_killed, "repaired, started again, forefeel clear",
         rest_s=r.BY_DEVICE_S, faded_s=r.BY_DEVICE_S + r.NEAR.faded_s,
         service={"emulated": {"cell": "unplug,plug"}},
-        audit=_FOUND_LATCHED,
+        events=_FOUND_LATCHED,
         flights=("master",),
     )  # fmt: skip
     for count, limit in ((1_100, 1_024), (10_000, 20_000)):
@@ -545,52 +530,39 @@ def _of_recorder_and_disk() -> Iterable[Fault]:
     yield _recorder("SIGKILL", partial(_recorder_struck, signal.SIGKILL), "nobody waits for it")
     yield _recorder("SIGSTOP 2 s", partial(_recorder_struck, signal.SIGSTOP), "nobody waits for it")
     yield _recorder("disk full", _recorder_disk_full, "ends and says so; the others go on")
-    yield Fault(
-        "state folder full", _state_disk_full, "room made; forefeel clear",
-        rest_s=r.NOTICED_S + r.BY_FAULT_S, faded_s=r.NOTICED_S + r.NEAR.faded_s,
-        noticed="fault", on_disk=True,
-        service={"extra": {"slave": {"state": {"directory": "disk/state"}}}},
-        audit=(
-            says("slave", "disk_full", what=".*No space left.*"),
-            *_failed("audit log: No space left on device"),
-            says("slave", "flight_failed", what=".*No space left.*"),
-            says("slave", "log_written_again"),
-        ),
-        flights=("master",),
-    )  # fmt: skip
     on_disk: dict[str, Any] = {**EMULATED, "extra": {"slave": {"state": {"directory": "disk/state"}}}}
     yield Fault(
         "state folder full, stopped, slave SIGKILL", _stopped_on_a_full_disk,
         "room made, started again, forefeel clear",
-        rest_s=r.NOTICED_S + r.BY_FAULT_S, faded_s=r.NOTICED_S + r.NEAR.faded_s, noticed="(estop|fault)",
+        rest_s=r.BY_FAULT_S, faded_s=r.NEAR.faded_s, noticed="estop",
         on_disk=True, service=on_disk,
-        audit=_FOUND_LATCHED,
+        events=_FOUND_LATCHED,
         flights=("master",),
     )  # fmt: skip
     yield Fault(
         "state folder read-only, slave restarted", _read_only, "made writable: started again",
         rest_s=r.BY_FAULT_S, faded_s=r.NEAR.faded_s, on_disk=True, service=on_disk,
-        audit=(stopped("shutdown"), says("slave", "stop")),
+        events=(stopped("shutdown"), says("slave", "stop")),
     )  # fmt: skip
 
 
 def _of_network(route: Route) -> Iterable[Fault]:
     yield Fault(
         "link cut 2 s", _cut, "link mended: a new session", route, rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S,
-        audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
+        events=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "stall 2 s, burst", partial(stalled, 2.0), "stall over: a new session", route,
-        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S, audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
+        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S, events=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "stall 0.3 s, burst", partial(stalled, 0.3), "stall over", route,
         rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S,
-        audit=(_WATCHDOG, _LATE, heard("watchdog")), flights=_BOTH,
+        events=(_WATCHDOG, _LATE, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "all lost for 0.4 s, three times", _bursts, "by itself, each time", route,
-        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S, audit=(_WATCHDOG,), flights=_BOTH,
+        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S, events=(_WATCHDOG,), flights=_BOTH,
     )  # fmt: skip
     yield Fault("30 % loss 4 s", partial(_shaped, 4.0, loss=0.3), "loss over", route, may_go_on=True)
     mixed: dict[str, Any] = {"duplicate": 0.05, "reorder": 0.05, "reorder_hold_s": 0.020}
@@ -606,17 +578,17 @@ def _of_network(route: Route) -> Iterable[Fault]:
         f"{small}, master restarted", _small_packets_at_start,
         f"the master says that the slave {_NO_ANSWER}; an MTU of {_SMALL_BYTES} on its host",
         route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
-        audit=(stopped("release"), says("master", "start")),
+        events=(stopped("release"), says("master", "start")),
     )  # fmt: skip
     yield Fault(
         "half-open TCP", _half_open, "a new master is started", route, rest_s=r.BY_SILENCE_S,
-        audit=(_WATCHDOG, _SESSION_LOST[0], _KILLED["master"]), flights=("slave",),
+        events=(_WATCHDOG, _SESSION_LOST[0]), flights=("slave",),
     )  # fmt: skip
     yield Fault(
         "router SIGKILL", _router_killed, "router started again: a new session", route,
         rest_s=r.BY_SILENCE_S, faded_s=route.faded_s,
         service={"through_router": True, "emulated": {}},
-        audit=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
+        events=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
     )  # fmt: skip
 
 
@@ -624,7 +596,7 @@ def _of_routes() -> Iterable[Fault]:
     yield Fault(
         "round trip 20 -> 500 -> 20 ms", _jumped, "by itself: a new session on the longer way",
         changing=True, rest_s=r.NEAR.by_watchdog_s, faded_s=r.NEAR.faded_s,
-        audit=(_WATCHDOG, _LATE), flights=_BOTH,
+        events=(_WATCHDOG, _LATE), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "200 ms there, 10 ms back", partial(_as_it_is, 5.0), "nothing to recover", r.ASYMMETRIC,

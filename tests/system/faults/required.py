@@ -37,8 +37,6 @@ BLIND_S = (_GATE.force_timeout_s or 0.0) + RAMP_S + SERVO_S + MARGIN_S
 """Invalid readings are borne for force_timeout_s."""
 STUCK_S = 1.0 + BLIND_S
 """A cell that repeats itself is believed for a second: it may be at rest."""
-NOTICED_S = 1.0 + MARGIN_S
-"""The audit log looks once a second whether there is room."""
 RECORDER_FLUSH_S = 1.4
 """What a killed recorder loses: ten waits of 0.1 s since its last flush, the writing, the queue."""
 

@@ -13,7 +13,7 @@ from typing import Any
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.topics import FORCE
 from tests.system.faults import required
-from tests.system.faults.audit import Expected, audited
+from tests.system.faults.logged import Expected, logged
 from tests.system.net.cable import TunCable
 from tests.system.net.disk import SmallDisk
 from tests.system.net.evidence import STILL_FOR_S, Evidence
@@ -71,7 +71,7 @@ class Fault:
             then, which `rest_s` and `faded_s` have in them.
         on_disk: the slave's state folder is on the small disk.
         strikes: the second recorder, whose recording has to be readable.
-        audit: entries that have to be in the audit logs.
+        events: those that have to be in the event logs.
         flights: the daemons of whom a flight record is due.
         finding: what else is read from the evidence.
     """
@@ -90,7 +90,7 @@ class Fault:
     noticed: str | None = None
     on_disk: bool = False
     strikes: bool = False
-    audit: tuple[Expected, ...] = ()
+    events: tuple[Expected, ...] = ()
     flights: tuple[str, ...] = ()
     finding: Finding | None = None
 
@@ -158,7 +158,7 @@ class Row:
     moved_again_m: float | None = None
     armed_s: float | None = None
     recording: str = ""
-    audit: str = ""
+    logged: str = ""
     late_s: float = 0.0
     failures: list[str] = field(default_factory=list)
 
@@ -207,7 +207,7 @@ def judge(row: Row, fault: Fault, incident: Incident, folder: Path) -> None:
         row.failures.append(f"{row.stale} stale commands executed, {row.excess_s * 1e3:.0f} ms too old")
     _judge_force(row, fault, incident, found)
     row.recording = _recordings(row, found, at_s, folder / f"{SECOND}.mcap" if fault.strikes else None)
-    _judge_audit(row, fault, incident, found, folder)
+    _judge_log(row, fault, incident, found, folder)
     if fault.finding is not None:
         said, failures = fault.finding(found, incident)
         row.recovery = f"{row.recovery}; {said}"
@@ -274,9 +274,9 @@ def _noticed_s(fault: Fault, at_s: float, found: Evidence) -> float:
     return at_s if fault.noticed is None else found.next_event_s(fault.noticed, at_s) or at_s
 
 
-def _judge_audit(row: Row, fault: Fault, incident: Incident, found: Evidence, folder: Path) -> None:
-    kept = audited(folder, fault.audit, fault.flights, found, incident.injected_s)
-    row.audit, row.recovery = str(kept), incident.recovery or fault.recovery
+def _judge_log(row: Row, fault: Fault, incident: Incident, found: Evidence, folder: Path) -> None:
+    kept = logged(folder, fault.events, fault.flights, found, incident.injected_s)
+    row.logged, row.recovery = str(kept), incident.recovery or fault.recovery
     row.failures += kept.failures
 
 

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.events.audit import SAFETY
+from forefeel.common.events.sink import SAFETY
 from forefeel.common.messages import FOLLOWING
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, Topic
-from forefeel.local.audit_text import read_entries
+from tests.event_lines import read_events
 from tests.system.net.provoked import ROW
-from tests.system.net.service import AXIS, audit_file, flight_files, motion_file
+from tests.system.net.service import AXIS, event_file, flight_files, motion_file
 from tests.system.net.steered import Steering
 
 S = 1e-9
@@ -74,7 +74,7 @@ class Evidence:
     """Everything that was recorded of one fault.
 
     `steered`: a daemon's clock was made wrong, then (role, how, when). Its stamps are set right.
-    Transitions are those of the slave's audit log, for a recording may miss one; but where its own clock was
+    Transitions are those of the slave's event log, for a recording may miss one; but where its own clock was
     wrong. Of a master that nobody heard meanwhile its flight records tell.
     """
 
@@ -84,7 +84,7 @@ class Evidence:
         self.motion = self._motion(motion_file(folder))
         self._haptics = self._felt([self.master, *map(read_run, flight_files(folder, "master"))])
         own = steered is not None and steered[0] == "slave"
-        self.events = self._recorded_events() if own else audit_events(folder)
+        self.events = self._recorded_events() if own else logged_events(folder)
 
     def _recorded_events(self) -> list[tuple[float, Event]]:
         if not self.slave.axes:
@@ -290,13 +290,12 @@ def felt_stale_s(felt: Felt, stale_s: float) -> float:
     return longest_s
 
 
-def audit_events(folder: Path) -> list[tuple[float, Event]]:
-    """The slave's transitions by its own audit log, and when they were."""
-    entries, _ = read_entries(audit_file(folder, "slave"))
+def logged_events(folder: Path) -> list[tuple[float, Event]]:
+    """The slave's transitions by its own event log, and when they were."""
     return [
-        (one.noted.monotonic_ns * S, Event(*(str(one.noted.details[name]) for name in Event._fields)))
-        for one in entries
-        if one.noted.event == SAFETY
+        (one.monotonic_ns * S, Event(*(str(one.details[name]) for name in Event._fields)))
+        for one in read_events(event_file(folder, "slave"))
+        if one.event == SAFETY
     ]
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from forefeel.common.state.folder import AUDIT, FLIGHT
+from forefeel.common.state.folder import EVENTS, FLIGHT
 from tests.secured import make_pki
 from tests.system.net.cable import ADDRESSES, MEASURING, ROOT
 from tests.system.net.hosts import Hosts, Process
@@ -278,9 +278,9 @@ class Service:
             shutil.copy(self.folder / "slave.mcap", self.folder / "master.mcap")
 
 
-def audit_file(folder: Path, role: str) -> Path:
-    """The audit log of a daemon."""
-    return folder / "state" / role / AUDIT
+def event_file(folder: Path, role: str) -> Path:
+    """The event log of a daemon."""
+    return folder / "state" / role / EVENTS
 
 
 def flight_files(folder: Path, role: str) -> list[Path]:

@@ -89,6 +89,5 @@ CASES = (
     Case("emulate can_hub", "emulate can_hub --port HERE/a,HERE/b", SERVES, 2.0),
     Case("estop", f"estop {AT_SLAVE}", LOOKS, 3.0),
     Case("clear", "clear --config READY/slave.yaml", LOOKS, 2.5),
-    Case("audit", "audit verify READY/state/audit.jsonl", LOOKS, 2.5),
     Case("config check", "config check READY/slave.yaml", LOOKS, 2.5),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the audit logs and the flight records of both daemons have to say of a fault."""
+"""What the event logs and the flight records of both daemons have to say of a fault."""
 
 import re
 import time
@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.events.audit import Entry
 from forefeel.common.messages import SafetyState
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.topics import COMMAND, CONTROL_CYCLE, FORCE, HAPTICS
-from forefeel.local.audit_text import read_entries
+from tests.event_lines import Event, read_events
 from tests.system.faults import required
 from tests.system.net.evidence import Evidence, S
-from tests.system.net.service import AXIS, audit_file, flight_files
+from tests.system.net.service import AXIS, event_file, flight_files
 
 ROLES = ("slave", "master")
 FLIGHT_S = 2.0
@@ -27,17 +26,16 @@ _HELD = frozenset({SafetyState.IDLE, SafetyState.READY})
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """An entry that has to be there: `details` match in full, each a regular expression."""
+    """An event that has to be there: `details` match in full, each a regular expression."""
 
     role: str
     event: str
     details: Mapping[str, str]
 
-    def matches(self, entry: Entry) -> bool:
+    def matches(self, found: Event) -> bool:
         """Whether it is that one."""
-        noted = entry.noted
-        return noted.event == self.event and all(
-            re.fullmatch(pattern, str(noted.details.get(name))) for name, pattern in self.details.items()
+        return found.event == self.event and all(
+            re.fullmatch(pattern, str(found.details.get(name))) for name, pattern in self.details.items()
         )
 
     def __str__(self) -> str:
@@ -71,21 +69,21 @@ class Found:
 
     def __str__(self) -> str:
         records = f"; {self.flights} flight record{'s' * (self.flights != 1)} agree" if self.flights else ""
-        return f"{self.entries} entries verify{': ' * bool(self.said)}{', '.join(self.said)}{records}"
+        return f"{self.entries} events{': ' * bool(self.said)}{', '.join(self.said)}{records}"
 
 
-def audited(
+def logged(
     folder: Path, expected: Sequence[Expected], flights: Sequence[str], recorded: Evidence, since_s: float
 ) -> Found:
-    """Whether both logs verify and hold what was expected since then, and each flight record agrees with the
+    """Whether both logs hold what was expected since then, and each flight record agrees with the
     recordings. `flights`: the roles of whom one is due.
     """
     found = Found()
-    entries = {role: _verified(folder, role, found) for role in ROLES}
+    entries = {role: _events(folder, role, found) for role in ROLES}
     for each in expected:
         hits = [one for one in entries[each.role] if each.matches(one)]
         if not any(_written_s(one) >= since_s for one in hits):
-            found.failures.append(f"no audit entry {each}; {_last(entries[each.role])}")
+            found.failures.append(f"no event {each}; {_last(entries[each.role])}")
         word = str(each.details.get("event", each.event)).replace("_", " ")
         if word not in found.said:
             found.said.append(word)
@@ -93,27 +91,25 @@ def audited(
     return found
 
 
-def _written_s(entry: Entry) -> float:
+def _written_s(event: Event) -> float:
     """When, by CLOCK_MONOTONIC: from the wall clock, for a daemon's own clock may have been set."""
-    return datetime.fromisoformat(entry.noted.utc).timestamp() - time.time() + time.monotonic()
+    return datetime.fromisoformat(event.utc).timestamp() - time.time() + time.monotonic()
 
 
-def _verified(folder: Path, role: str, found: Found) -> list[Entry]:
-    path = audit_file(folder, role)
+def _events(folder: Path, role: str, found: Found) -> list[Event]:
+    path = event_file(folder, role)
     if not path.exists():
-        found.failures.append(f"the {role} has no audit log")
+        found.failures.append(f"the {role} has no event log")
         return []
-    entries, flaw = read_entries(path)
+    entries = read_events(path)
     found.entries += len(entries)
-    if flaw is not None:
-        found.failures.append(f"audit log of the {role}: line {flaw.line} {flaw.what}")
-    if not entries or entries[-1].noted.event != "stop":
-        found.failures.append(f"audit log of the {role} is not closed")
+    if not entries or entries[-1].event != "stop":
+        found.failures.append(f"event log of the {role} does not end with a stop")
     return entries
 
 
-def _last(entries: Sequence[Entry]) -> str:
-    return "; ".join(f"{one.noted.event} {dict(one.noted.details)}"[:120] for one in entries[-8:])
+def _last(entries: Sequence[Event]) -> str:
+    return "; ".join(f"{one.event} {dict(one.details)}"[:120] for one in entries[-8:])
 
 
 # --- flight records ---
@@ -121,14 +117,14 @@ def _last(entries: Sequence[Entry]) -> str:
 
 def _flown(
     folder: Path,
-    entries: Mapping[str, Sequence[Entry]],
+    entries: Mapping[str, Sequence[Event]],
     due: Sequence[str],
     recorded: Evidence,
     found: Found,
 ) -> None:
     for role in ROLES:
         files = {path.name: path for path in flight_files(folder, role)}
-        said = [one.noted.details["file"] for one in entries[role] if one.noted.event == "flight_record"]
+        said = [one.details["file"] for one in entries[role] if one.event == "flight_record"]
         if sorted(files) != sorted(map(str, said)):
             found.failures.append(f"flight records of the {role}: {sorted(files)}, its log says {said}")
         if role in due and not files:
