@@ -73,12 +73,11 @@ def run_master(settings: MasterSettings, duration_s: float | None = None, insecu
 async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bool) -> None:
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
-    import_drivers(settings)  # before the network, which may take all descriptors
-
+    import_drivers(settings)  # before real-time priority
     with (
         _runtime(settings) as (runtime, stop),
         daemon_state(settings, "slave", runtime.clock) as state,
-        LocalServer(state.path, "slave") as local,  # before the network, which may take all descriptors
+        LocalServer(state.path, "slave") as local,  # before the network: a stop needs no connection
     ):
         found = obstacles(settings, "slave")
         transport = await opened(settings, "slave", runtime, insecure, duration_s, found)
@@ -109,7 +108,7 @@ async def _master(settings: MasterSettings, duration_s: float | None, insecure: 
     from forefeel.common.estimation.forecast import compile_kernels  # noqa: PLC0415 - the slave does without it
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415
 
-    import_drivers(settings)  # before the network, which may take all descriptors
+    import_drivers(settings)
     compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
     with (
         _runtime(settings) as (runtime, _),

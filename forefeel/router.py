@@ -5,11 +5,10 @@ from itertools import count
 
 import zenoh
 
-from forefeel.common.clock import MonotonicClock
-from forefeel.common.runtime.realtime import prepare_thread
+from forefeel.common.runtime.realtime import prepare_thread, raise_descriptor_limit
 from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.transport.security import Party
-from forefeel.common.transport.zenoh_bus import open_session, pending_connections
+from forefeel.common.transport.zenoh_bus import open_session
 from forefeel.interrupt import Stop, heeded
 from forefeel.network_settings import RouterSettings
 from forefeel.parent import die_with_parent
@@ -29,14 +28,14 @@ def run_router(settings: RouterSettings, duration_s: float | None = None, insecu
         InputError: an endpoint or a certificate can not be used.
     """
     die_with_parent()
+    raise_descriptor_limit()
     prepare_thread(_PRIORITY)  # Zenoh's threads inherit it
     party = Party("router", settings.cells)
     session, notice = open_session(settings.transport, "router", party, insecure=insecure, real_stage=False)
     with heeded() as stop:
-        faults: list[Exception] = []
-        with session, pending_connections(session, settings.transport, MonotonicClock(), faults.append):
+        with session:
             _greet(settings, notice)
-            _watch(session, duration_s, stop, faults)
+            _watch(session, duration_s, stop)
         say("router: closed")
 
 
@@ -48,12 +47,8 @@ def _greet(settings: RouterSettings, notice: str) -> None:
     say(f"router: listening on {', '.join(transport.listen)} {how}; cells {', '.join(settings.cells)}")
 
 
-def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop, faults: list[Exception]) -> None:
-    """Says each link that is added or removed.
-
-    Raises:
-        Exception: the first of the faults of a thread.
-    """
+def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop) -> None:
+    """Says each link that is added or removed."""
     start_s = time.monotonic()
     channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_KEPT_EVENTS)
     looks = count(1)
@@ -65,7 +60,5 @@ def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop, faults:
                 who = event.link.auth_identifier or "someone without certificate"
                 where = event.link.dst.partition("/")[2]
                 say(f"router: {who} {'came from' if came else 'left'} {where}")
-            if faults:
-                raise faults[0]
             attend()
             time.sleep(_POLL_S)

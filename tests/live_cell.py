@@ -1,7 +1,6 @@
 """A cell on the wall clock: both daemons as processes over real Zenoh, and an observer in this process."""
 
 import os
-import resource
 import signal
 import socket
 import subprocess
@@ -35,12 +34,6 @@ def free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port: int = probe.getsockname()[1]
         return port
-
-
-def limit_descriptors(pid: int, limit: int) -> None:
-    """Gives a daemon fewer descriptors, and waits until it keeps below them by a limit of its own."""
-    resource.prlimit(pid, resource.RLIMIT_NOFILE, (limit, limit))
-    wait_until(lambda: resource.prlimit(pid, resource.RLIMIT_NOFILE)[0] < limit)
 
 
 class Process:

@@ -94,7 +94,7 @@ def imported(place: str) -> Any:  # noqa: ANN401 - whatever stands there
     return getattr(import_module(module), name)
 
 
-@cache  # a daemon asks again when strangers may hold all of its descriptors
+@cache
 def installed_driver(slot: Slot, name: str) -> InstalledDriver:
     """The driver of that name.
 

@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import resource
 import sys
 import threading
 from collections.abc import Callable
@@ -26,11 +27,18 @@ kernel's fastest wake-up takes, the most what decision 0019 was measured with.
 """
 
 
+def raise_descriptor_limit() -> None:
+    """Sets the soft limit of open files to the hard one."""
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+
+
 def prepare_process() -> str:
     """Settles the process for real-time loops; returns in plain words what was granted.
 
     Memory is locked page by page as it is touched, so that the resident size does not grow by unused stacks.
     """
+    raise_descriptor_limit()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     gc.collect()
     gc.freeze()

@@ -14,7 +14,6 @@ from forefeel.common.clock import Clock, WallClock
 from forefeel.common.events.sink import Detail
 from forefeel.common.flight import AFTER_NS, BEFORE_NS, FlightRing, Rings, Row, cycle_message
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.common.runtime.descriptors import DESCRIPTORS
 from forefeel.common.topics import CONTROL_CYCLE
 
 _AT_MOST_EVERY_NS = 1_000_000_000  # so that a flood of faults does not fill the disk
@@ -133,9 +132,7 @@ class FlightWriter:
     def _write(
         self, part: Path, request: _Request, rings: list[tuple[FlightRing, list[Row]]]
     ) -> dict[str, Detail]:
-        with DESCRIPTORS.reserve():
-            opened = RunWriter(part)
-        with opened as writer:
+        with RunWriter(part) as writer:
             asked = {name: str(value) for name, value in request._asdict().items()}
             writer.add_metadata("flight", {**self.facts, **asked})
             for ring, rows in rings:
@@ -143,9 +140,7 @@ class FlightWriter:
             return {"messages": writer.written, "malformed": writer.malformed}
 
     def _prune(self) -> None:
-        with DESCRIPTORS.reserve():
-            records = sorted(self._folder.glob("*.mcap"))
-        for old in records[: -self._keep]:
+        for old in sorted(self._folder.glob("*.mcap"))[: -self._keep]:
             with suppress(OSError):
                 old.unlink()
 

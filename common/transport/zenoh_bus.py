@@ -1,13 +1,10 @@
 """The transport over Zenoh."""
 
 import os
-import tempfile
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
-from functools import cache
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Self, cast
 
@@ -19,7 +16,6 @@ from forefeel.common.errors import EndpointError, NoRouterError, RunError
 from forefeel.common.topics import Qos
 from forefeel.common.transport.endpoints import check_endpoint, explain
 from forefeel.common.transport.exposure import check_exposure
-from forefeel.common.transport.pending import PendingConnections, before_listening
 from forefeel.common.transport.pki import read_identity
 from forefeel.common.transport.port import Handler, KeyedHandler, OnFault, Put
 from forefeel.common.transport.security import Party, secured
@@ -28,8 +24,6 @@ from forefeel.common.transport.zenoh_config import Mode, configuration, secured_
 
 _Receive = Callable[[zenoh.Sample], None]
 
-_STARTED_S = 1.0
-"""Bounds the wait for the connection of the process to itself, which takes 5 ms."""
 _WORKERS = 2 * MOST_CONNECTIONS
 """Threads of each of Zenoh's runtimes. Closing a link of TCP or TLS blocks one until the other end has
 acknowledged all, or for 10 s; with Zenoh's one or two nobody receives meanwhile (docs/decisions/0021).
@@ -91,7 +85,6 @@ class ZenohTransport:
         self._threads: list[threading.Thread] = []
         self.handler_faults = 0
         self.notice, self._mode = "", "peer"
-        self._pending: PendingConnections | None = None
 
     @classmethod
     def open(
@@ -124,10 +117,6 @@ class ZenohTransport:
         )
         transport = cls(session, clock, on_fault)
         transport.notice, transport._mode = notice, settings.mode
-        if settings.listen:
-            transport._pending = transport._declared.enter_context(
-                pending_connections(session, settings, clock, on_fault)
-            )
         return transport
 
     def publisher(self, key: str, qos: Qos) -> Put:
@@ -186,8 +175,7 @@ class ZenohTransport:
 
     def refused(self) -> Mapping[str, int]:
         """See the port."""
-        closed = 0 if self._pending is None else self._pending.closed
-        return +Counter(refused_wildcard=self._refused, connections_closed=closed)
+        return +Counter(refused_wildcard=self._refused)
 
     def close(self) -> None:
         """Undeclares, closes the session, waits for running handlers; not to be called from one."""
@@ -239,43 +227,11 @@ def open_session(
     )
     runtimes = ", ".join(f"{name}: (worker_threads: {_WORKERS})" for name in ("rx", "tx", "net"))
     os.environ.setdefault("ZENOH_RUNTIME", f"({runtimes})")  # read once, by the first session of a process
-    if settings.listen:
-        _start_runtimes()
-        before_listening()
     try:
         return zenoh.open(configuration(settings, mode, added)), notice
     except zenoh.ZError as error:
         kind = NoRouterError if "Unable to connect" in str(error) else EndpointError
         raise kind(explain(str(error), settings.listen, settings.connect)) from error
-
-
-@cache
-def _start_runtimes() -> None:
-    """Starts all of Zenoh's runtimes by a connection of the process to itself.
-
-    Zenoh starts the last two with the first connection, and what connects fails for good when strangers hold
-    the descriptors that this takes. Without a folder for the socket it stays so.
-    """
-    with suppress(OSError), tempfile.TemporaryDirectory() as folder, ExitStack() as opened:
-        endpoint = f"unixsock-stream/{folder}/socket"
-        sessions = [
-            opened.enter_context(zenoh.open(configuration(settings, "peer", {})))
-            for settings in (TransportSettings(listen=(endpoint,)), TransportSettings(connect=(endpoint,)))
-        ]
-        end_s = time.monotonic() + _STARTED_S
-        while time.monotonic() < end_s and not sessions[1].info.transports():
-            time.sleep(0.001)
-
-
-def pending_connections(
-    session: zenoh.Session, settings: TransportSettings, clock: Clock, on_fault: OnFault
-) -> PendingConnections:
-    """What bounds the strangers at a session that listens, while it is entered."""
-
-    def links() -> list[str]:
-        return [link.dst for link in session.info.links()]
-
-    return PendingConnections(settings, links, clock, on_fault)
 
 
 def _secured(pki: Path, party: Party | None) -> dict[str, object]:

@@ -59,7 +59,7 @@ def configured(settings: DaemonSettings) -> list[ConfiguredDevice]:
 
 
 def import_drivers(settings: DaemonSettings) -> None:
-    """Imports the drivers that the settings name, while there are descriptors to read their files with."""
+    """Imports the drivers that the settings name."""
     for device in configured(settings):
         imported(device.driver.driver.make)
 

@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.system.attacks.outcome import HEAD, Outcome
-from tests.system.attacks.silence import silent
 from tests.system.attacks.virtual import VIRTUAL
 from tests.system.attacks.wire import plain, secured
 
@@ -19,11 +18,10 @@ def main() -> int:
     """Runs those whose name contains the argument, all without one."""
     parser = argparse.ArgumentParser(prog="python -m tests.system.attacks", description=__doc__)
     parser.add_argument("wanted", nargs="?", default="", help="part of a name")
-    parser.add_argument("--most", type=int, default=20_000, help="silent connections; half a minute for all")
     options = parser.parse_args()
     wanted = options.wanted
     start_s, outcomes = time.monotonic(), list[Outcome]()
-    for outcome in chain(_virtual(wanted), plain(wanted), secured(wanted), silent(wanted, options.most)):
+    for outcome in chain(_virtual(wanted), plain(wanted), secured(wanted)):
         outcomes.append(outcome)
         verdict = "NOT REFUSED" if outcome.wrong else "refused"
         print(

@@ -28,10 +28,9 @@ def test_an_attack_is_refused_and_counted(name: str) -> None:
 @pytest.mark.soak
 @pytest.mark.realtime
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("words", [["--most", "2000"], ["20000 connections"]], ids=["all", "20000 silent"])
-def test_every_attack_is_refused_and_counted(words: list[str]) -> None:
+def test_every_attack_is_refused_and_counted() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "tests.system.attacks", *words],
+        [sys.executable, "-m", "tests.system.attacks"],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
