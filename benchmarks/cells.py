@@ -32,9 +32,9 @@ from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
 
 _AXIS = "insertion"
-_START_S = 120.0  # s until a daemon must be ready; chosen, not measured: many start at once on few processors
-_SETTLE_S = 3.0  # s from the last start to the measurement; chosen, not measured: shorter measures the start
-_FORGED_COMMANDS = 200  # commands to another cell; chosen, not measured: one that arrives is one too many
+_START_S = 120.0  # s until a daemon must be ready
+_SETTLE_S = 3.0  # s from the last start to the measurement
+_FORGED_COMMANDS = 200  # commands to another cell
 _MALFORMED = "malformed_master_command"
 _TIMINGS = {"slave": SLAVE_TIMING, "master": MASTER_TIMING}
 

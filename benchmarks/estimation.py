@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Update = Callable[[Array, Array], None]
 """Learns from the rows and the forces, all of them."""
 
-_SAMPLES, _TURNS = 2000, 9  # updates in a turn, turns; chosen, not measured: more take longer, fewer scatter
+_SAMPLES, _TURNS = 2000, 9  # updates in a turn, turns
 _DT_S, _DELAY_SAMPLES = 1e-3, 300  # s between samples at 1 kHz, and by how many of them a force comes later
 
 

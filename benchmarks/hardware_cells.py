@@ -29,8 +29,8 @@ from forefeel.devices.emulation.sensing import Sensing
 from forefeel.devices.emulation.wire import Faults, Wire
 from forefeel.devices.shared.stream import SerialStream
 
-_SECONDS = 10.0  # s of each measurement; chosen, not measured: longer scatters less
-_FRAMES, _DAMAGED = 100_000, 0.01  # frames, and share of them with one damaged byte; chosen, not measured
+_SECONDS = 10.0  # s of each measurement
+_FRAMES, _DAMAGED = 100_000, 0.01  # frames, and share of them with one damaged byte
 # Hz and bit/s: the defaults of `BotaSettings`, and its highest rate
 _RATES = (800.0, 460_800), (2000.0, 921_600)
 

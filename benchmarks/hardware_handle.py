@@ -21,9 +21,9 @@ from forefeel.devices.coil.settings import CoilSettings
 from forefeel.devices.emulation.pty import Pty, PtyServer
 from forefeel.devices.emulation.wire import Faults, Wire
 
-_TRIALS = 1000  # round trips; chosen, not measured: ten of them lie beyond the 99th percentile
-_CPU_S = 10.0  # s over which processor time is counted; chosen, not measured: longer scatters less
-_FRAMES = 100_000  # frames of the test of damage; chosen, not measured: fewer damage too few to count
+_TRIALS = 1000  # round trips
+_CPU_S = 10.0  # s over which processor time is counted
+_FRAMES = 100_000  # frames of the test of damage
 _BAUD = 2_000_000  # bit/s, the default of `CoilSettings.baud`
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from forefeel.loopback.hardware import HARDWARE
 
-ROUNDS, DURATION_S = 3, 30.0  # runs, and s of each; chosen, not measured: more scatter less and take longer
+ROUNDS, DURATION_S = 3, 30.0  # runs, and s of each
 _LOST = "master_forces_dropped", "recorder_lost"
 
 

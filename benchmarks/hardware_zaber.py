@@ -23,9 +23,9 @@ from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
 from forefeel.devices.zaber.protocol import Message, Parser, lrc
 from forefeel.devices.zaber.settings import ZaberSettings
 
-_SECONDS = 10.0  # s of each measurement; chosen, not measured: longer scatters less
-_FRAMES = 100_000  # frames of the test of damage; chosen, not measured: fewer damage too few to count
-_DAMAGED = 0.01  # share of these that is damaged; chosen, not measured: more damages neighbours, too
+_SECONDS = 10.0  # s of each measurement
+_FRAMES = 100_000  # frames of the test of damage
+_DAMAGED = 0.01  # share of these that is damaged
 _MODEL = ZaberModel(limits_m=(0.0, 0.2))
 _QUESTION = b"/1 1 05 move abs 123456:2F\n/1 1 06 get pos:26\n"  # an exchange of the driver
 _UNPACED_BAUD = 12_000_000  # bit/s: full speed of USB, so that the wire takes hardly any time

@@ -23,9 +23,9 @@ from forefeel.common.lateness import quantile_us
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.topics import MASTER_TIMING, SLAVE_TIMING
 
-_ROUNDS, _SECONDS = 5, 60.0  # runs of each, and s of a run; chosen, not measured: fewer scatter more
+_ROUNDS, _SECONDS = 5, 60.0  # runs of each, and s of a run
 _QUANTILES = 0.50, 0.99, 0.999  # the median, 1 tick in 100, and 1 in 1000
-_MOST_US = 100_000  # us, end of cyclictest's histogram; chosen, not measured: later ticks are not in it
+_MOST_US = 100_000  # us, end of cyclictest's histogram
 Late = tuple[float, float, float]
 
 

@@ -22,12 +22,10 @@ from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.slave.settings import SlaveSettings
 
-# s of virtual time that are looked at: after the start, while the stage follows; chosen, not measured
-_FROM_S, _TO_S = 3.0, 3.5
+_FROM_S, _TO_S = 3.0, 3.5  # s of virtual time that are looked at: after the start, while the stage follows
 _TICKS = round((_TO_S - _FROM_S) * 1e3)
 """Ticks of each loop in that time: both run at 1 kHz."""
-# s that a slave runs to its end; chosen, not measured: all of its settings are handed on at its start
-_RUN_S = 0.3
+_RUN_S = 0.3  # s that a slave runs to its end
 _FOLDERS = "common", "slave", "master"
 _PACKAGE = Path(forefeel.__file__).parent
 _HARNESS = {"common/runtime/virtual.py", "common/transport/memory.py"}

@@ -31,8 +31,7 @@ from forefeel.pki.folder import make_folder
 from tests.live_cell import free_port
 
 _CELL = "cell"
-# rounds, and round trips of each kind in one; chosen, not measured: fewer scatter more
-_ROUNDS, _BACK_TO_BACK_TRIPS, _PACED_TRIPS = 7, 1500, 1000
+_ROUNDS, _BACK_TO_BACK_TRIPS, _PACED_TRIPS = 7, 1500, 1000  # rounds, and round trips of each kind in one
 _CLOCK = MonotonicClock()
 
 

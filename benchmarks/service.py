@@ -15,8 +15,8 @@ from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import with_state
 from forefeel.loopback.virtual import VirtualLoopback
 
-_STREAMING_S = 8.0  # s of streaming before memory is read; chosen, not measured: shorter reads less
-_VIRTUAL_S = 60.0  # s of virtual time; chosen, not measured: shorter counts more of the start
+_STREAMING_S = 8.0  # s of streaming before memory is read
+_VIRTUAL_S = 60.0  # s of virtual time
 _ENDPOINT = "tcp/127.0.0.1:17447"
 _READY = {"slave": "waiting for a master", "master": "session open"}
 

@@ -24,10 +24,10 @@ from tests.live_cell import free_port
 from tests.system.net.cable import ADDRESSES
 from tests.system.net.hosts import joined_by_tun
 
-_ROUNDS = 21  # rounds, an odd number for the median; chosen, not measured: fewer scatter more
-_ONE_WAY_S = 0.010  # s that a packet takes each way; chosen, not measured: a far host
+_ROUNDS = 21  # rounds, an odd number for the median
+_ONE_WAY_S = 0.010  # s that a packet takes each way
 _PORT = 7447  # TCP port at which the slave listens: Zenoh's default
-_START_S = 20.0  # s until the slave must serve its socket; chosen, not measured: a busy host starts slowly
+_START_S = 20.0  # s until the slave must serve its socket
 _SETTLE_S = 3.0
 """A slave serves its socket before its devices are calm."""
 _INSTALLED = Path(sys.executable).with_name("forefeel")

@@ -40,7 +40,6 @@ class Publisher:
         return {"session_id": session_id, "sequence": next(self._sequence), "stamp_ns": now_ns}
 
     def send(self, message: Message) -> None:
-        """Encodes and puts."""
         self._put(encode(message))
 
 
@@ -66,7 +65,6 @@ class Bus:
         self.counters: Counter[str] = Counter()
 
     def publisher(self, topic: Topic[Message]) -> Publisher:
-        """Declares the publisher of a topic."""
         assert topic.published, topic.name
         key = topic.key(self._cell, self._axis)
         put = self._transport.publisher(key, topic.qos)
@@ -110,11 +108,9 @@ class Bus:
 
     @property
     def refused(self) -> Mapping[str, int]:
-        """See the transport's port."""
         return self._transport.refused()
 
     def counts(self) -> dict[str, int]:
-        """`malformed` and `counters` for a state message."""
         counted = list(self.malformed.items())  # at once: the transport's threads go on counting
         malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
         return {**self.counters, **self.refused, **malformed}

@@ -32,7 +32,6 @@ class MonotonicClock:
     read_ns: ClassVar[Callable[[], int]] = staticmethod(time.monotonic_ns)
 
     def now_ns(self) -> int:
-        """Nanoseconds since an arbitrary start."""
         return MonotonicClock.read_ns()
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
@@ -57,7 +56,6 @@ class VirtualClock:
         self._now_ns = start_ns
 
     def now_ns(self) -> int:
-        """The stamp that was set last."""
         return self._now_ns
 
     def set_ns(self, now_ns: int) -> None:

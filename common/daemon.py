@@ -66,7 +66,6 @@ class Reports:
         runtime.task(f"{role} impairment trace", SECOND_NS // 10, self.impairment)
 
     def timing(self, now_ns: int) -> None:
-        """The lateness since the start."""
         lateness = self._lateness
         self._timing.send(
             LoopTiming(

@@ -11,19 +11,16 @@ from typing import Any
 from forefeel.common.messages import ControlCycle, Grip, Message, SafetyState
 from forefeel.common.topics import Qos, Topic, parse_key
 
-# ns recorded before the event; chosen, not measured: longer shows more of the cause and takes more memory
-BEFORE_NS = 2_000_000_000
-# ns recorded after the event; chosen, not measured: longer shows more of the stop and is written later
-AFTER_NS = 500_000_000
+BEFORE_NS = 2_000_000_000  # ns recorded before the event
+AFTER_NS = 500_000_000  # ns recorded after the event
 _SPARE_S = 1.5
 """For a writer that comes late."""
-_EVENT_ROWS = 256  # rows of a topic that has no rate; chosen, not measured: larger survives a longer flood
+_EVENT_ROWS = 256  # rows of a topic that has no rate
 _LARGEST = {Qos.STREAM: 1024, Qos.STATE: 16_384, Qos.EVENT: 8192}
 """Longer payloads, in bytes, are no message of ours on such a topic."""
 
 Row = tuple[Any, ...]
-# attempts to copy a ring to which rows are added; chosen, not measured: when all fail, the record lacks it
-_COPY_ATTEMPTS = 8
+_COPY_ATTEMPTS = 8  # attempts to copy a ring to which rows are added
 
 
 class FlightRing:
@@ -77,7 +74,6 @@ class Rings:
         return self._rings[key]
 
     def all(self) -> list[FlightRing]:
-        """Every ring."""
         return list(self._rings.values())
 
 
@@ -88,7 +84,6 @@ sequence of the executed command, session.
 
 
 def cycle_message(row: CycleRow, sequence: int) -> ControlCycle:
-    """The message of one control cycle."""
     return ControlCycle(
         session_id=row[11],
         sequence=sequence,

@@ -24,7 +24,6 @@ class Heartbeats:
 
     @property
     def offset(self) -> OffsetEstimate | None:
-        """The peer's clock minus ours, None before the first exchange."""
         return self._clock.best
 
     def heard(self, heartbeat: Heartbeat, receive_ns: int) -> bool:

@@ -51,7 +51,6 @@ class ColumnSettings(Settings):
         return self
 
     def mapping(self) -> Mapping:
-        """As the readers take it."""
         return Mapping(self.time, self.position, self.force)
 
 

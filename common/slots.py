@@ -16,7 +16,6 @@ class LatestValue(Generic[T]):
         self.superseded = 0
 
     def put(self, value: T) -> None:
-        """Replaces what is in the slot."""
         with self._lock:
             self.superseded += self._value is not None
             self._value = value

@@ -26,8 +26,7 @@ from forefeel.common.messages import (
 )
 from forefeel.common.settings import differences, settings_hash, shared_text
 from forefeel.master.events import MasterEvents, Standing
-from forefeel.master.handle import Handle, Indication
-from forefeel.master.handle_watch import HandleWatch
+from forefeel.master.handle import Handle, HandleWatch, Indication
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.identification import IdentificationTask
 from forefeel.master.samples import haptic_sample, model_parameters
@@ -155,7 +154,6 @@ class MasterAxis:
             self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
 
     def _standing(self, now_ns: int) -> tuple[Standing, str]:
-        """How it stands, and why."""
         if self._failed:
             return "failed", "a fault of the master"
         if self._hand.fault is not None:
@@ -266,7 +264,6 @@ class MasterAxis:
         self._parameters.send(model_parameters(header, estimate, self._identifiable))
 
     def report(self, now_ns: int) -> None:
-        """The axis' state, about 10 Hz."""
         best, state, fault = self._heartbeats.offset, self._shown_state(now_ns), self._hand.fault
         self._state.send(
             MasterState(
@@ -289,7 +286,6 @@ class MasterAxis:
 
     @property
     def slave_state(self) -> SlaveState | None:
-        """The newest of this session."""
         return self._slave_state
 
     def say_stop(self, now_ns: int) -> None:

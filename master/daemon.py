@@ -86,11 +86,9 @@ class MasterDaemon:
 
     @property
     def finished(self) -> bool:
-        """Whether every handle's motion has ended."""
         return all(axis.handle.finished for axis in self.axes)
 
     def tick(self, now_ns: int) -> None:
-        """One haptic tick of every axis."""
         for axis in self.axes:
             axis.tick(now_ns)
 

@@ -17,8 +17,7 @@ _EVENTS: dict[Standing, str] = {
     "handle_fault": "handle_fault",
     "failed": "fault",
 }
-# events by which a doubled one is known; chosen, not measured: fewer miss one that comes late
-_REMEMBERED_EVENTS = 64
+_REMEMBERED_EVENTS = 64  # events by which a doubled one is known
 
 
 class MasterEvents(AxisEvents):
@@ -63,7 +62,6 @@ class MasterEvents(AxisEvents):
         return lost
 
     def stop_asked(self, by: str, reason: str, now_ns: int) -> None:
-        """The person asked for an emergency stop."""
         self._note("emergency_stop", now_ns, by=by, reason=reason)
         self.notices.add(emergency_stop(by, reason))
 

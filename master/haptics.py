@@ -7,7 +7,6 @@ from forefeel.common.estimation.forecast import Estimate
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState
-from forefeel.master.clutch import Clutch
 from forefeel.master.handle import HandleReading
 from forefeel.master.prediction import Prediction, Present
 from forefeel.master.rendering import ForceRenderer
@@ -51,6 +50,23 @@ class HapticOutputs(NamedTuple):
     rendered_n: float
     hits: tuple[LimitHit, ...]
     energy_j: float
+
+
+class Clutch:
+    """Command = handle + offset. With the clutch open the offset follows, so that the command stays on the
+    stage.
+    """
+
+    def __init__(self) -> None:
+        self.offset_m = 0.0
+
+    def command_m(self, reading: HandleReading, stage_position_m: float | None) -> float:
+        """The absolute position to command for a reading; `stage_position_m`: newest known readback, None
+        before any.
+        """
+        if not reading.deadman and stage_position_m is not None:
+            self.offset_m = stage_position_m - reading.position_m
+        return reading.position_m + self.offset_m
 
 
 class HapticLoop:

@@ -7,9 +7,7 @@ from forefeel.common.limiter import LimitHit
 from forefeel.master.passivity import PassivityController, PassivityObserver
 from forefeel.master.settings import RenderingSettings
 
-# s, longest step of time that is rendered: ten periods at 1 kHz; chosen, not measured: longer lets the force
-# move further at once after a late tick
-_MAX_STEP_S = 0.010
+_MAX_STEP_S = 0.010  # s, longest step of time that is rendered: ten periods at 1 kHz
 _NO_HITS: tuple[LimitHit, ...] = ()
 
 

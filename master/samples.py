@@ -31,7 +31,6 @@ _NOTHING: ForecastFields = {"predicted_n": None, "low_n": None, "high_n": None, 
 
 
 def forecast_fields(predicted: Estimate | None) -> ForecastFields:
-    """Those of an estimate, or of none."""
     if predicted is None:
         return _NOTHING
     force_n, low_n, high_n = (within(value, MOST_FORCE_N) for value in predicted[:3])
@@ -57,7 +56,6 @@ def haptic_sample(
     force: NewestForce | None,
     clock: OffsetEstimate | None,
 ) -> HapticSample:
-    """One tick of the haptic loop."""
     age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
     return HapticSample(
         **header,
@@ -77,7 +75,6 @@ def haptic_sample(
 def model_parameters(
     header: Header, estimate: ContactEstimate, identifiable: tuple[str, ...]
 ) -> ModelParameters:
-    """The contact model as it is known now."""
     return ModelParameters(
         **header,
         names=estimate.names,

@@ -12,15 +12,12 @@ from forefeel.common.topics import SLAVE_STATE
 _LOST_AFTER_NS = 1_000_000_000
 """Without a state of the slave that names our session, which comes 50 times a second; the slave's own lease
 lasts as long by default."""
-# ns between two handshakes until an answer; chosen, not measured: shorter sends more, longer opens later
-_RETRY_NS = 250_000_000
+_RETRY_NS = 250_000_000  # ns between two handshakes until an answer
 _SILENT_AFTER_S = SLAVE_STATE.stale_after_s or 0.5
 """What the slave said is no cause any more when nothing was heard of it for so long."""
 
 
 class SessionState(Enum):
-    """What the master knows of its session."""
-
     ASKING = "asking for a session"
     OPEN = "session open"
     MISMATCH = "settings differ"
@@ -50,7 +47,6 @@ class Session:
         self._asking_since_ns: int | None = None
 
     def should_ask(self, now_ns: int) -> bool:
-        """Whether a handshake is to be sent now."""
         if self.state is SessionState.OPEN and now_ns - self._mine_ns > _LOST_AFTER_NS:
             ended = {0: "the slave has ended the session", self.session_id: ""}
             self._start_again(ended.get(self._named, "the slave serves another master"))

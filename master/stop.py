@@ -2,12 +2,9 @@
 
 from forefeel.common.messages import SlaveState
 
-# ns between two repetitions at first; chosen, not measured: shorter survives more loss and sends more
-_OFTEN_NS = 20_000_000
-# ns for which it is repeated that often; chosen, not measured: longer costs a dead link more messages
-_OFTEN_FOR_NS = 2_000_000_000
-# ns between two repetitions after that; chosen, not measured: a link that comes back waits as long
-_SELDOM_NS = 250_000_000
+_OFTEN_NS = 20_000_000  # ns between two repetitions at first
+_OFTEN_FOR_NS = 2_000_000_000  # ns for which it is repeated that often
+_SELDOM_NS = 250_000_000  # ns between two repetitions after that
 
 
 class StopRequest:

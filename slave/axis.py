@@ -21,10 +21,9 @@ from forefeel.common.messages import (
 from forefeel.common.slots import LatestValue
 from forefeel.slave.command_receiver import CommandReceiver
 from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
-from forefeel.slave.device_reports import DeviceReports
-from forefeel.slave.devices import Devices, DeviceWatch
+from forefeel.slave.devices import DeviceReports, Devices, DeviceWatch
 from forefeel.slave.events import SlaveEvents
-from forefeel.slave.force_publisher import ForcePublisher, Instant
+from forefeel.slave.forces import ForcePublisher, Instant
 from forefeel.slave.session import SlaveSession
 from forefeel.slave.settings import SlaveAxisSettings
 
@@ -111,12 +110,10 @@ class SlaveAxis:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves."""
         return self._control is None or self._control.at_rest
 
     @property
     def state(self) -> SafetyState:
-        """Of the safety machine."""
         return SafetyState.IDLE if self._control is None else self._control.machine.state
 
     @property
@@ -131,7 +128,6 @@ class SlaveAxis:
 
     @property
     def halted(self) -> bool:
-        """Whether an emergency stop or a fault is latched."""
         return self.state in HALTED
 
     def session(self, now_ns: int) -> int:
@@ -148,7 +144,6 @@ class SlaveAxis:
         self._fault.put(reason)
 
     def status(self, now_ns: int) -> str:
-        """The safety state and why it is so."""
         del now_ns
         return "not open" if self._control is None else f"{self.state.value} ({self.reason})"
 
@@ -167,7 +162,6 @@ class SlaveAxis:
             self._estop.put(f"{_LATCHED}{latched.removeprefix(_LATCHED)}")
 
     def close(self) -> None:
-        """Closes the devices."""
         self._watch.close()
 
     def tick(self, now_ns: int) -> None:
@@ -265,7 +259,6 @@ class SlaveAxis:
         self._device_reports.calibrations(self._session.holder, now_ns)
 
     def report(self, now_ns: int) -> None:
-        """The axis' state, about 50 Hz."""
         assert self._control is not None
         best, holder = self._session.offset, self.session(now_ns)
         self._state.send(

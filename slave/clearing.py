@@ -40,7 +40,6 @@ class ClearRequest:
         return True
 
     def end(self) -> None:
-        """After them."""
         self.done.set_result(
             [Clearing(axis.name, was, axis.reason if axis.halted else "") for axis, was in self._was]
         )

@@ -12,9 +12,7 @@ from forefeel.slave.session import SlaveSession
 from forefeel.slave.settings import SlaveAxisSettings
 
 _RANGE_MARGIN_M = 0.05  # beyond the workspace by this much a position is nonsense, not merely too far
-# times `max_velocity_m_s`, beyond which a speed is nonsense; chosen, not measured: smaller refuses what a
-# limit would only reduce
-_RANGE_SPEEDS = 10.0
+_RANGE_SPEEDS = 10.0  # times `max_velocity_m_s`, beyond which a speed is nonsense
 _LATE_FOR_NS = 3_000_000_000  # commands that are late for so long are not late, the way has become longer
 _SILENT_FOR_NS = 3_000_000_000  # a master that lives commands a thousand times a second
 _ONLY_LATE = "commands come late all the time: a new session takes the measure of the way again"
@@ -44,14 +42,12 @@ class CommandSlot:
         self.superseded = 0
 
     def put(self, command: MotionCommand, receive_ns: int) -> None:
-        """Replaces what is in the slot."""
         with self._lock:
             waiting = self._taken
             self.superseded += waiting.command is not None
             self._taken = Taken((command, receive_ns), waiting.released or not command.deadman)
 
     def take(self) -> Taken:
-        """What is in the slot, once."""
         if self._taken is _NOTHING:
             return _NOTHING
         with self._lock:
@@ -80,7 +76,6 @@ class CommandReceiver:
         self._events = events
 
     def open(self, session_id: int) -> None:
-        """A new session."""
         self._late_ns = self._heard_ns = None
         self.conflict = None
         self._gate.open(session_id)
@@ -101,7 +96,6 @@ class CommandReceiver:
         return _SILENT if at_rest and now_ns - self._heard_ns > _SILENT_FOR_NS else None
 
     def on_command(self, command: MotionCommand, receive_ns: int) -> None:
-        """A command arrived."""
         refusal = self._gate.admit(command, receive_ns, self._session.offset)
         if refusal is None or refusal.rule not in _NOBODYS:
             self._heard_ns = receive_ns

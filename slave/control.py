@@ -8,7 +8,7 @@ from forefeel.common.events.text import ROUND_TRIP, long_round_trip
 from forefeel.common.limiter import LimitHit, MotionLimiter
 from forefeel.common.messages import Grip, MotionCommand, SafetyState
 from forefeel.common.settings import AxisLimits
-from forefeel.slave.force_watch import ForceWatch
+from forefeel.slave.forces import ForceWatch
 from forefeel.slave.safety import SafetyEventName, SafetyMachine
 from forefeel.slave.settings import GateSettings
 

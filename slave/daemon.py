@@ -118,7 +118,6 @@ class SlaveDaemon:
 
     @property
     def at_rest(self) -> bool:
-        """Whether no axis moves."""
         return all(axis.at_rest for axis in self.axes)
 
     def close(self, now_ns: int) -> None:

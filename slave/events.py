@@ -43,7 +43,6 @@ class SlaveEvents(AxisEvents):
         self._transition(SAFETY, transition, session, now_ns)
 
     def stop_asked(self, by: str, reason: str) -> None:
-        """Somebody asked for an emergency stop."""
         self._repeat("emergency_stop", "any", by=by, reason=reason)
 
     def device_fault(self, device: str, reason: str) -> None:

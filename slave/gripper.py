@@ -7,8 +7,6 @@ from forefeel.common.messages import Grip
 
 
 class GripperDriverSettings(DriverSettings):
-    """Base of the settings of every gripper."""
-
     slot: ClassVar[Slot] = "gripper"
 
 

@@ -54,13 +54,9 @@ class LoadCell(Protocol):
     stale_s: float
     full_scale_n: float
 
-    def open(self) -> None:
-        """Connects."""
-        ...
+    def open(self) -> None: ...
 
-    def close(self) -> None:
-        """Lets the device go; idempotent."""
-        ...
+    def close(self) -> None: ...
 
     def rearm(self) -> None:
         """After a fault of the device: the explicit act without which it stays failed."""
@@ -102,9 +98,7 @@ class NativeLoadCell(Protocol):
         """
         ...
 
-    def close(self) -> None:
-        """See `LoadCell`."""
-        ...
+    def close(self) -> None: ...
 
     def read_native(self, now_ns: int) -> Sequence[NativeReading]:
         """The readings since the last call, oldest first, in place of `read`."""

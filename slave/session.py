@@ -46,7 +46,6 @@ class Lease:
         return (self._lease_ns if self.renewed else self._first_ns) * 1e-9
 
     def live(self, now_ns: int) -> bool:
-        """Whether somebody holds the lease now."""
         return self.holder != 0 and now_ns < self._expires_ns
 
     def request(self, session_id: int, now_ns: int, at_rest: bool) -> str | None:
@@ -116,7 +115,6 @@ class SlaveSession:
 
     @property
     def offset(self) -> OffsetEstimate | None:
-        """The master's clock minus ours."""
         return self._heartbeats.offset
 
     @property
@@ -136,7 +134,6 @@ class SlaveSession:
         )
 
     def live(self, now_ns: int) -> bool:
-        """Whether somebody holds the lease now."""
         return self._lease.live(now_ns)
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
@@ -188,7 +185,6 @@ class SlaveSession:
             self.counters["sessions_released"] += 1
 
     def beat(self, now_ns: int) -> None:
-        """A heartbeat to the holder of the lease."""
         if self._lease.live(now_ns):
             self._heartbeats.beat(self._lease.holder, now_ns)
 

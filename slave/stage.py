@@ -8,9 +8,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.driver import DriverSettings, Slot
 from forefeel.common.hardware.link import DeviceLink
 
-# s by which a reading is carried on with its velocity; chosen, not measured: longer shows motion that a stage
-# which fell silent no longer makes, shorter a position that lags behind
-_CARRIED_S = 0.020
+_CARRIED_S = 0.020  # s by which a reading is carried on with its velocity
 
 
 Travel = tuple[float, float]
@@ -18,8 +16,6 @@ Travel = tuple[float, float]
 
 
 class StageDriverSettings(DriverSettings):
-    """Base of the settings of every stage."""
-
     slot: ClassVar[Slot] = "stage"
 
     @property
@@ -105,9 +101,7 @@ class Homing(Protocol):
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stops and lets go."""
-        ...
+    ) -> None: ...
 
     def home(self) -> Home:
         """Finds the reference again, whether it had been found or not."""

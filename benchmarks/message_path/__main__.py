@@ -28,9 +28,7 @@ WAYS: dict[str, type[Way]] = {
     for way in (BareZenoh, GatedInCallback, Own, OwnAsyncio, ZeroMq, Grpc, Mqtt, Nats, Redis)
 }
 _BROKERS = {"Mqtt": "mosquitto", "Nats": "nats-server", "Redis": "redis-server"}
-# rounds; in each, round trips that are not counted and that are; chosen, not measured: three of 3000 lie
-# beyond p99.9
-_ROUNDS, _WARM_TRIPS, _TRIPS = 11, 500, 3000
+_ROUNDS, _WARM_TRIPS, _TRIPS = 11, 500, 3000  # rounds; in each, round trips that are not counted and that are
 _PLAIN = "BareZenoh"
 Times = tuple[float, float, float, int]
 

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from pathlib import Path
 
 _VERSION = {"mosquitto": "-h", "nats-server": "--version", "redis-server": "--version"}
-_STARTING_S = 10.0  # s until a broker must listen; chosen, not measured: longer waits for one that never does
+_STARTING_S = 10.0  # s until a broker must listen
 
 
 def broker_version(name: str) -> str:

@@ -28,8 +28,7 @@ Encoder noise seems to inform, too. With steps of 1 um, strokes of 4 mm and a cu
 _NEGLIGIBLE = 0.05
 """Part of a parameter in a free direction that is not worth a word."""
 
-# texts in a result; chosen, not measured: more would not be read, what is beyond is counted in the last one
-MAX_STATEMENTS = 4
+MAX_STATEMENTS = 4  # texts in a result
 MAX_LENGTH = 200  # characters of a text; within the 256 of `messages.ShortText`
 
 

@@ -20,7 +20,7 @@ from forefeel.common.estimation.identifiability import (
     informed_directions,
 )
 from forefeel.common.estimation.rls import RecursiveLeastSquares
-from forefeel.common.estimation.state_filter import StateFilter
+from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.estimation.transfer import SensorModel
 
 _NOISE_BANDWIDTH = (pi / 6.0) / sin(pi / 6.0)
@@ -37,7 +37,6 @@ class IdentificationSettings:
     Attributes:
         memory_s: time constant of forgetting.
         cutoff_hz: of the filter that motion and force pass.
-        gap_s: a longer pause restarts the filters.
         min_updates: informative samples before an estimate is valid.
         noise_floor_n: errors below it never count as another tissue.
         nominal_amplitude_m: typical stroke, sets the scales of the regressors.
@@ -47,7 +46,6 @@ class IdentificationSettings:
 
     memory_s: float = 2.0
     cutoff_hz: float = 10.0
-    gap_s: float = 0.1
     min_updates: int = 200
     noise_floor_n: float = 0.001
     nominal_amplitude_m: float = 0.005
@@ -131,7 +129,7 @@ class ContactIdentifier:
         self.samples += 1
         self._last_ns = stamp_ns
         dt = inf if last_ns is None else (stamp_ns - last_ns) * 1e-9
-        if dt > self._settings.gap_s:
+        if dt > GAP_S:
             self._restart(position_m, force_n)
         else:
             self._advance((stamp_ns - self._origin_ns) * 1e-9, position_m, force_n, dt)

@@ -21,20 +21,16 @@ import numpy as np
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.identification import ContactEstimate
-from forefeel.common.estimation.state_filter import StateFilter
+from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.estimation.transfer import SensorColumns, SensorModel, lasting
 
 _RING = 8192  # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
 _TICK_NS = 1_000_000  # ns, period of the commands at 1 kHz; each has a place of its own in the ring
-_GAP_S = 0.1  # s, a longer pause starts the filters anew, as in recordings (`recording.GAP_S`)
-# s, least time between two forces that are learned; chosen, not measured: shorter costs processor time
-_EVERY_S = 0.004
-# s between two solutions; chosen, not measured: shorter costs processor time, longer corrects later
-_SOLVE_EVERY_S = 0.05
-# s, time constant of forgetting; chosen, not measured: shorter follows changes sooner and is noisier
-_MEMORY_S = 20.0
-# A ridge of rho s of a column's usual size keeps theta near zero. Chosen, not measured: larger stays closer
-# to the file, smaller learns faster from this run. The file knows m, b and k, but no bias and no phase.
+_EVERY_S = 0.004  # s, least time between two forces that are learned
+_SOLVE_EVERY_S = 0.05  # s between two solutions
+_MEMORY_S = 20.0  # s, time constant of forgetting
+# A ridge of rho s of a column's usual size keeps theta near zero. The file knows m, b and k, but no
+# bias and no phase.
 _RHO_BIAS_S = 0.002  # s, rho of the bias
 _RHO_TAUGHT_S = 2.0  # s, rho of x, v and a
 _RHO_TIME_S = 0.01  # s, rho of the columns of time
@@ -102,13 +98,13 @@ class LoadedContact:
         dt = inf if self._last_ns is None else (stamp_ns - self._last_ns) * 1e-9
         if dt <= 0.0:
             return NOTHING
-        if dt > _GAP_S:
+        if dt > GAP_S:
             self.reset()
             self._velocity.step(velocity_m_s, 0.0)
         self._last_ns = stamp_ns
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
-        if dt > _GAP_S:
+        if dt > GAP_S:
             return NOTHING
         v, a, _ = self._velocity.step(velocity_m_s, dt)
         return self._forces(stamp_ns, (position_m, v + self._lead_s * a, a), dt, estimate)
@@ -137,7 +133,7 @@ class LoadedContact:
             return
         if isfinite(force_n) and not self._sensor.at_limit(force_n):
             self._learned_ns = stamp_ns
-            self._correction.learn(said.psi, force_n - said.force_n, min(dt, _GAP_S))
+            self._correction.learn(said.psi, force_n - said.force_n, min(dt, GAP_S))
 
     def of_motion_n(self, stamp_ns: int, force_n: float) -> float:
         """The force in N less what is a matter of time, of the command of that stamp."""

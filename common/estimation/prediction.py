@@ -5,9 +5,7 @@ from operator import mul
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.identification import ContactEstimate
-from forefeel.common.estimation.state_filter import StateFilter
-
-_GAP_S = 0.1  # s, a longer pause starts the filter anew, as in recordings (`recording.GAP_S`)
+from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 
 
 class ContactPredictor:
@@ -66,7 +64,7 @@ class ContactPredictor:
         dt = inf if self._last_ns is None else (stamp_ns - self._last_ns) * 1e-9
         if dt <= 0.0:
             return
-        if dt > _GAP_S:
+        if dt > GAP_S:
             self.reset()
             self._velocity.step(velocity_m_s, 0.0)
         else:

@@ -16,28 +16,21 @@ from math import isfinite
 from typing import NamedTuple
 
 from forefeel.common.estimation.rls import RecursiveLeastSquares
-from forefeel.common.estimation.state_filter import StateFilter
+from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 
 _RING = 8192  # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
 _TICK_NS = 1_000_000  # ns, period of the commands at 1 kHz; each has a place of its own in the ring
-# Hz, cutoff of both filters; chosen, not measured: lower is less noisy, higher sees faster drives
-_CUTOFF_HZ = 20.0
-# s, time constant of forgetting; chosen, not measured: shorter follows changes sooner and is noisier
-_MEMORY_S = 20.0
-_GAP_S = 0.1  # s, a longer pause starts the filters anew, as in recordings (`recording.GAP_S`)
+_CUTOFF_HZ = 20.0  # Hz, cutoff of both filters
+_MEMORY_S = 20.0  # s, time constant of forgetting
 # s after a start of the filters in which nothing is learned: 12 time constants of their slowest poles, each
 # 1 / (pi _CUTOFF_HZ) = 16 ms
 _SETTLING_S = 0.2
 _EVERY_S = 0.004  # s, least time between two readbacks that are learned: 250 Hz, over 12 times the cutoff
-# updates before the lag is used: 1 s of motion at 250 Hz; chosen, not measured: fewer are noisier
-_MIN_UPDATES = 250
-# updates between two lags that are used: 80 ms at 250 Hz; chosen, not measured: more follow later
-_PUBLISH_EVERY = 20
-# m/s and m/s^2, usual velocity and acceleration of a stage, which scale the prior; chosen, not measured:
-# larger makes the prior narrower, so that the lag is learned more slowly
+_MIN_UPDATES = 250  # updates before the lag is used: 1 s of motion at 250 Hz
+_PUBLISH_EVERY = 20  # updates between two lags that are used: 80 ms at 250 Hz
+# m/s and m/s^2, usual velocity and acceleration of a stage, which scale the prior
 _TYPICAL_M_S, _TYPICAL_M_S2 = 0.02, 0.3
-# s of T1 and s^2 of T2, lower and upper bound; chosen, not measured: wider allows lags that no drive has
-_BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))
+_BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))  # s of T1 and s^2 of T2, lower and upper bound
 
 
 class _Sent(NamedTuple):
@@ -83,11 +76,11 @@ class StageLag:
 
     def command(self, stamp_ns: int, position_m: float) -> float:
         """The position in m at which the stage will answer the command of that stamp."""
-        dt = _GAP_S if self._commanded_ns is None else (stamp_ns - self._commanded_ns) * 1e-9
+        dt = GAP_S if self._commanded_ns is None else (stamp_ns - self._commanded_ns) * 1e-9
         if not (isfinite(position_m) and dt > 0.0):
             return position_m
         self._commanded_ns = stamp_ns
-        if dt >= _GAP_S:
+        if dt >= GAP_S:
             self._motion.reset()
         _, v, a = self._motion.step(position_m, dt)
         self._ring[stamp_ns // _TICK_NS % _RING] = _Sent(stamp_ns, position_m, v, a)
@@ -102,11 +95,11 @@ class StageLag:
         sent = self._ring[stamp_ns // _TICK_NS % _RING]
         if sent is None or sent.stamp_ns != stamp_ns or not isfinite(readback_m):
             return
-        dt = _GAP_S if self._observed_ns is None else (stamp_ns - self._observed_ns) * 1e-9
+        dt = GAP_S if self._observed_ns is None else (stamp_ns - self._observed_ns) * 1e-9
         if dt < _EVERY_S:
             return
         self._observed_ns = stamp_ns
-        if dt >= _GAP_S:
+        if dt >= GAP_S:
             self._deviation.reset()
             self._since_restart_s = 0.0
         y, _, _ = self._deviation.step(readback_m - sent.position_m, dt)

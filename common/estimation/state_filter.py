@@ -16,6 +16,9 @@ Continuous-time Models from Sampled Data (2008), state-variable filters.
 
 from math import isfinite, pi
 
+GAP_S = 0.1
+"""A longer pause between two samples is a gap: what happened in it is not known, and filters start anew."""
+
 
 class StateFilter:
     """Low-passed value, first and second derivative of an irregularly sampled signal.

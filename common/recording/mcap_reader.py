@@ -113,7 +113,6 @@ class Run:
         self._columns: dict[tuple[str, str], Columns] = {}
 
     def count(self, axis: str, topic: Topic[Any]) -> int:
-        """How many messages were recorded."""
         return len(self._stream(axis, topic).payloads)
 
     def log_ns(self, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forefeel.common.errors import RecordingError
+from forefeel.common.estimation.state_filter import GAP_S
 
 Array = NDArray[np.float64]
-
-GAP_S = 0.1
-"""A longer pause between two samples is a gap: what happened in it is not known."""
 
 _ROUNDING_S = 1e-6  # s, rounding of stamps that does not make a gap; 1 % of a sample interval at 10 kHz
 

@@ -11,23 +11,17 @@ import numpy as np
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Array, opened, room_of
 
-# characters of a bad cell that an error shows; chosen, not measured: longer hides the rest of the line
-_SHOWN_CHARACTERS = 40
-# bytes that are read as a header; chosen, not measured: with a longer one the file is read cell by cell
-_LONGEST_HEADER = 65_536
-# bytes that a Parquet file is read by; chosen, not measured: more take memory, fewer are slower
-_BUFFER_BYTES = 65_536
-# rows of a column that are decoded at once, 512 KiB as float64; chosen, not measured: as above
-_ROWS_AT_ONCE = 65_536
+_SHOWN_CHARACTERS = 40  # characters of a bad cell that an error shows
+_LONGEST_HEADER = 65_536  # bytes that are read as a header
+_BUFFER_BYTES = 65_536  # bytes that a Parquet file is read by
+_ROWS_AT_ONCE = 65_536  # rows of a column that are decoded at once, 512 KiB as float64
 
 
 class Table(Protocol):
     """Columns by name; `where` names the place of a sample in the file, for errors."""
 
     @property
-    def names(self) -> Sequence[str]:
-        """The columns in the order of the file."""
-        ...
+    def names(self) -> Sequence[str]: ...
 
     def numbers(self, name: str) -> Array:
         """One column as float64, what is missing as NaN; RecordingError for a value that is no number."""
@@ -68,7 +62,6 @@ class CsvTable:
         self._check_widths()
 
     def numbers(self, name: str) -> Array:
-        """One column as float64."""
         column = self.names.index(name)
         if self._block is not None:
             return np.asarray(self._block[1][column])

@@ -56,7 +56,6 @@ class ImpairedTransport:
         self._outbound = None if outbound is None else _Lane("outbound", outbound, timers, clock)
 
     def publisher(self, key: str, qos: Qos) -> Put:
-        """Declares a publisher whose payloads pass the outbound link."""
         put = self._inner.publisher(key, qos)
         lane = self._outbound
         if lane is None or not crosses(key):
@@ -79,15 +78,12 @@ class ImpairedTransport:
         self._inner.subscribe_all(prefix, handler)
 
     def peers(self) -> int:
-        """How many other sessions are connected now."""
         return self._inner.peers()
 
     def refused(self) -> Mapping[str, int]:
-        """See the port."""
         return self._inner.refused()
 
     def close(self) -> None:
-        """Closes the inner transport; what is on its way is dropped."""
         for lane in self._lanes():
             lane.close()
         self._inner.close()

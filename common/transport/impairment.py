@@ -50,7 +50,6 @@ class Impairment:
         self._stall: tuple[int, int] | None = None
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
-        """See `ImpairedLink.plan`."""
         entry_ns = self._after_stall(now_ns) if self._settings.stalls_per_s else now_ns
         if self._lost():
             return ()

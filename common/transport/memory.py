@@ -52,7 +52,6 @@ class MemoryTransport:
         self.subscriptions: list[_Subscription] = []
 
     def publisher(self, key: str, qos: Qos) -> Put:
-        """Declares a publisher; every `qos` is delivered at once."""
         del qos
         publication = _Publication(key)
         self.publications.append(publication)
@@ -60,25 +59,20 @@ class MemoryTransport:
         return publication.put
 
     def subscribe(self, key: str, handler: Handler) -> None:
-        """Delivers what other sessions put to `key`."""
         self._add(_Subscription(key, None, lambda _key, payload: handler(payload, self._now_ns())))
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
-        """Delivers what other sessions put to `prefix` or below it."""
         self._add(
             _Subscription(prefix, prefix + "/", lambda key, payload: handler(key, payload, self._now_ns()))
         )
 
     def peers(self) -> int:
-        """Number of other open sessions on the bus."""
         return 0 if self._closed else len(self._bus._others(self))
 
     def refused(self) -> Mapping[str, int]:
-        """Nothing: a key here is a key."""
         return {}
 
     def close(self) -> None:
-        """Leaves the bus."""
         if self._closed:
             return
         self._closed = True

@@ -106,7 +106,6 @@ class ParallelTransport:
         return put
 
     def subscribe(self, key: str, handler: Handler) -> None:
-        """Delivers one message at a time, from whichever connection."""
         serial = threading.Lock()
 
         def deliver(payload: bytes, receive_ns: int) -> None:
@@ -124,7 +123,6 @@ class ParallelTransport:
             session.subscribe(key, deliver)
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
-        """Delivers one message at a time, from whichever connection."""
         serial = threading.Lock()
 
         def deliver(key: str, payload: bytes, receive_ns: int) -> None:
@@ -144,7 +142,6 @@ class ParallelTransport:
         return self._connecting[0].hint
 
     def refused(self) -> Mapping[str, int]:
-        """See the port."""
         return sum((Counter(session.refused()) for session in self._sessions), Counter[str]())
 
     @property
@@ -174,7 +171,6 @@ class _Turns:
         self._heard: tuple[Put, ...] = ()
 
     def look(self) -> None:
-        """Finds out anew which of them are heard."""
         self._heard = tuple(each.put for each in self._publications if each.heard())
 
     def put(self, payload: bytes) -> bool:
@@ -192,7 +188,6 @@ def _topic(key: str) -> Topic[Message] | None:
 
 
 def _all_of(puts: Sequence[Put]) -> Put:
-    """Sends by each of them."""
     if len(puts) == 1:
         return puts[0]
 

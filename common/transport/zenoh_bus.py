@@ -124,7 +124,6 @@ class ZenohTransport:
         return self.publication(key, qos).put
 
     def publication(self, key: str, qos: Qos) -> "Publication":
-        """Declares a publisher that also knows whether it is heard."""
         congestion, priority, reliability, express = _QOS[qos]
         publisher = self._session.declare_publisher(
             key,
@@ -149,7 +148,6 @@ class ZenohTransport:
         return send
 
     def subscribe(self, key: str, handler: Handler) -> None:
-        """Delivers what other sessions put to `key`."""
         self._receive(key, lambda sample: handler(sample.payload.to_bytes(), self._now_ns()))
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler, waiting: int = WAITING_OBSERVED) -> None:
@@ -161,7 +159,6 @@ class ZenohTransport:
         )
 
     def peers(self) -> int:
-        """How many other sessions are connected now."""
         return 0 if self._closed else len(self._session.info.transports())
 
     @property
@@ -174,7 +171,6 @@ class ZenohTransport:
         return "a router answers there; expected transport.mode client" if routed else ""
 
     def refused(self) -> Mapping[str, int]:
-        """See the port."""
         return +Counter(refused_wildcard=self._refused)
 
     def close(self) -> None:

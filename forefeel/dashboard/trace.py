@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from forefeel.common.error_size import Floats
+from forefeel.common.estimation.state_filter import GAP_S
 
 BIN_S = 0.02  # s, of which the lowest and the highest sample are kept (docs/decisions/0018)
 SPAN_S = 60.0  # s that a trace holds (docs/decisions/0018)
-_GAP_S = 0.1  # s without a sample after which the line is broken, as in recordings (`recording.GAP_S`)
 
 
 class Points(NamedTuple):
@@ -36,7 +36,7 @@ class MinMaxTrace:
         self.end = 0
         """How many points there have been."""
         self._rows = np.full((2 * round(span_s / bin_s), 1 + width), nan)
-        self._bin_s, self._gap = bin_s, max(2, round(_GAP_S / bin_s))
+        self._bin_s, self._gap = bin_s, max(2, round(GAP_S / bin_s))
         self._bin: int | None = None
         self._low: tuple[float, ...] = ()
         self._high: tuple[float, ...] = ()

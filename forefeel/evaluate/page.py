@@ -8,8 +8,8 @@ from rich.table import Table
 from rich.text import Text
 
 from forefeel.common.error_size import Floats
+from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.events.text import quantity
-from forefeel.common.recording.recording import GAP_S
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.methods import METHODS

@@ -12,8 +12,7 @@ from forefeel.loopback.plan import Plan
 SIMULATED = "simulated"
 SERIAL, CAN = "emulated-serial", "emulated-can"
 HARDWARE = SIMULATED, SERIAL, CAN
-# m of travel beyond the workspace at each end; chosen, not measured: the end is never reached
-_BEYOND_M = 0.004
+_BEYOND_M = 0.004  # m of travel beyond the workspace at each end
 # N, full scale of the emulated load cells; over three times the 3 N of the catheter's force limit
 _FULL_SCALE_N = 10.0
 _FASTER = 2.0
@@ -118,5 +117,4 @@ def _can(limits: AxisLimits, ports: Path, words: _Words, common: _Words) -> tupl
 
 
 def emulator_command(emulated: Emulated) -> list[str]:
-    """What starts it, after the interpreter."""
     return ["-m", "forefeel", "emulate", *emulated.words]

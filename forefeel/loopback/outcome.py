@@ -50,7 +50,6 @@ def _due(loop: LoopFigures) -> int:
 
 
 def _lateness(report: RunReport) -> list[str]:
-    """Of each loop that said something."""
     ends = (("master", report.loop.master), ("slave", report.loop.slave))
     return [
         f"the {role} missed {loop.missed or 0} of {_due(loop)} ticks and was up to {micros(loop.max_us)} late"

@@ -20,19 +20,17 @@ from forefeel.common.transport.settings import TransportSettings
 from forefeel.interrupt import Stop, heeded
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
-from forefeel.loopback.watched import Watched
+from forefeel.loopback.viewer import Watched
 from forefeel.parent import child_environment
 from forefeel.recorder import Recorder
 
-_POLL_S = 0.1  # s between two looks at the processes; chosen, not measured: a signal is heeded as late
-# s from SIGTERM to SIGKILL; chosen, not measured: shorter cuts off what a daemon writes at its end
-_END_S = 10.0
+_POLL_S = 0.1  # s between two looks at the processes
+_END_S = 10.0  # s from SIGTERM to SIGKILL
 _START_S = 120.0
 """A daemon that ends is noticed at once. One that compiles its kernels anew on a slow or busy host needs
 longer than half a minute.
 """
-# s that the release may take to reach the slave; chosen, not measured: shorter counts a stop on a slow path
-_RELEASE_S = 1.0
+_RELEASE_S = 1.0  # s that the release may take to reach the slave
 Progress = Callable[[float, str], None]
 
 
@@ -125,7 +123,6 @@ class _Child:
 
     @property
     def running(self) -> bool:
-        """Whether the process lives."""
         return self._process is not None and self._process.poll() is None
 
     def await_word(self, stop: Stop) -> None:

@@ -15,8 +15,8 @@ from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
+from forefeel.loopback.viewer import LOG, Watched
 from forefeel.loopback.virtual import VirtualLoopback
-from forefeel.loopback.watched import LOG, Watched
 from forefeel.report.page import ten_lines, write_report
 from forefeel.report.summary import RunReport
 from forefeel.terminal import answer, progress, say, stages, warn

@@ -71,7 +71,6 @@ class VirtualLoopback:
         self.slave.close(now_ns)
 
     def write(self, path: Path) -> None:
-        """Writes the recording."""
         with self.recording(path):
             pass
 

@@ -1,4 +1,4 @@
-"""What the instrument feels in the simulated world, and what is switched on in it during a run."""
+"""The simulated contact: what the instrument feels, what is switched on in a run, and the fixture."""
 
 from math import inf
 from typing import Protocol
@@ -6,6 +6,7 @@ from typing import Protocol
 from forefeel.common.causes.base import SensorEffect
 from forefeel.common.causes.conversion import at_conversion
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.messages import Grip
 from forefeel.slave.plant.settings import HiddenSettings
 
 
@@ -39,7 +40,6 @@ class SwitchedContact:
         self.instrument_m = 0.0
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """See `PlantContact`."""
         self._switch(t)
         force_n = self._now.step(t, x, v, a, dt)
         if self._after is not self._now:
@@ -48,7 +48,6 @@ class SwitchedContact:
         return force_n
 
     def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """See `PlantContact`."""
         self._switch(t)
         force_n = self._now.step_unheld(t, x, v, a, dt)
         if self._after is not self._now:
@@ -56,7 +55,6 @@ class SwitchedContact:
         return force_n
 
     def reset_contact(self) -> None:
-        """See `PlantContact`."""
         self._now.reset_contact()
         self._after.reset_contact()
 
@@ -88,3 +86,32 @@ def plant_contact(contact: ContactModel, hidden: HiddenSettings | None) -> tuple
     both = ContactModel(contact.name, continuous.effects + added.effects)
     switched = SwitchedContact(continuous.runtime(), both.runtime(), hidden.from_s)
     return switched, Converter(converts, later, hidden.from_s)
+
+
+class PlantFixture:
+    """Closed, the instrument moves with the carriage; open, it stays and the load cell feels nothing of it.
+
+    Each closing is a new contact (its memory is forgotten) at the inserted length that the last opening left.
+    """
+
+    def __init__(self, contact: PlantContact, inserted_m: float, carriage_m: float) -> None:
+        self._contact = contact
+        self._offset_m = inserted_m - carriage_m
+        self.grip = Grip.CLOSED
+        self.inserted_m = inserted_m
+
+    def set(self, grip: Grip, carriage_m: float) -> Grip:
+        """Closes or opens at once; the grip as applied."""
+        if grip is Grip.CLOSED and self.grip is Grip.OPEN:
+            self._offset_m = self.inserted_m - carriage_m
+            self._contact.reset_contact()
+        self.grip = grip
+        return grip
+
+    def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
+        """The force on the load cell in N, given the carriage's motion (x, v, a) after dt at time t."""
+        if self.grip is Grip.OPEN:
+            return self._contact.step_unheld(t, x, v, a, dt)
+        force_n = self._contact.step(t, x + self._offset_m, v, a, dt)
+        self.inserted_m = self._contact.instrument_m
+        return force_n

@@ -34,7 +34,6 @@ class PlantLoadCell:
         """The newest conversion; invalid before the first."""
 
     def convert(self, t: float) -> None:
-        """One conversion at time t."""
         settings = self._settings
         noise_n = self._random.gauss(0.0, settings.noise_n)
         seen_n = self.filtered.value + settings.bias_n + settings.drift_n_s * t + noise_n

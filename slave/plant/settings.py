@@ -150,5 +150,4 @@ def world_settings(mapping: Mapping[str, Any]) -> WorldSettings:
 
 
 def preset(name: PresetName) -> WorldSettings:
-    """The preset as it is."""
     return world_settings({"preset": name})

@@ -2,8 +2,7 @@
 
 from forefeel.common.messages import Grip
 from forefeel.slave.load_cell import LoadCellReading
-from forefeel.slave.plant.contact import plant_contact
-from forefeel.slave.plant.fixture import PlantFixture
+from forefeel.slave.plant.contact import PlantFixture, plant_contact
 from forefeel.slave.plant.load_cell import PlantLoadCell
 from forefeel.slave.plant.settings import WorldSettings
 from forefeel.slave.plant.stage import PlantStage
@@ -62,7 +61,6 @@ class SimulatedWorld:
 
     @property
     def load_cell_full_scale_n(self) -> float:
-        """Where its readings end."""
         return self._load_cell.full_scale_n
 
     def load_cell_reading(self) -> LoadCellReading:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.estimation.paper import PaperRls
 from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.studies.paper.contact import Array
 
 PAPER_LAMBDA = 0.96  # forgetting factor of a sample; one of the 0.95 to 0.99 that the paper recommends
@@ -27,7 +28,6 @@ Pairing = Literal["stamps", "newest"]
 """With which motion a late force is paired: that of its own stamp, or the newest ("ignores the time lag")."""
 
 _ROUNDING_S = 1e-6  # s, rounding of stamps, so that a force counts as arrived exactly after the delay
-_GAP_S = 0.1  # s, longest step of time that forgetting counts, as in recordings (`recording.GAP_S`)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ def _learn(
     predicted = np.full(len(time_s), np.nan)
     theta = np.full((len(time_s), rows.shape[1]), np.nan)
     now, next_force = np.zeros(rows.shape[1]), 0
-    steps = np.minimum(np.diff(time_s, prepend=time_s[0]), _GAP_S).tolist()
+    steps = np.minimum(np.diff(time_s, prepend=time_s[0]), GAP_S).tolist()
     with np.errstate(over="ignore", invalid="ignore"):
         for i, available in enumerate(newest):
             for j in range(next_force, available + 1):

@@ -13,7 +13,7 @@ from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.methods import Forefeel
 from forefeel.diagnosis.evaluation.replay import replay
-from forefeel.loopback.played import resisting_sign
+from forefeel.loopback.plan import resisting_sign
 from forefeel.studies.paper.assemble import DELAY_S
 from forefeel.studies.paper.contact import Array
 from forefeel.studies.paper.online import held

@@ -17,7 +17,7 @@ pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
 
 from forefeel.common.topics import FORCE, HAPTICS, MASTER_STATE, SAFETY_EVENT, SLAVE_STATE
-from forefeel.loopback.watched import Watched
+from forefeel.loopback.viewer import Watched
 from tests.live_cell import Process, free_port
 from tests.process.browser import Chromium, Served, Shown, Speaker, installed_chromium
 from tests.unit.dashboard.said import CELL, HOSTILE, safety

@@ -7,7 +7,7 @@ from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.messages import ForceSample, Grip, MotionCommand, SafetyState
 from forefeel.common.transport.memory import MemoryBus
-from forefeel.slave.force_publisher import ForcePublisher, Instant
+from forefeel.slave.forces import ForcePublisher, Instant
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 from tests.unit.slave_rig import MS, SlaveRig

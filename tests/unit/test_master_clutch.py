@@ -1,8 +1,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.master.clutch import Clutch
 from forefeel.master.handle import HandleReading
+from forefeel.master.haptics import Clutch
 
 METRE = st.floats(-1.0, 1.0)
 

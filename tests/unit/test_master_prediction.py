@@ -10,8 +10,7 @@ from forefeel.common.estimation.identification import ContactIdentifier, Identif
 from forefeel.common.estimation.prediction import ContactPredictor
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
-from forefeel.master.prediction import ForcePrediction, Present
-from forefeel.master.stage import ExpectedStage
+from forefeel.master.prediction import ExpectedStage, ForcePrediction, Present
 from tests.unit.test_stage_lag import Drive, _reach
 
 MS = 1_000_000

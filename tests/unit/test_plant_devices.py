@@ -105,10 +105,6 @@ def test_there_is_no_force_outside_the_recording_nor_across_a_gap(at_s: float | 
     assert RecordedLoadCell(TIMES, FORCES).read_at(at_s) == LoadCellReading(0.0, 0, False)
 
 
-def test_the_length_of_a_gap_is_a_choice() -> None:
-    assert RecordedLoadCell(TIMES, FORCES, gap_s=2.0).read_at(0.51).force_n == pytest.approx(0.05)
-
-
 @pytest.mark.parametrize(
     ("times", "forces", "message"),
     [

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.estimation.record import floats, record
+from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.jit import kernel
 
 Array = NDArray[np.float64]
@@ -32,7 +33,6 @@ COUNT = FIRST_NONLINEAR + 8
 RING = 8192
 """Samples of motion that wait for their forces: 8 s at 1 kHz."""
 
-GAP_S = 0.1
 NO_OCTAVE = -9999.0
 _SPEED_MEMORY_S = 20.0
 _FASTEST_MEMORY_S = 60.0

@@ -15,6 +15,7 @@ from forefeel.common.estimation.forecast import trial as trials
 from forefeel.common.estimation.forecast.bank import RING, Array
 from forefeel.common.estimation.forecast.regressors import fill
 from forefeel.common.estimation.forecast.state import Memory, State
+from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.jit import kernel
 
 _RATE_MEMORY_S = 60.0
@@ -112,7 +113,7 @@ def _take_in(state: State, stamp: float, force_n: float) -> None:
     """Holds a force that is believed, learns from it, and judges what was said of its sample."""
     memory, n = state.memory, banks.find(state.bank, stamp)
     paired_s = memory.newest_s if memory.newest >= 0.0 else -np.inf
-    if stamp > memory.newest_s and (n >= 0 or stamp > paired_s + banks.GAP_S):
+    if stamp > memory.newest_s and (n >= 0 or stamp > paired_s + GAP_S):
         memory.newest_s, memory.held_n, memory.newest = stamp, force_n, float(n)
     if n >= 0:
         _see_rate(state, n, force_n)
@@ -152,7 +153,7 @@ def _see_rate(state: State, n: int, force_n: float) -> None:
         if k < 0 or k >= bank.count or bank.count - k > RING:
             continue
         dt, other_n = abs(bank.t_s[n % RING] - bank.t_s[k % RING]), memory.forces_n[k % RING]
-        if dt <= banks.GAP_S and _within_reach(memory, other_n):
+        if dt <= GAP_S and _within_reach(memory, other_n):
             memory.fastest_n_s = max(memory.fastest_n_s, abs(force_n - other_n) / dt)
 
 
@@ -225,7 +226,7 @@ def _keep(memory: Memory, n: int, blend_n: float, force_n: float, half_n: float,
 def _without_a_jump(memory: Memory, t: float, force_n: float) -> float:
     """`force_n`, or as near to it as forces have been seen to change since the last prediction."""
     dt = t - memory.said_s
-    if 0.0 < dt <= banks.GAP_S and memory.fastest_n_s > 0.0:
+    if 0.0 < dt <= GAP_S and memory.fastest_n_s > 0.0:
         step_n = _RATE_MARGIN * memory.fastest_n_s * dt
         force_n = min(memory.said_n + step_n, max(memory.said_n - step_n, force_n))
     memory.said_n, memory.said_s = force_n, t

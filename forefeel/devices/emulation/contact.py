@@ -6,8 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.slave.plant.contact import plant_contact
-from forefeel.slave.plant.fixture import PlantFixture
+from forefeel.slave.plant.contact import PlantFixture, plant_contact
 from forefeel.slave.plant.settings import WorldSettings
 
 # s, step of the simulated contact; chosen, not measured: shorter costs processor time, longer is less exact

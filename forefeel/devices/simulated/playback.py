@@ -9,6 +9,7 @@ from typing import Protocol
 
 from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
+from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.devices.simulated.operator import Act, MinimumJerk, SimulatedHandle
@@ -35,7 +36,7 @@ class PiecewiseMotion(Protocol):
 
 
 class RecordedMotion:
-    """A measured position, linear between its samples, never across a gap longer than `gap_s`.
+    """A measured position, linear between its samples, never across a gap longer than `GAP_S`.
 
     Raises:
         RecordingError: every sample stands alone between gaps.
@@ -43,15 +44,15 @@ class RecordedMotion:
 
     carries_time = True
 
-    def __init__(self, recording: Recording, gap_s: float = 0.1) -> None:
+    def __init__(self, recording: Recording) -> None:
         self._time_s: list[float] = recording.time_s.tolist()
         self._position_m: list[float] = recording.position_m.tolist()
-        segments = recording.segments(gap_s)
+        segments = recording.segments()
         self._last = frozenset(segment.stop - 1 for segment in segments)
         spans = [(self._time_s[s.start], self._time_s[s.stop - 1]) for s in segments]
         self.pieces = [(start, end) for start, end in spans if end > start]
         if not self.pieces:
-            raise RecordingError(f"{recording.source}: no two samples within {gap_s:g} s, nothing to play")
+            raise RecordingError(f"{recording.source}: no two samples within {GAP_S:g} s, nothing to play")
 
     def at(self, t_s: float) -> tuple[float, float]:
         """Linear interpolation; the velocity is that of the interval, at the end of a piece the last one."""
@@ -153,7 +154,7 @@ class Playback(SimulatedHandle):
 def make_recorded(settings: RecordedHandleSettings, _clock: Clock) -> Playback:
     """Raises RecordingError for a recording that can not be used."""
     recording = load_recording(settings.recording, settings.columns.mapping() if settings.columns else None)
-    return Playback(RecordedMotion(recording, settings.gap_s), settings.approach_m_s)
+    return Playback(RecordedMotion(recording), settings.approach_m_s)
 
 
 def make_sine(settings: SineSettings, _clock: Clock) -> Playback:

@@ -7,6 +7,7 @@ from math import inf, isfinite
 
 from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
+from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.messages import MOST_FORCE_N
 from forefeel.common.recording.tabular import load_recording
 from forefeel.devices.simulated.settings import RecordedLoadCellSettings
@@ -21,13 +22,12 @@ class RecordedLoadCell:
     Args:
         time_s: sample times in s, strictly increasing.
         force_n: force at each, in N.
-        gap_s: samples further apart than this enclose a gap.
 
     Raises:
         RecordingError: no samples, unequal lengths, a number that is not finite, time that does not increase.
     """
 
-    def __init__(self, time_s: Sequence[float], force_n: Sequence[float], gap_s: float = 0.1) -> None:
+    def __init__(self, time_s: Sequence[float], force_n: Sequence[float]) -> None:
         if not time_s or len(time_s) != len(force_n):
             raise RecordingError(
                 f"{len(time_s)} times, {len(force_n)} forces: expected as many, at least one"
@@ -43,7 +43,7 @@ class RecordedLoadCell:
                 raise RecordingError(
                     f"sample {i}: time_s = {after} after {before}: expected increasing times"
                 )
-        self._time_s, self._force_n, self._gap_s = list(time_s), list(force_n), gap_s
+        self._time_s, self._force_n = list(time_s), list(force_n)
         self.full_scale_n = max(map(abs, force_n))
 
     stale_s = inf
@@ -72,7 +72,7 @@ class RecordedLoadCell:
         if self._time_s[i] == recording_time_s:
             return _reading(self._force_n[i])
         span_s = self._time_s[i] - self._time_s[i - 1]
-        if span_s > self._gap_s:
+        if span_s > GAP_S:
             return _NOTHING
         share = (recording_time_s - self._time_s[i - 1]) / span_s
         return _reading(self._force_n[i - 1] + share * (self._force_n[i] - self._force_n[i - 1]))

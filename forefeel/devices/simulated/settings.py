@@ -73,7 +73,6 @@ class RecordedHandleSettings(HandleDriverSettings):
     driver: Literal["recording"]
     recording: ExistingFile
     columns: ColumnSettings | None = None
-    gap_s: Annotated[float, Field(gt=0, le=10)] = 0.1
     approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
 
 

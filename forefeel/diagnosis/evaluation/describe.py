@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from forefeel.common.error_size import Floats
-from forefeel.common.recording.recording import GAP_S, Recording
+from forefeel.common.estimation.state_filter import GAP_S
+from forefeel.common.recording.recording import Recording
 
 # s, length of a window; chosen, not measured: longer misses short rests, shorter is ruled by the noise
 _WINDOW_S = 0.5

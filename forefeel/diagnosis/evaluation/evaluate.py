@@ -8,7 +8,8 @@ import numpy as np
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import ConfigurationError, RecordingError
-from forefeel.common.recording.recording import GAP_S, Recording
+from forefeel.common.estimation.state_filter import GAP_S
+from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import Arrivals, DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.describe import gap_count, notes
 from forefeel.diagnosis.evaluation.methods import METHODS, ZeroOrderHold

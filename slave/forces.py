@@ -1,4 +1,4 @@
-"""Force messages: one for each reading of the load cell, with what the stage did when it was made."""
+"""Forces of one axis: the message for each reading of the load cell, and what the limit may rely on."""
 
 from bisect import bisect_left
 from collections import deque
@@ -10,8 +10,9 @@ from forefeel.common.messages import ForceSample, Grip, MotionCommand
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 
-# ticks that are remembered: 0.256 s at 1 kHz; chosen, not measured: an older reading gets the oldest
-_REMEMBERED_TICKS = 256
+_REMEMBERED_TICKS = 256  # ticks that are remembered: 0.256 s at 1 kHz
+_BLIND_SHARE = 0.9
+"""A blind cell may hide that the force grew: from this share of the limit on the stage may only relieve."""
 
 
 class Instant(NamedTuple):
@@ -33,7 +34,6 @@ class ForcePublisher:
         self._instants: deque[Instant] = deque(maxlen=_REMEMBERED_TICKS)
 
     def note(self, instant: Instant) -> None:
-        """The tick of now."""
         self._instants.append(instant)
 
     def send(self, reading: LoadCellReading, holder: int, clock: OffsetEstimate | None) -> None:
@@ -70,3 +70,41 @@ class ForcePublisher:
         share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
         stage = StageReading(*(b + share * (a - b) for b, a in zip(before.stage, after.stage, strict=True)))
         return Instant(stamp_ns, stage, after.executing, after.grip)
+
+
+class ForceWatch:
+    """Keeps the newest force that can be believed, and how long there has been none.
+
+    A reading that is not valid may still say more than the one before: a saturated cell knows the sign, and
+    the least size. So until the next valid reading the largest counts.
+
+    Attributes:
+        force_n: the force that the limit respects.
+        limit_share: the share of the limit from which on it acts.
+    """
+
+    def __init__(self, timeout_s: float | None) -> None:
+        """`timeout_s`: how long the cell may stay blind while the stage follows.
+
+        None: for ever, as a recorded force is between its pieces; then a reading counts as it is.
+        """
+        self.force_n = 0.0
+        self.limit_share = 1.0
+        self._timeout_s = timeout_s
+        self._seen_ns: int | None = None
+
+    def take(self, force_n: float, valid: bool) -> None:
+        if valid or self._timeout_s is None:
+            self.force_n, self.limit_share = force_n, 1.0
+            return
+        self.limit_share = _BLIND_SHARE
+        if abs(force_n) > abs(self.force_n):
+            self.force_n = force_n
+
+    def fault(self, now_ns: int, valid: bool, following: bool) -> str | None:
+        """Why the stage may not follow any longer: the cell has been blind for too long."""
+        if valid or self._timeout_s is None or not following:
+            self._seen_ns = now_ns
+        elif self._seen_ns is not None and now_ns - self._seen_ns > self._timeout_s * 1e9:
+            return f"load cell invalid for more than {self._timeout_s:g} s"
+        return None

@@ -15,8 +15,7 @@ from forefeel.parent import child_environment
 
 PORT = 8600  # TCP port of the page, the default of `forefeel dashboard --port`, where it is free
 LOG = "dashboard.log"
-# s that the dashboard gets to end by itself; chosen, not measured: it holds nothing that has to be kept
-_END_S = 0.5
+_END_S = 0.5  # s that the dashboard gets to end by itself
 _BEHIND = ["nice", "-n", "19"]
 
 
@@ -60,7 +59,6 @@ class Watched:
         return [*words, "--open"] if self._opens else words
 
     def ask_to_end(self) -> None:
-        """It has until `end`."""
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
 
