@@ -32,8 +32,9 @@ $(READY): $(DEMO) deploy/lock/dev.txt
 demo: $(DEMO) ## two daemons over Zenoh on this machine for 20 s, report in out/demo; live at 127.0.0.1:8600
 	$(BIN)/forefeel loopback --dashboard --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
 
-test: $(READY) ## all tests that do not depend on the speed of the machine
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not soak and not fuzz'
+test: $(READY) ## all tests; then, one after the other, those of real processes
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --ignore tests/process
+	$(BIN)/python -m pytest tests/process
 
 check: $(READY) ## ruff, mypy --strict and the import layers, tests included
 	$(BIN)/ruff check .
@@ -58,15 +59,8 @@ hidden-effects: $(READY) ## both generators: false confidence first; 400 recordi
 	$(BIN)/python -m tests.hidden_effects
 
 MINUTES ?= 60
-# of those on the wall clock the three-minute form runs the attacks and the live view in a browser
-SHORT = tests/system/attacks tests/process/test_dashboard.py tests/process/test_emulated_loopback.py --deselect \
-	tests/process/test_dashboard.py::test_ten_minutes_without_growth --deselect \
-	'tests/system/attacks/test_attacks.py::test_every_attack_is_refused_and_counted[20000 silent]'
-# the three-minute form tells what failed; the long one also what every test measured
-FIGURES = $(if $(filter 3,$(MINUTES)),,$(1))
 soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'soak and not realtime' $(call FIGURES,-rP)
-	$(BIN)/python -m pytest -m 'soak and realtime' $(call FIGURES,-s) $(if $(filter 3,$(MINUTES)),$(SHORT))
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m soak
 	$(BIN)/python -m tests.system.soak --minutes $(MINUTES)
 
 faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (30 minutes)

@@ -1,4 +1,4 @@
-"""A cell on the wall clock: both daemons as processes over real Zenoh, and an observer in this process."""
+"""Real processes for tests: one command, or a cell of both daemons over real Zenoh with an observer here."""
 
 import os
 import signal
@@ -7,8 +7,9 @@ import subprocess
 import sys
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -16,13 +17,13 @@ import yaml
 
 from forefeel.common.clock import MonotonicClock, now_utc
 from forefeel.common.codec import decode
-from forefeel.common.messages import Message, SlaveState
+from forefeel.common.messages import Message, SafetyEvent, SafetyState, SlaveState
 from forefeel.common.topics import SLAVE_STATE, Topic
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.pki.folder import make_folder
-from tests.waiting import wait_until
+from tests.waiting import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).parents[1]
 CELL, AXIS = "cell", "insertion"
@@ -37,17 +38,35 @@ def free_port() -> int:
 
 
 class Process:
-    """One process of ours and its words."""
+    """One command of ours as a process group of its own, and its output in `log`.
 
-    def __init__(self, role: str, folder: Path, *arguments: str, module: str = "forefeel") -> None:
+    `ahead`: a folder that is imported from before all others; `environment`: more variables.
+    """
+
+    def __init__(
+        self,
+        role: str,
+        folder: Path,
+        *arguments: str,
+        module: str = "forefeel",
+        ahead: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.role = role
         self.log = folder / f"{role}.log"
         self.started_s = time.monotonic()
+        path = str(ROOT) if ahead is None else f"{ahead}:{ROOT}"
         with self.log.open("ab") as log:
+            self._from = log.tell()
             self.process = subprocess.Popen(
                 [sys.executable, "-m", module, *arguments],
                 cwd=folder,
-                env={**os.environ, "PYTHONPATH": str(ROOT), "FOREFEEL_PARENT": str(os.getpid())},
+                env={
+                    **os.environ,
+                    "PYTHONPATH": path,
+                    "FOREFEEL_PARENT": str(os.getpid()),
+                    **(environment or {}),
+                },
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -58,12 +77,39 @@ class Process:
     def running(self) -> bool:
         return self.process.poll() is None
 
+    @property
+    def text(self) -> str:
+        """What it has printed since it was started."""
+        return self.log.read_bytes()[self._from :].decode(errors="replace")
+
+    def wait_for(self, text: str) -> None:
+        """Until it has printed that."""
+        wait_until(lambda: text in self.text or not self.running, what=f"{text!r} of the {self.role}")
+        assert text in self.text, self.text
+
+    def wait(self) -> int:
+        """Its exit code."""
+        return self.process.wait(PATIENCE_S)
+
     def send(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
+    def interrupt(self) -> None:
+        """As Ctrl-C in a terminal does: its children get the signal, too."""
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def group_runs(self) -> bool:
+        """Whether anything is left of the process and its children."""
+        try:
+            os.killpg(self.process.pid, 0)
+        except ProcessLookupError:
+            return False
+        return True
+
     def kill(self) -> None:
-        if self.running:
-            self.process.kill()
+        """With its children."""
+        if self.group_runs():
+            os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
 
     def resident_mb(self) -> float:
@@ -156,10 +202,13 @@ class LiveCell:
         self.await_state("armed")
         return ends
 
-    def await_state(self, state: str, timeout_s: float = 30.0) -> float:
+    def await_state(self, state: str, timeout_s: float = PATIENCE_S) -> float:
         """Until the slave says so, from now on; how long that took in s."""
         now_ns = time.monotonic_ns()
-        return wait_until(lambda: self.newest_after(now_ns) == state, timeout_s, state)
+        try:
+            return wait_until(lambda: self.newest_after(now_ns) == state, timeout_s, state)
+        except AssertionError as error:
+            raise AssertionError(f"{error}: {[process.text[-500:] for process in self.started]}") from error
 
     def newest_after(self, stamp_ns: int) -> str:
         state = self.newest_state()
@@ -182,3 +231,20 @@ class LiveCell:
     def payloads(self, topic: Topic[Any], last: int) -> list[bytes]:
         """The newest payloads of a topic."""
         return [heard.payload for heard in list(self.heard[topic.key(CELL, AXIS)])[-last:]]
+
+    def messages(self, topic: Topic[M]) -> list[M]:
+        """All that was received of a topic."""
+        return self.since(topic, 0)
+
+
+def check_stops(events: Sequence[SafetyEvent]) -> None:
+    """Each stop says why, and ends at rest or in what is worse; what follows a lost event is not known."""
+    for event in events:
+        assert event.reason
+        leaves = event.before in {SafetyState.ENGAGING, SafetyState.ARMED}
+        assert not (leaves and event.after in {SafetyState.READY, SafetyState.IDLE}), (
+            f"no stop before {event}"
+        )
+    for stop, then in pairwise(events):
+        if stop.after is SafetyState.STOPPING and then.sequence == stop.sequence + 1:
+            assert then.after in {SafetyState.READY, SafetyState.FAULT, SafetyState.ESTOPPED}, events

@@ -10,24 +10,16 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import Self
-
-import pytest
-
-from forefeel.common.messages import SafetyEvent, SafetyState
 
 PRIORITY = 30
 """Of SCHED_FIFO, where it is granted: that of the threads of a daemon that are not its loop."""
 WATCHDOG_S = 0.060
 """Of the slave. What needs a session without a stop has this slack: a machine that stands still ends it."""
-MOST_NOT_JUDGED = 0.05
-"""Of the tests of real time, but one always: of the 14 long ones one is 7 %, and machines stall at times."""
 _DEVICE_PRIORITY = 60
 """Of SCHED_RR: that of `forefeel emulate`, above the loops of daemons, which other tests run meanwhile."""
 _STEP_S = 0.005
-_KEY = "timely"
 
 
 class Witness:
@@ -102,96 +94,3 @@ def _schedule(policy: int, priority: int) -> None:
     for thread in Path("/proc/self/task").iterdir():
         with suppress(PermissionError, ProcessLookupError):
             os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
-
-
-@contextmanager
-def as_other_work() -> Iterator[None]:
-    """For the start of a process: it goes ahead by itself, or its imports would keep all others waiting."""
-    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    try:
-        yield
-    finally:
-        os.sched_setscheduler(0, policy, priority)
-
-
-def check_stops(events: list[SafetyEvent]) -> None:
-    """Safety, however late anything was: each stop says why, and ends at rest or in what is worse.
-
-    Events are dropped where who listens is late; what came after one that is missing is not known.
-    """
-    for event in events:
-        assert event.reason
-        leaves = event.before in {SafetyState.ENGAGING, SafetyState.ARMED}
-        assert not (leaves and event.after in {SafetyState.READY, SafetyState.IDLE}), (
-            f"no stop before {event}"
-        )
-    for stop, then in pairwise(events):
-        if stop.after is SafetyState.STOPPING and then.sequence == stop.sequence + 1:
-            assert then.after in {SafetyState.READY, SafetyState.FAULT, SafetyState.ESTOPPED}, events
-
-
-class _Account:
-    """Gathers from all processes of a run what was not judged."""
-
-    def __init__(self) -> None:
-        self._found: dict[str, list[str]] = {}
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """The report of the end of a test has what its fixtures left."""
-        if report.when != "teardown":
-            return
-        if "realtime" in report.keywords:
-            self._found.setdefault(report.nodeid, [])
-        for name, said in report.user_properties:
-            if name == _KEY and isinstance(said, list):
-                self._found[report.nodeid] = [*self._found.get(report.nodeid, []), *said]
-
-    @property
-    def _late(self) -> dict[str, list[str]]:
-        return {nodeid: said for nodeid, said in self._found.items() if said}
-
-    @property
-    def _too_many(self) -> bool:
-        return len(self._late) > max(1.0, MOST_NOT_JUDGED * len(self._found))
-
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        """Turns a passed session into a failed one."""
-        if self._too_many and session.exitstatus == pytest.ExitCode.OK:
-            session.exitstatus = pytest.ExitCode.TESTS_FAILED
-
-    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Says how often and which."""
-        if not self._found:
-            return
-        on_time, failed = len(self._found) - len(self._late), "FAILED " if self._too_many else ""
-        terminalreporter.write_line(
-            f"{failed}timeliness: judged in {on_time} of {len(self._found)} tests; "
-            f"at most one or {MOST_NOT_JUDGED:.0%} may go without"
-        )
-        for nodeid, said in self._late.items():
-            terminalreporter.write_line(f"NOT JUDGED {nodeid}: {'; '.join(said)}")
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Every run keeps account."""
-    config.pluginmanager.register(_Account(), "timeliness")
-
-
-def _bears(request: pytest.FixtureRequest, priority: int) -> Iterator[Witness]:
-    with Witness(priority) as found:
-        yield found
-    if found.asked:
-        request.node.user_properties.append((_KEY, found.not_judged))
-
-
-@pytest.fixture
-def witness(request: pytest.FixtureRequest) -> Iterator[Witness]:
-    """For what is done in the process of the test."""
-    yield from _bears(request, 0)
-
-
-@pytest.fixture
-def witness_of_daemons(request: pytest.FixtureRequest) -> Iterator[Witness]:
-    """For what is done in daemons, which ask for SCHED_FIFO."""
-    yield from _bears(request, PRIORITY)

@@ -26,7 +26,6 @@ def test_an_attack_is_refused_and_counted(name: str) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.realtime
 @pytest.mark.timeout(900)
 def test_every_attack_is_refused_and_counted() -> None:
     done = subprocess.run(

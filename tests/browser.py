@@ -1,4 +1,4 @@
-"""A browser, a process that serves the page, and a cell that speaks over real Zenoh."""
+"""A browser, the live page as a process, and a cell that speaks to it over real Zenoh."""
 
 import os
 import re
@@ -21,19 +21,16 @@ from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from tests.live_cell import Process, free_port
 from tests.unit.dashboard.said import CELL, MS, Spoken, talk
-from tests.waiting import wait_until
+from tests.waiting import PATIENCE_S, wait_until
 
 CHROMIUM = Path("/usr/bin/chromium")
 LINK = re.compile(r" at (http://\S+); Ctrl-C")
 _TICKS_AT_ONCE = 5
 _FEW_FRAMES_MS = 200
-_PATIENCE_S = 60.0  # chosen: a server behind all others was seen to take 25 s, on a machine that stalled
 
 
 class Chromium:
-    """Debian's chromium, below what is tested and above other work of the machine, which would starve it; as
-    root without what lets it raise its own priority.
-    """
+    """Debian's chromium; as root without what lets it raise its own priority."""
 
     def __init__(self, driver: Playwright, folder: Path) -> None:
         self._driver, self._start, self._pid = driver, folder / "chromium", folder / "pid"
@@ -42,7 +39,7 @@ class Chromium:
         if os.geteuid() == 0:
             drop = "setpriv --bounding-set -sys_nice "
             self._arguments.append("--no-sandbox")
-        self._start.write_text(f'#!/bin/sh\necho $$ > {self._pid}\nexec {drop}nice -n 5 {CHROMIUM} "$@"\n')
+        self._start.write_text(f'#!/bin/sh\necho $$ > {self._pid}\nexec {drop}{CHROMIUM} "$@"\n')
         self._start.chmod(0o755)
 
     def launch(self) -> tuple[Browser, int]:
@@ -111,22 +108,17 @@ class Speaker:
 class Served:
     """`forefeel dashboard` or `forefeel view` as a process."""
 
-    def __init__(self, folder: Path, *words: str, port: int | None = None) -> None:
-        self.port = port or free_port()
+    def __init__(self, folder: Path, *words: str) -> None:
+        self.port = free_port()
         self.process = Process(f"served-{self.port}", folder, *words, "--port", str(self.port))
-        wait_until(lambda: LINK.search(self.process.log.read_text()), _PATIENCE_S, "the link of the page")
-        self.url = LINK.findall(self.process.log.read_text())[0]
+        wait_until(lambda: LINK.search(self.process.text), PATIENCE_S, "the link of the page")
+        self.url = LINK.findall(self.process.text)[0]
 
     def __enter__(self) -> "Served":
         return self
 
     def __exit__(self, *_: object) -> None:
         self.process.kill()
-
-    def end(self) -> int:
-        """As Ctrl-C and systemd end it; its exit code."""
-        self.process.send(signal.SIGTERM)
-        return self.process.process.wait(_PATIENCE_S)
 
     @property
     def cpu_s(self) -> float:
@@ -140,10 +132,10 @@ class Shown:
     At the end the browser is killed, not asked to close its page: chromium was seen never to answer that.
     """
 
-    def __init__(self, chromium: Chromium, url: str, width: int = 1280, height: int = 800) -> None:
+    def __init__(self, chromium: Chromium, url: str) -> None:
         self._browser, self._group = chromium.launch()
-        self.page = self._browser.new_page(viewport={"width": width, "height": height})
-        self.page.set_default_timeout(1e3 * _PATIENCE_S)  # the server behind all others loads the page, too
+        self.page = self._browser.new_page(viewport={"width": 1280, "height": 800})
+        self.page.set_default_timeout(1e3 * PATIENCE_S)  # the server behind all others loads the page, too
         self.asked: set[str] = set()
         self.errors: list[str] = []
         self.page.on("request", lambda request: self.asked.add(request.url))
@@ -163,12 +155,12 @@ class Shown:
         return str(self.page.locator(f'[data-field="{field}"]').first.inner_text())
 
     def light(self, name: str) -> str:
-        return str(self.page.locator(f'[data-light="{name}"]').inner_text(timeout=60_000))
+        return str(self.page.locator(f'[data-light="{name}"]').inner_text(timeout=1e3 * PATIENCE_S))
 
     def ask(self, script: str) -> Any:  # noqa: ANN401 - whatever the script gives
         return self.page.evaluate(script)
 
-    def until(self, condition: Callable[[], object], what: str, timeout_s: float = _PATIENCE_S) -> None:
+    def until(self, condition: Callable[[], object], what: str, timeout_s: float = PATIENCE_S) -> None:
         """Waits while the page goes on; AssertionError when it does not come."""
         end_s = time.monotonic() + timeout_s
         while not condition():
@@ -181,10 +173,6 @@ class Shown:
         own = self.ask(f"window.forefeel && {list(known)}.map((each) => [each, window.forefeel[each]])")
         lights = self.page.locator("[data-light]").all_inner_texts()
         return f"the page: {own}; lights {lights}; errors {self.errors}"
-
-    def picture(self, path: Path) -> None:
-        """As it looks now."""
-        path.write_bytes(self.page.screenshot())
 
     def drawing(self) -> None:
         """Until it shows what comes."""

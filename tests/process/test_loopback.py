@@ -1,0 +1,89 @@
+"""`forefeel loopback` until everything has happened, then Ctrl-C: recording, report, emulated devices."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forefeel.common.messages import SafetyState
+from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.topics import FORCE, HAPTICS, RECORDED, SAFETY_EVENT, SLAVE_IMPAIRMENT, SLAVE_STATE
+from forefeel.common.transport.settings import PRESETS
+from tests.live_cell import Process, check_stops
+from tests.waiting import wait_until
+
+AXIS = "insertion"
+RARE = {"any/estop", "slave/limit", "master/limit", "slave/calibration"}
+
+
+def recorded(path: Path) -> Run | None:
+    """As far as it was flushed, once a second."""
+    if not path.exists() or path.stat().st_size == 0:
+        return None
+    run = read_run(path)
+    return run if AXIS in run.axes else None
+
+
+def moved_in_contact(run: Run | None) -> bool:
+    if run is None or not run.count(AXIS, HAPTICS):
+        return False
+    answers = np.isfinite(run.column(AXIS, FORCE, "answers_sequence"))
+    answers &= run.column(AXIS, FORCE, "valid").astype(bool)
+    moved_m, force_n = (run.column(AXIS, FORCE, name)[answers] for name in ("position_m", "force_n"))
+    return len(moved_m) > 100 and float(np.ptp(moved_m)) > 0.003 and float(np.ptp(force_n)) > 0.03
+
+
+def clear_fault(folder: Path, run: Run | None) -> None:
+    """An emulated device that gets no processor for a tenth of a second is a latched fault."""
+    states = [] if run is None else list(run.messages(AXIS, SLAVE_STATE))
+    if states and states[-1].state is SafetyState.FAULT:
+        Process("clear", folder, "clear", "--config", "out/slave.yaml").wait()
+
+
+def interrupted_run(folder: Path, *words: str) -> Run:
+    """Of a loopback that ran until the stage had moved in contact."""
+    out = folder / "out"
+    loopback = Process("loopback", folder, "loopback", "--duration", "600", "--out", "out", *words)
+
+    def done() -> bool:
+        assert loopback.running, loopback.text
+        run = recorded(out / "recording.mcap")
+        clear_fault(folder, run)
+        return moved_in_contact(run)
+
+    try:
+        wait_until(done, every_s=0.7)
+        loopback.interrupt()
+        assert loopback.wait() == 1, loopback.text
+        assert "Traceback" not in loopback.text
+        wait_until(lambda: not loopback.group_runs(), what="the end of all children")
+    finally:
+        loopback.kill()
+    assert "stage at rest" in (out / "slave.log").read_text()
+    run = read_run(out / "recording.mcap")
+    assert not run.truncated
+    check_stops(list(run.messages(AXIS, SAFETY_EVENT)))
+    return run
+
+
+def test_loopback_with_impairment_is_recorded_and_reported(tmp_path: Path) -> None:
+    run = interrupted_run(tmp_path, "--impairment", "paper", "--seed", "1")
+    missing = [topic.name for topic in RECORDED if not run.count(AXIS, topic) and topic.name not in RARE]
+    assert missing == []
+    planned_ns = [plan for chunk in run.messages(AXIS, SLAVE_IMPAIRMENT) for plan in chunk.delays_ns]
+    assert 0 < sum(not plan for plan in planned_ns) < len(planned_ns) / 10  # lost
+    paper = PRESETS["paper"]
+    delay_s = np.nanmedian(run.column(AXIS, HAPTICS, "delay_s"))
+    assert delay_s >= 2 * (paper.delay_s - paper.jitter_s)
+    report = Process("report", tmp_path, "report", "out/recording.mcap", "--out", "pages")
+    assert report.wait() == 0, report.text
+    assert json.loads((tmp_path / "pages" / "report.json").read_text())["armed_share"] > 0.0
+    assert (tmp_path / "pages" / "report.html").read_text().rstrip().endswith("</html>")
+
+
+@pytest.mark.parametrize("hardware", ["emulated-serial", "emulated-can"])
+def test_loopback_on_emulated_devices_answers_each_reading_once(tmp_path: Path, hardware: str) -> None:
+    run = interrupted_run(tmp_path, "--hardware", hardware)
+    stamps_ns = [message.stamp_ns for message in run.messages(AXIS, FORCE) if message.valid]
+    assert np.all(np.diff(stamps_ns) > 0)

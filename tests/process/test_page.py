@@ -1,0 +1,68 @@
+"""The live page in a real browser, served by the real process, fed over real Zenoh."""
+
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+pytest.importorskip("nicegui")
+pytest.importorskip("playwright")
+
+from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
+from tests.browser import Served, Shown, Speaker, installed_chromium
+from tests.unit.dashboard.said import CELL, HOSTILE, safety
+
+HOSTILE_AXIS = "<i>axis"
+
+
+def test_page_shows_forces_hostile_text_and_silence(tmp_path: Path) -> None:
+    with Speaker((HOSTILE_AXIS,)) as speaker:
+        speaker.changes = {
+            HAPTICS.name: {"rendered_n": 0.123, "predicted_n": 0.456, "leading": HOSTILE},
+            FORCE.name: {"force_n": 0.789},
+            SLAVE_STATE.name: {"reason": HOSTILE},
+        }
+        words = "dashboard", "--cell", CELL, "--connect", speaker.endpoint
+        with (
+            installed_chromium(tmp_path) as chromium,
+            Served(tmp_path, *words) as served,
+            Shown(chromium, served.url) as shown,
+        ):
+            check_values(shown)
+            check_hostile_text(shown, speaker)
+            hosts = {urlsplit(url).netloc for url in shown.asked if not url.startswith("data:")}
+            assert hosts == {f"127.0.0.1:{served.port}"}
+            speaker.silent = True
+            silence = shown.page.locator('[data-id="silence"]')
+            shown.until(silence.is_visible, "silence")
+            assert f"Cell {CELL}: silent" in silence.inner_text()
+            assert shown.text("felt") == "–"
+            speaker.silent = False
+            shown.until(lambda: not silence.is_visible(), "the end of the silence")
+            shown.until(lambda: shown.text("felt") == "0.123", "the force")
+            assert shown.errors == []
+
+
+def check_values(shown: Shown) -> None:
+    shown.until(lambda: shown.text("measured") == "0.789", "the measured force")
+    assert (shown.text("felt"), shown.text("predicted")) == ("0.123", "0.456")
+    names = "link", "lease", "safety", "deadman"
+    shown.until(lambda: all(shown.light(name)[0] == "●" for name in names), "all lights")
+    assert "armed" in shown.light("safety")
+    assert shown.page.locator('[data-id="force"] canvas').count() == 1
+
+
+def check_hostile_text(shown: Shown, speaker: Speaker) -> None:
+    """Names and reasons from the network stand on the page as text."""
+    events = shown.page.locator('[data-id="events"]')
+
+    def stands_there() -> bool:
+        speaker.say(SAFETY_EVENT, safety(reason=HOSTILE), HOSTILE_AXIS)
+        return "<img src=x onerror" in events.inner_text()
+
+    shown.until(stands_there, "the event")
+    shown.until(lambda: "onerror" in shown.light("safety"), "the reason")
+    assert HOSTILE_AXIS in shown.page.locator('[data-id="axis"]').inner_text()
+    assert "<img" in shown.text("leading")
+    assert shown.page.locator("img").count() == 0
+    assert shown.page.title() == "forefeel"

@@ -1,0 +1,69 @@
+"""What every transport keeps to, be it within one process or over a network."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.topics import FORCE, SLAVE_STATE, Qos
+from forefeel.common.transport.port import Put, Transport
+from tests.waiting import wait_until
+
+KEY, OTHER = FORCE.key("cell", "insertion"), SLAVE_STATE.key("cell", "insertion")
+
+
+def put_until(put: Put, condition: Callable[[], object], payload: bytes = b"probe") -> None:
+    """Repeats a payload, as every stream does, until it got through: declarations travel, too."""
+
+    def attempt() -> object:
+        put(payload)
+        return condition()
+
+    wait_until(attempt)
+
+
+def check_bus(open_session: Callable[[], Transport]) -> None:
+    """Raises AssertionError. `open_session`: joins a new session to those that there are."""
+    clock = MonotonicClock()
+    receiver, sender = open_session(), open_session()
+    got: list[tuple[bytes, int]] = []
+    own: list[bytes] = []
+    receiver.subscribe(KEY, lambda payload, stamp_ns: got.append((payload, stamp_ns)))
+    sender.subscribe(KEY, lambda payload, _: own.append(payload))
+    put = sender.publisher(KEY, Qos.EVENT)
+    put_until(put, lambda: got)
+    before_ns = clock.now_ns()
+    for number in range(200):
+        put(b"%d" % number)
+    wait_until(lambda: got[-1][0] == b"199")
+    numbers = [(int(payload), stamp_ns) for payload, stamp_ns in got if payload != b"probe"]
+    assert [number for number, _ in numbers] == list(range(200))
+    assert all(before_ns <= a <= b <= clock.now_ns() for (_, a), (_, b) in pairwise(numbers))
+    assert own == []
+    assert (receiver.peers(), sender.peers()) == (1, 1)
+    _check_keys(receiver, sender)
+    late = open_session()
+    heard: list[bytes] = []
+    late.subscribe(KEY, lambda payload, _: heard.append(payload))
+    put_until(put, lambda: heard)
+    for _ in range(2):
+        receiver.close()
+    seen, heard_before = len(got), len(heard)
+    put_until(put, lambda: len(heard) > heard_before)
+    assert len(got) == seen
+    assert receiver.peers() == 0
+    sender.close()
+    put(b"from a closed session")
+    assert own == []
+
+
+def _check_keys(receiver: Transport, sender: Transport) -> None:
+    """Each quality of service reaches who subscribes to all keys below a prefix, and nothing else does."""
+    got: set[tuple[str, bytes]] = set()
+    receiver.subscribe_all("forefeel/cell", lambda key, payload, _: got.add((key, payload)))
+    sender.publisher("forefeel/other/insertion/slave/force", Qos.STREAM)(b"elsewhere")
+    for qos in Qos:
+        for key in (KEY, OTHER):
+            payload = f"{qos.name} {key}".encode()
+            put_until(sender.publisher(key, qos), lambda: (key, payload) in got, payload)  # noqa: B023
+    assert {key for key, _ in got} == {KEY, OTHER}
+    assert len(got) == 2 * len(Qos)
