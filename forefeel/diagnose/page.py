@@ -165,7 +165,7 @@ def _evidence(evidence: Evidence, probability: float) -> list[tuple[str, str]]:
         ends = f"{100 * evidence.gain_low:.0f} to {100 * evidence.gain_high:.0f} %"
         found.append(("Error on held-out blocks, less by", f"{100 * evidence.gain:.0f} % ({ends})"))
     if not evidence.likelihood:
-        return [*found, (ON_READINGS, evidence.words.partition(";")[0])]
+        return [*found, (ON_READINGS, evidence.words)]
     likely = "over 99.9 %" if probability > 0.999 else f"{100 * probability:.1f} %"
     return [
         *found,

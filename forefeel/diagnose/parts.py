@@ -13,8 +13,8 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.flexible import since_reversal
+from forefeel.diagnosis.diagnose.identifiability import turning_points
 from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.reversals import turning_points
 from forefeel.diagnosis.diagnose.signals import Signals
 
 Rows = NDArray[np.intp]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from forefeel.diagnosis.diagnose.prediction import Across
 
 FLAGS = {
-    "motion_driven_by_force": "the motion answers the force, so trust mass, damping, delay and lag less",
+    "motion_driven_by_force": "the force feeds the motion, so trust mass, damping, delay and lag less",
     "non_uniform": "the samples are unevenly spaced, so fast effects are less certain",
     "gaps": "the recording has gaps; nothing was assumed about what happened in them",
     "clipped": "where the force stood at the end of its range it was left out",
@@ -102,7 +102,7 @@ def answer(
     for cause in diagnosis.causes:
         lines += _cause(cause)
     if diagnosis.verdict == "cause_found":
-        lines += [_extended(diagnosis, given), *_elsewhere(diagnosis), *_predicted(diagnosis, across)]
+        lines += [_extended(diagnosis, given), *_elsewhere(diagnosis), *_predicted(across)]
     lines += _model(diagnosis)
     lines += [f"Caution     {caution(flag)}" for flag in diagnosis.flags]
     return [*lines, DISCLAIMER]
@@ -195,18 +195,12 @@ def unknown_parameters(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _predicted(diagnosis: Diagnosis, across: "Across | None") -> list[str]:
+def _predicted(across: "Across | None") -> list[str]:
     lines = []
     if across is not None:
         lines.append(
             f"Predicted   {1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
             f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold"
-        )
-    before, after = diagnosis.forward_rmse.get("before_m"), diagnosis.forward_rmse.get("after_m")
-    if before is not None and after is not None:
-        lines.append(
-            f"Forward     position from the force, rms: {quantity(before, 'm')} before, "
-            f"{quantity(after, 'm')} extended"
         )
     return lines
 

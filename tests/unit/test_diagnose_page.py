@@ -2,20 +2,24 @@
 
 import re
 from dataclasses import replace
+from string import Formatter
 
 import numpy as np
 import pytest
 
 from forefeel.common.causes.candidate import base_name
-from forefeel.common.causes.catalogue import CANDIDATES
+from forefeel.common.causes.catalogue import CANDIDATES, words
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.registry import OWN
 from forefeel.diagnose.page import render_page, worst_stretch
 from forefeel.diagnose.parts import Parts, response, share_of, strokes
 from forefeel.diagnose.pictures import Component, picture, sensor_picture
+from forefeel.diagnose.words import answer, equation
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.report.wording import plain_value, shown
+from forefeel.diagnosis.diagnose.prediction import Across
+from forefeel.diagnosis.diagnose.verdict import Interval, ModelError
 from tests.unit.diagnosis_samples import FRICTION_N, made
 from tests.unit.page_checks import check_page
 
@@ -40,32 +44,78 @@ def with_model(analysis: Analysis, name: str) -> Parts:
     return Parts.of(replace(analysis, fit=fit), None)
 
 
-def test_the_page_says_the_verdict_first_and_shows_the_cause(rubbing: Diagnosed) -> None:
+def test_page_shows_each_cause_and_escapes_names(rubbing: Diagnosed) -> None:
     recording = rubbing.analysis.recording
     page = render_page(recording, rubbing, None, None, "schema: forefeel.model/1\n")
-    words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
-    assert words.index("The simulation leaves out dry friction.") < words.index("Causes, the largest first")
-    assert "<h3>coulomb_friction" in words
-    assert "a jump at each reversal, no growth with speed" in words
-    assert "95 % interval" in words
-    assert "Research software, not a medical device." in words
-    assert "schema: forefeel.model/1" in words
+    text = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    assert "<h3>coulomb_friction" in text
+    assert "schema: forefeel.model/1" in text
     check_page(page, drawings=7)
-    assert "&lt;b&gt;rub &amp; run&lt;/b&gt;" in words
+    assert "&lt;b&gt;rub &amp; run&lt;/b&gt;" in text
     assert "<b>rub" not in page
 
 
-def test_a_page_without_a_cause_shows_what_was_tried_and_names_nothing(rubbing: Diagnosed) -> None:
+def test_rivals_are_listed_and_not_named_as_cause(rubbing: Diagnosed) -> None:
     less = replace(
         rubbing.diagnosis, verdict="not_separable", causes=(), rivals=(("coulomb_friction", "backlash"),),
-        suggested_motion="strokes of several amplitudes", flags=("motion_driven_by_force",),
+        suggested_motion="strokes of several amplitudes",
     )  # fmt: skip
-    page = render_page(rubbing.analysis.recording, replace(rubbing, diagnosis=less), None)
-    assert "Causes, the largest first" not in page
-    assert "What the search tried" in page
-    assert "strokes of several amplitudes" in page
-    assert "Caution: the motion answers the force" in page
-    assert "dry friction or play between stage and instrument" in page
+    recording = rubbing.analysis.recording
+    page, lines = (
+        render_page(recording, replace(rubbing, diagnosis=less), None),
+        answer(recording, less, None),
+    )
+    for text in (page, "\n".join(lines)):
+        assert "backlash" in text
+        assert "strokes of several amplitudes" in text
+    assert not any(line.startswith(("Cause", "Extended")) for line in lines)
+
+
+def test_answer_has_cause_prediction_and_caution(rubbing: Diagnosed) -> None:
+    across = Across(0.3, 0.2, 0.05, 0.02)
+    found = replace(rubbing.diagnosis, flags=("non_uniform",))
+    lines = answer(rubbing.analysis.recording, found, across)
+    starts = {line.split()[0] for line in lines}
+    assert {"Verdict", "Simulation", "Cause", "Extended", "Model", "Predicted", "Caution"} <= starts
+    assert any("coulomb_friction" in line for line in lines)
+    assert max(map(len, lines)) < 120
+
+
+@pytest.mark.parametrize(
+    ("causes", "text"),
+    [
+        (
+            {"sensor_lag": {"time_constant_s": 0.012}, "backlash": {"width_m": 3e-4}},
+            "f = 60 x; f read through a lag of 0.012 s; x behind a play of 0.0003 m",
+        ),
+        (
+            {
+                "asymmetric_damping": {"forward_n_s_m": 1.0, "backward_n_s_m": 2.0},
+                "stress_relaxation": {"stiffness_n_m": 5.0, "time_constant_s": 0.1},
+            },
+            "f = 60 x + 1 max(x', 0) + 2 min(x', 0) + 5 z; z' = x' - z/0.1",
+        ),
+        ({"bias": {"force_n": -0.5}}, "f = 60 x - 0.5"),
+    ],
+)
+def test_equation_holds_all_causes(
+    rubbing: Diagnosed, causes: dict[str, dict[str, float]], text: str
+) -> None:
+    (first,) = rubbing.diagnosis.causes
+    listed = tuple(
+        replace(first, name=name, parameters={key: Interval(v, v, v) for key, v in values.items()})
+        for name, values in causes.items()
+    )
+    model = ModelError(0.05, {"stiffness_n_m": 60.0}, 75.0)
+    assert equation(replace(rubbing.diagnosis, causes=listed, extended=model)) == text
+
+
+def test_every_cause_has_words_and_known_parameters() -> None:
+    assert all(words(base_name(name)) == OWN[base_name(name)].words != "" for name in CANDIDATES)
+    for name, kind in OWN.items():
+        known = {p.name for p in kind.parameters} | set(kind.shorthands) | {"exponential_n", "length_m"}
+        for text in kind.equation:
+            assert {field for _, field, _, _ in Formatter().parse(text) if field} <= known, name
 
 
 @pytest.mark.parametrize("name", CANDIDATES)
@@ -142,8 +192,6 @@ def test_the_worst_stretch_is_where_the_error_is(rubbing: Diagnosed) -> None:
 
 
 def test_a_given_simulation_is_what_the_force_is_compared_with(rubbing: Diagnosed) -> None:
-    from forefeel.common.causes.model import ContactModel
-
     parameters = {"mass_kg": 0.02, "damping_n_s_m": 0.8, "stiffness_n_m": 40.0}
     effects = [{"effect": "mass_damper_spring", "parameters": parameters}]
     given = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "given", "effects": effects})
@@ -152,12 +200,3 @@ def test_a_given_simulation_is_what_the_force_is_compared_with(rubbing: Diagnose
     size = np.abs(parts.before[parts.rows][fast])
     assert size == pytest.approx(np.full(len(size), FRICTION_N), abs=0.03)
     assert "the given model" in render_page(rubbing.analysis.recording, rubbing, None, given)
-
-
-def test_a_parameter_of_both_models_is_one_row(rubbing: Diagnosed) -> None:
-    page = render_page(rubbing.analysis.recording, rubbing, None)
-    before = plain_value("stiffness_n_m", rubbing.diagnosis.baseline.parameters["stiffness_n_m"])
-    after = shown("stiffness_n_m", rubbing.diagnosis.extended.intervals["stiffness_n_m"])
-    said = before, f"{after.value} {after.unit} ({after.interval})"
-    cells = "".join(f'<td class="n">{text}</td>' for text in said)
-    assert f"<td>mass_damper_spring</td><td>stiffness</td>{cells}" in page

@@ -12,11 +12,11 @@ from forefeel.diagnosis.diagnose.analysis import analyse
 from forefeel.diagnosis.diagnose.blocks import block_numbers, gain
 from forefeel.diagnosis.diagnose.extended import extended_model
 from forefeel.diagnosis.diagnose.faults import clean, comb_step
+from forefeel.diagnosis.diagnose.identifiability import turns
 from forefeel.diagnosis.diagnose.least_squares import solve
 from forefeel.diagnosis.diagnose.noise import autoregression
 from forefeel.diagnosis.diagnose.noise_floor import noise_floor
 from forefeel.diagnosis.diagnose.regression import RecordingRegression
-from forefeel.diagnosis.diagnose.reversals import turns
 from forefeel.diagnosis.diagnose.search import Search
 from forefeel.diagnosis.diagnose.signals import Signals
 

@@ -31,20 +31,15 @@ class RmsGain:
 
 
 def block_numbers(regression: RecordingRegression) -> NDArray[np.int64]:
-    """The block of each row that counts."""
-    return numbers_at(regression, regression.signals.t[regression.rows])
-
-
-def numbers_at(regression: RecordingRegression, t: Floats) -> NDArray[np.int64]:
-    """The block of each time in s since the start. One recording is cut into blocks of as many rows, for
-    a gap has none.
+    """The block of each row that counts. One recording is cut into blocks of as many rows, for a gap has
+    none.
     """
-    if regression.parts_s:
-        return np.asarray(np.searchsorted(regression.parts_s, t))
     own = regression.signals.t[regression.rows]
+    if regression.parts_s:
+        return np.asarray(np.searchsorted(regression.parts_s, own))
     count = int(np.clip(len(own) / regression.signals.coarse_rate_hz / _LEAST_S, 4, _BLOCKS))
     starts = np.linspace(0, len(own), count + 1).astype(np.int64)[1:-1]
-    return np.asarray(np.searchsorted(own[starts], t, side="right"))
+    return np.asarray(np.searchsorted(own[starts], own, side="right"))
 
 
 def held_out_errors(regression: RecordingRegression, fit: ModelFit) -> Floats:
@@ -95,20 +90,9 @@ def held_out_coefficients(
     return np.asarray(found / scale)
 
 
-def held_out_prediction(regression: RecordingRegression, fit: ModelFit) -> Floats:
-    """Force in N on the whole coarse grid, each block by the fit to all others."""
-    theta = held_out_coefficients(regression, regression.design(fit.model)[0])
-    numbers = numbers_at(regression, regression.signals.t)
-    return np.asarray(np.einsum("ij,ij->i", plain_columns(regression, fit), theta[numbers]))
-
-
 def gain(regression: RecordingRegression, before: Floats, after: Floats) -> RmsGain:
     """Of two series of held-out errors at the rows that count."""
-    return gain_over(block_numbers(regression), before, after)
-
-
-def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> RmsGain:
-    """Of two series of errors in numbered blocks."""
+    numbers = block_numbers(regression)
     sums = np.array([[np.sum(e[numbers == k] ** 2) for e in (before, after)] for k in np.unique(numbers)])
     rng = np.random.default_rng(0)
     drawn = sums[rng.integers(len(sums), size=(_DRAWS, len(sums)))].sum(axis=1)

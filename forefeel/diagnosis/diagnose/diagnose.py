@@ -12,7 +12,8 @@ from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose.analysis import Analysis, analyse
-from forefeel.diagnosis.diagnose.driven import with_driving
+from forefeel.diagnosis.diagnose.feedback import FLAG as FEEDS_THE_MOTION
+from forefeel.diagnosis.diagnose.feedback import feeds_the_motion
 from forefeel.diagnosis.diagnose.judge import judged
 from forefeel.diagnosis.diagnose.other_motion import with_expectation
 from forefeel.diagnosis.diagnose.stretches import FLAG, analyse_long, is_long
@@ -87,8 +88,10 @@ def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel |
     progress("trust")
     found, analysis = judged(analysis)
     gaps = of.gaps if isinstance(of, Joined) else len(recording.segments()) > 1
-    found = replace(found, flags=_flags(found.flags, gaps, long))
-    found = with_expectation(with_driving(found, analysis), analysis)
+    flags = _flags(found.flags, gaps, long)
+    if feeds_the_motion(analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit):
+        flags = (*flags, FEEDS_THE_MOTION)
+    found = with_expectation(replace(found, flags=flags), analysis)
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis, recording)
 
 

@@ -124,3 +124,24 @@ def _line(v: Floats) -> tuple[float, float]:
     power = np.abs(np.fft.rfft((v - np.mean(v)) * np.blackman(len(v)))) ** 2
     top = int(np.argmax(power))
     return float(power[max(top - 4, 0) : top + 5].sum() / max(power.sum(), 1e-300)), top / len(v)
+
+
+def turns(x: Floats, least: float = 0.1) -> int:
+    """How often a position turns by more than that share of its range."""
+    return max(len(turning_points(x.tolist(), least * float(np.ptp(x)) if len(x) else 0.0)) - 1, 0)
+
+
+def turning_points(x: list[float], least: float) -> list[tuple[int, float]]:
+    """(index of the extreme, direction from there on) of the first motion and of each reversal after it."""
+    turns: list[tuple[int, float]] = []
+    low = high = 0
+    for i, now in enumerate(x):
+        way = turns[-1][1] if turns else 0.0
+        high, low = (i if now > x[high] else high), (i if now < x[low] else low)
+        if way >= 0.0 and x[high] - now > least:
+            turns.append((high, -1.0))
+            low = i
+        elif way <= 0.0 and now - x[low] > least:
+            turns.append((low, 1.0))
+            high = i
+    return turns

@@ -9,8 +9,7 @@ from forefeel.common.causes.candidate import PositionWave, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, fingerprint, kin
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.as_recorded import AsRecorded
-from forefeel.diagnosis.diagnose.blocks import RmsGain, gain, gain_over, held_out_errors, numbers_at
+from forefeel.diagnosis.diagnose.blocks import RmsGain, gain, held_out_errors
 from forefeel.diagnosis.diagnose.faults import Fault
 from forefeel.diagnosis.diagnose.flexible import alike_gain, flexible_gain, modulation_gain
 from forefeel.diagnosis.diagnose.identifiability import (
@@ -20,10 +19,10 @@ from forefeel.diagnosis.diagnose.identifiability import (
     motion_kind,
     rivals_of_a_line,
     separating_motion,
+    turns,
 )
 from forefeel.diagnosis.diagnose.parameters import intervals, told
 from forefeel.diagnosis.diagnose.regression import ModelFit
-from forefeel.diagnosis.diagnose.reversals import turns
 from forefeel.diagnosis.diagnose.structure import excess_share, predictable_share
 from forefeel.diagnosis.diagnose.verdict import (
     Cause,
@@ -88,22 +87,11 @@ class Judge:
         self.base = self.regression.fit({"bias": ()})  # no simulation is blamed for the zero of a load cell
         self.before = held_out_errors(self.regression, self.base)
         self.after = held_out_errors(self.regression, self.fit)
-        self.held_out = self._gain()
+        self.held_out = gain(self.regression, self.before, self.after)
         self.parameters = intervals(self.regression, self.fit, analysis.narrower)
         self.residual_n = float(np.sqrt(np.mean(self.after**2)))
         self.floor_n = analysis.noise_floor_n()
         self.force_n = float(np.std(self.regression.signals.force[self.regression.signals.rows]))
-
-    def _gain(self) -> RmsGain:
-        """In the compared band; on the force as recorded when the sensor has faults."""
-        if not self.faults:
-            return gain(self.regression, self.before, self.after)
-        names = {fault.name for fault in self.faults}
-        return self._as_recorded.gain(self.base, self.fit, names)
-
-    @cached_property
-    def _as_recorded(self) -> AsRecorded:
-        return AsRecorded(self.regression, self.analysis.recording, self.analysis.cleaned)
 
     def diagnosis(self) -> Diagnosis:
         """The verdict by the rules of the design: named only when three pieces of evidence agree."""
@@ -291,7 +279,7 @@ class Judge:
         return found
 
     def _causes(self) -> tuple[Cause, ...]:
-        causes = [self._fault_cause(fault) for fault in self.faults]
+        causes = [_fault_cause(fault) for fault in self.faults]
         causes += [self._cause(name) for name in self.fit.model]
         # the baseline has a bias, too: it is told last
         return tuple(sorted(causes, key=lambda cause: (cause.name == "bias", -cause.explained_n)))
@@ -304,19 +292,6 @@ class Judge:
         explained = float(np.sqrt(max(own.before_n**2 - own.after_n**2, 0.0)))
         evidence = _evidence(plain, likelihood, own)
         return Cause(plain, probability, told(self.parameters[plain]), evidence, gain_n, explained)
-
-    def _fault_cause(self, fault: Fault) -> Cause:
-        parameters = {key: Interval(*map(float, values)) for key, values in fault.parameters.items()}
-        names = {other.name for other in self.faults}
-        numbers = numbers_at(self.regression, self._as_recorded.t[self._as_recorded.rows])
-        without = self._as_recorded.errors(self.fit, names - {fault.name})
-        own = gain_over(numbers, without, self._as_recorded.errors(self.fit, names))
-        words = (
-            f"{fault.evidence}; knowing it lessens the error on held-out blocks by {100 * own.gain:.0f} % "
-            f"({100 * own.low:.0f} to {100 * own.high:.0f} %)"
-        )
-        evidence = Evidence(fingerprint(fault.name), 0.0, own.gain, own.low, own.high, words)
-        return Cause(fault.name, 1.0, parameters, evidence, own.before_n - own.after_n, float(fault.rms_n))
 
     def _without_cause(
         self, verdict: VerdictName, rivals: tuple[tuple[str, ...], ...], motion: str | None, names: set[str]
@@ -347,7 +322,6 @@ class Judge:
             self.floor_n,
             model_error(self.held_out.before_n, self.force_n, intervals(self.regression, self.base)),
             model_error(self.held_out.after_n, self.force_n, self.parameters),
-            {"before_m": None, "after_m": None},
             held,
             suspected=tuple(sorted(names)),
         )
@@ -365,6 +339,13 @@ def model_error(
         for key, interval in own.items()
     }
     return ModelError(rmse_n, values, 100.0 * (1.0 - rmse_n / force_n), dict(parameters[""]))
+
+
+def _fault_cause(fault: Fault) -> Cause:
+    """A fault of the sensor is seen on the readings, which are freed of it before models are compared."""
+    parameters = {key: Interval(*map(float, values)) for key, values in fault.parameters.items()}
+    evidence = Evidence(fingerprint(fault.name), 0.0, 0.0, 0.0, 0.0, fault.evidence)
+    return Cause(fault.name, 1.0, parameters, evidence, 0.0, float(fault.rms_n))
 
 
 def _unbounded(size: Interval) -> bool:

@@ -102,10 +102,8 @@ class Diagnosis:
     noise_floor_n: float | None
     baseline: ModelError
     extended: ModelError
-    forward_rmse: dict[str, float | None]
     held_out: HeldOut
     other_motion: ExpectedGain | None = None
-    words: tuple[str, ...] = ()
     suspected: tuple[str, ...] = field(default=())
 
     def to_mapping(self) -> dict[str, object]:
