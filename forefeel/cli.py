@@ -13,8 +13,6 @@ from forefeel.commands.options import examples_of
 from forefeel.terminal import show
 
 COMMANDS = {
-    "reproduce": "Reproduce the paper: its figures, what its simulation gets wrong, and the human "
-    "thresholds.",
     "devices": "List drivers, serial ports with their stable names, and CAN interfaces.",
     "doctor": "Check this host and these settings: green, amber, red, and what to do. "
     "Exit 1 when anything is red.",

@@ -1,11 +1,10 @@
-"""The paper's own algorithm, equations (2) to (12), as it stands there: the reference that everything else is
+"""The paper's own algorithm, equations (8) to (12), as it stands there: the reference that everything else is
 measured against. Not for daemons: it has none of the safeguards of `forefeel.common.estimation.rls`.
 
 Reference: "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot based on
 Parameter Identification".
 """
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -45,23 +44,3 @@ class PaperRls:
             p = (self.covariance - np.outer(gain, phi @ self.covariance)) / self._lam  # (10)
             self.covariance = 0.5 * (p + p.T) if self._symmetrise else p
         return e
-
-
-class SisoRegressor:
-    """phi(k) = [-y(k-1) ... -y(k-na), u(k-1) ... u(k-nb)] of the SISO discrete system (3) to (7).
-
-    theta = [a1 ... a_na, b1 ... b_nb]. Values before the first sample are zero.
-    """
-
-    def __init__(self, na: int, nb: int) -> None:
-        self._y = deque([0.0] * na, maxlen=na)
-        self._u = deque([0.0] * nb, maxlen=nb)
-
-    def phi(self) -> Array:
-        """phi(k), shape (na + nb,), from what `push` was given up to k - 1."""
-        return np.array([*(-y for y in self._y), *self._u])
-
-    def push(self, y: float, u: float) -> None:
-        """Takes in y(k) and u(k)."""
-        self._y.appendleft(y)
-        self._u.appendleft(u)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
-from io import BytesIO, StringIO
+from io import StringIO
 from typing import Any
 
 import matplotlib as mpl
@@ -33,7 +33,6 @@ _FAR = 1e99  # of a model that ran away; its square is still a number
 _POINTS = 700  # of a cloud; more would only fill the file
 _MEANS = 28  # bins of `means`
 _WIDTH_IN = 11.0  # of the page
-_DPI = 120  # of a PNG
 _STYLE: Any = {
     "font.size": 9.5,
     "axes.titlesize": 9.5,
@@ -66,12 +65,11 @@ _SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/199
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """One figure of a page: title, caption, and an `<svg>` element; `png` where it was asked for."""
+    """One figure of a page: title, caption, and an `<svg>` element."""
 
     title: str
     caption: str
     svg: str
-    png: bytes = b""
 
 
 @contextmanager
@@ -94,15 +92,9 @@ def one_plot(height_in: float, width_in: float = _WIDTH_IN) -> tuple[Figure, Axe
     return figure, figure.subplots()
 
 
-def drawn(figure: Figure, name: str, title: str, caption: str, with_png: bool = False) -> Drawing:
+def drawn(figure: Figure, name: str, title: str, caption: str) -> Drawing:
     """The finished figure; `name` and `title` together set its ids apart from those of others on the page."""
-    svg = _svg(figure, f"{name} {title}", title)
-    if not with_png:
-        return Drawing(title, caption, svg)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)  # a page has it above the figure
-    png = BytesIO()
-    figure.savefig(png, format="png", dpi=_DPI, facecolor="white", metadata={"Software": None})
-    return Drawing(title, caption, svg, png.getvalue())
+    return Drawing(title, caption, _svg(figure, f"{name} {title}", title))
 
 
 def _svg(figure: Figure, name: str, label: str) -> str:

@@ -8,9 +8,9 @@ from forefeel.report.drawing import Drawing
 from forefeel.report.wording import DISCLAIMER, micros, number, ratio, share
 
 
-def render(template: str, **values: object) -> str:
-    """The page of a template, by its path in this package, such as `report/page.html.j2`."""
-    environment = Environment(
+def environment() -> Environment:
+    """Finds templates by their path in this package, such as `report/page.html.j2`."""
+    made = Environment(
         loader=PackageLoader("forefeel", "."),
         autoescape=True,
         undefined=StrictUndefined,
@@ -18,8 +18,13 @@ def render(template: str, **values: object) -> str:
         lstrip_blocks=True,
     )
     words = {word.__name__: word for word in (quantity, micros, share, ratio, number)}
-    environment.globals.update(words, svg=_svg, disclaimer=DISCLAIMER, unknown=UNKNOWN)
-    return environment.get_template(template).render(**values)
+    made.globals.update(words, svg=_svg, disclaimer=DISCLAIMER, unknown=UNKNOWN)
+    return made
+
+
+def render(template: str, **values: object) -> str:
+    """The page of a template."""
+    return environment().get_template(template).render(**values)
 
 
 def _svg(drawing: Drawing) -> Markup:

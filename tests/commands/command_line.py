@@ -11,7 +11,7 @@ from forefeel.cli import app
 COMMANDS = [
     ["slave"], ["master"], ["config", "check"], ["record"], ["metrics"], ["dashboard"], ["view"], ["report"],
     ["router"], ["loopback"], ["emulate"],
-    ["evaluate"], ["reproduce"], ["simulate"], ["diagnose"],
+    ["evaluate"], ["simulate"], ["diagnose"],
     ["pki", "init"], ["pki", "add"], ["pki", "show"], ["pki", "renew"], ["pki", "bundle"],
     ["pki", "rules"],
     ["doctor"], ["devices"], ["device", "probe"], ["driver", "test"],

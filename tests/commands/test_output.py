@@ -4,7 +4,6 @@ import json
 import socket
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -28,7 +27,6 @@ ANSWERS = {
     "evaluate @/recordings/strokes.csv --out @/out": "evaluation.json",
     "diagnose @/recordings/strokes.csv --out @/out": "diagnosis.json",
     "diagnose @/recordings --out @/out": "summary.json",
-    "reproduce --out @/out": None,
     "report @/run.mcap --out @/out": "report.json",
     "loopback --virtual-time --duration 3 --seed 1 --out @/out": "report.json",
 }
@@ -61,9 +59,6 @@ def words(made_once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
         (tmp_path / each.name).symlink_to(each)
     found = [Finding("settings", "slave.yaml", "amber", "loads", "wait")]
     monkeypatch.setattr("forefeel.doctor.run.examine", lambda *_: found)
-    numbers = SimpleNamespace(to_json=lambda: '{"schema": "forefeel.reproduction/1"}\n')
-    monkeypatch.setattr("forefeel.studies.paper.run._worked_out", lambda *_: (numbers, {}))
-    monkeypatch.setattr("forefeel.studies.paper.run.short_table", lambda *_: ["a row"])
     return lambda line: line.replace("@", str(tmp_path)).split()
 
 
@@ -130,7 +125,6 @@ FAILING = {
     "pki show @/none": 2,
     "evaluate @/none.csv --out @/out": 2,
     "diagnose @/none.csv --out @/out": 2,
-    "reproduce --out @/out --recordings @/none": 2,
     "report @/none.mcap --out @/out": 2,
     "loopback --virtual-time --impairment mars --out @/out": 2,
     "calibrate load-cell --config @/none.yaml --axis a --forces 1 --out @/c.yaml": 2,

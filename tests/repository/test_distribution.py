@@ -1,8 +1,10 @@
 from importlib.metadata import packages_distributions
+from pathlib import Path
 
 import pytest
 
-OURS = ("forefeel", "common", "master", "slave", "devices", "diagnosis", "studies")
+ROOT = Path(__file__).parents[2]
+OURS = ("forefeel", "common", "master", "slave", "devices", "diagnosis")
 
 
 def foreign(installed: dict[str, list[str]]) -> list[str]:
@@ -20,3 +22,8 @@ def test_no_installed_distribution_ships_one_of_our_names() -> None:
 @pytest.mark.parametrize("name", OURS)
 def test_one_that_did_would_be_found(name: str) -> None:
     assert foreign({name: ["forefeel", "other-robot"]}) == [f"other-robot ships {name}"]
+
+
+def test_three_links_lead_from_the_package_to_top_level_folders() -> None:
+    links = {path.name: str(path.readlink()) for path in (ROOT / "forefeel").rglob("*") if path.is_symlink()}
+    assert links == {name: f"../{name}" for name in ("common", "master", "slave")}

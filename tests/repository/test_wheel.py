@@ -21,7 +21,6 @@ BUILT_FROM = (
     "common",
     "master",
     "slave",
-    "studies",
 )
 
 SCRIPT = """
@@ -76,7 +75,6 @@ def test_nothing_stands_beside_forefeel(installed: Path) -> None:
     found = {path.name for path in installed.iterdir()}
     assert found == {"forefeel", "forefeel-0.1.0.dist-info"}
     templates = {str(path.relative_to(ROOT)) for path in (ROOT / "forefeel").glob("**/*.j2")}
-    templates |= {f"forefeel/{path.relative_to(ROOT)}" for path in (ROOT / "studies").glob("**/*.j2")}
     assert templates == {str(path.relative_to(installed)) for path in installed.glob("**/*.j2")}
     links = [path for path in installed.rglob("*") if path.is_symlink()]
     assert not links

@@ -57,7 +57,7 @@ def test_plain_python_gives_the_same(switch: str) -> None:
 
 
 def test_what_was_compiled_from_other_sources_is_removed(tmp_path: Path) -> None:
-    for name in ("forefeel", "common", "master", "slave", "studies"):
+    for name in ("forefeel", "common", "master", "slave"):
         shutil.copytree(
             ROOT / name, tmp_path / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__")
         )

@@ -43,13 +43,6 @@ def test_means_are_those_of_their_bins() -> None:
     assert np.all(np.diff(along) > 0.0)
 
 
-def test_a_drawing_has_a_png_where_one_is_asked_for() -> None:
-    figure, axes = one_plot(1.0)
-    axes.plot([0.0, 1.0], [0.0, 1.0])
-    assert drawn(figure, "name", "title", "caption").png == b""
-    assert drawn(figure, "name", "title", "caption", with_png=True).png.startswith(b"\x89PNG")
-
-
 def test_limits_hold_every_trace_and_zero_where_it_is_wanted() -> None:
     _, axes = one_plot(1.0)
     limit_y(axes, np.array([2.0, np.nan, 3.0]), np.array([4.0]))

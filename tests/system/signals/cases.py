@@ -77,7 +77,6 @@ CASES = (
     Case("diagnose a folder", "diagnose READY/long --jobs 2 --out HERE/out", RESULTS, 12.0),
     Case("evaluate", "evaluate READY/long/a.csv READY/long/b.csv --out HERE/out", RESULTS, 5.0),
     Case("report", "report READY/run/recording.mcap --out HERE/out", RESULTS, 5.0),
-    Case("reproduce", "reproduce --duration 8 --out HERE/out", RESULTS, 10.0),
     Case("pki init", "pki init HERE/pki --cell one --cell two --cell three", RESULTS, 0.5),
     Case("pki renew", "pki renew READY/pki", RESULTS, 0.3),
     Case("doctor", "doctor", LOOKS, 6.0),
