@@ -11,7 +11,7 @@ it computes is within them (`within`).
 from enum import StrEnum
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 PROTOCOL_VERSION = 3  # version of these messages; other versions are refused, except in a handshake
 
@@ -151,19 +151,6 @@ class ForceSample(Message):
     clock_bound_ns: NonNegativeInt | None = None
 
 
-Leading = Annotated[ShortText, BeforeValidator(lambda name: "zoh" if name == "hold" else name)]  # 0.1.0: hold
-
-
-def _standing(name: object) -> object:
-    """0.1.0: no_link, linked."""
-    return (
-        {"no_link": "no_session", "linked": "in_session"}.get(name, name) if isinstance(name, str) else name
-    )
-
-
-StandingName = Annotated[Name, BeforeValidator(_standing)]
-
-
 class HapticSample(Message):
     """One tick of the haptic loop: what the hand did and felt. `sequence` is that of the command sent in the
     same tick.
@@ -179,8 +166,8 @@ class HapticSample(Message):
     predicted_n: Force | None
     low_n: Force | None = None
     high_n: Force | None = None
-    leading: Leading = ""
-    zoh_n: Annotated[Force | None, Field(validation_alias=AliasChoices("zoh_n", "held_n"))]  # 0.1.0: held_n
+    leading: ShortText = ""
+    zoh_n: Force | None
     rendered_n: Force
     force_age_s: Seconds | None
     delay_s: Seconds | None
@@ -239,7 +226,7 @@ class MasterState(Message):
     most_bytes: ClassVar[int] = 24 * 1024
     most_items: ClassVar[int] = 256
 
-    indication: StandingName
+    indication: Name
     reason: ShortText
     deadman: bool
     clutched_s: Seconds
@@ -299,9 +286,9 @@ class ControlCycle(Message):
 class MasterEvent(Message):
     """A change of how the master stands: `no_session`, `in_session`, `handle_fault` or `failed`."""
 
-    before: StandingName
+    before: Name
     event: Name
-    after: StandingName
+    after: Name
     reason: ShortText
 
 

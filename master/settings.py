@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
+from pydantic import Field, SerializeAsAny, model_validator
 
 from forefeel.common.config import Settings
 from forefeel.common.hardware.driver import driver_settings
@@ -38,12 +38,6 @@ class PredictionSettings(Settings):
     noise_floor_n: Annotated[float, Field(gt=0, le=1000)] = 0.001
 
 
-def _renamed_source(value: object) -> object:
-    if value == "held":
-        raise ValueError("renamed since 0.1.0: expected zoh, the zero-order hold")
-    return value
-
-
 class RenderingSettings(Settings):
     """What the hand may feel: scaled, limited in N and in N/s, faded to zero when the feedback is older than
     `stale_s`.
@@ -54,7 +48,7 @@ class RenderingSettings(Settings):
     `passivity_controller`: damps the hand by up to `max_damping_n_s_m` while it has been given energy.
     """
 
-    source: Annotated[Literal["predicted", "zoh"], BeforeValidator(_renamed_source)] = "predicted"
+    source: Literal["predicted", "zoh"] = "predicted"
     force_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     max_force_n: Annotated[float, Field(gt=0, le=50)] = 4.0
     max_slew_n_s: Annotated[float, Field(gt=0, le=10_000)] = 40.0
