@@ -1,18 +1,21 @@
+"""The control loop: engaging, following, stops, force, grip."""
+
+from itertools import pairwise
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from forefeel.common.limiter import LimitHit
-from forefeel.common.messages import SafetyState
+from forefeel.common.messages import Grip, SafetyState
+from forefeel.slave.settings import GateSettings
 from tests.clocks import compared
-from tests.unit.control_rig import COMPARED, MS, START_M, Rig
+from tests.unit.control_rig import COMPARED, MS, SESSION, START_M, Rig
 
 S = SafetyState
 HALTS: list[dict[str, Any]] = [{"estop": "pressed"}, {"fault": "drive"}]
 STOPS: list[dict[str, Any]] = [*HALTS, {"shutdown": True}, {"session_live": False}, {"clock": None}]
-
-
-# --- from idle to armed ---
 
 
 def test_idle_holds_and_follows_nothing() -> None:
@@ -133,9 +136,6 @@ def test_one_that_does_not_come_close_is_not_armed() -> None:
     assert rig.state() is S.ENGAGING
 
 
-# --- armed ---
-
-
 def test_armed_the_setpoint_is_the_command() -> None:
     rig = Rig().armed()
     for i in range(1, 300):
@@ -183,3 +183,303 @@ def ripple_m(late_ms: list[int]) -> float:
 def test_jitter_of_the_network_is_no_jitter_of_the_stage() -> None:
     assert ripple_m([0]) < 1e-6
     assert ripple_m([0] * 50 + [8] * 50) < 0.1 * 0.008 * 0.02
+
+
+def test_a_round_trip_that_grows_beyond_the_limit_stops() -> None:
+    rig = Rig().moving()
+    rig.clock = compared(0, 350 * MS)
+    rig.held(1, rig.stage_m)
+    assert rig.state() is S.ARMED
+    rig.clock = compared(0, 350 * MS + 1)
+    rig.held(1, rig.stage_m)
+    assert (rig.state(), rig.events) == (S.STOPPING, ["round_trip"])
+    assert rig.reason == "round trip 700 ms, limit 700 ms"
+    assert rig.control.stops == 1
+
+
+def test_a_release_stops_at_the_configured_deceleration_and_is_no_stop_of_the_machine() -> None:
+    rig = Rig().moving(0.1)
+    start_m, speed_m_s = rig.stage_m, rig.out.velocity_m_s
+    rig.released()
+    assert rig.state() is S.STOPPING
+    assert rig.out.velocity_m_s == pytest.approx(speed_m_s - 4.0e-3)
+    rest_m = rig.at_rest_m()
+    assert rig.state() is S.READY
+    assert rest_m - start_m == pytest.approx(speed_m_s**2 / 8.0, rel=0.05)
+    assert (rig.events, rig.control.stops) == (["release", "at_rest"], 0)
+
+
+@pytest.mark.parametrize("away_m", [0.0, 0.03])
+def test_a_release_stops_though_a_press_came_in_the_same_tick(away_m: float) -> None:
+    rig = Rig().moving(0.1)
+    before_m = rig.stage_m
+    rig.tick(rig.command(rig.stage_m + away_m, True), released=True)
+    assert (rig.state(), rig.events) == (S.STOPPING, ["release"])
+    rig.held(300, before_m + away_m)  # a press that nobody let go of since
+    assert rig.state() is S.READY
+    assert rig.stage_m - before_m < 0.1**2 / 8.0 + 1e-4
+    assert rig.control.stops == 0
+
+
+def test_a_release_and_an_aligned_press_in_one_tick_engage() -> None:
+    rig = Rig()
+    rig.held(5)
+    rig.tick(rig.command(rig.stage_m, True), released=True)
+    assert rig.state() is S.ENGAGING
+
+
+def test_the_watchdog_fires_in_the_first_tick_beyond_60_ms() -> None:
+    rig = Rig().moving()
+    for silent_ms in range(1, 61):
+        rig.tick()
+        assert rig.state() is S.ARMED, silent_ms
+    rig.tick()
+    assert rig.state() is S.STOPPING
+    assert rig.reason == "no valid command for 61 ms"
+    assert rig.control.stops == 1
+
+
+@pytest.mark.parametrize("deadman", [True, False])
+def test_a_control_loop_that_stood_still_stops_where_the_stage_is_though_a_fresh_command_waits(
+    deadman: bool,
+) -> None:
+    rig = Rig().moving()
+    rig.follows = False
+    rested_m = rig.stage_m = rig.stage_m + 0.003  # where the drive's own watchdog has left it
+    rig.now_ns += 60 * MS
+    out = rig.tick(rig.command(rested_m + 0.01, deadman, velocity_m_s=0.1))
+    assert "watchdog" in rig.events
+    assert rig.reason in ("the control loop stood still for 61 ms", "stage at rest")
+    assert not out.moving and out.velocity_m_s == 0.0
+    assert out.target_m == rested_m
+    rig.held(50, rested_m + 0.01)
+    assert rig.state() is S.READY
+    assert rig.out.target_m == rested_m
+
+
+@pytest.mark.parametrize("stop", [*STOPS, {"watchdog": True}], ids=str)
+def test_no_stop_resumes_by_itself(stop: dict[str, Any]) -> None:
+    rig = Rig().moving()
+    if "watchdog" in stop:
+        for _ in range(70):
+            rig.tick()
+    else:
+        rig.tick(rig.command(rig.stage_m, True), **stop)
+    assert not rig.control.machine.following
+    rig.at_rest_m()
+    rest_m = rig.stage_m
+    if stop in HALTS:
+        rig.tick(clear=True)
+    rig.held(500)  # the hand never let go
+    assert not rig.control.machine.following
+    assert rig.stage_m == rest_m
+    rig.released(2)
+    rig.held()
+    assert rig.state() is S.ENGAGING
+
+
+@pytest.mark.parametrize("stop", STOPS, ids=str)
+def test_every_stop_acts_in_the_tick_in_which_it_comes(stop: dict[str, Any]) -> None:
+    rig = Rig().moving(0.1)
+    out = rig.tick(rig.command(rig.stage_m + 0.001, True, velocity_m_s=0.1), **stop)
+    assert not rig.control.machine.following
+    assert out.executing is None
+    assert out.velocity_m_s == pytest.approx(0.1 - 4.0e-3, abs=1e-4)
+    assert rig.control.stops == 1
+
+
+def test_a_stop_that_comes_with_the_clearing_of_another_one_holds() -> None:
+    rig = Rig().armed()
+    rig.tick(estop="first")
+    rig.tick(estop="second", clear=True)
+    assert (rig.state(), rig.reason) == (S.ESTOPPED, "second")
+    rig.tick(clear=True)
+    assert rig.state() is S.READY
+
+
+def test_an_emergency_stop_outranks_a_fault_in_the_same_tick() -> None:
+    rig = Rig().armed()
+    rig.tick(estop="pressed", fault="drive")
+    assert rig.state() is S.ESTOPPED
+    assert rig.events == ["estop"]
+
+
+def test_a_shutdown_stops_and_nothing_arms_after_it() -> None:
+    rig = Rig().moving()
+    rig.tick(rig.command(rig.stage_m, True), shutdown=True)
+    assert rig.state() is S.STOPPING
+    for _ in range(100):
+        rig.tick(rig.command(rig.stage_m, False), shutdown=True)
+    for _ in range(100):
+        rig.tick(rig.command(rig.stage_m, True), shutdown=True)
+    assert (rig.state(), rig.out.moving) == (S.READY, False)
+
+
+def test_nothing_engages_while_the_setpoint_still_moves() -> None:
+    """A fault cleared in the middle of its ramp."""
+    rig = Rig().moving(0.15)
+    rig.tick(fault="drive")
+    rig.tick(clear=True)
+    assert rig.state() is S.READY
+    rig.released()
+    speeds = [rig.out.velocity_m_s]
+    for _ in range(60):
+        rig.held()
+        speeds.append(rig.out.velocity_m_s)
+        if rig.state() is S.ENGAGING:
+            break
+    assert rig.state() is S.ENGAGING
+    assert all(before - after <= 4.0e-3 + 1e-9 for before, after in pairwise(speeds))
+
+
+def test_a_session_that_takes_over_between_two_ticks_does_not_inherit_the_release() -> None:
+    rig = Rig()
+    rig.released(3)
+    rig.session_id, rig.clock = SESSION + 1, None
+    rig.held()
+    rig.clock = COMPARED
+    rig.held(20)
+    assert rig.state() is S.READY
+    rig.released()
+    rig.held()
+    assert rig.state() is S.ENGAGING
+
+
+def test_a_load_cell_that_stays_invalid_while_the_stage_follows_is_a_fault() -> None:
+    rig = Rig().armed()
+    rig.force_valid = False
+    rig.held(200)
+    assert rig.state() is S.ARMED
+    rig.held(2)
+    assert (rig.state(), rig.reason) == (S.FAULT, "load cell invalid for more than 0.2 s")
+
+
+def test_an_invalid_load_cell_is_no_fault_while_nothing_follows_nor_when_it_is_not_asked_for() -> None:
+    rig = Rig(force_valid=False)
+    rig.released(1000)
+    assert rig.state() is S.READY
+    rig = Rig(gate=GateSettings(force_timeout_s=None)).armed()
+    rig.force_valid = False
+    rig.held(1000)
+    assert rig.state() is S.ARMED
+
+
+def test_above_the_force_limit_the_stage_does_not_go_on_and_says_so() -> None:
+    rig = Rig().armed()
+    rig.force_n = 3.2
+    rig.held(100, START_M + 0.005)
+    assert rig.out.target_m == pytest.approx(START_M, abs=1e-6)
+    assert set(rig.rules) == {"force"}
+    rig.force_n = 2.9
+    rig.held(200, START_M + 0.005)
+    assert rig.out.target_m == pytest.approx(START_M + 0.005, abs=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("seen_n", "blind_n"),
+    [(3.5, 9.9), (3.5, 0.0), (2.75, 0.0), (0.1, 4.9), (2.75, -1.0)],
+    ids=[
+        "saturated above the limit",
+        "lost above it",
+        "lost near it",
+        "saturated at once",
+        "nonsense near it",
+    ],
+)
+def test_a_blind_load_cell_lifts_no_force_limit_and_lets_the_stage_relieve(
+    seen_n: float, blind_n: float, sign: int
+) -> None:
+    rig = Rig().armed()
+    rig.force_n = sign * seen_n
+    rig.held(20)
+    rig.force_n, rig.force_valid = sign * blind_n, False
+    rig.held(90, START_M + sign * 0.01)
+    assert rig.out.target_m == pytest.approx(START_M, abs=1e-6)
+    assert set(rig.rules) == {"force"}
+    rig.held(90, START_M - sign * 0.002)
+    assert rig.out.target_m == pytest.approx(START_M - sign * 0.002, abs=1e-6)
+    assert rig.state() is S.ARMED
+
+
+def test_what_a_saturated_load_cell_said_outlasts_its_silence_until_a_force_is_valid_again() -> None:
+    rig = Rig().armed()
+    rig.force_n, rig.force_valid = 4.9, False
+    rig.held(5, START_M + 0.002)
+    rig.force_n = 0.0
+    rig.held(100, START_M + 0.002)
+    assert rig.out.target_m == pytest.approx(START_M, abs=1e-6)
+    rig.force_n, rig.force_valid = 0.1, True
+    rig.held(100, START_M + 0.002)
+    assert rig.out.target_m == pytest.approx(START_M + 0.002, abs=1e-6)
+
+
+def test_the_grip_changes_only_while_commands_are_followed() -> None:
+    rig = Rig()
+    rig.tick(rig.command(START_M, False, gripper=Grip.OPEN))
+    rig.tick(rig.command(START_M + 0.01, True, gripper=Grip.OPEN))
+    assert (rig.state(), rig.out.grip) == (S.READY, Grip.CLOSED)
+    rig.armed()
+    rig.held(1, gripper=Grip.OPEN)
+    assert rig.out.grip is Grip.OPEN
+    rig.tick(rig.command(START_M, False, gripper=Grip.CLOSED))
+    assert (rig.state(), rig.out.grip) == (S.READY, Grip.OPEN)
+
+
+@pytest.mark.parametrize("stop", STOPS, ids=str)
+def test_a_stop_leaves_the_grip_as_it_is(stop: dict[str, Any]) -> None:
+    rig = Rig().armed()
+    rig.tick(rig.command(START_M, True, gripper=Grip.OPEN), **stop)
+    assert rig.out.grip is Grip.CLOSED
+
+
+def test_a_late_tick_moves_the_setpoint_by_ten_milliseconds_at_most() -> None:
+    rig = Rig().moving(0.1)
+    before_m = rig.out.target_m
+    rig.now_ns += 40 * MS
+    rig.tick()
+    assert abs(rig.out.target_m - before_m) <= 0.2 * 0.010
+
+
+STEP = st.tuples(
+    st.sampled_from(["held", "released", "silent", "held away", "nothing"]),
+    st.integers(1, 50),
+    st.floats(-0.02, 0.11),
+    st.sampled_from(
+        [{}, {}, {}, *HALTS, {"shutdown": True}, {"session_live": False}, {"clear": True}, {"clock": None}]
+    ),
+    st.floats(-4.0, 4.0),
+)
+
+
+@given(st.lists(STEP, min_size=1, max_size=15), st.booleans())
+def test_the_stage_moves_only_while_engaging_armed_or_ramping_to_rest(
+    steps: list[tuple[str, int, float, dict[str, Any], float]], begins_armed: bool
+) -> None:
+    rig = Rig(gate=GateSettings(engage_ramp_s=0.02, watchdog_s=0.02))
+    if begins_armed:
+        rig.moving()
+    halted = False
+    for act, ticks, position_m, changes, force_n in steps:
+        rig.force_n = force_n
+        for tick in range(ticks):
+            before, before_m, before_m_s = rig.state(), rig.out.target_m, rig.out.velocity_m_s
+            command = None
+            if act in ("held", "released"):
+                command = rig.command(rig.stage_m, act == "held", velocity_m_s=0.02)
+            elif act == "held away":
+                command = rig.command(position_m, True)
+            out = rig.tick(command, **(changes if tick == 0 else {}))
+            if rig.control.machine.following:
+                assert not halted, "follows after a halt that nobody cleared"
+                assert out.executing is not None
+                assert out.executing.deadman
+            else:
+                assert abs(out.velocity_m_s) <= max(0.0, abs(before_m_s) - 4.0e-3) + 1e-12
+                assert out.executing is None
+                if before_m_s == 0.0:
+                    assert (out.target_m, out.moving) == (before_m, False)
+            if not (rig.control.machine.following and before is S.READY):  # engaging starts at the stage
+                assert abs(out.target_m - before_m) <= 0.2e-3 + 1e-12
+            if tick == 0:
+                halted = (halted or bool({"estop", "fault"} & set(changes))) and "clear" not in changes

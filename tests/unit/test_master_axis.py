@@ -1,12 +1,9 @@
 """Sessions of a master axis, and what it makes of forces and states that arrive."""
 
-import msgpack
 import pytest
 
 from forefeel.common.messages import (
     MOST_FORCE_N,
-    ForceSample,
-    Heartbeat,
     SlaveState,
 )
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
@@ -40,36 +37,6 @@ def test_an_accepting_slave_with_other_settings_is_not_believed() -> None:
     assert rig.commands == []
 
 
-def test_a_refusal_is_shown_and_asked_again() -> None:
-    rig = Rig()
-    rig.axis.serve(rig.now_ns)
-    rig.answer(accepted=False, reason="another session holds the lease")
-    rig.axis.report(rig.now_ns)
-    assert (rig.states[-1].indication, rig.states[-1].reason) == (
-        "no_session",
-        "the slave refuses: another session holds the lease",
-    )
-    rig.clock.set_ns(rig.now_ns + 250 * MS)
-    rig.axis.serve(rig.now_ns)
-    assert [asked.session_id for asked in rig.asked] == [101, 101]
-
-
-def test_heartbeats_echo_the_slaves_and_compare_the_clocks(rig: Rig) -> None:
-    rig.slave_ns = 3000 * MS
-    rig.axis.beat(rig.now_ns)
-    sent_ns = rig.now_ns
-    rig.clock.set_ns(sent_ns + 20 * MS)
-    there_ns = sent_ns + 10 * MS + rig.slave_ns
-    header = rig.header(rig.beat)
-    rig.beat.send(Heartbeat(**header, echo_stamp_ns=sent_ns, echo_receive_ns=there_ns))
-    rig.axis.report(rig.now_ns)
-    assert (rig.states[-1].clock_offset_ns, rig.states[-1].clock_bound_ns) == (3000 * MS, 10 * MS)
-    rig.axis.beat(rig.now_ns)
-    assert (rig.beats[-1].echo_stamp_ns, rig.beats[-1].echo_receive_ns) == (header["stamp_ns"], rig.now_ns)
-    rig.step(2)
-    assert rig.haptics[-1].force_age_s == pytest.approx(0.010)
-
-
 def test_a_session_that_the_slave_lost_is_replaced_and_nothing_of_it_is_felt(rig: Rig) -> None:
     rig.step(300)
     rig.step(1001, state=None, force=False)
@@ -82,18 +49,6 @@ def test_a_session_that_the_slave_lost_is_replaced_and_nothing_of_it_is_felt(rig
     rig.step(1, state=None, force=False)
     assert rig.haptics[-1].zoh_n is None
     assert rig.handle.shown.state is None
-
-
-def test_a_slave_whose_clock_began_anew_is_heard_after_the_handshake(rig: Rig) -> None:
-    rig.step(100)
-    rig.step(1001, state=None, force=False)
-    rig.slave_ns = -(10**12)
-    rig.axis.serve(rig.now_ns)
-    rig.state.header(0, 0)  # its first state was lost
-    rig.answer()
-    rig.step(10)
-    assert rig.handle.shown.state is S.ARMED
-    assert rig.haptics[-1].zoh_n == 0.3
 
 
 # --- forces and states ---
@@ -119,18 +74,6 @@ def test_a_force_beyond_the_load_cell_is_counted_and_reaches_neither_hand_nor_pr
     assert [sample.force_n for sample in rig.axis.identification.queue.drain()] == [0.3, FULL_SCALE_N]
 
 
-def test_a_force_beyond_the_range_of_its_message_is_malformed(rig: Rig) -> None:
-    rig.step(1)
-    force = ForceSample(
-        **rig.header(rig.force), position_m=0.05, velocity_m_s=0.0, force_n=1.0, raw_counts=0, valid=True,
-        answers_sequence=None, answers_stamp_ns=None,
-    )  # fmt: skip
-    rig.put_raw(msgpack.packb({**dict(force), "gripper": "closed", "force_n": 1e300}))
-    rig.step(1, force=False)
-    assert rig.haptics[-1].zoh_n == 0.3
-    assert rig.counters()["malformed_slave_force"] == 1
-
-
 def test_a_force_that_was_overtaken_is_learned_from_but_not_shown(rig: Rig) -> None:
     rig.step(1)
     rig.say_force(force_n=0.8, position_m=0.06, stamp_ns=500)
@@ -139,15 +82,6 @@ def test_a_force_that_was_overtaken_is_learned_from_but_not_shown(rig: Rig) -> N
     assert rig.haptics[-1].zoh_n == 0.3
     assert rig.counters()["forces_reordered"] == 2
     assert len(rig.axis.identification.queue.drain()) == 3
-
-
-def test_an_invalid_force_tells_the_position_but_is_not_held(rig: Rig) -> None:
-    rig.step(1)
-    rig.clock.set_ns(rig.now_ns + MS)
-    rig.say_force(valid=False, force_n=9.0, position_m=0.055)
-    rig.step(1, force=False)
-    assert rig.haptics[-1].zoh_n == 0.3
-    assert rig.handle.shown.stage_position_m == 0.055
 
 
 def test_the_state_is_shown_until_half_a_second_after_the_last_word(rig: Rig) -> None:
@@ -182,9 +116,3 @@ def _newest_state(rig: Rig) -> SlaveState:
     state = rig.axis._slave_state
     assert state is not None
     return state
-
-
-def test_malformed_forces_are_counted(rig: Rig) -> None:
-    for payload in (b"", b"\xc1", b"\x80", b"x" * 70_000):
-        rig.put_raw(payload)
-    assert rig.counters()["malformed_slave_force"] == 4

@@ -1,7 +1,6 @@
 """What a master axis does with the hand: command, force, faults, re-arming."""
 
 from itertools import pairwise
-from math import nan
 
 import pytest
 
@@ -28,13 +27,6 @@ def test_command_and_haptics_of_a_tick_carry_the_same_sequence(rig: Rig) -> None
     assert rig.haptics[-1].delay_s == pytest.approx(0.001)
 
 
-def test_a_prediction_that_is_no_number_does_not_end_the_loop(rig: Rig) -> None:
-    rig.step(300)
-    rig.predictor.answer = nan
-    rig.step(201)
-    assert (rig.haptics[-1].predicted_n, rig.haptics[-1].rendered_n) == (None, 0.0)
-
-
 def test_when_it_is_stopped_the_deadman_opens_at_once_and_the_force_fades_without_a_jump(rig: Rig) -> None:
     rig.step(400)
     assert rig.commands[-1].deadman
@@ -57,13 +49,6 @@ def test_at_a_fault_the_force_is_gone_at_once_and_stays_away(rig: Rig) -> None:
     assert set(rig.handle.felt_n[-50:]) == {0.0}
     assert not rig.commands[-1].deadman
     assert rig.counters()["fault_ValueError"] == 1
-
-
-def test_a_handle_that_can_not_even_let_go_is_counted(rig: Rig) -> None:
-    rig.handle.broken = True
-    rig.axis.fail(ValueError())
-    rig.handle.broken = False
-    assert rig.counters()["render_failed"] == 1
 
 
 def break_handle(rig: Rig) -> None:
@@ -142,14 +127,3 @@ def test_a_re_arming_that_fails_leaves_the_handle_let_go(rig: Rig) -> None:
     assert not rig.commands[-1].deadman
     rig.axis.report(rig.now_ns)
     assert rig.states[-1].reason == "handle: unplugged"
-
-
-def test_an_emergency_stop_is_sent_with_its_reason(rig: Rig) -> None:
-    rig.axis.emergency_stop("r" * 300, rig.now_ns)
-    (stop,) = rig.stops
-    assert (stop.source, stop.reason) == ("master", "r" * 256)
-
-
-def test_the_time_that_the_person_chose_to_wait_is_published(rig: Rig) -> None:
-    rig.axis.report(rig.now_ns)
-    assert rig.states[-1].clutched_s == 1.5

@@ -1,3 +1,5 @@
+"""The haptic loop and its clutch."""
+
 from math import inf, isfinite, nan
 
 import pytest
@@ -5,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.estimation.forecast import Estimate
-from forefeel.common.messages import ForceSample, Grip, SafetyState
+from forefeel.common.messages import ForceSample, SafetyState
 from forefeel.master.handle import HandleReading
-from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
+from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.prediction import Present
 from forefeel.master.settings import RenderingSettings
 
@@ -99,22 +101,6 @@ def test_the_model_sees_the_position_of_the_command_and_the_velocity_of_the_hand
     assert out.velocity_m_s == 0.003
 
 
-def test_with_the_deadman_open_the_command_stands_on_the_stage_and_nothing_is_felt() -> None:
-    bench = Bench()
-    bench.tick(300)
-    bench.reading = HandleReading(0.4, 0.2, False)
-    out = bench.tick(201)
-    assert out.position_m == pytest.approx(0.02)
-    assert (out.velocity_m_s, out.deadman, out.rendered_n) == (0.0, False, 0.0)
-
-
-def test_grip_and_recording_time_go_with_the_command() -> None:
-    bench = Bench()
-    bench.reading = HandleReading(0.1, 0.0, True, Grip.OPEN, 12.5)
-    out = bench.tick()
-    assert (out.gripper, out.recording_time_s) == (Grip.OPEN, 12.5)
-
-
 def test_feedback_that_stops_coming_is_felt_for_the_stale_time_and_fades_after_it() -> None:
     bench = Bench()
     bench.tick(300)
@@ -134,11 +120,6 @@ def test_forces_that_keep_coming_but_are_old_by_measurement_are_not_felt(late_ns
     assert bench.tick(200).rendered_n == 0.0
     bench.late_ns = 99 * MS
     assert bench.tick(300).rendered_n == 1.0
-
-
-def test_before_any_force_nothing_is_felt() -> None:
-    out = Bench().tick(500, fresh=False)
-    assert (out.rendered_n, out.zoh_n) == (0.0, None)
 
 
 @pytest.mark.parametrize("state", [None, *(s for s in SafetyState if s not in (S.ENGAGING, S.ARMED))])
@@ -186,3 +167,38 @@ def test_whatever_happens_the_force_is_finite_limited_slewed_and_never_of_stale_
             if bench.now_ns - last_live_ns > 201 * MS:
                 assert abs(out.rendered_n) < 1e-12
             before_n = out.rendered_n
+
+
+METRE = st.floats(-1.0, 1.0)
+
+
+def reading(position_m: float, deadman: bool) -> HandleReading:
+    return HandleReading(position_m, 0.0, deadman)
+
+
+def test_engaging_does_not_jump_and_then_the_command_moves_as_the_handle() -> None:
+    clutch = Clutch()
+    clutch.command_m(reading(0.1, False), 0.03)
+    assert abs(clutch.command_m(reading(0.1, True), 0.03) - 0.03) < 1e-15
+    assert abs(clutch.command_m(reading(0.102, True), 0.5) - 0.032) < 1e-15
+    assert abs(clutch.command_m(reading(0.09, True), None) - 0.02) < 1e-15
+
+
+def test_a_readback_that_is_lost_keeps_the_last_offset() -> None:
+    clutch = Clutch()
+    clutch.command_m(reading(0.0, False), 0.04)
+    assert clutch.command_m(reading(0.01, False), None) == 0.05
+
+
+@given(st.lists(st.tuples(METRE, st.booleans(), st.one_of(st.none(), METRE)), min_size=1, max_size=50))
+def test_while_the_clutch_is_closed_the_command_moves_exactly_with_the_handle(
+    steps: list[tuple[float, bool, float | None]],
+) -> None:
+    clutch, before = Clutch(), None
+    for handle_m, closed, stage_m in steps:
+        command_m = clutch.command_m(reading(handle_m, closed), stage_m)
+        if closed and before is not None:
+            assert abs((command_m - before[0]) - (handle_m - before[1])) < 1e-12
+        if not closed and stage_m is not None:
+            assert abs(command_m - stage_m) < 1e-12
+        before = command_m, handle_m

@@ -69,13 +69,6 @@ def known(identification: IdentificationTask) -> ContactEstimate:
     return identification.estimate
 
 
-def test_nothing_is_known_before_the_first_update() -> None:
-    identification, _ = task()
-    assert identification.estimate is None
-    identification.run()
-    assert not known(identification).valid
-
-
 def test_each_batch_is_learned_in_the_order_of_the_stamps() -> None:
     identification, notes = task()
     for stamps in ([3, 1, 2], [6, 4, 5]):
@@ -84,15 +77,6 @@ def test_each_batch_is_learned_in_the_order_of_the_stamps() -> None:
         identification.run()
     assert notes.seen == [i * TICK for i in range(1, 7)]
     assert (notes.samples, notes.ignored) == (6, 0)
-
-
-def test_what_comes_after_its_batch_is_left_out() -> None:
-    identification, notes = task()
-    for stamps in ([1, 2, 5], [4, 3, 6]):
-        for stamp in stamps:
-            identification.queue.put(sample(stamp * TICK))
-        identification.run()
-    assert notes.seen == [stamp * TICK for stamp in (1, 2, 5, 6)]
 
 
 def test_invalid_forces_and_those_that_answer_no_command_are_not_learned_from_but_counted() -> None:
@@ -135,14 +119,6 @@ def test_a_queue_that_overflows_drops_the_oldest_and_counts_them() -> None:
     assert (identification.queue.dropped, identification.unused, notes.seen[0]) == (100, 0, 101 * TICK)
 
 
-def test_the_same_host_in_a_new_session_keeps_its_stamps() -> None:
-    identification, notes = task()
-    for stamp, session_id in ((1, 1), (2, 1), (500, 2), (501, 2)):
-        identification.queue.put(sample(stamp * TICK, session_id))
-    identification.run()
-    assert notes.seen == [stamp * TICK for stamp in (1, 2, 500, 501)]
-
-
 def test_a_slave_whose_host_was_started_again_is_learned_from_after_a_pause() -> None:
     identification, notes = task()
     for stamp, session_id in ((70_001, 1), (70_000, 1), (5, 2), (4, 2)):
@@ -157,12 +133,3 @@ def test_a_slave_whose_host_was_started_again_is_learned_from_after_a_pause() ->
     assert notes.seen[:2] == [70_000 * TICK, 70_001 * TICK]
     steps = [(after - before) // TICK for before, after in pairwise(notes.seen)]
     assert steps == [1, 250, 1, 1, 1, 250]
-
-
-def test_what_the_motion_leaves_open_is_said() -> None:
-    identification, _ = task()
-    for stamp in range(1, 1000):
-        still = sample(TICK).model_copy(update={"stamp_ns": stamp * TICK})
-        identification.queue.put(still)
-    identification.run()
-    assert identification.identifiable()

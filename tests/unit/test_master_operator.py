@@ -1,9 +1,24 @@
-from itertools import pairwise
+"""The synthetic operator: reaches, tremor, arm, and when the person presses and lets go."""
 
+from itertools import pairwise
+from math import exp, pi, sqrt
+from random import Random
+
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from forefeel.common.messages import SafetyState
-from forefeel.devices.simulated.operator import Operator
+from forefeel.devices.simulated.operator import (
+    REACTION_S,
+    Act,
+    Arm,
+    MinimumJerk,
+    Operator,
+    SimulatedOperatorPolicy,
+    Tremor,
+)
 from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.master.handle import HandleReading, Indication
 
@@ -36,12 +51,6 @@ class Session:
         return self.readings[begin:]
 
 
-def test_the_hand_is_off_the_deadman_until_the_slave_is_ready() -> None:
-    session = Session()
-    assert not any(reading.deadman for reading in session.run(2.0, S.IDLE))
-    assert any(reading.deadman for reading in session.run(0.2))
-
-
 def test_strokes_go_in_to_the_depth_and_back_home() -> None:
     session = Session()
     settings = STILL
@@ -54,12 +63,6 @@ def test_strokes_go_in_to_the_depth_and_back_home() -> None:
     strokes = sum(abs(later - before) > 0.015 for before, later in pairwise(turns))
     assert strokes >= 10
     assert min(positions[3000:]) == pytest.approx(settings.home_m, abs=2e-3)
-
-
-def test_velocity_is_that_of_the_position() -> None:
-    readings = Session(OperatorSettings()).run(5.0)
-    for before, after in pairwise(readings[1000:]):
-        assert (after.position_m - before.position_m) * 1e3 == pytest.approx(after.velocity_m_s, abs=6e-3)
 
 
 def test_equal_seeds_move_equally() -> None:
@@ -78,22 +81,6 @@ def test_the_rendered_force_pushes_the_hand_back() -> None:
     assert yielded_m == pytest.approx(2.0 / STILL.arm_stiffness_n_m, rel=1e-3)
 
 
-def test_tremor_rides_on_the_motion() -> None:
-    still, shaking = (
-        Session(STILL).run(1.0, S.IDLE),
-        Session(OperatorSettings(tremor_m=5e-4)).run(1.0, S.IDLE),
-    )
-    off_m = [abs(a.position_m - b.position_m) for a, b in zip(still, shaking, strict=True)]
-    assert 2e-5 < max(off_m) < 5e-4
-
-
-def test_while_waiting_the_hand_goes_to_the_stage() -> None:
-    session = Session()
-    session.stage_m = 0.031
-    session.run(1.5, S.IDLE)
-    assert session.readings[-1].position_m == pytest.approx(0.031, abs=1e-5)
-
-
 def test_a_stop_cuts_the_stroke_off_and_after_it_the_next_one_begins_where_the_hand_is() -> None:
     session = Session()
     session.run(0.9)
@@ -106,16 +93,125 @@ def test_a_stop_cuts_the_stroke_off_and_after_it_the_next_one_begins_where_the_h
     assert all(abs(b.position_m - a.position_m) < 2e-4 for a, b in pairwise(session.readings))
 
 
-def test_a_late_tick_does_not_tear_the_hand() -> None:
-    session = Session()
-    session.run(2.0)
-    before_m = session.readings[-1].position_m
-    session.now_ns += 2_000 * MS
-    session.run(0.001)
-    assert abs(session.readings[-1].position_m - before_m) < 0.06 * 0.06
+METRE = st.floats(-0.5, 0.5)
+DURATION = st.floats(0.05, 60.0)
 
 
-def test_it_never_ends_and_never_chooses_to_wait() -> None:
-    session = Session()
-    session.run(20.0)
-    assert (session.operator.finished, session.operator.clutched_out_s) == (False, 0.0)
+@given(METRE, METRE, DURATION)
+def test_a_reach_begins_and_ends_at_rest_where_it_is_told(
+    start_m: float, end_m: float, duration_s: float
+) -> None:
+    reach = MinimumJerk(start_m, end_m, duration_s)
+    assert reach.at(0.0) == (start_m, 0.0)
+    assert reach.at(-1.0) == (start_m, 0.0)
+    position_m, velocity_m_s = reach.at(duration_s)
+    assert position_m == pytest.approx(end_m, abs=1e-12)
+    assert velocity_m_s == 0.0
+    assert reach.at(duration_s + 5.0) == (position_m, velocity_m_s)
+    middle_m, peak_m_s = reach.at(duration_s / 2)
+    assert middle_m == pytest.approx((start_m + end_m) / 2, abs=1e-12)
+    assert peak_m_s == pytest.approx(1.875 * (end_m - start_m) / duration_s, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_tremor_is_between_6_and_12_hz_and_within_its_amplitude(seed: int) -> None:
+    tremor, rate_hz, seconds = Tremor(2e-4, Random(seed)), 200.0, 40.0
+    t = np.arange(0.0, seconds, 1.0 / rate_hz)
+    x = np.array([tremor.at(s)[0] for s in t])
+    assert np.abs(x).max() <= 2e-4
+    power = np.abs(np.fft.rfft(x * np.hanning(len(x)))) ** 2
+    hz = np.fft.rfftfreq(len(x), 1.0 / rate_hz)
+    band = (hz > 5.8) & (hz < 12.2)
+    assert power[band].sum() > 0.999 * power.sum()
+    assert np.sqrt(np.mean(x**2)) == pytest.approx(sqrt(3 / 2) * 2e-4 / 3, rel=0.1)
+
+
+def moved(
+    arm: Arm, seconds: float, force_n: float, reference_m: float = 0.0, dt_s: float = 1e-3
+) -> list[float]:
+    positions = list[float]()
+    for _ in range(round(seconds / dt_s)):
+        arm.advance(reference_m, 0.0, force_n, dt_s)
+        positions.append(arm.position_m)
+    return positions
+
+
+def test_the_arm_answers_a_step_as_the_analytic_oscillator_does() -> None:
+    mass, damping, stiffness = 0.4, 12.0, 250.0
+    arm = Arm(mass, damping, stiffness)
+    positions = moved(arm, 1.0, 1.0)
+    decay, omega = damping / (2 * mass), sqrt(stiffness / mass - (damping / (2 * mass)) ** 2)
+    t = np.arange(1, 1001) * 1e-3
+    shape = np.cos(omega * t) + decay / omega * np.sin(omega * t)
+    expected = -1.0 / stiffness * (1.0 - np.exp(-decay * t) * shape)
+    np.testing.assert_allclose(positions, expected, atol=0.01 / stiffness)
+    assert exp(-decay * 1.0) < 1e-6 and pi / omega < 1.0
+
+
+STATES = (None, *SafetyState)
+
+
+def looked(person: SimulatedOperatorPolicy, now_s: float, state: SafetyState | None) -> Act:
+    person.look(now_s, state)
+    return person.act
+
+
+def armed(now_s: float = 10.0) -> SimulatedOperatorPolicy:
+    person = SimulatedOperatorPolicy()
+    assert looked(person, now_s, S.READY) is Act.PRESSING
+    assert looked(person, now_s + 0.3, S.ARMED) is Act.MOVING
+    return person
+
+
+@pytest.mark.parametrize("state", [state for state in STATES if state is not S.ARMED])
+def test_at_a_stop_the_hand_opens_at_once_and_presses_again_half_a_second_later(
+    state: SafetyState | None,
+) -> None:
+    person = armed(10.0)
+    assert looked(person, 11.0, state) is Act.WAITING
+    assert person.stops == 1
+    assert looked(person, 11.0 + REACTION_S - 1e-6, S.READY) is Act.WAITING
+    assert looked(person, 11.0 + REACTION_S, S.READY) is Act.PRESSING
+
+
+def test_who_is_not_armed_within_three_seconds_lets_go_and_tries_again() -> None:
+    person = SimulatedOperatorPolicy()
+    person.look(10.0, S.READY)
+    assert looked(person, 13.0, S.READY) is Act.PRESSING
+    assert looked(person, 13.001, S.READY) is Act.WAITING
+    assert looked(person, 13.4, S.READY) is Act.WAITING
+    assert looked(person, 13.6, S.READY) is Act.PRESSING
+    assert person.stops == 0
+
+
+def test_letting_go_by_choice_is_no_stop_and_its_time_is_counted_until_armed() -> None:
+    person = armed(10.0)
+    person.look(11.0, S.ARMED)
+    person.release(11.0)
+    for i in range(1, 13):
+        person.look(11.0 + i * 0.1, S.READY)
+    assert person.pressed
+    person.look(12.4, S.ARMED)
+    person.look(12.9, S.ARMED)
+    assert person.clutched_out_s == pytest.approx(1.4)
+    assert person.stops == 0
+
+
+@given(st.lists(st.tuples(st.floats(0.001, 1.0), st.sampled_from(STATES)), max_size=80))
+def test_a_press_begins_at_ready_only_and_never_sooner_than_the_reaction(
+    glances: list[tuple[float, SafetyState | None]],
+) -> None:
+    person, now_s = SimulatedOperatorPolicy(), 100.0
+    released_s = now_s - REACTION_S
+    for pause_s, state in glances:
+        now_s += pause_s
+        was, stops = person.act, person.stops
+        act = looked(person, now_s, state)
+        if was is Act.WAITING and act is Act.PRESSING:
+            assert state is S.READY
+            assert now_s - released_s >= REACTION_S - 1e-9
+        if act is Act.MOVING:
+            assert state is S.ARMED
+        if was is not Act.WAITING and act is Act.WAITING:
+            released_s = now_s
+        assert person.stops - stops == (was is Act.MOVING and act is Act.WAITING)

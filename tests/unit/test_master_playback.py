@@ -1,11 +1,10 @@
 from itertools import pairwise
-from math import inf, pi
+from math import inf
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from forefeel.common.errors import RecordingError
 from forefeel.common.messages import SafetyState
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
@@ -62,47 +61,13 @@ def test_a_recording_is_cut_into_pieces_at_its_gaps() -> None:
     assert RecordedMotion(GAPPED).pieces == [(100.0, 100.5), (104.0, 104.5)]
 
 
-def test_between_samples_it_is_linear_with_the_velocity_of_the_interval() -> None:
-    motion = RecordedMotion(GAPPED)
-    position_m, velocity_m_s = motion.at(100.123)
-    assert position_m == pytest.approx(0.010 + 0.02 * 0.123, abs=1e-12)
-    assert velocity_m_s == pytest.approx(0.02)
-
-
 def test_at_the_ends_of_a_piece_nothing_comes_from_the_gap() -> None:
     motion = RecordedMotion(GAPPED)
     for t, x, v in ((100.0, 0.01, 0.02), (100.5, 0.02, 0.02), (104.0, 0.06, -0.03), (104.5, 0.045, -0.03)):
         assert list(motion.at(t)) == pytest.approx([x, v], abs=1e-12)
 
 
-def test_samples_that_stand_alone_are_passed_over() -> None:
-    alone = recording([0.0, 5.0, 5.01, 9.0], [0.0, 0.1, 0.2, 0.3])
-    assert RecordedMotion(alone).pieces == [(5.0, 5.01)]
-    with pytest.raises(RecordingError, match=r"^test.csv: no two samples within 0.1 s, nothing to play$"):
-        RecordedMotion(recording([0.0, 1.0, 2.0], [0.0, 0.1, 0.2]))
-
-
 # --- sines ---
-
-
-def test_a_sine_starts_at_rest_at_its_lowest_and_swings_around_its_centre() -> None:
-    sine = MultiSine(0.02, 0.01, (0.5,))
-    assert list(sine.at(0.0)) == pytest.approx([0.01, 0.0], abs=1e-15)
-    assert sine.at(0.5)[0] == pytest.approx(0.02)
-    assert sine.at(0.5)[1] == pytest.approx(0.01 * 2 * pi * 0.5)
-    assert list(sine.at(1.0)) == pytest.approx([0.03, 0.0], abs=1e-12)
-
-
-def test_several_sines_stay_within_the_amplitude_and_differ_by_their_derivative() -> None:
-    sines, h = MultiSine(0.02, 0.01, (0.23, 0.61, 1.37, 2.9)), 1e-6
-    times = np.linspace(0.0, 60.0, 20_000)
-    positions = np.array([sines.at(t)[0] for t in times])
-    assert positions.min() >= 0.01
-    assert positions.max() <= 0.03
-    assert np.mean(positions) == pytest.approx(0.02, abs=2e-4)
-    for t in (0.1, 3.3, 17.0):
-        difference = (sines.at(t + h)[0] - sines.at(t - h)[0]) / (2 * h)
-        assert sines.at(t)[1] == pytest.approx(difference, rel=1e-6)
 
 
 def test_a_sine_has_no_end_and_no_recording_time() -> None:
@@ -136,15 +101,6 @@ def test_the_whole_recording_is_played_by_absolute_position_with_its_own_times()
     assert not any(100.5 < time_s < 104.0 for time_s in times_s)
 
 
-def test_the_way_to_the_start_of_each_piece_is_slow_smooth_and_carries_no_time() -> None:
-    session = Session(RecordedMotion(GAPPED), stage_m=0.03)
-    session.run(20.0)
-    for before, after in pairwise(session.readings):
-        assert abs(after.position_m - before.position_m) <= (APPROACH_M_S + 1e-9) * 1e-3
-        if after.recording_time_s is None:
-            assert abs(after.velocity_m_s) <= APPROACH_M_S
-
-
 def test_between_two_pieces_the_clutch_is_opened_by_choice() -> None:
     session = Session(RecordedMotion(GAPPED))
     session.run(20.0)
@@ -152,19 +108,6 @@ def test_between_two_pieces_the_clutch_is_opened_by_choice() -> None:
     assert releases == 2
     assert session.handle.person.stops == 0
     assert session.handle.clutched_out_s >= 0.5
-
-
-def test_with_the_clutch_open_the_handle_is_where_the_stage_is() -> None:
-    session = Session(RecordedMotion(GAPPED), stage_m=0.07)
-    for reading in session.run(0.4, S.IDLE):
-        assert (reading.position_m, reading.velocity_m_s, reading.deadman) == (0.07, 0.0, False)
-
-
-def test_while_it_waits_to_be_armed_it_stands_still() -> None:
-    session = Session(RecordedMotion(GAPPED))
-    session.run(0.1, S.IDLE)
-    pressed = [reading for reading in session.run(0.03, S.READY) if reading.deadman]
-    assert {reading.position_m for reading in pressed} == {0.03}
 
 
 def test_a_stop_in_the_middle_goes_on_at_the_same_time_after_it() -> None:
@@ -184,13 +127,6 @@ def test_a_stop_in_the_middle_goes_on_at_the_same_time_after_it() -> None:
     assert session.handle.person.stops == 1
 
 
-def test_after_its_end_nothing_is_pressed_any_more() -> None:
-    session = Session(RecordedMotion(GAPPED))
-    while not session.handle.finished:
-        session.run(0.1)
-    assert not any(reading.deadman for reading in session.run(10.0))
-
-
 def test_a_late_tick_skips_no_more_than_fifty_milliseconds() -> None:
     session = Session(RecordedMotion(GAPPED))
     while len(session.played()) < 50:
@@ -200,11 +136,6 @@ def test_a_late_tick_skips_no_more_than_fifty_milliseconds() -> None:
     after = session.played()[-1].recording_time_s
     assert before is not None and after is not None
     assert after - before == pytest.approx(0.050)
-
-
-def test_the_hand_is_rigid() -> None:
-    session = Session(MultiSine(0.02, 0.01, (0.5,)))
-    assert session.handle.render(3.0, 0) == 3.0
 
 
 @pytest.mark.parametrize("name", ["human_motion", "seal_o_ring_3bar"])

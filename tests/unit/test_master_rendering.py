@@ -44,12 +44,6 @@ class Hand:
         return force_n
 
 
-def test_a_steady_contact_is_felt_scaled() -> None:
-    hand = Hand()
-    assert hand.feel(0.5, ticks=300) == 1.0
-    assert not hand.limited
-
-
 @pytest.mark.parametrize("contact_n", [2.5, -2.5, 1e12])
 def test_no_more_than_the_limit_is_felt_and_that_is_said(contact_n: float) -> None:
     hand = Hand()
@@ -57,12 +51,6 @@ def test_no_more_than_the_limit_is_felt_and_that_is_said(contact_n: float) -> No
     (hit,) = hand.hits
     assert (hit.rule, hit.requested, hit.unit) == ("rendered_force", 2.0 * contact_n, "N")
     assert abs(hit.applied) == 4.0
-
-
-def test_at_the_limit_nothing_is_limited() -> None:
-    hand = Hand()
-    assert hand.feel(2.0, ticks=1000) == 4.0
-    assert not hand.limited
 
 
 def test_a_jump_of_the_contact_is_slewed() -> None:
@@ -74,16 +62,6 @@ def test_a_jump_of_the_contact_is_slewed() -> None:
         assert hand.renderer.force_n - before_n == pytest.approx(0.04)
         before_n, ticks = hand.renderer.force_n, ticks + 1
     assert ticks == pytest.approx(4.0 / 0.04, abs=1)
-
-
-def test_the_first_tick_renders_nothing() -> None:
-    assert Hand().feel(1.5) == 0.0
-
-
-def test_the_force_comes_in_over_the_time_of_the_fade() -> None:
-    hand = Hand()
-    assert hand.feel(0.5, ticks=101) == pytest.approx(0.5)
-    assert hand.feel(0.5, ticks=100) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -99,14 +77,6 @@ def test_what_is_stale_unknown_or_no_number_fades_to_zero_within_the_time_of_the
     assert forces_n[100] == pytest.approx(1.5, abs=0.02)
     assert forces_n[-1] == 0.0
     assert hand.feel(contact_n, live, ticks=500) == 0.0
-
-
-def test_a_force_that_comes_back_during_the_fade_comes_back_without_a_jump() -> None:
-    hand = Hand()
-    hand.feel(1.5, ticks=500)
-    low_n = hand.feel(1.5, live=False, ticks=150)
-    assert hand.feel(1.5) == pytest.approx(low_n, abs=0.041)
-    assert hand.feel(1.5, ticks=200) == 3.0
 
 
 def test_without_a_motion_the_force_changes_no_faster_than_a_model_may_jump() -> None:

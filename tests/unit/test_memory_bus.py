@@ -21,16 +21,6 @@ def test_memory_bus_stamps_with_clock_of_receiver() -> None:
     assert got == [(key, key.encode(), 7) for key in ("cell/axis", "cell/axis/force")]
 
 
-def test_a_session_closed_by_a_handler_hears_nothing_more_of_the_same_payload() -> None:
-    bus = MemoryBus()
-    sender, closing, closed = (bus.session(VirtualClock()) for _ in range(3))
-    got: list[bytes] = []
-    closing.subscribe("a", lambda *_: closed.close())
-    closed.subscribe("a", lambda payload, _: got.append(payload))
-    sender.publisher("a", Qos.STREAM)(b"x")
-    assert got == []
-
-
 def test_an_exception_of_a_handler_stops_the_run() -> None:
     bus = MemoryBus()
     sender, receiver = bus.session(VirtualClock()), bus.session(VirtualClock())

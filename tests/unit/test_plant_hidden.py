@@ -1,6 +1,5 @@
 """What is hidden in the simulated world: switched on at an instant, with the memory of the motion so far."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,14 +57,6 @@ def test_a_sensor_acts_on_readings_behind_the_noise_and_from_its_instant_on() ->
     assert np.count_nonzero(always > 0.0999) > 100
     assert later[:1499].max() > 0.2
     assert later[1500:].max() == pytest.approx(0.1, abs=1e-6)
-
-
-def test_a_file_gives_the_hidden_effects(tmp_path: Path) -> None:
-    path = tmp_path / "hidden.yaml"
-    path.write_text(f"schema: {SCHEMA}\nname: friction\neffects:\n  - effect: coulomb_friction\n")
-    hidden = world_settings({"hidden": {"model": str(path), "from_s": 2.0}}).hidden
-    assert hidden is not None
-    assert (hidden.effects.name, hidden.from_s, hidden.model) == ("friction", 2.0, None)
 
 
 @pytest.mark.parametrize(

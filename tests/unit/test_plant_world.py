@@ -104,22 +104,6 @@ def test_the_force_agrees_with_a_fine_integration_of_the_equations(name: PresetN
     assert sorted(errors)[int(0.99 * len(errors))] < 5e-3 * peak
 
 
-@pytest.mark.parametrize(("name", "low", "high"), [("catheter", 0.2, 1.2), ("guidewire", 0.005, 0.12)])
-@pytest.mark.parametrize("mean_speed", [0.005, 0.02, 0.06])
-def test_a_30_mm_stroke_peaks_in_the_range_of_its_instrument(
-    name: PresetName, low: float, high: float, mean_speed: float
-) -> None:
-    duration_s = 0.06 / mean_speed
-    readings = drive(SimulatedWorld(preset(name), 1), stroke(0.03, duration_s), duration_s / 2)
-    assert all(r.valid for r in readings)
-    assert low < max(r.force_n for r in readings) < high
-
-
-def test_the_catheter_reaches_about_1_n_over_100_mm() -> None:
-    readings = drive(SimulatedWorld(preset("catheter"), 1), stroke(0.1, 10.0), 5.0)
-    assert 0.7 < max(r.force_n for r in readings) < 1.3
-
-
 def test_equal_seeds_and_calls_repeat_bit_for_bit() -> None:
     motion = stroke(0.03, 1.0)
     first, again, other = (
@@ -144,14 +128,6 @@ def test_advancing_and_reading_more_often_changes_nothing() -> None:
     assert restless.stage_readback() == plain.stage_readback()
 
 
-def test_a_finer_rate_gives_the_same_world() -> None:
-    motion, forces = stroke(0.03, 1.0), []
-    for rate in (10_000, 40_000):
-        settings = world_settings({"integration_rate_hz": rate, "load_cell": QUIET})
-        forces.append([r.force_n for r in drive(SimulatedWorld(settings, 0), motion, 0.5)])
-    assert rms([f - g for f, g in zip(*forces, strict=True)]) < 2e-3 * max(forces[0])
-
-
 def test_strokes_add_up_when_the_fixture_regrips() -> None:
     world = SimulatedWorld(world_settings({"load_cell": QUIET}), 0)
     world.advance(0)
@@ -170,27 +146,6 @@ def test_strokes_add_up_when_the_fixture_regrips() -> None:
     now_ms = move(world, 0.0, 0.02, now_ms)
     assert world.inserted_m == pytest.approx(0.05, abs=2e-5)
     assert world.load_cell_reading().force_n > loaded_n
-
-
-def test_a_regrip_forgets_the_friction_of_the_last_grip() -> None:
-    valve = {"effect": "presliding_hysteresis", "parameters": {"force_n": 0.08, "stiffness_n_m": 250.0}}
-    world = SimulatedWorld(world_settings({"contact": {"effects": [valve]}, "load_cell": QUIET}), 0)
-    world.advance(0)
-    now_ms = move(world, 0.0, 0.01, 0)
-    assert world.load_cell_reading().force_n > 0.07
-    world.grip(Grip.OPEN)
-    world.grip(Grip.CLOSED)
-    world.advance((now_ms + 20) * MS)
-    assert world.load_cell_reading().force_n == pytest.approx(0.0, abs=1e-6)
-
-
-def test_closing_a_closed_fixture_keeps_the_contact() -> None:
-    world, undisturbed = (SimulatedWorld(preset("catheter"), 0) for _ in range(2))
-    drive(undisturbed, stroke(0.03, 1.0), 0.4)
-    drive(world, stroke(0.03, 1.0), 0.3)
-    world.grip(Grip.CLOSED)
-    shifted = drive(world, lambda t: stroke(0.03, 1.0)(t + 0.3), 0.1, start_ms=300)
-    assert shifted[-1].force_n == pytest.approx(undisturbed.load_cell_reading().force_n, abs=1e-6)
 
 
 def test_a_regrip_with_play_in_the_contact_keeps_the_instrument_where_it_was() -> None:
@@ -229,20 +184,6 @@ def velocity_stop_m() -> float:
     return stage.velocity_limit_m_s**2 / (2 * stage.acceleration_limit_m_s2) + 1e-4
 
 
-def test_an_earlier_stamp_changes_nothing() -> None:
-    world = SimulatedWorld(preset("catheter"), 0)
-    drive(world, stroke(0.03, 1.0), 0.1)
-    before = world.stage_readback(), world.load_cell_reading()
-    world.advance(5 * MS)
-    assert (world.stage_readback(), world.load_cell_reading()) == before
-
-
-def test_the_target_is_applied_within_the_travel() -> None:
-    world = SimulatedWorld(preset("catheter"), 0)
-    assert world.set_target(5.0, 0.0, 0) == preset("catheter").stage.travel_upper_m
-    assert world.set_target(0.02, 0.0, 0) == 0.02
-
-
 def test_a_preset_is_overridden_value_by_value() -> None:
     settings = world_settings({"preset": "guidewire", "load_cell": {"noise_n": 0.001}})
     plain = preset("guidewire")
@@ -271,16 +212,6 @@ def test_wrong_settings_are_refused_in_one_line(mapping: dict[str, Any], message
     with pytest.raises(ConfigurationError, match=message) as caught:
         world_settings(mapping)
     assert "\n" not in str(caught.value)
-
-
-def test_settings_within_settings_fill_from_the_preset_and_name_their_place() -> None:
-    class Axis(Settings):
-        simulation: WorldSettings
-
-    axis = checked(Axis, {"simulation": {"preset": "guidewire"}}, "slave.yaml")
-    assert axis.simulation == preset("guidewire")
-    with pytest.raises(ConfigurationError, match=r"simulation\.load_cell\.noise_n = -1"):
-        checked(Axis, {"simulation": {"load_cell": {"noise_n": -1}}}, "slave.yaml")
 
 
 MODEL = """\

@@ -12,14 +12,13 @@ from mcap.writer import CompressionType, Writer
 
 from forefeel.common.codec import encode
 from forefeel.common.errors import RecordingError, RunError
-from forefeel.common.messages import EmergencyStop, ImpairmentTrace, SafetyEvent, SafetyState
+from forefeel.common.messages import ImpairmentTrace, SafetyEvent, SafetyState
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.common.topics import (
     COMMAND,
-    EMERGENCY_STOP,
     FORCE,
     MASTER_IMPAIRMENT,
     SAFETY_EVENT,
@@ -75,31 +74,6 @@ def test_columns_have_the_type_of_their_field_and_none_is_nan(tmp_path: Path) ->
     assert len(run.column(AXIS, COMMAND, "position_m")) == 0
 
 
-def test_what_a_run_does_not_have(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    with RunWriter(path) as writer:
-        put(writer, EmergencyStop(**header(0), source="operator", reason="pressed"), EMERGENCY_STOP)
-    run = read_run(path)
-    with pytest.raises(RecordingError) as caught:
-        run.messages("rotation", FORCE).__next__()
-    assert str(caught.value) == f"{path}: no axis 'rotation', it holds {AXIS}"
-    for name in ("source", "force_n"):
-        with pytest.raises(
-            ValueError, match=f"^any/estop: no numbers '{name}', it has protocol, session_id, "
-        ):
-            run.column(AXIS, EMERGENCY_STOP, name)
-
-
-def test_a_run_of_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    RunWriter(path).close()
-    run = read_run(path)
-    assert (run.cell, run.axes, run.truncated, run.metadata, run.attachments) == (None, (), False, {}, {})
-    with pytest.raises(RecordingError) as caught:
-        run.to_recording()
-    assert str(caught.value) == f"{path}: holds no axis, expected one axis to be named"
-
-
 def test_metadata_and_attachments(tmp_path: Path) -> None:
     with RunWriter(tmp_path / "run.mcap") as writer:
         writer.add_metadata("versions", {"forefeel": "0.1.0", "größe": "µm"})
@@ -120,15 +94,6 @@ def test_payloads_that_are_no_message_are_counted_and_not_written(tmp_path: Path
             writer.write(FORCE.key(CELL, AXIS), payload, START_NS)
     assert writer.malformed == len(wrong)
     assert read_run(tmp_path / "run.mcap").count(AXIS, FORCE) == 2
-
-
-@pytest.mark.parametrize("key", ["forefeel/cell/axis/slave/forces", "other/cell/axis/slave/force", ""])
-def test_a_key_that_is_none_of_ours_is_a_mistake_of_the_caller(tmp_path: Path, key: str) -> None:
-    with (
-        RunWriter(tmp_path / "run.mcap") as writer,
-        pytest.raises(ValueError, match="expected forefeel/cell/"),
-    ):
-        writer.write(key, encode(force(0)), START_NS)
 
 
 def test_the_file_says_what_the_mcap_specification_asks_for(tmp_path: Path) -> None:
@@ -280,15 +245,6 @@ def test_a_measurement_is_never_overwritten(tmp_path: Path) -> None:
             RunWriter(target)
         assert str(caught.value) == f"{target}: {reason}, expected a new file in an existing folder"
     assert path.read_bytes() == b"precious"
-
-
-def test_closing_twice_changes_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    with RunWriter(path) as writer:
-        put(writer, force(0))
-        writer.close()
-        content = path.read_bytes()
-    assert path.read_bytes() == content
 
 
 def test_a_full_disk_fails_the_run_with_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,20 +1,20 @@
+"""The slave's axis: sessions, commands, stops."""
+
 import re
-from math import inf, nan
+from math import nan
 
 import msgpack
 import pytest
 
 from forefeel.common import topics
 from forefeel.common.codec import encode
+from forefeel.common.errors import DeviceError
 from forefeel.common.messages import MOST_QUANTITY, EmergencyStop, Grip, SafetyState
 from forefeel.common.settings import settings_hash
-from tests.unit.slave_rig import MS, SESSION, SHARED, START_M, SlaveRig, other_limits
+from tests.unit.slave_rig import SESSION, SHARED, SlaveRig
 
 S = SafetyState
 UNHEARD = "no heartbeat from the master for 3.0 s"
-
-
-# --- sessions ---
 
 
 def test_a_master_with_equal_settings_is_accepted() -> None:
@@ -24,21 +24,6 @@ def test_a_master_with_equal_settings_is_accepted() -> None:
     assert (answer.accepted, answer.reason, answer.session_id, answer.role) == (True, "", SESSION, "slave")
     assert (answer.settings_hash, answer.settings, answer.instance_id) == (settings_hash(SHARED), SHARED, 99)
     assert rig.counters()["handshakes_accepted"] == 1
-
-
-def test_a_master_with_other_settings_is_refused_field_by_field() -> None:
-    rig = SlaveRig()
-    rig.axis.open(rig.now_ns)
-    theirs = other_limits(max_velocity_m_s=0.3, workspace_m=(0.0, 0.12))
-    answer = rig.shake(settings=theirs, settings_hash=settings_hash(theirs))
-    assert not answer.accepted
-    assert answer.reason == (
-        "settings differ: max_velocity_m_s: 0.2 here, 0.3 there; "
-        "workspace_m: [-0.002, 0.12] here, [0.0, 0.12] there"
-    )
-    rig.step(200)
-    assert rig.state() is S.IDLE
-    assert rig.counters()["refused_session"] == 200
 
 
 @pytest.mark.parametrize(
@@ -54,12 +39,6 @@ def test_settings_that_are_no_settings_are_refused_in_one_line(settings: str) ->
     assert rig.shake(SESSION + 1).accepted
 
 
-def test_a_slave_does_not_open_a_session_with_a_slave() -> None:
-    rig = SlaveRig()
-    rig.axis.open(rig.now_ns)
-    assert rig.shake(role="slave").reason == "only a master may open a session"
-
-
 def test_a_second_master_is_refused_while_the_lease_of_the_first_lives() -> None:
     rig = SlaveRig().armed()
     answer = rig.shake(SESSION + 1)
@@ -67,24 +46,6 @@ def test_a_second_master_is_refused_while_the_lease_of_the_first_lives() -> None
     rig.step(50)
     assert rig.state() is S.ARMED
     assert rig.states[-1].session_id == SESSION
-
-
-def test_the_lease_of_a_silent_master_expires_and_the_next_one_starts_afresh() -> None:
-    rig = SlaveRig().armed()
-    rig.beating = False
-    rig.step(1050)
-    assert (rig.state(), rig.states[-1].session_id) == (S.IDLE, 0)
-    assert rig.events[-1].reason == "no heartbeat from the master for 1.0 s"
-    assert [event.event for event in rig.events][-3:] == ["session_lost", "at_rest", "session_lost"]
-    rig.session_id, rig.beating = SESSION + 1, True
-    assert rig.shake().accepted
-    rig.step(200)  # its deadman is held from the start
-    assert rig.state() is S.READY
-    rig.deadman = False
-    rig.step(2)
-    rig.deadman = True
-    rig.step(40)
-    assert rig.state() is S.ARMED
 
 
 def test_a_session_in_which_the_master_is_never_heard_is_told_to_have_ended() -> None:
@@ -133,43 +94,6 @@ def test_a_repeated_handshake_does_not_reset_the_sequence() -> None:
     assert rig.state() is S.ARMED
 
 
-def test_no_heartbeat_without_a_session_and_then_one_with_the_four_stamps() -> None:
-    rig = SlaveRig()
-    rig.axis.open(rig.now_ns)
-    rig.axis.beat(rig.now_ns)
-    assert rig.beats == []
-    rig.shake()
-    rig.axis.beat(rig.now_ns)
-    assert (rig.beats[-1].echo_stamp_ns, rig.beats[-1].echo_receive_ns) == (None, None)
-    rig.beat()
-    sent_ns = rig.now_ns
-    rig.clock.set_ns(sent_ns + 7)
-    rig.axis.beat(rig.now_ns)
-    assert (rig.beats[-1].session_id, rig.beats[-1].stamp_ns) == (SESSION, sent_ns + 7)
-    assert (rig.beats[-1].echo_stamp_ns, rig.beats[-1].echo_receive_ns) == (sent_ns, sent_ns)
-
-
-def test_heartbeats_of_others_neither_renew_nor_set_the_clock() -> None:
-    rig = SlaveRig()
-    rig.axis.open(rig.now_ns)
-    rig.shake()
-    rig.session_id = 1234
-    rig.step(3100)
-    assert rig.state() is S.IDLE
-    assert rig.states[-1].clock_offset_ns is None
-    assert rig.states[-1].session_id == 0
-
-
-@pytest.mark.parametrize("rate", [500e-6, -1000e-6])
-def test_a_masters_clock_at_a_rate_that_ntp_brings_about_stops_nothing(rate: float) -> None:
-    """A second of command age in less than an hour: the limit is 0.1 s."""
-    rig = SlaveRig()
-    rig.rate = rate
-    rig.armed().step(20_000)
-    assert rig.state() is S.ARMED
-    assert not [event for event in rig.events if event.after is S.STOPPING]
-
-
 @pytest.mark.parametrize(("rate", "way"), [(0.08, "fast"), (-0.083, "slow")])
 def test_a_masters_clock_at_a_rate_that_can_not_be_followed_is_a_fault_that_says_so(
     rate: float, way: str
@@ -188,9 +112,6 @@ def test_a_masters_clock_at_a_rate_that_can_not_be_followed_is_a_fault_that_says
     assert rig.state() is S.FAULT
 
 
-# --- commands and answers ---
-
-
 def test_an_armed_axis_follows_and_each_force_answers_the_command_of_the_tick_before() -> None:
     rig = SlaveRig().armed()
     sent: list[tuple[int, int, float]] = []
@@ -204,38 +125,6 @@ def test_an_armed_axis_follows_and_each_force_answers_the_command_of_the_tick_be
     assert answers == sent[:-1]
     assert rig.load_cell.asked[-19:] == [time_s for *_, time_s in sent[:-1]]
     assert rig.stage.position_m == pytest.approx(rig.position_m, abs=2e-5)
-
-
-def test_a_force_that_answers_no_command_says_so() -> None:
-    rig = SlaveRig().connected()
-    assert {f.answers_sequence for f in rig.forces} == {None}
-    assert {f.session_id for f in rig.forces[-100:]} == {SESSION}
-    assert rig.load_cell.asked == [None] * len(rig.forces)
-    assert rig.forces[-1].clock_offset_ns == 0
-    assert rig.forces[-1].clock_bound_ns is not None
-
-
-def test_commands_that_came_between_two_ticks_are_counted_as_superseded() -> None:
-    rig = SlaveRig().armed()
-    before = rig.counters()["commands_superseded"]
-    for _ in range(3):
-        rig.command()
-    rig.step()
-    assert rig.counters()["commands_superseded"] == before + 3
-
-
-def test_a_release_is_not_lost_to_a_press_that_comes_before_the_tick() -> None:
-    rig = SlaveRig().armed()
-    rig.clock.set_ns(rig.now_ns + MS)
-    rig.deadman = False
-    rig.command()
-    rig.deadman, rig.position_m = True, START_M + 0.03
-    rig.command()
-    rig.axis.tick(rig.now_ns)
-    rig.step(200)
-    assert rig.state() is S.READY
-    assert rig.stage.position_m == pytest.approx(START_M, abs=1e-6)
-    assert [event.event for event in rig.events][-2:] == ["release", "at_rest"]
 
 
 @pytest.mark.parametrize(
@@ -264,36 +153,6 @@ def test_malformed_payloads_are_counted_by_topic_and_change_nothing(
     assert rig.counters()[f"malformed_{topic.name.replace('/', '_')}"] == 5
 
 
-@pytest.mark.parametrize("number", [nan, inf, -inf])
-def test_numbers_that_are_not_finite_do_not_arrive(number: float) -> None:
-    rig = SlaveRig().armed()
-    command = dict(rig.command())
-    rig.put_raw(topics.COMMAND, msgpack.packb({**command, "sequence": 10**6, "position_m": number}))
-    rig.step(5)
-    assert rig.state() is S.ARMED
-    assert rig.counters()["malformed_master_command"] == 1
-
-
-# --- states ---
-
-
-def test_the_watchdog_stops_the_stage_and_every_transition_is_published_with_its_reason() -> None:
-    rig = SlaveRig().armed()
-    rig.sends = False
-    rig.step(100)
-    told = [(event.before.value, event.event, event.after.value) for event in rig.events]
-    assert told == [
-        ("idle", "session_opened", "ready"),
-        ("ready", "engage", "engaging"),
-        ("engaging", "engaged", "armed"),
-        ("armed", "watchdog", "stopping"),
-        ("stopping", "at_rest", "ready"),
-    ]
-    assert rig.events[3].reason == "no valid command for 61 ms"
-    assert [event.sequence for event in rig.events] == [1, 2, 3, 4, 5]
-    assert rig.states[-1].stops == 1
-
-
 def test_the_grip_of_a_followed_command_reaches_the_gripper() -> None:
     rig = SlaveRig().connected()
     rig.fields = {"gripper": Grip.OPEN}
@@ -304,11 +163,6 @@ def test_the_grip_of_a_followed_command_reaches_the_gripper() -> None:
     assert rig.gripper.asked[-1] is Grip.OPEN
     assert rig.state() is S.ENGAGING
     assert rig.states[-1].gripper is Grip.OPEN
-
-
-def test_without_open_there_is_nothing_to_stop() -> None:
-    rig = SlaveRig()
-    assert (rig.axis.at_rest, rig.axis.halted) == (True, False)
 
 
 def test_a_session_without_commands_is_let_go_though_its_heartbeats_come() -> None:
@@ -339,3 +193,59 @@ def test_two_who_command_in_one_session_end_it() -> None:
     assert (lost.before, lost.reason) == (S.ARMED, "two writers in one session")
     assert rig.counters()["refused_second_writer"] == 1
     assert rig.state() is S.IDLE
+
+
+def test_an_emergency_stop_from_the_network_stops_in_the_next_tick_and_latches() -> None:
+    rig = SlaveRig().armed()
+    rig.stop("nurse", "the patient moved")
+    rig.step()
+    assert (rig.state(), rig.states[-1].reason) == (S.ESTOPPED, "nurse: the patient moved")
+    assert rig.stage.holds[-1] == rig.now_ns
+    moved = len(rig.stage.commands)
+    rig.deadman = False
+    rig.step(50)
+    rig.deadman = True
+    rig.step(200)
+    assert rig.state() is S.ESTOPPED
+    assert len(rig.stage.commands) == moved
+
+
+def test_a_stop_that_can_not_be_read_is_a_stop() -> None:
+    rig = SlaveRig().armed()
+    rig.put_raw(topics.EMERGENCY_STOP, b"\x93")
+    rig.step(20)
+    assert rig.state() is S.ESTOPPED
+    assert rig.counters()["malformed_any_estop"] == 1
+
+
+def test_a_stop_is_no_command_it_needs_no_session_and_may_be_repeated() -> None:
+    rig = SlaveRig()
+    rig.axis.open(rig.now_ns)
+    rig.sends = False
+    payload = encode(EmergencyStop(session_id=0, sequence=0, stamp_ns=-5, source="x", reason=""))
+    for _ in range(1000):
+        rig.put_raw(topics.EMERGENCY_STOP, payload)
+    rig.step(20)
+    assert rig.state() is S.ESTOPPED
+    assert [event.event for event in rig.events] == ["estop"]
+
+
+@pytest.mark.parametrize("halt", ["fault", "estop"])
+def test_a_clear_swallows_no_stop_that_came_after_what_it_clears(halt: str) -> None:
+    rig = SlaveRig().armed()
+    if halt == "fault":
+        rig.load_cell.error = DeviceError("load cell: unplugged")
+        rig.step(2)
+        rig.load_cell.error = None
+        assert rig.state() is S.FAULT
+    else:
+        rig.stop()
+        rig.step()
+    rig.step(50)
+    rig.stop("surgeon", "again")
+    rig.axis.clear()
+    rig.step(5)
+    assert (rig.state(), rig.states[-1].reason) == (S.ESTOPPED, "surgeon: again")
+    rig.axis.clear()
+    rig.step(2)
+    assert rig.state() is S.READY

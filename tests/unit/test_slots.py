@@ -1,9 +1,12 @@
-import threading
+"""Slots and queues between threads, in one thread."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forefeel.common.messages import MotionCommand
 from forefeel.common.slots import BoundedQueue, LatestValue
+from forefeel.slave.command_receiver import CommandSlot
 
 
 def test_a_slot_keeps_the_newest_and_gives_it_once() -> None:
@@ -13,33 +16,6 @@ def test_a_slot_keeps_the_newest_and_gives_it_once() -> None:
     slot.put(2)
     slot.put(3)
     assert (slot.take(), slot.take(), slot.superseded) == (3, None, 2)
-
-
-def test_a_value_that_counts_as_false_is_a_value() -> None:
-    slot: LatestValue[int] = LatestValue()
-    slot.put(0)
-    slot.put(0)
-    assert (slot.take(), slot.superseded) == (0, 1)
-
-
-def test_what_two_threads_pass_through_a_slot_is_taken_or_counted_and_never_goes_back() -> None:
-    slot: LatestValue[int] = LatestValue()
-    last, taken = 20_000, list[int]()
-
-    def produce() -> None:
-        for value in range(1, last + 1):
-            slot.put(value)
-
-    producer = threading.Thread(target=produce)
-    producer.start()
-    while producer.is_alive():
-        if (value := slot.take()) is not None:
-            taken.append(value)
-    if (value := slot.take()) is not None:
-        taken.append(value)
-    assert taken == sorted(set(taken))
-    assert taken[-1] == last
-    assert len(taken) + slot.superseded == last
 
 
 @given(st.integers(1, 8), st.lists(st.one_of(st.integers(), st.none()), max_size=60))
@@ -60,17 +36,36 @@ def test_a_queue_keeps_the_newest_in_order_and_counts_what_it_drops(
     assert (queue.drain(), queue.drain(), queue.dropped) == (expected, [], dropped)
 
 
-def test_draining_while_another_thread_puts_loses_nothing_uncounted() -> None:
-    queue: BoundedQueue[int] = BoundedQueue(1_000_000)
-    last, got = 20_000, list[int]()
+def command(sequence: int, deadman: bool) -> MotionCommand:
+    return MotionCommand(
+        session_id=1, sequence=sequence, stamp_ns=sequence, position_m=0.0, velocity_m_s=0.0, deadman=deadman
+    )
 
-    def produce() -> None:
-        for value in range(last):
-            queue.put(value)
 
-    producer = threading.Thread(target=produce)
-    producer.start()
-    while producer.is_alive():
-        got += queue.drain()
-    got += queue.drain()
-    assert (got, queue.dropped) == (list(range(last)), 0)
+def test_an_empty_slot_gives_nothing() -> None:
+    assert CommandSlot().take() == (None, False)
+
+
+@pytest.mark.parametrize(
+    ("deadmen", "released"),
+    [([True], False), ([False], True), ([False, True], True), ([True, False, True, True], True)],
+)
+def test_the_newest_command_is_taken_once_with_any_release_before_it(
+    deadmen: list[bool], released: bool
+) -> None:
+    slot = CommandSlot()
+    for sequence, deadman in enumerate(deadmen):
+        slot.put(command(sequence, deadman), 100 + sequence)
+    newest = len(deadmen) - 1
+    assert slot.take() == ((command(newest, deadmen[-1]), 100 + newest), released)
+    assert slot.take() == (None, False)
+    assert slot.superseded == newest
+
+
+def test_a_release_is_told_once() -> None:
+    slot = CommandSlot()
+    slot.put(command(1, False), 1)
+    slot.put(command(2, True), 2)
+    slot.take()
+    slot.put(command(3, True), 3)
+    assert slot.take().released is False

@@ -25,10 +25,6 @@ def test_every_key_and_every_name_stands_once() -> None:
     assert len(set(keys)) == len(keys) == len(BY_NAME)
 
 
-def test_a_key_says_cell_axis_direction_and_topic() -> None:
-    assert COMMAND.key("cathlab", "insertion") == "forefeel/cathlab/insertion/master/command"
-
-
 def test_the_table_is_consistent() -> None:
     for topic in TOPICS:
         assert topic.name.split("/")[0] == topic.publisher

@@ -1,29 +1,30 @@
+"""Settings of the transport and of its impairment."""
+
 from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
-from forefeel.common.transport.settings import PRESETS, ImpairmentSettings, TransportSettings
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_name_is_enough(name: str) -> None:
-    assert ImpairmentSettings.model_validate(name) == PRESETS[name]
-
-
-def test_the_paper_s_network() -> None:
-    paper = PRESETS["paper"]
-    assert (paper.delay_s, paper.jitter_s, paper.loss) == (0.150, 0.010, 0.01)
+from forefeel.common.topics import (
+    COMMAND,
+    EMERGENCY_STOP,
+    LIMIT_EVENT,
+    PUBLISHED,
+    SAFETY_EVENT,
+    numbered,
+    parse_key,
+)
+from forefeel.common.transport.settings import (
+    MOST_CONNECTIONS,
+    PRESETS,
+    ImpairmentSettings,
+    TransportSettings,
+)
 
 
 def test_a_mapping_overrides_its_preset() -> None:
     settings = ImpairmentSettings.model_validate({"preset": "paper", "loss": 0.05})
     assert settings == PRESETS["paper"].model_copy(update={"loss": 0.05})
-
-
-def test_presets_stay_as_they_are() -> None:
-    ImpairmentSettings.model_validate({"preset": "paper", "loss": 0.5})
-    assert ImpairmentSettings.model_validate("paper").loss == 0.01
 
 
 def test_only_none_is_transparent() -> None:
@@ -62,3 +63,42 @@ def test_the_zenoh_file_counts_from_the_folder_of_the_settings() -> None:
     )
     assert settings.zenoh_file == Path("/etc/x/a.json5")
     assert TransportSettings.model_validate({"zenoh_file": "a.json5"}).zenoh_file == Path.cwd() / "a.json5"
+
+
+FAR, NEAR = "tls/192.0.2.7:7447", "tls/127.0.0.1:7447"
+
+
+@pytest.mark.parametrize(
+    ("listen", "connect", "asked", "count"),
+    [
+        ((), (FAR,), None, MOST_CONNECTIONS),
+        ((), ("tcp/192.0.2.7:7447",), None, MOST_CONNECTIONS),
+        ((), (NEAR, FAR), None, MOST_CONNECTIONS),
+        ((), (FAR,), 4, 4),
+        ((), (NEAR,), 4, 4),
+        ((), (NEAR,), None, 1),
+        ((), ("udp/192.0.2.7:7447",), None, 1),
+        ((), ("quic/192.0.2.7:7447",), None, 1),
+        (("tls/0.0.0.0:7447",), (), None, 1),
+        (("tls/0.0.0.0:7447",), (), 8, 1),
+    ],
+)
+def test_only_who_connects_to_another_host_over_tcp_has_several(
+    listen: tuple[str, ...], connect: tuple[str, ...], asked: int | None, count: int
+) -> None:
+    settings = TransportSettings(listen=listen, connect=connect, connections=asked)
+    assert settings.parallel_connections == count
+
+
+def test_events_that_are_needed_in_order_take_no_turns() -> None:
+    assert {topic for topic in PUBLISHED if topic.crosses and not topic.takes_turns} == {
+        LIMIT_EVENT,
+        SAFETY_EVENT,
+    }
+    assert COMMAND.takes_turns and EMERGENCY_STOP.takes_turns
+
+
+def test_a_numbered_key_is_none_of_a_cell() -> None:
+    key = numbered(3, COMMAND.key("cell", "insertion"))
+    assert key == "connection/3/forefeel/cell/insertion/master/command"
+    assert parse_key(key) is None

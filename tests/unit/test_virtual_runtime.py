@@ -11,18 +11,6 @@ MS = 1_000_000
 START_NS = 1_000_000_000
 
 
-def test_ticks_come_at_whole_periods_after_the_start() -> None:
-    runtime, ticks = VirtualRuntime(), list[int]()
-    lateness = runtime.loop("loop", MS, ticks.append)
-    runtime.run(5 * MS)
-    assert ticks == [START_NS + i * MS for i in range(1, 6)]
-    assert (lateness.ticks, lateness.max_us, lateness.missed) == (5, 0.0, 0)
-    runtime.run(MS - 1)
-    assert len(ticks) == 5
-    runtime.run(1)
-    assert len(ticks) == 6
-
-
 def test_the_clock_stands_at_the_stamp_of_each_event_and_then_at_the_end() -> None:
     runtime, seen = VirtualRuntime(), list[tuple[int, int]]()
     runtime.task("task", 3 * MS, lambda now_ns: seen.append((now_ns, runtime.clock.now_ns())))
@@ -50,14 +38,6 @@ def test_a_timer_of_the_past_runs_now_and_never_moves_the_clock_back() -> None:
     runtime.task("task", MS, tick)
     runtime.run(2 * MS)
     assert seen == [START_NS + MS, START_NS + 2 * MS]
-
-
-def test_a_timer_runs_once() -> None:
-    runtime, seen = VirtualRuntime(), list[int]()
-    runtime.call_at(START_NS + MS, lambda: seen.append(1))
-    runtime.run(MS)
-    runtime.run(5 * MS)
-    assert seen == [1]
 
 
 def test_a_fault_ends_the_run_with_its_own_traceback() -> None:
