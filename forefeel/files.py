@@ -42,6 +42,11 @@ def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) 
     return folder
 
 
+def folder_named_after(source: Path) -> Path:
+    """The folder in the working directory that takes the results of a recording, or of a folder of them."""
+    return Path(source.resolve().name if source.is_dir() else source.stem)
+
+
 def check_new_file(out: Path, suffixes: Sequence[str], expected: str, overwrite: bool) -> None:
     """Raises ConfigurationError: another suffix than is expected, a folder, or a file that may not go."""
     if out.suffix.lower() not in suffixes:

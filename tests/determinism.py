@@ -39,7 +39,6 @@ STILL_VIOLATING = frozenset(
         "unit/dashboard/test_finding.py",
         "unit/dashboard/test_server.py",
         "unit/test_daemons.py",
-        "unit/test_diagnose_command.py",
         "unit/test_doctor_measures.py",
         "unit/test_driver_registry.py",
         "unit/test_flight.py",

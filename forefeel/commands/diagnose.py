@@ -5,12 +5,20 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import AsJson, ForceColumn, PositionColumn, Quiet, TimeColumn, examples
+from forefeel.commands.options import (
+    AsJson,
+    ForceColumn,
+    PositionColumn,
+    Quiet,
+    ResultsFolder,
+    TimeColumn,
+    examples,
+)
 from forefeel.terminal import output
 
 
 @examples(
-    "forefeel diagnose run.csv --out out/run",
+    "forefeel diagnose run.csv",
     "forefeel diagnose seal.csv --time ms:t --position mm:laser --force N:load --out out/seal",
     "forefeel diagnose monday.csv tuesday.csv --together --out out/bench",
     "forefeel diagnose recordings --jobs 4 --out out/all",
@@ -21,7 +29,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
         list[Path],
         typer.Argument(metavar="FILE|DIR", help="A recording (CSV, Parquet, MCAP), or a folder of them."),
     ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="For diagnosis.json, report.html, model.yaml.")],
+    out: ResultsFolder = None,
     model: Annotated[
         Path | None, typer.Option(metavar="FILE", help="model.yaml of the simulation that is compared.")
     ] = None,
@@ -46,7 +54,9 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     from forefeel.diagnose.run import DiagnosisOptions, run_diagnosis  # noqa: PLC0415 - the help needs none of it
+    from forefeel.files import folder_named_after  # noqa: PLC0415
 
+    out = out or folder_named_after(files[0])
     columns = time_column, position_column, force_column
     with output(as_json, quiet):
         run_diagnosis(

@@ -5,17 +5,25 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import AsJson, ForceColumn, PositionColumn, Quiet, TimeColumn, examples
+from forefeel.commands.options import (
+    AsJson,
+    ForceColumn,
+    PositionColumn,
+    Quiet,
+    ResultsFolder,
+    TimeColumn,
+    examples,
+)
 from forefeel.terminal import output
 
 
 @examples(
     "forefeel evaluate seal_o_ring_1bar.csv presliding_friction.csv --delay 0.3 --out out/real",
-    "forefeel evaluate run.csv --time ms:t --position mm:laser --force N:load --out out/run",
+    "forefeel evaluate run.csv --time ms:t --position mm:laser --force N:load",
 )
 def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings: CSV, Parquet, MCAP.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="For evaluation.json and evaluation.html.")],
+    out: ResultsFolder = None,
     delay: Annotated[
         float, typer.Option(metavar="S", help="From a motion to the arrival of its force.")
     ] = 0.3,
@@ -35,7 +43,9 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     from forefeel.evaluate.run import EvaluationOptions, run_evaluation  # noqa: PLC0415 - the help needs none of it
+    from forefeel.files import folder_named_after  # noqa: PLC0415
 
+    out = out or folder_named_after(files[0])
     columns = time_column, position_column, force_column
     with output(as_json, quiet):
         run_evaluation(

@@ -33,6 +33,9 @@ Duration = Annotated[
 TimeColumn = Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")]
 PositionColumn = Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")]
 ForceColumn = Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")]
+ResultsFolder = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="For the results; default: named after FILE.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="The answer as one JSON document.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say errors only.")]
 

@@ -1,13 +1,11 @@
 """`forefeel simulate` as a person uses it."""
 
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from forefeel.__main__ import main
 from forefeel.common.recording.tabular import load_recording
 from tests.commands.command_line import contents
 
@@ -15,19 +13,10 @@ Run = Callable[[Sequence[str]], int]
 MODEL = "schema: forefeel.model/1\nname: a spring\neffects:\n  - effect: mass_damper_spring\n"
 
 
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
-    """Runs the command line in this process as the installed script does; its exit code."""
+@pytest.fixture(autouse=True)
+def model(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "model.yaml").write_text(MODEL)
-
-    def run(arguments: Sequence[str]) -> int:
-        monkeypatch.setattr(sys, "argv", ["forefeel", "simulate", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code if isinstance(ended.value.code, int) else 0
-
-    return run
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
@@ -37,7 +26,7 @@ def test_a_recording_is_made_and_can_be_read(
     if suffix == "parquet":
         pytest.importorskip("pyarrow")
     out = tmp_path / "new" / f"run.{suffix}"
-    words = ["--model", "model.yaml", "--duration", "2", "--rate", "500", "--noise-corner", "20"]
+    words = ["simulate", "--model", "model.yaml", "--duration", "2", "--rate", "500", "--noise-corner", "20"]
     assert run([*words, "--seed", "4", "--full-scale", "5", "--out", str(out)]) == 0
     found = load_recording(out)
     assert found.force_n is not None
@@ -48,7 +37,7 @@ def test_a_recording_is_made_and_can_be_read(
 
 
 def test_a_recording_made_is_replaced_only_when_asked(run: Run, tmp_path: Path) -> None:
-    words = ["--model", "model.yaml", "--duration", "1", "--out", "run.csv"]
+    words = ["simulate", "--model", "model.yaml", "--duration", "1", "--out", "run.csv"]
     assert run(words) == 0
     first = (tmp_path / "run.csv").read_bytes()
     assert run([*words, "--seed", "1"]) == 2
@@ -60,7 +49,7 @@ def test_a_recording_made_is_replaced_only_when_asked(run: Run, tmp_path: Path) 
 
 
 def test_a_recording_made_can_be_followed(run: Run, tmp_path: Path) -> None:
-    words = ["--model", "model.yaml", "--noise", "0"]
+    words = ["simulate", "--model", "model.yaml", "--noise", "0"]
     assert run([*words, "--duration", "2", "--motion", "multisine", "--out", "first.csv"]) == 0
     assert run([*words, "--motion", "first.csv", "--out", "second.csv"]) == 0
     first, second = (load_recording(tmp_path / name) for name in ("first.csv", "second.csv"))
@@ -97,7 +86,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     asked = dict(
         [("--model", "model.yaml"), ("--out", "run.csv"), *zip(words[::2], words[1::2], strict=True)]
     )
-    assert run([word for pair in asked.items() for word in pair]) == 2
+    assert run(["simulate", *(word for pair in asked.items() for word in pair)]) == 2
     shown = capsys.readouterr().err.splitlines()
     assert len(shown) == 1
     assert shown[0].startswith(f"forefeel: {message}")
@@ -107,12 +96,12 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 def test_a_recording_with_columns_of_its_own_is_followed(run: Run, tmp_path: Path) -> None:
     rows = "\n".join(f"{n},{0.5 * n:.1f},7" for n in range(400))
     (tmp_path / "laser.csv").write_text(f"t,laser,load\n{rows}\n")
-    words = ["--model", "model.yaml", "--motion", "laser.csv", "--noise", "0", "--out", "run.csv"]
+    words = ["simulate", "--model", "model.yaml", "--motion", "laser.csv", "--noise", "0", "--out", "run.csv"]
     assert run(words) == 2
     assert run([*words, "--time", "ms:t", "--position", "mm:laser"]) == 0
     found = load_recording(tmp_path / "run.csv")
     assert len(found) == 400
     assert found.duration_s == pytest.approx(0.399)
     assert found.position_m[-1] == pytest.approx(0.1995, abs=0.005)  # behind the low-pass
-    assert run(["--model", "model.yaml", "--time", "ms:t", "--out", "other.csv"]) == 2
+    assert run(["simulate", "--model", "model.yaml", "--time", "ms:t", "--out", "other.csv"]) == 2
     assert not (tmp_path / "other.csv").exists()

@@ -50,7 +50,6 @@ def test_the_pages_do_show_commands() -> None:
         "forefeel diagnos run.csv --out out",
         "forefeel diagnose run.csv --outt out",
         "forefeel diagnose --out out",
-        "forefeel diagnose run.csv",
         "forefeel pki",
         "forefeel pki make DIR",
         "$ .venv/bin/forefeel report run.mcap other.mcap --out out",
