@@ -28,7 +28,7 @@ from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
 from forefeel.devices.cia404.settings import Cia404Settings
-from forefeel.devices.shared.pacing import Pacer
+from forefeel.devices.shared.conversation import Pacer
 from forefeel.slave.plant.settings import preset
 
 _RATES_HZ = 250, 500  # Hz of SYNC: the default of `sync_hz`, and twice that
@@ -192,7 +192,7 @@ def _control(stage: Cia402Stage, cell: Cia404LoadCell, start_s: float) -> int:
         stage.read(now_ns)
         stage.command(home_m, 0.0, now_ns)
         forces += len(cell.read(now_ns, None))
-        pacer.wait()
+        time.sleep(pacer.wait_s())
     return forces
 
 
@@ -236,7 +236,7 @@ def _raw(settings: CanSettings, rate_hz: int) -> None:
         bus.send(_frame(SYNC, b""))
         if trips.sent % 10 == 0:
             bus.send(_frame(HEARTBEAT + HOST_NODE, bytes([OPERATIONAL])))
-        pacer.wait()
+        time.sleep(pacer.wait_s())
     wall_s = time.monotonic() - start_s
     trips.print(f"raw frames at {rate_hz} Hz", time.process_time() - start_cpu_s, wall_s)
     stopping.set()

@@ -21,6 +21,14 @@ class Clock(Protocol):
         ...
 
 
+class SleepingClock(Clock, Protocol):
+    """A clock that can be waited for."""
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        """Returns at that stamp."""
+        ...
+
+
 class MonotonicClock:
     """The host's CLOCK_MONOTONIC.
 

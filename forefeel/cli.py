@@ -35,7 +35,6 @@ COMMANDS = {
     "report": "Make the report of a run that was recorded before.",
     "config check": "Print the effective settings of a file, defaults included, or what is wrong with it.",
     "device probe": "Talk to each device: what it is, its rate and round trip, its link. Nothing is moved.",
-    "driver test": "Test whether a driver keeps its port: opens, reads, rests, refuses, notices what fails.",
     "calibrate load-cell": "Tare, then every weight up and down; gain and zero by least squares, residual, "
     "hysteresis.",
     "calibrate stage": "Home twice and go from end to end; asks before it moves. Take the instrument out.",
@@ -51,7 +50,6 @@ COMMANDS = {
 GROUPS = {
     "config": "Settings.",
     "device": "The devices of a configuration.",
-    "driver": "Drivers of devices.",
     "calibrate": "Dated calibration files of load cells and stages.",
     "pki": "Certificates of the cells of a laboratory.",
 }

@@ -22,13 +22,12 @@ from forefeel.calibrate.measuring import (
 )
 from forefeel.calibrate.prompt import Prompt
 from forefeel.calibrate.target import check_target, write_calibration
-from forefeel.common.clock import MonotonicClock
+from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
 from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.interrupt import breakable, heeded
 from forefeel.probe.configured import ConfiguredDevice, device_of
-from forefeel.probe.probe import SleepingClock
 from forefeel.slave.load_cell import NativeLoadCell, NativeReading
 from forefeel.terminal import answer, say
 

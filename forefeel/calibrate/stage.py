@@ -8,7 +8,7 @@ from forefeel.calibrate.load_cell import introduced, require_serial
 from forefeel.calibrate.measuring import Travel, require_travel, travel_of
 from forefeel.calibrate.prompt import Prompt
 from forefeel.calibrate.target import check_target, write_calibration
-from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.calibration import StageCalibration
 from forefeel.common.runtime.realtime import prepare_thread
@@ -39,7 +39,7 @@ class StageCalibrationOptions:
 
 
 def run_stage(
-    options: StageCalibrationOptions, clock: Clock | None = None, today: date | None = None
+    options: StageCalibrationOptions, clock: SleepingClock | None = None, today: date | None = None
 ) -> None:
     """Calibrates and writes the file.
 

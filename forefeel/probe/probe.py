@@ -3,23 +3,15 @@ rendered or re-armed: only `open`, `read` and `close` are called.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
-from forefeel.common.clock import Clock
+from forefeel.common.clock import SleepingClock
 from forefeel.common.errors import DeviceError, ForefeelError, InputError
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.probe.configured import ConfiguredDevice
 
 _PERIOD_NS = 1_000_000  # ns between two reads: the 1 kHz of the loops
 Verdict = Literal["ready", "simulated", "refused", "failed"]
-
-
-class SleepingClock(Clock, Protocol):
-    """A clock that can be waited for."""
-
-    def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Returns at that stamp."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from rich.text import Text
 
-from forefeel.common.clock import MonotonicClock
+from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.errors import ConfigurationError, InputError, RunError
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import breakable, heeded
 from forefeel.probe.configured import configured
-from forefeel.probe.probe import Probed, Quantiles, SleepingClock, probe
+from forefeel.probe.probe import Probed, Quantiles, probe
 from forefeel.terminal import answer, show
 
 _STYLES = {"ready": "green", "simulated": "dim", "refused": "red", "failed": "red"}

@@ -15,7 +15,7 @@ COMMANDS = [
     ["evaluate"], ["simulate"], ["diagnose"],
     ["pki", "init"], ["pki", "add"], ["pki", "show"], ["pki", "renew"], ["pki", "bundle"],
     ["pki", "rules"],
-    ["doctor"], ["devices"], ["device", "probe"], ["driver", "test"],
+    ["doctor"], ["devices"], ["device", "probe"],
     ["calibrate", "load-cell"], ["calibrate", "stage"],
     ["estop"], ["clear"],
 ]  # fmt: skip

@@ -1,24 +1,21 @@
-"""A coil handle in virtual time: the emulated device on a wire in memory, its driver without a thread."""
+"""A coil handle in stepped time: the emulated device on a wire in memory, its driver without a thread."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
 
-from forefeel.common.clock import Clock, VirtualClock
-from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.link import LinkState
 from forefeel.common.messages import Grip, SafetyState
 from forefeel.devices.coil.driver import CoilHandle
 from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
 from forefeel.devices.coil.settings import CoilSettings
-from forefeel.devices.emulation.wire import Faults, Wire
-from forefeel.devices.shared.stream import ByteStream
+from forefeel.devices.emulation.wire import Faults
 from forefeel.devices.simulated.operator import SimulatedHandle
 from forefeel.master.handle import HandleReading, Indication
-
-MS = 1_000_000
-RETRY_NS = 500 * MS
+from forefeel.testing import SerialLine, SteppedTime, stepped
 
 
 def coil_settings(**changes: Any) -> CoilSettings:  # noqa: ANN401 - any field
@@ -57,110 +54,30 @@ class Hand(SimulatedHandle):
         return HandleReading(self.position_m, 0.0, self.pressed, self.grip)
 
 
-class Line:
-    """A stream between a device and a host whose clock stands between two steps. The device's time runs
-    `ahead_s`: what passed while the host's clock stood still at the handshake.
-    """
-
-    def __init__(self, device: CoilDevice, clock: Clock, faults: Faults | None = None) -> None:
-        self.device, self.plugged, self.ahead_s = device, True, 0.0
-        self.faults = faults or Faults()
-        self._clock = clock
-        self.to_device, self.to_host = (Wire(2_000_000, self.faults, way) for way in ("in", "out"))
-
-    def open(self) -> "Line":
-        if not self.plugged:
-            raise DeviceSetupError("memory: no such port")
-        return self
-
-    def read(self) -> bytes:
-        self._require_plugged()
-        t_s = self._clock.now_ns() * 1e-9 + self.ahead_s
-        self.live(t_s)
-        return self.to_host.arrived(t_s)
-
-    def live(self, t_s: float) -> None:
-        """The device goes on, whoever listens."""
-        sent = self.device.advance(t_s)
-        if self.plugged:
-            self.to_host.send(sent, t_s)
-        arrived = self.to_device.arrived(t_s)
-        if arrived:
-            self.device.receive(arrived, t_s)
-
-    def write(self, data: bytes) -> None:
-        self._require_plugged()
-        self.to_device.send(data, self._clock.now_ns() * 1e-9 + self.ahead_s)
-
-    def close(self) -> None:
-        pass
-
-    def _require_plugged(self) -> None:
-        if not self.plugged:
-            raise DeviceError("memory: gone")
-
-
-class SteppedCoil(CoilHandle):
-    """The driver with `step` in the place of its thread: what Conversation does, in virtual time."""
-
-    def __init__(self, settings: CoilSettings, clock: Clock, line: Line) -> None:
-        super().__init__(settings, clock, line.open)
-        self._line = line
-        self._stream: ByteStream | None = None
-        self._again_ns = 0
-        self.silent = False
-
-    def open(self) -> None:
-        """The handshake takes 10 ms of the device's time."""
-        self._line.live(self._clock.now_ns() * 1e-9)
-        for _ in range(10):
-            self._line.ahead_s += 0.001
-            self.step(self._clock.now_ns())
-
-    def close(self) -> None:
-        self._end()
-
-    def step(self, now_ns: int) -> None:
-        """To be called each ms; `silent`: the thread hangs, and the device goes on alone."""
-        if self.silent or now_ns < self._again_ns:
-            self._line.live(now_ns * 1e-9 + self._line.ahead_s)
-            return
-        try:
-            if self._stream is None:
-                self._stream = self._open_stream()
-                self._greet(self._stream)
-            self._round(self._stream)
-        except DeviceError as error:
-            self.link.fault(str(error))
-        if self.link.state is LinkState.CLOSED:
-            self._end()
-            self._again_ns = now_ns + RETRY_NS
-
-    def _end(self) -> None:
-        if self._stream is not None:
-            self._part(self._stream)
-            self._stream = None
-
-
 class Bench:
-    """A handle that a test's hand holds; the haptic loop reads and renders `force_n` each ms."""
+    """A handle that a test's hand holds; the haptic loop reads and renders `force_n` each ms.
+
+    Attributes:
+        silent: whether the driver's thread hangs; `haptic`: whether the haptic loop ticks.
+    """
 
     def __init__(
         self,
+        time: SteppedTime,
         faults: Faults | None = None,
         hardware: CoilHardware | None = None,
         **changes: Any,  # noqa: ANN401 - any field of the settings
     ) -> None:
-        self.clock = VirtualClock(1000 * MS)
+        self.time = time
         self.hand = Hand()
         self.device = CoilDevice(hardware, self.hand)
-        self.line = Line(self.device, self.clock, faults)
-        self.handle = SteppedCoil(coil_settings(**changes), self.clock, self.line)
+        self.line = SerialLine(time, self.device, 2_000_000, faults=faults)
+        self.handle = CoilHandle(coil_settings(**changes), time)
         self.force_n = 0.0
         self.readings = list[HandleReading | None]()
         self.currents_a = list[float]()
         self.applied_n = 0.0
-        self.haptic = True
+        self.haptic, self.silent = True, False
 
     @property
     def reading(self) -> HandleReading:
@@ -173,44 +90,52 @@ class Bench:
         return dict(self.handle.counters)
 
     def run(self, duration_ms: int) -> "Bench":
-        for _ in range(duration_ms):
-            self.clock.set_ns(self.clock.now_ns() + MS)
-            self.handle.step(self.clock.now_ns())
-            if self.haptic:
-                self._tick(self.clock.now_ns())
-            self.currents_a.append(self.device.current_a)
+        self.time.tick = self._tick
+        (self.time.host_hangs if self.silent else self.time.run)(duration_ms * 1e-3)
+        self.time.tick = lambda now_ns: None
         return self
 
     def _tick(self, now_ns: int) -> None:
-        self.handle.show(Indication(SafetyState.ARMED, 0.0123))
-        try:
-            self.readings.append(self.handle.read(now_ns))
-            self.applied_n = self.handle.render(self.force_n, now_ns)
-        except DeviceError:
-            self.readings.append(None)
-            self.applied_n = 0.0
+        if self.haptic:
+            self.handle.show(Indication(SafetyState.ARMED, 0.0123))
+            try:
+                self.readings.append(self.handle.read(now_ns))
+                self.applied_n = self.handle.render(self.force_n, now_ns)
+            except DeviceError:
+                self.readings.append(None)
+                self.applied_n = 0.0
+        self.currents_a.append(self.device.current_a)
 
     def press(self, pressed: bool) -> "Bench":
         self.hand.pressed = pressed
         return self.run(10)
 
+    @property
+    def state(self) -> LinkState:
+        return self.handle.link.state
 
-def opened(**arguments: object) -> Bench:
-    bench = Bench(**arguments)  # type: ignore[arg-type]
-    bench.handle.open()
-    assert state(bench) is LinkState.READY
-    return bench.run(20)
+    def fallen(self) -> str:
+        """Why the link is down; nothing is read, nothing rendered."""
+        assert self.readings[-1] is None
+        why = self.handle.link.inhibited
+        assert why is not None
+        with pytest.raises(DeviceError, match=r"memory: .+"):
+            self.handle.render(1.0, self.time.now_ns())
+        return why
 
 
-def state(bench: Bench) -> LinkState:
-    return bench.handle.link.state
+@contextmanager
+def closed(**arguments: Any) -> Iterator[Bench]:  # noqa: ANN401 - of a bench
+    with stepped() as time:
+        bench = Bench(time, **arguments)
+        try:
+            yield bench
+        finally:
+            bench.handle.close()
 
 
-def fallen(bench: Bench) -> str:
-    """Why the link is down; nothing is read, nothing rendered."""
-    assert bench.readings[-1] is None
-    why = bench.handle.link.inhibited
-    assert why is not None
-    with pytest.raises(DeviceError, match=r"memory: .+"):
-        bench.handle.render(1.0, bench.clock.now_ns())
-    return why
+@contextmanager
+def opened(**arguments: Any) -> Iterator[Bench]:  # noqa: ANN401 - of a bench
+    with closed(**arguments) as bench:
+        bench.handle.open()
+        yield bench.run(20)

@@ -10,10 +10,35 @@ from forefeel.common.topics import COMMAND, FORCE, HAPTICS, MASTER_STATE, SLAVE_
 from forefeel.devices.coil.driver import CoilHandle
 from forefeel.devices.coil.emulator import CoilDevice
 from forefeel.devices.coil.settings import CoilSettings
-from tests.devices.coil_rig import MS, Line, SteppedCoil, coil_settings
+from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.shared.conversation import Conversation
+from tests.devices.coil_rig import coil_settings
 from tests.simulation.pair import Pair, S
 
-TICK_S = 0.001
+MS, TICK_S = 1_000_000, 0.001
+
+
+class Line:
+    """A stream whose time is the runtime's, and `ahead_s`: what passed while that stood at the handshake."""
+
+    def __init__(self, device: CoilDevice, clock: Clock) -> None:
+        self.ahead_s = 0.0
+        self._device, self._clock = device, clock
+        self._to_device, self._to_host = (Wire(2_000_000, Faults(), way) for way in ("in", "out"))
+
+    def read(self) -> bytes:
+        t_s = self._clock.now_ns() * 1e-9 + self.ahead_s
+        self._to_host.send(self._device.advance(t_s), t_s)
+        arrived = self._to_device.arrived(t_s)
+        if arrived:
+            self._device.receive(arrived, t_s)
+        return self._to_host.arrived(t_s)
+
+    def write(self, data: bytes) -> None:
+        self._to_device.send(data, self._clock.now_ns() * 1e-9 + self.ahead_s)
+
+    def close(self) -> None:
+        pass
 
 
 class Rig:
@@ -24,17 +49,28 @@ class Rig:
 
         def stepped(settings: CoilSettings, clock: Clock) -> CoilHandle:
             self.line = Line(self.device, clock)
-            self.handle = SteppedCoil(settings, clock, self.line)
+            self.handle = CoilHandle(settings, clock, lambda: self.line)
             return self.handle
 
         monkeypatch.setattr("forefeel.devices.coil.driver.CoilHandle", stepped)
+        monkeypatch.setattr(Conversation, "_begin", lambda talks, timeout_s: self._shake_hands(talks))
         master: dict[str, Any] = {"axes": [{"handle": coil_settings().model_dump()}]}
         self.pair = Pair(master=master)
         self.currents_a = list[float]()
+        self._again_ns = 0
         self.pair.runtime.loop("wire", MS, self._step)
 
+    def _shake_hands(self, talks: Conversation) -> None:
+        self.line.read()
+        while not talks.settled:
+            self.line.ahead_s += 0.001
+            talks.step()
+
     def _step(self, now_ns: int) -> None:
-        self.handle.step(now_ns)
+        if now_ns < self._again_ns:
+            self.line.read()  # the device goes on, and nobody listens
+        else:
+            self._again_ns = now_ns + round(1e9 * (self.handle._conversation.step() or 0.0))
         self.currents_a.append(self.device.current_a)
 
 

@@ -133,6 +133,4 @@ def build(settings: AsciiLineSettings, around: Surroundings, leave: ExitStack) -
     return SerialBench(device, Path(settings.port), settings.baud)
 
 
-EMULATION = Emulation(
-    {"full_scale_n": 10.0, "unit": "millipound_force", "request": "O0W1"}, build, faults=FAULTS
-)
+EMULATION = Emulation({"full_scale_n": 10.0, "unit": "millipound_force", "request": "O0W1"}, build)

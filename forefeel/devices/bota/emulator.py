@@ -90,4 +90,4 @@ def build(settings: BotaSettings, around: Surroundings, leave: ExitStack) -> Ser
     return SerialBench(device, Path(settings.port), settings.baud)
 
 
-EMULATION = Emulation({"full_scale_n": 10.0}, build, faults=(*FAULTS, "nan"))
+EMULATION = Emulation({"full_scale_n": 10.0}, build)

@@ -180,9 +180,9 @@ class CanopenDevice:
             self._node.nmt.state = "PRE-OPERATIONAL"
             self.left_operational()
 
-    def step(self, timeout_s: float = 0.001) -> None:
+    def step(self, wait_s: float = 0.001) -> None:
         """One round: waits for a frame, takes all that have arrived, and lives until now."""
-        message = self._bus.recv(timeout_s)
+        message = self._bus.recv(wait_s)
         left = _MOST_FRAMES
         while message is not None:
             t_s = self._now()

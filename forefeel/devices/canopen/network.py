@@ -15,7 +15,7 @@ from forefeel.devices.canopen.slcan import SlcanBus
 
 HOST_NODE = 127
 """The identifier of our heartbeat; no device may have it."""
-_RECEIVE_S = 0.05  # s between two looks for an end; chosen, not measured: `close` waits for as long
+_RECEIVE_S = 0.05  # s between two looks for an end: `close` waits for as long
 _BUS_OFF = 0x40  # CAN_ERR_BUSOFF of Linux' error frames
 
 Heard = Callable[[int, bytearray, float], None]
@@ -43,7 +43,10 @@ class SharedNetwork:
         self.network = canopen.Network(self._bus)
         self._sync: tuple[object, int] | None = None
         self._sync_lock, self._stopping = Lock(), Event()
-        self._thread = Thread(target=self._receive, name=f"receiver of {self.name}", daemon=True)
+        self._thread = Thread(target=self._run, name=f"receiver of {self.name}", daemon=True)
+
+    def start(self) -> None:
+        """Starts the receiving thread."""
         self._thread.start()
 
     def send(self, can_id: int, data: bytes) -> None:
@@ -103,25 +106,31 @@ class SharedNetwork:
     def close(self) -> None:
         """Ends the thread and the bus."""
         self._stopping.set()
-        self._thread.join(5.0)
+        if self._thread.is_alive():
+            self._thread.join(5.0)
         try:
             self._bus.shutdown()
         except (can.CanError, OSError) as error:
             self._fail(error)
 
-    def _receive(self) -> None:
-        while not self._stopping.is_set():
-            try:
-                message = self._bus.recv(_RECEIVE_S)
-            except (can.CanError, OSError, ValueError) as error:
-                self._fail(error)
-                return
-            if message is None or message.is_remote_frame:
-                continue
-            if message.is_error_frame:
-                self._error_frame(message)
-            else:
-                self._deliver(message)
+    def _run(self) -> None:
+        while not self._stopping.is_set() and self.receive(_RECEIVE_S):
+            pass
+
+    def receive(self, timeout_s: float) -> bool:
+        """Delivers a frame, if one comes within that time; whether the bus still works."""
+        try:
+            message = self._bus.recv(timeout_s)
+        except (can.CanError, OSError, ValueError) as error:
+            self._fail(error)
+            return False
+        if message is None or message.is_remote_frame:
+            return True
+        if message.is_error_frame:
+            self._error_frame(message)
+        else:
+            self._deliver(message)
+        return True
 
     def _deliver(self, message: can.Message) -> None:
         try:
@@ -153,6 +162,7 @@ def acquire(settings: CanSettings) -> SharedNetwork:
         known = _networks.get(key)
         if known is None or known.failed is not None:
             known = _networks[key] = SharedNetwork(settings)
+            known.start()
             return known
         if known.settings.bitrate != settings.bitrate:
             raise DeviceSetupError(

@@ -1,5 +1,6 @@
 """A CiA 402 drive in cyclic synchronous position mode behind the stage port."""
 
+import time
 from collections import Counter, deque
 from collections.abc import Callable
 from datetime import date
@@ -30,8 +31,7 @@ from forefeel.devices.canopen.sdo import RemoteDevice, can_link, talking_to
 from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.protocol import QUICK_STOP, DriveMachine, DriveState, Phase, drive_state
 from forefeel.devices.cia402.settings import Cia402Settings
-from forefeel.devices.shared.conversation import Conversation
-from forefeel.devices.shared.pacing import Pacer
+from forefeel.devices.shared.conversation import Conversation, Pacer, Steps
 from forefeel.devices.shared.setpoint import Setpoint, Wanted
 from forefeel.devices.shared.stage_scale import PositionScale
 from forefeel.slave.stage import StageReading, require_finite
@@ -240,9 +240,7 @@ def checked(settings: Cia402Settings) -> None:
         )
 
 
-def configure(
-    device: RemoteDevice, settings: Cia402Settings, scale: PositionScale, pause: Callable[[float], None]
-) -> float:
+def configure(device: RemoteDevice, settings: Cia402Settings, scale: PositionScale) -> float:
     """Writes and reads back the whole configuration, in PRE-OPERATIONAL, and starts it; where the drive is.
 
     Raises:
@@ -256,7 +254,7 @@ def configure(
     _exchanged(device, settings)
     _timing(device, settings)
     _protection(device, settings, scale)
-    _mode(device, cia402.CSP, pause)
+    _mode(device, cia402.CSP)
     actual_m = scale.metres(device.read(cia402.POSITION_ACTUAL))
     _within_travel(device, settings, actual_m)
     device.order(START)
@@ -290,7 +288,7 @@ def require_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
             )
 
 
-def configure_homing(device: RemoteDevice, settings: Cia402Settings, pause: Callable[[float], None]) -> None:
+def configure_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
     """Configures as `configure` does, for the mode of homing. The software limits stay as they are: they
     belong to the count before.
 
@@ -300,7 +298,7 @@ def configure_homing(device: RemoteDevice, settings: Cia402Settings, pause: Call
     _exchanged(device, settings)
     _timing(device, settings)
     _watched(device, settings, settings.counts_per_m)
-    _mode(device, cia402.HOMING, pause)
+    _mode(device, cia402.HOMING)
     device.order(START)
 
 
@@ -336,13 +334,13 @@ def _watched(device: RemoteDevice, settings: Cia402Settings, per_m: float) -> No
     device.write(cia402.FOLLOWING_TIMEOUT_MS, round(1e3 * _FOLLOWING_PERIODS / settings.sync_hz))
 
 
-def _mode(device: RemoteDevice, mode: int, pause: Callable[[float], None]) -> None:
+def _mode(device: RemoteDevice, mode: int) -> None:
     device.write(cia402.MODE, mode)
     for _ in range(30):
         shown = int(device.read(cia402.MODE_DISPLAY))
         if shown == mode:
             return
-        pause(0.01)
+        time.sleep(0.01)
     raise DeviceError(f"{device.name}: mode {shown} is displayed, expected {mode}")
 
 
@@ -540,15 +538,15 @@ class Cia402Stage:
 
     # --- the conversation ---
 
-    def _converse(self, conversation: Conversation) -> None:
+    def _converse(self, conversation: Conversation) -> Steps:
         settings = self._settings
         with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
-            self._talk(conversation, shared, device)
+            yield from self._talk(conversation, shared, device)
 
-    def _talk(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:
+    def _talk(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
         device.introduce(cia402.PROFILE)
         scale = self._scale()
-        actual_m = configure(device, self._settings, scale, conversation.pause)
+        actual_m = configure(device, self._settings, scale)
         self.link.advance(LinkState.CONFIGURED)
         tracker = self._new_tracker()
         voice = DriveVoice(shared, self._settings, self.link)
@@ -561,7 +559,7 @@ class Cia402Stage:
             return heard
 
         with DriveEars(shared, self._settings.node_id, self.link, self._clock, believe) as ears:
-            _CyclicExchange(self, conversation, ears, voice, scale, actual_m).run()
+            yield from _CyclicExchange(self, conversation, ears, voice, scale, actual_m).run()
 
     def _scale(self) -> PositionScale:
         self.calibration = calibration_of(self._settings, self.link.serial)
@@ -602,18 +600,16 @@ class _CyclicExchange:
             1.0 / settings.sync_hz, settings.heartbeat_s, settings.following_error_m, setpoint
         )
 
-    def run(self) -> None:
+    def run(self) -> Steps:
         """Cycles at absolute deadlines; comes to rest before it returns, quick stop in any case."""
         link, clock = self._stage.link, self._stage._clock
         first = link.inhibited is None
-        if not first:
-            self._conversation.settled()
         pacer = Pacer(clock, self._voice.period_ns)
         try:
             while not self._may_end():
                 self._cycle_once(clock.now_ns())
                 self._begin(first)
-                pacer.wait()
+                yield pacer.wait_s()
                 link.counters["late_cycles"] += pacer.missed
                 pacer.missed = 0
                 self._voice.tell()
@@ -639,7 +635,6 @@ class _CyclicExchange:
             machine.enable()
             if machine.phase is Phase.FOLLOWING:
                 link.advance(LinkState.READY)
-                self._conversation.settled()
 
     def _cycle_once(self, now_ns: int) -> None:
         heard, beat, emergency_code = self._ears.take()

@@ -601,7 +601,8 @@ def build(settings: Cia402Settings, around: Surroundings, leave: ExitStack) -> D
         }
     )
     hook = moved(around, settings.sign, leave)
-    return Drive402(open_until(leave, settings.can), settings.node_id, stage, settings.counts_per_m, hook)
+    bus = open_until(leave, settings.can)
+    return Drive402(bus, settings.node_id, stage, settings.counts_per_m, hook, now_s=around.now_s)
 
 
 EMULATION = Emulation({"node_id": 1, "counts_per_m": 1e7, "travel_m": TRAVEL_M}, build, on_can=True)

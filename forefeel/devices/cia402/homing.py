@@ -1,11 +1,10 @@
 """What the calibration of a CiA 402 drive does: home it, and run over its travel. Blocks while it moves."""
 
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import TracebackType
 
-from forefeel.common.clock import Clock, MonotonicClock
+from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.errors import DeviceError
 from forefeel.devices.canopen.cia301 import ENTER_PREOPERATIONAL
 from forefeel.devices.canopen.network import SharedNetwork, acquire, release
@@ -30,7 +29,7 @@ from forefeel.devices.cia402.protocol import (
     Phase,
 )
 from forefeel.devices.cia402.settings import Cia402Settings
-from forefeel.devices.shared.pacing import Pacer
+from forefeel.devices.shared.conversation import Pacer
 from forefeel.devices.shared.setpoint import Setpoint
 from forefeel.devices.shared.stage_scale import PositionScale
 from forefeel.slave.stage import Home
@@ -124,7 +123,7 @@ class Cia402Homing:
         link: identity and counters.
     """
 
-    def __init__(self, settings: Cia402Settings, clock: Clock | None = None) -> None:
+    def __init__(self, settings: Cia402Settings, clock: SleepingClock | None = None) -> None:
         self._settings = settings.model_copy(update={"calibration": None})
         self._clock = clock or MonotonicClock()
         self.link = can_link("stage", settings.driver, settings.can, settings.node_id)
@@ -168,7 +167,7 @@ class Cia402Homing:
         if homing.method in HERE and self._scale is not None:
             self._go([homing.home_m], homing.search_velocity_m_s)
         with self._device() as (shared, device):
-            configure_homing(device, self._settings, time.sleep)
+            configure_homing(device, self._settings)
             self._run(shared)
             device.order(ENTER_PREOPERATIONAL)
             offset, self._at = device.read(cia402.HOME_OFFSET, 0.0), device.read(cia402.POSITION_ACTUAL)
@@ -230,11 +229,14 @@ class Cia402Homing:
                 while not homing.done:
                     word = homing.step(*ears.take())
                     voice.send(word, counts.native(cycle.setpoint.position_m), self._clock.now_ns())
-                    pacer.wait()
+                    self._sleep(pacer)
             except DeviceError as error:
                 raise DeviceError(f"{self.link.name}: {error}; the stage has been stopped") from error
             finally:
                 voice.release(counts.native(cycle.setpoint.position_m), self._clock.now_ns())
+
+    def _sleep(self, pacer: Pacer) -> None:
+        self._clock.sleep_until_ns(self._clock.now_ns() + round(pacer.wait_s() * 1e9))
 
     def _cycle(self) -> DriveCycle:
         s = self._settings
@@ -268,7 +270,7 @@ class Cia402Homing:
         left_s, rested_s = _EXTRA_S + 2.0 * abs(target_m - start_m) / velocity_m_s, 0.0
         while rested_s < _AT_REST_S:
             stage.command(target_m, 0.0, clock.now_ns())
-            pacer.wait()
+            self._sleep(pacer)
             at_m = stage.read(clock.now_ns()).position_m
             rested_s = rested_s + 0.01 if abs(at_m - target_m) <= self._reach_m else 0.0
             left_s -= 0.01
@@ -286,7 +288,7 @@ class _Travelling(Cia402Stage):
     def __init__(
         self,
         settings: Cia402Settings,
-        clock: Clock,
+        clock: SleepingClock,
         scale: PositionScale,
         at: float,
         targets_m: Sequence[float],

@@ -15,8 +15,7 @@ from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork
 from forefeel.devices.canopen.sdo import RemoteDevice, can_link, talking_to
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.settings import Cia404Settings
-from forefeel.devices.shared.conversation import Conversation, Timed
-from forefeel.devices.shared.pacing import Pacer
+from forefeel.devices.shared.conversation import Conversation, Pacer, Steps, Timed
 from forefeel.devices.shared.stuck import StuckWatch
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading, NativeReading
 
@@ -135,12 +134,12 @@ class Cia404LoadCell:
 
     # --- the conversation ---
 
-    def _converse(self, conversation: Conversation) -> None:
+    def _converse(self, conversation: Conversation) -> Steps:
         settings = self._settings
         with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
             try:
                 self._set_up(device)
-                self._exchange(conversation, shared, device)
+                yield from self._exchange(conversation, shared, device)
             finally:
                 shared.leave_sync(self)
 
@@ -176,18 +175,18 @@ class Cia404LoadCell:
                 "`forefeel calibrate load-cell`"
             )
 
-    def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> None:
+    def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
         alarm = EMERGENCY + device.node
         self._tpdos, self._emergency = 0, 0
         shared.subscribe(self._pdo.can_id, self._on_reading)
         shared.subscribe(alarm, self._on_emergency)
         try:
-            self._cycles(conversation, shared)
+            yield from self._cycles(conversation, shared)
         finally:
             shared.unsubscribe(self._pdo.can_id, self._on_reading)
             shared.unsubscribe(alarm, self._on_emergency)
 
-    def _cycles(self, conversation: Conversation, shared: SharedNetwork) -> None:
+    def _cycles(self, conversation: Conversation, shared: SharedNetwork) -> Steps:
         period_s = 1.0 / self._settings.rate_hz
         patience = max(_SILENT_PERIODS, round(_SILENT_S / period_s))
         seen, silent, pacer = 0, 0, Pacer(self._clock, round(period_s * 1e9))
@@ -202,8 +201,7 @@ class Cia404LoadCell:
             self._judge(silent, patience)
             if seen and self.link.state is LinkState.CONFIGURED:
                 self.link.advance(LinkState.READY)
-                conversation.settled()
-            pacer.wait()
+            yield pacer.wait_s()
 
     def _judge(self, silent: int, patience: int) -> None:
         if self._emergency:

@@ -116,7 +116,8 @@ def build(settings: Cia404Settings, around: Surroundings, leave: ExitStack) -> T
     def noisy_n(t_s: float) -> float:
         return force_n(t_s) + random.gauss(0.0, NOISE_N)
 
-    return Transducer404(open_until(leave, settings.can), settings.node_id, noisy_n, settings.full_scale_n)
+    bus = open_until(leave, settings.can)
+    return Transducer404(bus, settings.node_id, noisy_n, settings.full_scale_n, now_s=around.now_s)
 
 
-EMULATION = Emulation({"node_id": 2, "full_scale_n": 10.0}, build, on_can=True, faults=Transducer404.faults)
+EMULATION = Emulation({"node_id": 2, "full_scale_n": 10.0}, build, on_can=True)

@@ -23,7 +23,7 @@ from forefeel.devices.coil.protocol import (
     encode,
 )
 from forefeel.devices.coil.settings import CoilSettings
-from forefeel.devices.shared.conversation import Conversation
+from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.stream import ByteStream, SerialStream
 from forefeel.master.handle import HandleReading, Indication
 
@@ -370,28 +370,18 @@ class CoilHandle:
     def _serial(self) -> ByteStream:
         return SerialStream(self._settings, _READ_S * self._settings.watchdog_s)
 
-    def _converse(self, conversation: Conversation) -> None:
+    def _converse(self, conversation: Conversation) -> Steps:
         """The device's thread; a fault that the haptic thread found (the link is closed) ends it, too."""
         stream = self._open_stream()
         try:
-            self._greet(stream)
+            self.link.advance(LinkState.OPEN)
+            stream.write(self._talk.begin(self._clock.now_ns()))
             while not conversation.stopping and self.link.state is not LinkState.CLOSED:
-                self._round(stream)
-                if self._talk.settled:
-                    conversation.settled()
+                answer = self._talk.hear(stream.read(), self._clock.now_ns())
+                if answer:
+                    stream.write(answer)
+                yield 0.0
         finally:
-            self._part(stream)
-
-    def _greet(self, stream: ByteStream) -> None:
-        self.link.advance(LinkState.OPEN)
-        stream.write(self._talk.begin(self._clock.now_ns()))
-
-    def _round(self, stream: ByteStream) -> None:
-        answer = self._talk.hear(stream.read(), self._clock.now_ns())
-        if answer:
-            stream.write(answer)
-
-    def _part(self, stream: ByteStream) -> None:
-        with suppress(DeviceError):  # it is gone: its own watchdog takes the current away
-            stream.write(self._talk.farewell())
-        stream.close()
+            with suppress(DeviceError):  # it is gone: its own watchdog takes the current away
+                stream.write(self._talk.farewell())
+            stream.close()

@@ -1,5 +1,6 @@
 """Builds an emulated device from the section of a YAML file that its driver reads, so that both agree."""
 
+import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
@@ -28,13 +29,14 @@ class Surroundings:
     """What an emulated device is put into.
 
     `force_link`: the socket between stage and load cell; None: the device stands alone. `load`: what hangs on
-    the cell besides.
+    the cell besides. `now_s`: the time in s of a device that has a `step`.
     """
 
     world: WorldSettings
     force_link: Path | None
     seed: int
     load: Load = field(default_factory=Load)
+    now_s: Callable[[], float] = time.monotonic
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +51,15 @@ class SerialBench:
 class Emulation(NamedTuple):
     """How the device of a driver is emulated.
 
-    `faults`: what the device can be told to do. `port_key`: the setting that says where the device is.
+    `port_key`: the setting that says where the device is.
     `defaults`: what the driver's settings are without a YAML file, but for the port. `build`: called with
     (settings, surroundings, what is to be closed at the end), returns a `SerialBench`, or a device with
-    `faults`, `provoke` and a `step` of about a millisecond, such as one on a CAN bus.
+    `faults`, `provoke` and `step(wait_s)`, which waits for its host and lives until now, such as one on CAN.
     """
 
     defaults: dict[str, Any]
     build: Callable[[Any, Surroundings, ExitStack], Any]
     on_can: bool = False
-    faults: tuple[str, ...] = ()
     port_key: str = "port"
 
     def place(self, port: str) -> dict[str, Any]:

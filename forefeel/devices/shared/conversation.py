@@ -1,19 +1,24 @@
-"""A thread that talks to one device: handshake, then exchange; after a fault all of it again.
+"""A thread that talks to one device in steps: handshake, then exchange; after a fault all of it again.
 
 The thread hands over through one bounded queue (`forefeel.common.slots.BoundedQueue`) or one slot; every
 value carries the host's stamp and, where the device has a clock, the device's.
 """
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from typing import Generic, NamedTuple, TypeVar
 
+from forefeel.common.clock import Clock
 from forefeel.common.errors import DeviceError, InputError
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.runtime.realtime import go_before
 
 T = TypeVar("T")
-RETRY_S = 0.5  # s from a fault to the next handshake; chosen, not measured: longer comes back later
+Steps = Iterator[float]
+"""The steps of an exchange; each value: s until the next one."""
+RETRY_S = 0.5  # s from a fault to the next handshake
+_CYCLE_S = 0.1  # s, longest wait that is a cycle: it is kept while the exchange is brought to its end
 _STEPS = 10
 """Short and paced, so ahead of what computes in this process and in others, and behind the 1 kHz loop."""
 
@@ -27,30 +32,21 @@ class Timed(NamedTuple, Generic[T]):
 
 
 class Conversation:
-    """Runs `converse` in a thread of its own until `stop`.
+    """Steps `converse` in a thread of its own until `stop`.
 
     `converse` opens the device, advances the link to READY (CONFIGURED after a fault: `DeviceLink.advance`
-    knows), and exchanges until `stopping`; whatever it raises is a fault of the link, and it is called again
-    after a pause. It closes what it opened.
+    knows), exchanges, ends when it is `stopping`, and closes what it opened. Whatever it raises is a fault of
+    the link, and it is begun again after `RETRY_S`.
     """
 
-    def __init__(
-        self, link: DeviceLink, converse: Callable[["Conversation"], None], retry_s: float = RETRY_S
-    ) -> None:
+    def __init__(self, link: DeviceLink, converse: Callable[["Conversation"], Steps]) -> None:
         self.link = link
-        self._converse, self._retry_s = converse, retry_s
-        self._stopping, self._settled = threading.Event(), threading.Event()
+        self.stopping = False
+        self._converse = converse
+        self._steps: Steps | None = None
         self._first: BaseException | None = None
+        self._stop, self._settled = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
-
-    @property
-    def stopping(self) -> bool:
-        """Whether `converse` has been asked to return."""
-        return self._stopping.is_set()
-
-    def pause(self, seconds: float) -> None:
-        """Waits, but not longer than until `stop`."""
-        self._stopping.wait(seconds)
 
     def start(self, timeout_s: float) -> None:
         """Starts, and waits until the device is ready.
@@ -60,9 +56,7 @@ class Conversation:
             InputError: what the settings name (a calibration) does not fit the device.
         """
         self.link.begin()
-        self._thread = threading.Thread(target=self._run, name=self.link.name, daemon=True)
-        self._thread.start()
-        self._settled.wait(timeout_s)
+        self._begin(timeout_s)
         if self.link.state is LinkState.READY:
             return
         first = self._first
@@ -71,31 +65,78 @@ class Conversation:
             raise first
         raise DeviceError(f"{self.link.name}: {first or f'not ready within {timeout_s:g} s'}") from first
 
-    def settled(self) -> None:
-        """To be called by `converse` when the handshake is done, after its last `advance`."""
-        self._settled.set()
-
     def stop(self) -> None:
-        """Asks `converse` to return and waits for it; idempotent, from any other thread."""
-        self._stopping.set()
+        """Has the exchange come to its end and waits for it; idempotent, from any other thread."""
+        self.stopping = True
+        self._stop.set()
+        self._end()
+        self.link.close()
+
+    def step(self) -> float | None:
+        """One step of the handshake or the exchange; s until the next one, None: there is none."""
+        if self._steps is None and self.stopping:
+            return None
+        wait_s: float | None = None
+        try:
+            self._steps = self._steps or self._converse(self)
+            wait_s = next(self._steps, None)
+        except Exception as error:  # noqa: BLE001 - every fault inhibits the link
+            if not self._settled.is_set():
+                self._first, self.stopping = error, True
+                self._settled.set()
+            self.link.fault(
+                str(error) if isinstance(error, DeviceError) else f"{type(error).__name__}: {error}"
+            )
+        if self.link.state is LinkState.READY:
+            self._settled.set()
+        if wait_s is None:
+            self._steps = None
+            return None if self.stopping else RETRY_S
+        return wait_s
+
+    @property
+    def settled(self) -> bool:
+        """Whether the first handshake is done, or failed."""
+        return self._settled.is_set()
+
+    def _begin(self, timeout_s: float) -> None:
+        self._thread = threading.Thread(target=self._run, name=self.link.name, daemon=True)
+        self._thread.start()
+        self._settled.wait(timeout_s)
+
+    def _end(self) -> None:
         thread = self._thread
         # a signal may have come between making the thread and starting it
         if thread is not None and thread.is_alive() and thread is not threading.current_thread():
             thread.join(5.0)
-        self.link.close()
 
     def _run(self) -> None:
         go_before(_STEPS)
-        while not self.stopping:
-            try:
-                self._converse(self)
-            except Exception as error:  # noqa: BLE001 - the thread's last line: every fault inhibits the link
-                if not self._settled.is_set():
-                    self._first = error
-                    self._stopping.set()
-                self.link.fault(
-                    str(error) if isinstance(error, DeviceError) else f"{type(error).__name__}: {error}"
-                )
-            finally:
-                self._settled.set()
-            self.pause(self._retry_s)
+        while (wait_s := self.step()) is not None:
+            if wait_s > _CYCLE_S:
+                self._stop.wait(wait_s)
+            elif wait_s > 0.0:
+                time.sleep(wait_s)
+
+
+class Pacer:
+    """Deadlines at a fixed period; one that has been missed is left out, so that cycles never bunch.
+
+    Attributes:
+        missed: deadlines that were left out.
+    """
+
+    def __init__(self, clock: Clock, period_ns: int) -> None:
+        self._clock, self._period_ns = clock, period_ns
+        self._deadline_ns = clock.now_ns()
+        self.missed = 0
+
+    def wait_s(self) -> float:
+        """The time in s until the next deadline."""
+        now_ns = self._clock.now_ns()
+        self._deadline_ns += self._period_ns
+        late_ns = now_ns - self._deadline_ns
+        if late_ns > 0:
+            self.missed += 1 + late_ns // self._period_ns
+            self._deadline_ns = now_ns + self._period_ns
+        return (self._deadline_ns - now_ns) * 1e-9

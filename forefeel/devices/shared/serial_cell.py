@@ -12,7 +12,7 @@ from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.slots import BoundedQueue
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.bota.settings import BotaSettings
-from forefeel.devices.shared.conversation import Conversation
+from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.force_scale import ForceScale, Native
 from forefeel.devices.shared.settings import SerialSettings
 from forefeel.devices.shared.stream import ByteStream, SerialStream
@@ -167,14 +167,15 @@ class SerialLoadCell(Generic[S]):
 
     # --- the conversation, in its own thread ---
 
-    def _converse(self, conversation: Conversation) -> None:
+    def _converse(self, conversation: Conversation) -> Steps:
         cell = self._cell()
         stream = self._open_stream(self._settings, cell.wait_s)
         try:
             self.link.advance(LinkState.OPEN)
             scale = self._calibrated()
-            if self._shake_hands(conversation, stream, cell):
-                self._exchange(conversation, stream, cell, scale)
+            yield from self._identified(conversation, stream, cell)
+            yield from self._at_its_rate(conversation, stream, cell)
+            yield from self._exchange(conversation, stream, cell, scale)
             with suppress(DeviceError):
                 stream.write(cell.farewell())
         finally:
@@ -211,13 +212,11 @@ class SerialLoadCell(Generic[S]):
             )
         return found or given or ""
 
-    def _shake_hands(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> bool:
-        """Identifies, measures the rate; whether it is done, False when the conversation is to end."""
+    def _identified(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> Steps:
+        """Waits for the first measurement."""
         start_ns, came = self._clock.now_ns(), 0
         patience_s = _identify_s(cell, self._settings.rate_hz)
-        while self.link.state < LinkState.IDENTIFIED:
-            if conversation.stopping:
-                return False
+        while self.link.state < LinkState.IDENTIFIED and not conversation.stopping:
             data = self._heard(stream, cell)
             now_ns = self._clock.now_ns()
             came += len(data)
@@ -226,9 +225,10 @@ class SerialLoadCell(Generic[S]):
                 self.link.advance(LinkState.IDENTIFIED)
             elif now_ns - start_ns > patience_s * 1e9:
                 raise DeviceSetupError(self._unidentified(came, patience_s, cell))
-        return self._rate_is_right(conversation, stream, cell)
+            yield 0.0
 
-    def _rate_is_right(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> bool:
+    def _at_its_rate(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> Steps:
+        """Measures the rate until it is that of the settings: the cell is ready."""
         start_ns, rate_hz = self._clock.now_ns(), self._settings.rate_hz
         while not conversation.stopping:
             cell.take(self._heard(stream, cell), self._clock.now_ns())
@@ -236,19 +236,18 @@ class SerialLoadCell(Generic[S]):
             if measured_hz is not None and abs(measured_hz - rate_hz) <= _RATE_TOLERANCE * rate_hz:
                 self.link.advance(LinkState.CONFIGURED)
                 self.link.advance(LinkState.READY)
-                conversation.settled()
-                return True
+                return
             if self._clock.now_ns() - start_ns > cell.measure_s * 1e9:
                 measured = "too few to tell" if measured_hz is None else f"{measured_hz:.4g} Hz measured"
                 raise DeviceSetupError(
                     f"{self._settings.port}: rate_hz = {rate_hz:g}: {measured}; "
                     "expected the rate that the cell is set to, within 10 %"
                 )
-        return False
+            yield 0.0
 
     def _exchange(
         self, conversation: Conversation, stream: ByteStream, cell: Cell, scale: ForceScale
-    ) -> None:
+    ) -> Steps:
         counters, last_ns, since = self.link.counters, self._clock.now_ns(), 0
         while not conversation.stopping:
             silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy finds bytes
@@ -265,6 +264,7 @@ class SerialLoadCell(Generic[S]):
                 self.link.exchanged()
                 self._hand_over(scale, scale.checked(native))
             counters["unread"] = self._queue.dropped + self._native_queue.dropped
+            yield 0.0
 
     def _hand_over(self, scale: ForceScale, checked: Native) -> None:
         if self.link.state is not LinkState.READY:

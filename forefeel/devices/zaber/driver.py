@@ -15,7 +15,7 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
 from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
-from forefeel.devices.shared.conversation import Conversation, Timed
+from forefeel.devices.shared.conversation import Conversation, Steps, Timed
 from forefeel.devices.shared.setpoint import SetpointMailbox, Wanted
 from forefeel.devices.shared.settings import SerialSettings
 from forefeel.devices.shared.stage_scale import PositionScale
@@ -586,7 +586,7 @@ class ZaberStage:
 
     # --- the conversation's thread ---
 
-    def _converse(self, conversation: Conversation) -> None:
+    def _converse(self, conversation: Conversation) -> Steps:
         stream = self._open_stream(self.settings)
         try:
             self.link.advance(LinkState.OPEN)
@@ -597,11 +597,11 @@ class ZaberStage:
             exchange = ZaberExchange(device, self.settings, self._clock, self.link, self._orders)
             exchange.watch()  # before CONFIGURED: from there on anybody may re-arm, and read where it is
             self._exchange = exchange
-            self._serve(conversation, exchange)
+            yield from self._serve(conversation, exchange)
         finally:
             stream.close()
 
-    def _serve(self, conversation: Conversation, exchange: ZaberExchange) -> None:
+    def _serve(self, conversation: Conversation, exchange: ZaberExchange) -> Steps:
         """After a fault it looks on only, until somebody re-arms the link."""
         begun = self.link.inhibited is None
         self.link.advance(LinkState.CONFIGURED)
@@ -609,16 +609,17 @@ class ZaberStage:
             if begun:
                 exchange.begin()
                 self.link.advance(LinkState.READY)
-            conversation.settled()
+            yield 0.0
             while not conversation.stopping:
-                if self.link.state is not LinkState.READY:
+                ready = self.link.state is LinkState.READY
+                if not ready:
                     exchange.watch()
-                    conversation.pause(_WATCH_S)
                 elif begun:
                     exchange.step()
                 else:
                     exchange.begin()
                     begun = True
+                yield 0.0 if ready else _WATCH_S
         except BaseException:
             exchange.try_stop()
             raise

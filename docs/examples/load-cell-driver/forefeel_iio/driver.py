@@ -6,7 +6,7 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.slots import BoundedQueue
-from forefeel.devices.shared.conversation import Conversation
+from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.force_scale import ForceScale, Native
 from forefeel.devices.shared.stuck import StuckWatch
 from forefeel.slave.load_cell import LoadCellReading
@@ -46,19 +46,18 @@ class IioLoadCell:
         self.link.require_ready()
         return self._queue.drain()
 
-    def _converse(self, conversation: Conversation) -> None:
+    def _converse(self, conversation: Conversation) -> Steps:
         s = self._settings
         scale = ForceScale(s.full_scale_n, s.sign, s.newton_per_count, None, self._watch, self.link.counters)
         self._measured()
         for step in (LinkState.OPEN, LinkState.IDENTIFIED, LinkState.CONFIGURED, LinkState.READY):
             self.link.advance(step)
-        conversation.settled()
         while not conversation.stopping:
             native = self._measured()
             if self.link.state is LinkState.READY:
                 self._queue.put(scale.reading(scale.checked(native)))
                 self.link.exchanged()
-            conversation.pause(1.0 / s.rate_hz)
+            yield 1.0 / s.rate_hz
 
     def _measured(self) -> Native:
         try:

@@ -20,7 +20,8 @@ class EmulatedChannel:
         sensing = Sensing(1.0 / _PERIOD_S, settings.full_scale_n, NOISE_N, seed=around.seed)
         self._sensor = EmulatedSensor(sensing, felt(around, settings.sign, leave))
         self._settings, self._file = settings, settings.file.open("wb", buffering=0)
-        leave.callback(self.provoke, "unplug")
+        self._now_s = around.now_s
+        leave.callback(self._close)
         self._write()
 
     def provoke(self, fault: str) -> None:
@@ -33,21 +34,22 @@ class EmulatedChannel:
         else:
             self._sensor.provoke(fault)
 
-    def step(self) -> None:
+    def step(self, wait_s: float = _PERIOD_S) -> None:
         """One conversion."""
         self._write()
-        time.sleep(_PERIOD_S)
+        time.sleep(wait_s)
+
+    def _close(self) -> None:
+        self.provoke("unplug")
+        self._file.close()
 
     def _write(self) -> None:
         """In place and at once, so that no reader meets half a number, and no disk has to be waited for."""
         s = self._settings
-        counts = round(s.zero_counts + self._sensor.measure(time.monotonic()) / s.newton_per_count)
+        counts = round(s.zero_counts + self._sensor.measure(self._now_s()) / s.newton_per_count)
         os.pwrite(self._file.fileno(), b"%11d\n" % counts, 0)
 
 
 EMULATION = Emulation(
-    {"newton_per_count": 5e-6, "zero_counts": 84_000, "full_scale_n": 10.0},
-    EmulatedChannel,
-    faults=FAULTS,
-    port_key="file",
+    {"newton_per_count": 5e-6, "zero_counts": 84_000, "full_scale_n": 10.0}, EmulatedChannel, port_key="file"
 )
