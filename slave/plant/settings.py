@@ -100,7 +100,6 @@ class WorldSettings(Settings):
     """
 
     preset: PresetName = "catheter"
-    integration_rate_hz: Annotated[int, Field(ge=10_000, le=1_000_000, multiple_of=1000)] = 10_000
     stage: StageSettings
     fixture: FixtureSettings
     contact: Contact

@@ -13,10 +13,11 @@ watchdog stops the stage, and 5 s are enough for that and for the contact to set
 
 # Hz, conversions of the simulated load cell: one for each tick of the control loop
 _CONVERSION_RATE_HZ = 1000
+_RATE_HZ = 10_000
 
 
 class SimulatedWorld:
-    """Integrates at `settings.integration_rate_hz`; the load cell converts once per ms.
+    """Integrates at 10 kHz; the load cell converts once per ms.
 
     Steps lie on a grid that starts at the stamp of the first call, and random numbers are drawn on that
     grid: equal seeds, setpoints and grips give equal results bit for bit, however often the world is read.
@@ -27,8 +28,7 @@ class SimulatedWorld:
 
     def __init__(self, settings: WorldSettings, seed: int) -> None:
         self.observed = False
-        self._rate_hz = settings.integration_rate_hz
-        self._dt = 1.0 / self._rate_hz
+        self._dt = 1.0 / _RATE_HZ
         self._stage = PlantStage(settings.stage, self._dt)
         contact, converter = plant_contact(settings.contact, settings.hidden)
         self._fixture = PlantFixture(contact, settings.fixture.inserted_m, settings.stage.start_m)
@@ -38,9 +38,9 @@ class SimulatedWorld:
 
     def advance(self, to_ns: int) -> None:
         """Integrates to that stamp; the first stamp is the start, an earlier one than the last is ignored."""
-        due = self._elapsed_ns(to_ns) * self._rate_hz // 1_000_000_000
+        due = self._elapsed_ns(to_ns) * _RATE_HZ // 1_000_000_000
         if due > self._steps:
-            self._integrate(max(self._steps, due - int(CATCH_UP_S * self._rate_hz)), due)
+            self._integrate(max(self._steps, due - int(CATCH_UP_S * _RATE_HZ)), due)
 
     def set_target(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
         """Sets the stage's setpoint at that stamp; returns its position as applied within the travel."""
@@ -79,7 +79,7 @@ class SimulatedWorld:
 
     def _integrate(self, first: int, last: int) -> None:
         stage, fixture, sense = self._stage.step, self._fixture.step, self._load_cell.filtered.advance
-        dt, per_conversion = self._dt, self._rate_hz // _CONVERSION_RATE_HZ
+        dt, per_conversion = self._dt, _RATE_HZ // _CONVERSION_RATE_HZ
         for step in range(first + 1, last + 1):
             t = step * dt
             x, v, a = stage(t)

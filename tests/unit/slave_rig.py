@@ -19,7 +19,7 @@ from forefeel.common.messages import (
     SafetyState,
     SlaveState,
 )
-from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.common.settings import settings_hash, shared_text
 from forefeel.common.topics import Qos
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.common.transport.port import Put
@@ -270,8 +270,3 @@ class SlaveRig:
         self.step(40)
         assert self.state() is SafetyState.ARMED, self.states[-1].reason
         return self
-
-
-def other_limits(**changes: Any) -> str:  # noqa: ANN401 - any limit
-    """The shared text of a master that is configured otherwise."""
-    return shared_text("cell", "insertion", AxisLimits(**changes))

@@ -231,15 +231,6 @@ def test_two_axes_of_one_name_are_refused(tmp_path: Path) -> None:
             load_settings(kind, written(tmp_path, text))
 
 
-def test_a_hand_force_that_could_not_fade_in_time_is_refused(tmp_path: Path) -> None:
-    text = "axes:\n  - rendering:\n      max_force_n: 4\n      max_slew_n_s: 10\n"
-    with pytest.raises(ConfigurationError) as caught:
-        load_settings(MasterSettings, written(tmp_path, text))
-    assert str(caught.value).endswith(
-        "machine.yaml:2: axes[0].rendering: fade_s = 0.2: expected at least max_force_n / max_slew_n_s = 0.4"
-    )
-
-
 def test_a_force_limit_that_the_simulated_load_cell_can_not_measure_is_refused(tmp_path: Path) -> None:
     text = "axes:\n  - simulation: {preset: guidewire}\n    limits: {max_force_n: %s}\n"
     load_settings(SlaveSettings, written(tmp_path, text % 0.475))
@@ -282,15 +273,6 @@ def test_a_merge_has_every_value_of_the_override_and_the_rest_of_the_base(
     assert kept.items() <= merged.items()
     assert merged.items() <= {**leaves(base), **over}.items()
     assert [base, override] == before, "the arguments stay as they are"
-
-
-def test_differences_name_each_field_with_both_values() -> None:
-    mine = shared_text("lab", "insertion", AxisLimits())
-    theirs = shared_text("lab", "insertion", AxisLimits(max_velocity_m_s=0.1, kind="rotation"))
-    assert differences(mine, theirs) == (
-        "kind: insertion here, rotation there; max_velocity_m_s: 0.2 here, 0.1 there"
-    )
-    assert differences(mine, mine) == ""
 
 
 @pytest.mark.parametrize(

@@ -67,15 +67,6 @@ def test_after_the_first_answer_one_without_any_says_nothing() -> None:
     assert not rig.beats.heard(heartbeat(3, 60 * MS), 211 * MS)
 
 
-def test_a_new_session_begins_afresh_and_knows_nothing_of_the_old_one() -> None:
-    rig = Rig()
-    rig.beat(200 * MS)
-    assert rig.beats.heard(heartbeat(9, 50 * MS, 200 * MS, 50 * MS), 201 * MS)
-    rig.beats.restart()
-    assert not rig.beats.heard(heartbeat(10, 60 * MS, 200 * MS, 60 * MS), 211 * MS)
-    assert rig.beats.heard(heartbeat(1, 61 * MS), 212 * MS)
-
-
 def test_an_answer_may_take_as_long_as_a_session_outlives() -> None:
     rig = Rig()
     for i in range(250):

@@ -1,6 +1,6 @@
 """The statistics that come out are those asked for; tolerances are 4 to 5 standard errors."""
 
-from itertools import groupby, pairwise
+from itertools import groupby
 from math import exp
 from statistics import NormalDist, correlation, fmean, pstdev
 
@@ -43,12 +43,6 @@ def test_correlated_jitter_decays_with_its_time_constant(lag: int) -> None:
     assert correlation(delays[lag:], delays[:-lag]) == pytest.approx(exp(-lag * 0.02 / 0.1), abs=0.03)
 
 
-def test_independent_loss() -> None:
-    lost = [not plan for plan in plans(ImpairmentSettings(loss=0.05), 100_000)]
-    assert fmean(lost) == pytest.approx(0.05, abs=0.003)
-    assert fmean(b for a, b in pairwise(lost) if a) == pytest.approx(0.05, abs=0.015)  # no memory
-
-
 @pytest.mark.parametrize(("share", "length"), [(0.01, 10), (0.1, 3), (0.3, 1), (0.05, 50)])
 def test_burst_loss_has_the_asked_share_and_length(share: float, length: float) -> None:
     lost = [not plan for plan in plans(ImpairmentSettings(burst_loss=share, burst_length=length), 400_000)]
@@ -64,12 +58,6 @@ def test_held_back_messages_are_overtaken_and_no_others() -> None:
     kept = [due for i, due in enumerate(dues) if due - i * MS <= 60 * MS]
     assert len(held) / len(dues) == pytest.approx(0.05, abs=0.005)
     assert kept == sorted(kept)
-
-
-def test_duplicates() -> None:
-    made = plans(ImpairmentSettings(delay_s=0.01, duplicate=0.1), 50_000)
-    assert set(made) == {(10 * MS,), (10 * MS, 10 * MS)}
-    assert sum(len(plan) == 2 for plan in made) / len(made) == pytest.approx(0.1, abs=0.006)
 
 
 def test_stalls_hold_everything_and_release_it_in_one_burst() -> None:

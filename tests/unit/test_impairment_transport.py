@@ -66,16 +66,6 @@ def test_inbound_payloads_are_stamped_when_they_are_handed_over() -> None:
     assert pair.got == [(b"twice", 105), (b"late", 130), (b"twice", 150)]
 
 
-def test_payloads_of_equal_stamp_keep_their_order() -> None:
-    pair = Pair(ReplayedImpairment([(10,)]), None)
-    pair.impaired.subscribe(KEY, pair.take)
-    put = pair.plain.publisher(KEY, Qos.STREAM)
-    for number in range(50):
-        put(bytes([number]))
-    pair.timers.run()
-    assert [payload[0] for payload, _ in pair.got] == list(range(50))
-
-
 def test_all_keys_of_a_direction_share_one_link() -> None:
     pair = Pair(None, ReplayedImpairment([(), (1,)]))
     pair.plain.subscribe(KEY, pair.take)
@@ -94,24 +84,6 @@ def test_what_does_not_cross_is_not_touched() -> None:
     pair.impaired.publisher(key, Qos.STATE)(b"timing")
     assert pair.got == [(b"timing", 100)]
     assert pair.impaired.drain_trace() == []
-
-
-def test_an_observer_on_an_impaired_session_sees_everything() -> None:
-    pair = Pair(ReplayedImpairment([()]), None)
-    seen: list[tuple[str, bytes, int]] = []
-    pair.impaired.subscribe_all("forefeel", lambda *sample: seen.append(sample))
-    pair.plain.publisher(KEY, Qos.STREAM)(b"x")
-    assert seen == [(KEY, b"x", 100)]
-
-
-def test_without_links_nothing_stands_between() -> None:
-    pair = Pair(None, None)
-    pair.impaired.subscribe(KEY, pair.take)
-    pair.plain.publisher(KEY, Qos.STREAM)(b"in")
-    pair.plain.subscribe("out", pair.take)
-    pair.impaired.publisher("out", Qos.STREAM)(b"out")
-    assert pair.got == [(b"in", 100), (b"out", 100)]
-    assert pair.impaired.peers() == 1
 
 
 def test_the_trace_tells_what_was_done_and_replays_it() -> None:

@@ -76,19 +76,6 @@ def test_a_handle_that_fails_is_let_go_in_the_same_tick_and_the_slave_hears_of_i
     ]
 
 
-def test_a_handle_that_fails_while_it_renders_is_let_go_in_the_same_tick(rig: Rig) -> None:
-    rig.step(400)
-    whole = rig.handle.render
-
-    def render(force_n: float, now_ns: int) -> float:
-        rig.handle.broken = True
-        return whole(force_n, now_ns)
-
-    rig.handle.render = render  # type: ignore[method-assign]
-    rig.step(1)
-    assert (rig.commands[-1].deadman, rig.haptics[-1].rendered_n) == (False, 0.0)
-
-
 def test_a_handle_that_answers_again_stays_let_go_until_the_deadman_is_pressed_anew(rig: Rig) -> None:
     rig.compare_clocks()
     break_handle(rig)

@@ -132,15 +132,6 @@ def test_a_force_is_felt_only_while_the_slave_follows(state: S | None) -> None:
     assert bench.tick(300).rendered_n == 1.0
 
 
-@pytest.mark.parametrize("answer", [None, nan, inf, -inf])
-def test_a_prediction_that_is_no_number_is_none_and_fades(answer: float | None) -> None:
-    bench = Bench()
-    bench.tick(300)
-    bench.predictor.answer = answer
-    out = bench.tick(201)
-    assert (_said(out), out.rendered_n) == (None, 0.0)
-
-
 ANSWER = st.none() | st.floats(-100.0, 100.0) | st.sampled_from([nan, inf, -inf])
 STEP = st.tuples(
     ANSWER, st.booleans(), st.booleans(), st.sampled_from([None, *SafetyState]), st.integers(1, 150)
@@ -174,20 +165,6 @@ METRE = st.floats(-1.0, 1.0)
 
 def reading(position_m: float, deadman: bool) -> HandleReading:
     return HandleReading(position_m, 0.0, deadman)
-
-
-def test_engaging_does_not_jump_and_then_the_command_moves_as_the_handle() -> None:
-    clutch = Clutch()
-    clutch.command_m(reading(0.1, False), 0.03)
-    assert abs(clutch.command_m(reading(0.1, True), 0.03) - 0.03) < 1e-15
-    assert abs(clutch.command_m(reading(0.102, True), 0.5) - 0.032) < 1e-15
-    assert abs(clutch.command_m(reading(0.09, True), None) - 0.02) < 1e-15
-
-
-def test_a_readback_that_is_lost_keeps_the_last_offset() -> None:
-    clutch = Clutch()
-    clutch.command_m(reading(0.0, False), 0.04)
-    assert clutch.command_m(reading(0.01, False), None) == 0.05
 
 
 @given(st.lists(st.tuples(METRE, st.booleans(), st.one_of(st.none(), METRE)), min_size=1, max_size=50))

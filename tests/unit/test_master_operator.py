@@ -65,12 +65,6 @@ def test_strokes_go_in_to_the_depth_and_back_home() -> None:
     assert min(positions[3000:]) == pytest.approx(settings.home_m, abs=2e-3)
 
 
-def test_equal_seeds_move_equally() -> None:
-    one, same, other = (Session(OperatorSettings(), seed).run(4.0) for seed in (3, 3, 4))
-    assert one == same
-    assert one != other
-
-
 def test_the_rendered_force_pushes_the_hand_back() -> None:
     free, pushed = Session(), Session()
     free.run(3.0)

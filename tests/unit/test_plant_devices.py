@@ -1,13 +1,11 @@
 """The load cell, the recorded load cell and the simulated devices."""
 
-from itertools import pairwise
 from math import nan
-from statistics import fmean, stdev
 
 import pytest
 
 from forefeel.common.clock import MonotonicClock
-from forefeel.common.errors import DeviceError, RecordingError
+from forefeel.common.errors import DeviceError
 from forefeel.common.messages import Grip
 from forefeel.devices.simulated.driver import (
     SimulatedGripper,
@@ -54,16 +52,6 @@ def test_beyond_95_percent_of_full_scale_a_reading_is_invalid(
     assert (reading.raw_counts, reading.valid) == (counts, valid)
 
 
-def test_the_noise_is_white_with_its_standard_deviation() -> None:
-    plant = cell(noise_n=0.004)
-    readings = [settled(plant, 0.1).force_n for _ in range(4000)]
-    assert fmean(readings) == pytest.approx(0.1, abs=4 * 0.004 / 4000**0.5)
-    assert stdev(readings) == pytest.approx(0.004, rel=0.05)
-    noise = [r - 0.1 for r in readings]
-    lag_one = sum(a * b for a, b in pairwise(noise)) / sum(n * n for n in noise)
-    assert abs(lag_one) < 4 / 4000**0.5
-
-
 TIMES, FORCES = [0.0, 0.01, 0.02, 1.0, 1.05], [0.0, 0.1, 0.3, -0.2, -0.1]
 
 
@@ -80,27 +68,6 @@ def test_a_recorded_force_is_interpolated_between_its_samples(at_s: float, force
 @pytest.mark.parametrize("at_s", [None, nan, -0.001, 1.06, 0.021, 0.5, 0.999])
 def test_there_is_no_force_outside_the_recording_nor_across_a_gap(at_s: float | None) -> None:
     assert RecordedLoadCell(TIMES, FORCES).read_at(at_s) == LoadCellReading(0.0, 0, False)
-
-
-@pytest.mark.parametrize(
-    ("times", "forces", "message"),
-    [
-        ([], [], "0 times, 0 forces: expected as many, at least one"),
-        ([0.0, 1.0], [0.0], "2 times, 1 forces: expected as many, at least one"),
-        ([0.0, 1.0, 1.0], [0.0] * 3, "sample 2: time_s = 1.0 after 1.0: expected increasing times"),
-        (
-            [0.0, 1.0],
-            [0.0, nan],
-            "sample 1: time_s = 1.0, force_n = nan: expected finite numbers, at most 10000 N",
-        ),
-    ],
-)
-def test_a_wrong_recording_is_refused_in_one_line(
-    times: list[float], forces: list[float], message: str
-) -> None:
-    with pytest.raises(RecordingError) as caught:
-        RecordedLoadCell(times, forces)
-    assert str(caught.value) == message
 
 
 def test_three_devices_share_one_world() -> None:

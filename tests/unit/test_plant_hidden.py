@@ -39,13 +39,6 @@ def test_before_it_is_not_there_and_then_it_has_felt_the_motion_all_along(hidden
     assert np.abs(switched - without)[1010:].max() > 0.02
 
 
-def test_the_rest_of_the_world_keeps_its_memory() -> None:
-    nothing = {"effect": "bias", "parameters": {"force_n": 0.0}}
-    np.testing.assert_allclose(
-        forces(RELAXING, effects=model(nothing), from_s=1.0), forces(RELAXING), atol=1e-9
-    )
-
-
 def test_a_sensor_acts_on_readings_behind_the_noise_and_from_its_instant_on() -> None:
     noisy = {**QUIET, "noise_n": 0.01}
     flat = {"effect": "sensor_saturation", "parameters": {"limit_n": 0.1}}

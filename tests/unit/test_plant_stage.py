@@ -69,15 +69,6 @@ def test_the_servo_settles_as_a_critically_damped_second_order_system() -> None:
         assert x == pytest.approx(0.01 * (1 - (1 + w * t) * exp(-w * t)), abs=3e-5)
 
 
-def test_setpoints_with_velocity_are_followed_without_a_lag() -> None:
-    plant = stage()
-    for tick in range(500):
-        plant.command(0.04 * tick * 1e-3, 0.04, tick * 1e-3)
-        x, v, _ = run(plant, tick * 1e-3, 1e-3)[-1]
-    assert v == pytest.approx(0.04, rel=1e-3)
-    assert x == pytest.approx(0.04 * 0.5, abs=2e-5)
-
-
 def test_extrapolation_is_bounded_when_setpoints_stop() -> None:
     plant = stage(device_watchdog_s=1.0)
     for tick in range(500):
@@ -102,14 +93,6 @@ def test_the_watchdog_of_the_device_brakes_to_rest_and_holds() -> None:
     assert len({x for x, _, _ in braking[rest:]}) == 1
     assert all(abs(a) <= most * (1 + 1e-6) for _, _, a in braking)
     assert braking[-1][0] < 0.05
-
-
-def test_a_new_setpoint_after_the_watchdog_moves_again() -> None:
-    plant = stage()
-    plant.command(0.12, 0.0, 0.0)
-    run(plant, 0.0, 1.0)
-    plant.command(0.12, 0.0, 1.0)
-    assert run(plant, 1.0, 0.05)[-1][1] > 0.1
 
 
 def test_play_lies_between_the_encoder_and_the_carriage() -> None:

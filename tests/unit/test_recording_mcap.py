@@ -173,19 +173,6 @@ def test_a_recording_is_made_of_the_valid_samples_in_the_order_of_their_stamps(t
         assert recording.force_n.tolist() == [0.0, 1 / 3, 2 / 3, 5 / 3]
 
 
-@pytest.mark.parametrize("samples", [[], [force(0)], [force(0), force(0)], [force(0), force(1, valid=False)]])
-def test_fewer_than_two_samples_are_no_recording(tmp_path: Path, samples: list[object]) -> None:
-    path = tmp_path / "run.mcap"
-    with RunWriter(path) as writer:
-        put(writer, command(0), COMMAND)
-        for sample in samples:
-            put(writer, sample)  # type: ignore[arg-type]
-    with pytest.raises(
-        RecordingError, match=rf"run\.mcap: axis {AXIS}: [01] sample\(s\), expected at least 2$"
-    ):
-        read_run(path).to_recording()
-
-
 def test_which_axis_and_which_mapping(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with RunWriter(path) as writer:

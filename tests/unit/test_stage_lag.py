@@ -84,14 +84,6 @@ def test_before_enough_is_seen_the_command_is_expected_as_it_is() -> None:
     assert (lag.lag_s, lag.lag2_s2) == (0.0, 0.0)
 
 
-def test_a_stage_that_stands_teaches_nothing() -> None:
-    lag = StageLag()
-    for n in range(3000):
-        lag.command(n * MS, 0.01)
-        lag.observe(n * MS, 0.0101)
-    assert (lag.lag_s, lag.lag2_s2) == (0.0, 0.0)
-
-
 @pytest.mark.parametrize("nonsense", [nan, inf, -inf])
 def test_numbers_that_are_none_are_left_out(nonsense: float) -> None:
     lag, _, _ = _run(Drive(2 * pi * 5.0, feed_forward=False), 6.0)

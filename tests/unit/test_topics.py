@@ -84,27 +84,6 @@ def test_a_segment_with_a_meaning_for_the_router_is_refused_everywhere(text: str
     assert parse_key(COMMAND.key("cell", text)) is None
 
 
-@pytest.mark.parametrize(
-    "key",
-    [
-        "",
-        "forefeel",
-        "forefeel/cell/axis",
-        "forefeel/cell/axis/",
-        "forefeel/cell/axis/master",
-        "forefeel/cell/axis/master/other",
-        "forefeel/cell/axis/master/command/",
-        "forefeel/cell/axis/slave/command",
-        "Forefeel/cell/axis/master/command",
-        "/forefeel/cell/axis/master/command",
-        "forefeel/**/master/command",
-        "forefeel/cell/axis/*/command",
-    ],
-)
-def test_any_other_key_is_not_ours(key: str) -> None:
-    assert parse_key(key) is None
-
-
 @given(st.text(max_size=60))
 @example("forefeel/*/*/any/estop")
 def test_what_parses_is_exactly_a_key_of_the_table(key: str) -> None:

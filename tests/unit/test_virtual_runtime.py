@@ -11,14 +11,6 @@ MS = 1_000_000
 START_NS = 1_000_000_000
 
 
-def test_the_clock_stands_at_the_stamp_of_each_event_and_then_at_the_end() -> None:
-    runtime, seen = VirtualRuntime(), list[tuple[int, int]]()
-    runtime.task("task", 3 * MS, lambda now_ns: seen.append((now_ns, runtime.clock.now_ns())))
-    runtime.run(10 * MS)
-    assert seen == [(START_NS + i * MS,) * 2 for i in (3, 6, 9)]
-    assert runtime.clock.now_ns() == START_NS + 10 * MS
-
-
 def test_events_of_one_stamp_run_in_the_order_of_their_scheduling() -> None:
     runtime, order = VirtualRuntime(), list[str]()
     runtime.timers.call_at(START_NS + MS, lambda: order.append("timer before"))
@@ -27,17 +19,6 @@ def test_events_of_one_stamp_run_in_the_order_of_their_scheduling() -> None:
     runtime.timers.call_at(START_NS + MS, lambda: order.append("timer after"))
     runtime.run(2 * MS)
     assert order == ["timer before", "a", "b", "timer after", "a", "b"]
-
-
-def test_a_timer_of_the_past_runs_now_and_never_moves_the_clock_back() -> None:
-    runtime, seen = VirtualRuntime(), list[int]()
-
-    def tick(now_ns: int) -> None:
-        runtime.call_at(now_ns - 5 * MS, lambda: seen.append(runtime.clock.now_ns()))
-
-    runtime.task("task", MS, tick)
-    runtime.run(2 * MS)
-    assert seen == [START_NS + MS, START_NS + 2 * MS]
 
 
 def test_a_fault_ends_the_run_with_its_own_traceback() -> None:
