@@ -22,14 +22,14 @@ from pathlib import Path
 import yaml
 
 from forefeel.common.bus import Bus
-from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.clock import MonotonicClock
 from forefeel.common.lateness import quantile_us
 from forefeel.common.messages import LoopTiming, SafetyState, SlaveState
 from forefeel.common.topics import COMMAND, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING, Role
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.pki.folder import make_folder
+from tests.secured import make_pki
 
 _AXIS = "insertion"
 _START_S = 120.0  # s until a daemon must be ready
@@ -86,7 +86,7 @@ class Laboratory:
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.endpoint = f"{'tls' if secured else 'tcp'}/127.0.0.1:{probe.getsockname()[1]}"
         if secured:
-            make_folder(folder / "pki", [*cells, "spare"], {}, 2, now_utc())  # spare: a folder for each cell
+            make_pki(folder / "pki", [*cells, "spare"])  # spare: a folder for each cell
 
     def transport(self, cell: str) -> TransportSettings:
         """How a session of that cell reaches the router."""

@@ -20,15 +20,15 @@ from typing import Any
 import zenoh
 
 from benchmarks.gated import command, gated
-from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.clock import MonotonicClock
 from forefeel.common.runtime.realtime import prepare_process
 from forefeel.common.topics import COMMAND, FORCE, Qos
 from forefeel.common.transport.port import Put
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.pki.folder import make_folder
 from tests.live_cell import free_port
+from tests.secured import make_pki
 
 _CELL = "cell"
 _ROUNDS, _BACK_TO_BACK_TRIPS, _PACED_TRIPS = 7, 1500, 1000  # rounds, and round trips of each kind in one
@@ -164,7 +164,7 @@ class _Channel:
 @contextmanager
 def _other_end(folder: Path) -> Iterator[dict[str, ZenohTransport]]:
     """The echo's process, and our sessions with it."""
-    make_folder(folder / "pki", [_CELL], {}, 2, now_utc())
+    make_pki(folder / "pki", [_CELL])
     ports = [free_port(), free_port()]
     command = [sys.executable, "-m", "benchmarks.security", "echo", str(folder), *map(str, ports)]
     with subprocess.Popen(command, stdin=subprocess.PIPE) as process:

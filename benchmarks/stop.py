@@ -17,10 +17,9 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from forefeel.common.clock import now_utc
 from forefeel.common.state.folder import SOCKET
-from forefeel.pki.folder import make_folder
 from tests.live_cell import free_port
+from tests.secured import make_pki
 from tests.system.net.cable import ADDRESSES
 from tests.system.net.hosts import joined_by_tun
 
@@ -121,7 +120,7 @@ def _once(command: Sequence[str], folder: Path, within: Sequence[str]) -> Took:
 @contextmanager
 def _slave(folder: Path, address: str, within: Sequence[str]) -> Iterator[str]:
     """A slave that is ready; its endpoint."""
-    make_folder(folder / "pki", ["cell"], {"slave": [address.partition(":")[0]]}, 2, now_utc())
+    make_pki(folder / "pki", ["cell"], {"slave": [address.partition(":")[0]]})
     endpoint = f"tls/{address}"
     settings = {"slave": "listen", "master": "connect"}
     for role, side in settings.items():

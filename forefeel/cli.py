@@ -38,13 +38,8 @@ COMMANDS = {
     "calibrate load-cell": "Tare, then every weight up and down; gain and zero by least squares, residual, "
     "hysteresis.",
     "calibrate stage": "Home twice and go from end to end; asks before it moves. Take the instrument out.",
-    "pki init": "Make an authority and a certificate for each role, in a new folder.",
-    "pki add": "Add a cell under the authority of a folder.",
+    "pki init": "Make an authority and certificates for each host; again: add hosts, renew what ends soon.",
     "pki show": "Show names, hosts and expiry; exit 1 where one is red.",
-    "pki renew": "Renew certificates with the authority's key; hosts that are not given stay as they are.",
-    "pki bundle": "Put together what the host of one role needs, and nothing else.",
-    "pki rules": "Write the Zenoh configuration of a router and of each role: TLS and what each may say and "
-    "hear.",
 }
 """In the order of the help, which is shown without importing any of them."""
 GROUPS = {

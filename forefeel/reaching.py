@@ -124,12 +124,14 @@ def _theirs(
     if code == _EXPIRED:
         then = expiry()
         at = "" if then is None else f" {when(then, now_utc())}"
-        return Obstacle(f"{whose} expired{at}", "forefeel pki renew, copy it there, start that end anew")
+        return Obstacle(
+            f"{whose} expired{at}", "forefeel pki init DIR renews it; copy it there, start that end anew"
+        )
     if code == _NOT_YET_VALID:
         return Obstacle(f"{whose} is not valid yet", "compare date -u on both hosts")
     if code in _OTHER_NAME:
         return Obstacle(
-            f"{whose} does not name {host}", "forefeel pki renew --hosts ROLE=ADDRESS, copy it there"
+            f"{whose} does not name {host}", "forefeel pki init DIR --hosts ROLE=ADDRESS, copy it there"
         )
     if code in _OTHER_AUTHORITY:
         return Obstacle(f"{whose} is of another authority", "both hosts need those of one forefeel pki init")

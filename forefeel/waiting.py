@@ -33,13 +33,13 @@ class Obstacles:
     """
 
     def __init__(self, transport: TransportSettings, party: Party, other: str) -> None:
-        self._transport, self._party, self._other = transport, party, other
+        self._transport, self._other = transport, other
         self._identity: PartyFiles | None = None
         self._ends: dict[Path, datetime] = {}
         if transport.pki is not None:
             self._identity = read_identity(transport.pki, party, now_utc()).identity
             files = Path(self._identity.certificate), Path(self._identity.authority)
-            self._ends = {path: self._read_end(path, transport.pki) for path in files}
+            self._ends = {path: read_certificate(path).not_valid_after_utc for path in files}
 
     def find(self) -> list[Obstacle]:
         """Our own certificate, or one for each endpoint that can not be reached. Blocks for some seconds."""
@@ -56,16 +56,12 @@ class Obstacles:
 
     def _expired(self, path: Path, end: datetime) -> Obstacle:
         now, renewed = now_utc(), False
-        if self._transport.pki is not None:
-            with suppress(ConfigurationError):
-                renewed = self._read_end(path, self._transport.pki) > now
+        with suppress(ConfigurationError):
+            renewed = read_certificate(path).not_valid_after_utc > now
         what = f"our certificate expired {when(end, now)} ({path})"
         return Obstacle(
             what, "it was renewed: start anew" if renewed else f"{renewal(path)}, then start anew"
         )
-
-    def _read_end(self, path: Path, pki: Path) -> datetime:
-        return read_certificate(path, pki, self._party).not_valid_after_utc
 
 
 def unheard(transport: TransportSettings, connected: bool, missing: str) -> str:

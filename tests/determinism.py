@@ -21,7 +21,6 @@ STILL_VIOLATING = frozenset(
         "commands/test_doctor.py",
         "commands/test_local_stop.py",
         "commands/test_output.py",
-        "commands/test_pki.py",
         "commands/test_results.py",
         "commands/test_terminal.py",
         "devices/test_ascii_line_driver.py",

@@ -15,14 +15,14 @@ from typing import Any, Self, TypeVar
 
 import yaml
 
-from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.clock import MonotonicClock
 from forefeel.common.codec import decode
 from forefeel.common.messages import Message, SafetyEvent, SafetyState, SlaveState
 from forefeel.common.topics import SLAVE_STATE, Topic
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.pki.folder import make_folder
+from tests.secured import make_pki
 from tests.waiting import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).parents[1]
@@ -139,7 +139,7 @@ class LiveCell:
         self.folder = folder
         self.pki = folder / "pki" if pki else None
         if self.pki is not None:
-            make_folder(self.pki, [CELL], {}, 30, now_utc())
+            make_pki(self.pki, [CELL], days=30)
         protocol = "tls" if pki else "tcp"
         self.endpoint, self.own, self.master_endpoint = (
             f"{protocol}/127.0.0.1:{free_port()}" for _ in range(3)

@@ -1,6 +1,7 @@
 """Certificates for tests, and Zenoh sessions that use them: ours, and those of somebody with bad intent."""
 
 import json
+import shutil
 import socket
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -16,7 +17,7 @@ from forefeel.common.transport.security import Party, PartyFiles, PartyRole, sec
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport, open_session
 from forefeel.common.transport.zenoh_config import FIXED
-from forefeel.pki.folder import make_folder
+from forefeel.pki.folder import init_folder
 
 CELL = "cell"
 
@@ -28,8 +29,17 @@ def make_pki(
     now: datetime | None = None,
     days: int = 2,
 ) -> Path:
-    """The folder with an authority and all roles, in some milliseconds; localhost is in every certificate."""
-    make_folder(folder, cells, hosts or {}, days, now or now_utc())
+    """The folder with an authority and all roles, in some milliseconds; localhost is in every certificate.
+
+    All roles of a cell lie side by side, as where one host has them all: in the folder itself where there is
+    one cell, else in CELL; the router's at the top.
+    """
+    words = [f"{role}={','.join(names)}" for role, names in (hosts or {}).items()]
+    init_folder(folder, cells, words, days, now or now_utc())
+    for place in [folder / "router", *(folder / cell for cell in cells)]:
+        together = folder if len(cells) == 1 or place.name == "router" else place
+        for path in [*place.glob("*.*"), *place.glob("*/*.*")]:
+            shutil.copy2(path, together)
     return folder
 
 

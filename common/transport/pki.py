@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
 
 AUTHORITY = "ca.crt"
+_MADE = "the folder of this role that forefeel pki init makes"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +34,11 @@ def read_identity(folder: Path, party: Party, now: datetime) -> Certified:
         ConfigurationError: one is missing, unreadable, not what it should be, expired, or open to others.
     """
     if not folder.is_dir():
-        raise _wrong(folder, "no such folder", _made_by(folder, party))
+        raise _wrong(folder, "no such folder", _MADE)
     files = PartyFiles(folder / AUTHORITY, folder / f"{party.role}.crt", folder / f"{party.role}.key")
-    authority, certificate = (
-        read_certificate(Path(path), folder, party) for path in (files.authority, files.certificate)
-    )
+    authority, certificate = (read_certificate(Path(path)) for path in (files.authority, files.certificate))
     key_file = Path(files.key)
-    key = _read_key(key_file, folder, party)
+    key = _read_key(key_file)
     _check_name(Path(files.certificate), certificate, party)
     if certificate.public_key() != key.public_key():
         raise _wrong(key_file, f"does not belong to {party.role}.crt", "both of one forefeel pki init")
@@ -50,7 +49,7 @@ def read_identity(folder: Path, party: Party, now: datetime) -> Certified:
     return Certified(files, min(authority.not_valid_after_utc, certificate.not_valid_after_utc))
 
 
-def read_certificate(path: Path, folder: Path, party: Party) -> "x509.Certificate":
+def read_certificate(path: Path) -> "x509.Certificate":
     """A PEM certificate.
 
     Raises:
@@ -59,9 +58,9 @@ def read_certificate(path: Path, folder: Path, party: Party) -> "x509.Certificat
     from cryptography import x509  # noqa: PLC0415 - most sessions are on loopback and need none
 
     try:
-        return x509.load_pem_x509_certificate(_read(path, folder, party))
+        return x509.load_pem_x509_certificate(_read(path))
     except ValueError as error:
-        raise _wrong(path, "no certificate", f"PEM, {_made_by(folder, party)}") from error
+        raise _wrong(path, "no certificate", f"PEM, {_MADE}") from error
 
 
 def check_period(path: Path, certificate: "x509.Certificate", now: datetime) -> None:
@@ -81,7 +80,7 @@ def renewal(path: Path) -> str:
     """What makes a certificate anew that has expired."""
     if path.name == AUTHORITY:
         return "forefeel pki init makes a new authority"
-    return "forefeel pki renew DIR where ca.key is kept"
+    return "forefeel pki init DIR where ca.key is kept"
 
 
 def _check_name(path: Path, certificate: "x509.Certificate", party: Party) -> None:
@@ -101,10 +100,10 @@ def _issued(certificate: "x509.Certificate", authority: "x509.Certificate") -> b
     return True
 
 
-def _read_key(path: Path, folder: Path, party: Party) -> "PrivateKeyTypes":
+def _read_key(path: Path) -> "PrivateKeyTypes":
     from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
 
-    data = _read(path, folder, party)
+    data = _read(path)
     if path.stat().st_mode & 0o007:
         raise _wrong(
             path, "a private key that every user of this host may use", f"mode 0600: chmod 600 {path}"
@@ -112,19 +111,14 @@ def _read_key(path: Path, folder: Path, party: Party) -> "PrivateKeyTypes":
     try:
         return load_pem_private_key(data, None)
     except (ValueError, TypeError) as error:  # not PEM; encrypted
-        raise _wrong(path, "no private key", f"PEM without password, {_made_by(folder, party)}") from error
+        raise _wrong(path, "no private key", f"PEM without password, {_MADE}") from error
 
 
-def _read(path: Path, folder: Path, party: Party) -> bytes:
+def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise _wrong(path, error.strerror or "unreadable", _made_by(folder, party)) from error
-
-
-def _made_by(folder: Path, party: Party) -> str:
-    cells = " ".join(f"--cell {cell}" for cell in party.cells)
-    return f"what forefeel pki init {folder} {cells} --hosts {party.role}=ADDRESS makes"
+        raise _wrong(path, error.strerror or "unreadable", _MADE) from error
 
 
 def _wrong(path: Path, found: str, expected: str) -> ConfigurationError:

@@ -1,86 +1,62 @@
 """`forefeel pki`: certificates."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
-from forefeel.terminal import output
+from forefeel.terminal import SHADES, answer, output, table
+from forefeel.terminal import show as say
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of certificates.")]
-Cells = Annotated[list[str], typer.Option("--cell", metavar="NAME", help="A cell; repeat it.")]
-Hosts = Annotated[
-    list[str] | None,
-    typer.Option("--hosts", metavar="[CELL/]ROLE=HOST,HOST", help="Where others reach that role; repeat it."),
-]
-Days = Annotated[int, typer.Option(min=1, max=3650, help="How long the roles' certificates are valid.")]
 
 
 @examples(
-    "forefeel pki init deploy/config/pki --cell cathlab --hosts slave=10.0.0.1,slave-host",
-    "forefeel pki init pki --cell cell1 --cell cell2 --hosts router=10.0.0.5 --days 90",
+    "forefeel pki init pki --cell cathlab --hosts slave=10.0.0.1,slave-host --hosts master=10.0.0.2",
+    "forefeel pki init pki --cell cell2 --hosts router=10.0.0.5 --days 90",
 )
-def init(folder: Folder, cell: Cells, hosts: Hosts = None, days: Days = 365) -> None:
-    from forefeel.pki.run import run_init  # noqa: PLC0415 - the help needs none of it
-
-    run_init(folder, cell, hosts or [], days)
-
-
-@examples("forefeel pki add pki --cell cell3 --hosts slave=10.0.0.7")
-def add(
+def init(
     folder: Folder,
-    cell: Annotated[str, typer.Option("--cell", metavar="NAME", help="The new cell.")],
-    hosts: Hosts = None,
-    days: Days = 365,
+    cell: Annotated[
+        list[str] | None,
+        typer.Option("--cell", metavar="NAME", help="A cell; repeat it. Those that DIR has may be left out."),
+    ] = None,
+    hosts: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--hosts", metavar="[CELL/]ROLE=HOST,HOST", help="Where others reach that role; repeat it."
+        ),
+    ] = None,
+    days: Annotated[int, typer.Option(min=1, max=3650, help="How long new certificates are valid.")] = 365,
 ) -> None:
-    from forefeel.pki.run import run_add  # noqa: PLC0415
+    """Called again, it adds cells, renews what ends within 30 days and changes hosts; all keys stay."""
+    from forefeel.common.clock import now_utc  # noqa: PLC0415 - the help needs none of it
+    from forefeel.interrupt import ends_in_order  # noqa: PLC0415
+    from forefeel.pki.folder import AUTHORITY_KEY, init_folder  # noqa: PLC0415
 
-    run_add(folder, cell, hosts or [], days)
+    with ends_in_order("pki init", folder):
+        done = init_folder(folder, cell or [], hosts or [], days, now_utc())
+    for place, what in done.items():
+        say(f"{what:<9} {place}")
+    say(f"copy each folder to its host, for transport.pki; keep {folder / AUTHORITY_KEY} off the hosts")
 
 
 @examples("forefeel pki show pki", "forefeel pki show pki --json")
 def show(folder: Folder, as_json: AsJson = False, quiet: Quiet = False) -> None:
-    from forefeel.pki.run import run_show  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    from forefeel.common.clock import now_utc  # noqa: PLC0415
+    from forefeel.pki.folder import certificate_rows  # noqa: PLC0415
 
     with output(as_json, quiet):
-        run_show(folder)
-
-
-@examples("forefeel pki renew pki", "forefeel pki renew pki slave --hosts slave=10.0.0.9")
-def renew(
-    folder: Folder,
-    who: Annotated[
-        list[str] | None, typer.Argument(metavar="[[CELL/]ROLE]...", help="All where none is named.")
-    ] = None,
-    hosts: Hosts = None,
-    days: Days = 365,
-) -> None:
-    from forefeel.pki.run import run_renew  # noqa: PLC0415
-
-    run_renew(folder, who or [], hosts or [], days)
-
-
-@examples("forefeel pki bundle pki slave --out for-the-slave/pki")
-def bundle(
-    folder: Folder,
-    who: Annotated[str, typer.Argument(metavar="[CELL/]ROLE", help="Whose files.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="A new folder.")],
-) -> None:
-    from forefeel.pki.run import run_bundle  # noqa: PLC0415
-
-    run_bundle(folder, who, out)
-
-
-@examples("forefeel pki rules --cell cathlab --folder /etc/forefeel/pki --out deploy/zenoh")
-def rules(
-    cell: Cells,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="For ROLE.json5.")],
-    folder: Annotated[
-        Path, typer.Option("--folder", metavar="DIR", help="Where each host keeps its certificates.")
-    ] = Path("/etc/forefeel/pki"),
-    overwrite: Annotated[bool, typer.Option(help="Replace earlier files in DIR.")] = False,
-) -> None:
-    from forefeel.pki.run import run_rules  # noqa: PLC0415
-
-    run_rules(cell, folder, out, overwrite)
+        rows = certificate_rows(folder, now_utc())
+        shown = table("", "file", "name", "hosts", "expires", "days", right=("days",))
+        for row in rows:
+            cells = row.file, row.name, " ".join(row.hosts), row.expires[:10], str(row.days_left)
+            shown.add_row(Text(row.colour, SHADES[row.colour]), *map(Text, cells))
+        advice = [f"{row.colour}: {row.advice}" for row in rows if row.advice]
+        answer(shown, *advice, document=lambda: [asdict(row) for row in rows])
+        if any(row.colour == "red" for row in rows):
+            raise typer.Exit(1)

@@ -10,7 +10,7 @@ from forefeel.common.errors import ConfigurationError, EndpointError
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.topics import Role
 from forefeel.common.transport.exposure import check_exposure
-from forefeel.common.transport.pki import AUTHORITY, read_identity
+from forefeel.common.transport.pki import AUTHORITY, read_certificate, read_identity
 from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.zenoh_config import secured_by_file
 from forefeel.doctor.findings import Finding, Level
@@ -52,7 +52,6 @@ def find_identity(settings: DaemonSettings, role: Role) -> PartyFiles | None:
 def read_folder(folder: Path, role: Role, cell: str) -> Certificate:
     """The certificate of the role in a folder of `forefeel pki init`."""
     from forefeel.pki.authority import hosts_of  # noqa: PLC0415 - loads the library of certificates
-    from forefeel.pki.folder import read_certificate  # noqa: PLC0415
 
     party, now = Party(role, (cell,)), now_utc()
     modes = _mode(folder), _mode(folder / f"{role}.key")

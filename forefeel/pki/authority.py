@@ -11,7 +11,6 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 AUTHORITY_NAME = "forefeel-ca"
-# days that an authority is valid: ten years; chosen, not measured: renewed certificates end with it
 AUTHORITY_DAYS = 3650
 EARLIER = timedelta(hours=1)
 """How far before now a certificate begins: the hosts' clocks need not agree to the second."""
@@ -34,11 +33,9 @@ class Authority:
         key = new_key()
         name, identifier = _name(AUTHORITY_NAME), x509.SubjectKeyIdentifier.from_public_key(key.public_key())
         builder = (
-            _begun(name, name, key.public_key(), now, now + timedelta(days=days))
+            _begun(name, name, key.public_key(), now, now + timedelta(days=days), identifier)
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
             .add_extension(_usage(signs_certificates=True), critical=True)
-            .add_extension(identifier, critical=False)
-            .add_extension(_signed_by(identifier), critical=False)
         )
         return cls(builder.sign(key, hashes.SHA256()), key)
 
@@ -56,26 +53,19 @@ class Authority:
         """
         identifier = self.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
         end = min(now + timedelta(days=days), self.certificate.not_valid_after_utc)
+        names = [_general_name(host) for host in dict.fromkeys([*hosts, *_THIS_HOST])]
+        purposes = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
         builder = (
-            _begun(_name(name), self.certificate.subject, public_key, now, end)
+            _begun(_name(name), self.certificate.subject, public_key, now, end, identifier)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(_usage(signs_certificates=False), critical=True)
-            .add_extension(
-                x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]),
-                critical=False,
-            )
-            .add_extension(
-                x509.SubjectAlternativeName([_general_name(host) for host in _distinct(hosts)]),
-                critical=False,
-            )
-            .add_extension(x509.SubjectKeyIdentifier.from_public_key(public_key), critical=False)
-            .add_extension(_signed_by(identifier), critical=False)
+            .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
+            .add_extension(x509.SubjectAlternativeName(names), critical=False)
         )
         return builder.sign(self.key, hashes.SHA256())
 
 
 def new_key() -> Key:
-    """A private key on P-256 of the system's random numbers."""
     return ec.generate_private_key(ec.SECP256R1())
 
 
@@ -87,7 +77,6 @@ def key_pem(key: Key) -> bytes:
 
 
 def certificate_pem(certificate: x509.Certificate) -> bytes:
-    """The certificate as PEM."""
     return certificate.public_bytes(serialization.Encoding.PEM)
 
 
@@ -102,8 +91,14 @@ def hosts_of(certificate: x509.Certificate) -> tuple[str, ...]:
 
 
 def _begun(
-    subject: x509.Name, issuer: x509.Name, public_key: PublicKey, now: datetime, end: datetime
+    subject: x509.Name,
+    issuer: x509.Name,
+    public_key: PublicKey,
+    now: datetime,
+    end: datetime,
+    signer: x509.SubjectKeyIdentifier,
 ) -> x509.CertificateBuilder:
+    signed_by = x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(signer)
     return (
         x509.CertificateBuilder()
         .subject_name(subject)
@@ -112,15 +107,13 @@ def _begun(
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - EARLIER)
         .not_valid_after(end)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(public_key), critical=False)
+        .add_extension(signed_by, critical=False)
     )
 
 
 def _name(common_name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
-
-
-def _signed_by(identifier: x509.SubjectKeyIdentifier) -> x509.AuthorityKeyIdentifier:
-    return x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(identifier)
 
 
 def _usage(signs_certificates: bool) -> x509.KeyUsage:
@@ -135,10 +128,6 @@ def _usage(signs_certificates: bool) -> x509.KeyUsage:
         encipher_only=False,
         decipher_only=False,
     )
-
-
-def _distinct(hosts: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys([*hosts, *_THIS_HOST]))
 
 
 def _general_name(host: str) -> x509.GeneralName:

@@ -1,138 +1,119 @@
-"""A folder of certificates: made whole or not at all, read back, renewed, handed out."""
+"""The folder of an authority and what is copied from it to the hosts.
 
+DIR/ca.key, DIR/ca.crt     the authority; the key stays here
+DIR/CELL/ROLE/             for the host of that role: ca.crt, ROLE.crt, ROLE.key
+DIR/router/                for the router: the same, and router.json5 with the rules for zenohd
+"""
+
+import ipaddress
+import json
 import os
-import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from datetime import datetime
-from functools import partial
-from pathlib import Path
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path, PurePath
+from typing import Any, Literal
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.common.transport.pki import AUTHORITY
-from forefeel.common.transport.security import Party
-from forefeel.interrupt import at_last
-from forefeel.pki.authority import Authority, certificate_pem, hosts_of, key_pem, new_key
-from forefeel.pki.layout import AUTHORITY_KEY, Member, members_of, party_named
+from forefeel.common.transport.pki import AUTHORITY, check_period, read_certificate, read_identity
+from forefeel.common.transport.security import CELL_ROLES, ROLES, Party, PartyFiles, secured
+from forefeel.common.transport.zenoh_config import FIXED
+from forefeel.pki.authority import AUTHORITY_NAME, Authority, certificate_pem, hosts_of, key_pem, new_key
 
-# modes of a key, a certificate and a folder (chmod(2)): keys for the owner only
-_SECRET, _PUBLIC, _FOLDER = 0o600, 0o644, 0o700
+AUTHORITY_KEY = "ca.key"
+RENEWED_WITHIN = timedelta(days=30)
+"""Certificates that end sooner are amber, and are renewed by the next init."""
+ON_THE_HOST = PurePath("/etc/forefeel/pki")
+"""Where router.json5 looks for the router's certificate."""
+
+_SECRET, _PUBLIC = 0o600, 0o644
+_CELL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,45}")  # a common name has at most 64 characters
+_HOST = re.compile(r"(?=.{1,253}$)[A-Za-z0-9](?:[A-Za-z0-9-]{0,62})(?:\.[A-Za-z0-9][A-Za-z0-9-]{0,62})*")
+_NAME = re.compile(rf"forefeel-(?P<cell>.+)-(?P<role>{'|'.join(CELL_ROLES)})")
 
 
-def make_folder(
-    folder: Path, cells: Sequence[str], hosts: Mapping[str, Sequence[str]], days: int, now: datetime
-) -> list[Member]:
-    """A new authority and a certificate for everyone, in a folder that is there whole or not at all.
+def init_folder(
+    folder: Path, cells: Sequence[str], hosts: Sequence[str], days: int, now: datetime
+) -> dict[Path, str]:
+    """Makes what is missing and renews what ends soon; the authority and every key stay.
 
     Args:
-        folder: new, or empty.
-        cells: one: its roles lie in the folder itself; several: each in a folder of its name.
-        hosts: names and addresses by the member's word.
-        days: how long the roles' certificates are valid.
-        now: the calendar's time.
+        folder: new, empty, or one of this function; cells that it has need not be named.
+        hosts: `[CELL/]ROLE=HOST,HOST`; those of a certificate that are not given stay.
+        days: how long new certificates are valid.
+
+    Returns:
+        By folder of a host: `new`, `renewed` or `unchanged`.
 
     Raises:
-        ConfigurationError: the folder holds something. RunError: it can not be written.
+        ConfigurationError: a name or a host can not be used, or the folder is none of ours; nothing is
+            written. RunError: it can not be written; called again it goes on.
     """
-    members = members_of(cells, apart=len(cells) > 1)
-    authority = Authority.new(now)
-    with _new_folder(folder) as part:
-        _write(part / AUTHORITY_KEY, key_pem(authority.key), _SECRET)
-        _write(part / AUTHORITY, certificate_pem(authority.certificate), _PUBLIC)
-        for member in members:
-            _issue(part, authority, member, hosts.get(member.word, ()), days, now)
-    return members
+    cells = _checked_cells([*cells, *(name for name in _cells_of(folder) if name not in cells)])
+    parties = [Party(role, (cell,)) for cell in cells for role in CELL_ROLES] + [Party("router", cells)]
+    given = _parsed_hosts(hosts, parties)
+    if not (folder / AUTHORITY).exists() and (
+        folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir())))
+    ):
+        raise ConfigurationError(f"{folder}: is there already; expected a new folder, nothing is overwritten")
+    try:
+        authority = _authority(folder, now)
+        done = {}
+        for party in parties:
+            inside = _place(folder, party)
+            done[inside] = _issue(inside, authority, party, given.get(_word(party)), days, now)
+        _write(_place(folder, parties[-1]) / "router.json5", router_file(cells).encode(), _PUBLIC)
+    except OSError as error:
+        raise RunError(f"{error.filename or folder}: {error.strerror or error}; try again") from error
+    return done
 
 
-def add_cell(
-    folder: Path, cell: str, hosts: Mapping[str, Sequence[str]], days: int, now: datetime
-) -> list[Member]:
-    """One more cell under the same authority, in a folder of its name.
-
-    Raises:
-        ConfigurationError: there is such a cell, or no authority's key. RunError: it can not be written.
-    """
-    authority = read_authority(folder)
-    if cell in cells_of(find_members(folder)) or (folder / cell).exists():
-        raise ConfigurationError(f"{folder}: has a cell {cell}; expected a new name")
-    members = [each for each in members_of([cell], apart=True) if each.part]
-    with _new_folder(folder / cell) as part:
-        for member in members:
-            flat = Member(member.party)
-            _issue(part, authority, flat, hosts.get(member.word, ()), days, now)
-    return members
-
-
-def renew(
-    folder: Path,
-    members: Sequence[Member],
-    hosts: Mapping[str, Sequence[str]],
-    days: int,
-    now: datetime,
-) -> None:
-    """New certificates for the same keys, each file replaced at once; hosts that are not given stay.
-
-    Raises:
-        ConfigurationError: no authority's key, or a certificate that can not be read. RunError: see above.
-    """
+def _authority(folder: Path, now: datetime) -> Authority:
+    certificate, key = folder / AUTHORITY, folder / AUTHORITY_KEY
+    if not certificate.exists():
+        made = Authority.new(now)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.chmod(0o700)
+        _write(key, key_pem(made.key), _SECRET)
+        _write(certificate, certificate_pem(made.certificate), _PUBLIC)
     authority = read_authority(folder)
     if now >= authority.certificate.not_valid_after_utc:
-        raise ConfigurationError(
-            f"{folder / AUTHORITY}: expired; expected a new authority: forefeel pki init in a new folder"
-        )
-    for member in members:
-        path = member.certificate(folder)
+        raise ConfigurationError(f"{certificate}: expired; expected a new authority in a new folder")
+    return authority
+
+
+def _issue(
+    inside: Path,
+    authority: Authority,
+    party: Party,
+    hosts: Sequence[str] | None,
+    days: int,
+    now: datetime,
+) -> str:
+    path = inside / f"{party.role}.crt"
+    if path.exists():
         old = read_certificate(path)
-        public = old.public_key()
+        names = hosts_of(old)
+        if old.not_valid_after_utc - now >= RENEWED_WITHIN and set(names if hosts is None else hosts) == set(
+            names
+        ):
+            return "unchanged"
+        public, hosts, what = old.public_key(), names if hosts is None else hosts, "renewed"
         if not isinstance(public, ec.EllipticCurvePublicKey):
             raise ConfigurationError(f"{path}: not on an elliptic curve; expected one of forefeel pki init")
-        kept = hosts.get(member.word, hosts_of(old))
-        new = authority.sign(member.party.name, public, kept, now, days)
-        _replace(path, certificate_pem(new))
-
-
-def bundle(folder: Path, member: Member, out: Path) -> list[str]:
-    """What the member's host needs, and nothing else, in a new folder; the names of the files.
-
-    Raises:
-        ConfigurationError: a file is missing, or `out` holds something. RunError: it can not be written.
-    """
-    files = [member.authority(folder), member.certificate(folder), member.key(folder)]
-    contents = [_read(path) for path in files]
-    with _new_folder(out) as part:
-        for path, content in zip(files, contents, strict=True):
-            _write(part / path.name, content, _SECRET if path.suffix == ".key" else _PUBLIC)
-    return [path.name for path in files]
-
-
-def find_members(folder: Path) -> list[Member]:
-    """Whose certificates lie there, the router's last.
-
-    Raises:
-        ConfigurationError: no folder, or none of ours.
-    """
-    paths = sorted([*folder.glob("*.crt"), *folder.glob("*/*.crt")])
-    named = [(path, party_named(_common_name(path))) for path in paths if path.name != AUTHORITY]
-    cells = tuple(dict.fromkeys(who[1] for _, who in named if who is not None and who[1]))
-    found = [
-        Member(
-            Party(who[0], (who[1],) if who[1] else cells), "" if path.parent == folder else path.parent.name
-        )
-        for path, who in named
-        if who is not None
-    ]
-    if not found:
-        raise ConfigurationError(f"{folder}: no certificates; expected a folder of forefeel pki init")
-    return sorted(found, key=lambda member: member.party.role == "router")
-
-
-def cells_of(members: Sequence[Member]) -> list[str]:
-    """The cells, each once."""
-    return list(dict.fromkeys(cell for member in members for cell in member.party.cells))
+    else:
+        key, what = new_key(), "new"
+        public = key.public_key()
+        inside.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _write(inside / f"{party.role}.key", key_pem(key), _SECRET)
+        _write(inside / AUTHORITY, certificate_pem(authority.certificate), _PUBLIC)
+    _write(path, certificate_pem(authority.sign(party.name, public, hosts or (), now, days)), _PUBLIC)
+    return what
 
 
 def read_authority(folder: Path) -> Authority:
@@ -143,9 +124,10 @@ def read_authority(folder: Path) -> Authority:
     """
     path = folder / AUTHORITY_KEY
     try:
-        key = load_pem_private_key(_read(path), None)
-    except (ValueError, TypeError) as error:
-        raise ConfigurationError(f"{path}: no private key; expected the one of forefeel pki init") from error
+        key = load_pem_private_key(path.read_bytes(), None)
+    except (OSError, ValueError, TypeError) as error:
+        found = error.strerror if isinstance(error, OSError) else "no private key"
+        raise ConfigurationError(f"{path}: {found}; expected the one of forefeel pki init") from error
     certificate = read_certificate(folder / AUTHORITY)
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
         raise ConfigurationError(
@@ -154,79 +136,134 @@ def read_authority(folder: Path) -> Authority:
     return Authority(certificate, key)
 
 
-def read_certificate(path: Path) -> x509.Certificate:
-    """A PEM certificate.
+@dataclass(frozen=True, slots=True)
+class CertificateRow:
+    """One certificate. `advice` says what is wrong and what to do where it is not green."""
+
+    file: str
+    name: str
+    hosts: tuple[str, ...]
+    expires: str
+    days_left: int
+    colour: Literal["green", "amber", "red"]
+    advice: str
+
+
+def certificate_rows(folder: Path, now: datetime) -> list[CertificateRow]:
+    """What lies in the folder of an authority, or of one host.
 
     Raises:
-        ConfigurationError: missing, or none.
+        ConfigurationError: no folder of certificates.
     """
+    paths = sorted(each for depth in ("", "*/", "*/*/") for each in folder.glob(f"{depth}*.crt"))
+    named = [(path, _party(read_certificate(path))) for path in paths if path.name != AUTHORITY]
+    found = [(path, party) for path, party in named if party is not None]
+    if not found:
+        raise ConfigurationError(f"{folder}: no certificates; expected a folder of forefeel pki init")
+    own = folder / AUTHORITY
+    rows = [_row(folder, own, None, now)] if own.exists() else []
+    return rows + [_row(folder, path, party, now) for path, party in found]
+
+
+def _row(folder: Path, path: Path, party: Party | None, now: datetime) -> CertificateRow:
+    certificate, advice = read_certificate(path), ""
+    left = certificate.not_valid_after_utc - now
+    colour: Literal["green", "amber", "red"] = "green" if left >= RENEWED_WITHIN else "amber"
+    if colour == "amber":
+        advice = "ends soon: forefeel pki init DIR renews it"
     try:
-        return x509.load_pem_x509_certificate(_read(path))
-    except ValueError as error:
-        raise ConfigurationError(f"{path}: no certificate; expected PEM") from error
+        check_period(path, certificate, now) if party is None else read_identity(path.parent, party, now)
+    except ConfigurationError as error:
+        colour, advice = "red", str(error)
+    name = AUTHORITY_NAME if party is None else party.name
+    expires = f"{certificate.not_valid_after_utc:%Y-%m-%dT%H:%M:%SZ}"
+    file = str(path.relative_to(folder))
+    return CertificateRow(file, name, hosts_of(certificate), expires, left.days, colour, advice)
 
 
-def _common_name(path: Path) -> str:
-    names = read_certificate(path).subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
-    return str(names[0].value) if names else ""
+def router_file(cells: Sequence[str]) -> str:
+    """zenohd's configuration for a router of those cells: TLS, and who may say and hear what."""
+    files = PartyFiles(ON_THE_HOST / AUTHORITY, ON_THE_HOST / "router.crt", ON_THE_HOST / "router.key")
+    listen = {"mode": "router", "listen/endpoints": ["tls/0.0.0.0:7447"]}
+    tree: dict[str, Any] = {}
+    for path, value in {**listen, **FIXED, **secured(Party("router", tuple(cells)), files)}.items():
+        *above, last = path.split("/")
+        inside = tree
+        for name in above:
+            inside = inside.setdefault(name, {})
+        inside[last] = value
+    return f"// Written by `forefeel pki init` from the topic table.\n{json.dumps(tree, indent=2)}\n"
 
 
-def _issue(
-    part: Path, authority: Authority, member: Member, hosts: Sequence[str], days: int, now: datetime
-) -> None:
-    inside = part / member.part
-    if not inside.exists():
-        inside.mkdir(mode=_FOLDER)
-    if not (inside / AUTHORITY).exists():
-        _write(inside / AUTHORITY, certificate_pem(authority.certificate), _PUBLIC)
-    key = new_key()
-    certificate = authority.sign(member.party.name, key.public_key(), hosts, now, days)
-    _write(member.key(part), key_pem(key), _SECRET)
-    _write(member.certificate(part), certificate_pem(certificate), _PUBLIC)
+def _cells_of(folder: Path) -> list[str]:
+    return sorted({path.parents[1].name for path in folder.glob("*/*/*.crt") if path.name != AUTHORITY})
 
 
-@contextmanager
-def _new_folder(folder: Path) -> Iterator[Path]:
-    """A folder beside it that takes its place at the end of the body, or goes.
+def _place(folder: Path, party: Party) -> Path:
+    return folder / "router" if party.role == "router" else folder / party.cells[0] / party.role
 
-    Raises:
-        ConfigurationError: there is something already. RunError: it can not be written.
-    """
-    if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
-        raise ConfigurationError(f"{folder}: is there already; expected a new folder, nothing is overwritten")
-    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+
+def _word(party: Party) -> str:
+    return "router" if party.role == "router" else f"{party.cells[0]}/{party.role}"
+
+
+def _party(certificate: x509.Certificate) -> Party | None:
+    names = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
+    name = str(names[0].value) if names else ""
+    if name == Party("router", ()).name:
+        return Party("router", ())
+    found = _NAME.fullmatch(name)
+    return found and Party(next(role for role in ROLES if role == found["role"]), (found["cell"],))
+
+
+def _checked_cells(cells: Sequence[str]) -> tuple[str, ...]:
+    for cell in cells:
+        if not _CELL.fullmatch(cell) or cell == "router":
+            raise ConfigurationError(
+                f"--cell {cell!r}: expected 1 to 46 letters, digits, '.', '_' or '-', the first no sign"
+            )
+    if not cells or len(set(cells)) != len(cells):
+        raise ConfigurationError(f"--cell {', '.join(cells) or 'missing'}: expected each name once")
+    return tuple(cells)
+
+
+def _parsed_hosts(words: Sequence[str], parties: Sequence[Party]) -> Mapping[str, Sequence[str]]:
+    """Hosts by `_word`; a role alone means that of every cell."""
+    hosts: dict[str, list[str]] = {}
+    for text in words:
+        who, equals, listed = text.partition("=")
+        if not equals:
+            raise ConfigurationError(
+                f"--hosts {text!r}: expected ROLE=HOST,HOST as in slave=10.0.0.1,slave-host"
+            )
+        meant = [_word(party) for party in parties if who in {_word(party), party.role}]
+        if not meant:
+            known = ", ".join(_word(party) for party in parties)
+            raise ConfigurationError(f"--hosts {text!r}: {who!r} is nobody here; expected one of {known}")
+        names = [_host(each.strip(), text) for each in listed.split(",")]
+        for word in meant:
+            hosts.setdefault(word, []).extend(names)
+    return hosts
+
+
+def _host(name: str, where: str) -> str:
+    bare = name.strip("[]")
     try:
-        with at_last(partial(shutil.rmtree, part, ignore_errors=True)):
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            part.mkdir(mode=_FOLDER)
-            yield part
-            part.replace(folder)  # onto an empty folder, too
-    except OSError as error:
-        raise RunError(f"{folder}: {error.strerror or error}, nothing is written") from error
+        return str(ipaddress.ip_address(bare))
+    except ValueError:
+        # of digits and dots only: an address with a mistake in it
+        if not _HOST.fullmatch(bare) or re.fullmatch(r"[\d.]+", bare):
+            raise ConfigurationError(
+                f"--hosts {where!r}: {name!r}: expected a host name or an address"
+            ) from None
+    return bare
 
 
 def _write(path: Path, content: bytes, mode: int) -> None:
-    """A new file with exactly that mode from its first moment."""
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(handle, "wb") as file:
-        os.fchmod(handle, mode)
+    """Replaces the file at once; it has that mode from its first moment."""
+    part = path.with_name(f".{path.name}.part")
+    part.unlink(missing_ok=True)
+    with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+        os.fchmod(file.fileno(), mode)
         file.write(content)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with at_last(partial(part.unlink, missing_ok=True)):
-            _write(part, content, _PUBLIC)
-            part.replace(path)
-    except OSError as error:
-        raise RunError(f"{path}: {error.strerror or error}, not renewed") from error
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ConfigurationError(
-            f"{path}: {error.strerror or error}; expected a file of forefeel pki init"
-        ) from error
+    part.replace(path)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from forefeel.common.bus import Bus
-from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.clock import MonotonicClock
 from forefeel.common.messages import Grip, SafetyState, SlaveState
 from forefeel.common.topics import SLAVE_STATE
 from forefeel.common.transport.security import Party
@@ -20,9 +20,9 @@ from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_daemon
 from forefeel.doctor import examine as examining
 from forefeel.doctor.findings import Finding
-from forefeel.pki.folder import make_folder
 from forefeel.probe.configured import ConfiguredDevice
 from forefeel.probe.probe import Probed
+from tests.secured import make_pki
 
 Run = Callable[[Sequence[str]], int]
 
@@ -67,7 +67,7 @@ def test_a_host_is_looked_at_for_real(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setattr("forefeel.doctor.realtime.SECONDS", 0.5)
-    make_folder(tmp_path / "pki", ["cathlab"], {"slave": ["10.0.0.1"]}, 100, now_utc())
+    make_pki(tmp_path / "pki", ["cathlab"], {"slave": ["10.0.0.1"]}, days=100)
     with socket.create_server(("127.0.0.1", 0)) as probe:
         endpoint = f"tls/127.0.0.1:{probe.getsockname()[1]}"
     common = "cell: cathlab\nrealtime: {priority: 0}\ntransport: {pki: pki, "

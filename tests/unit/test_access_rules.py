@@ -21,7 +21,7 @@ from forefeel.common.transport.security import (
 )
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_config import secured_by_file
-from forefeel.pki.zenoh_files import zenoh_files
+from forefeel.pki.folder import router_file
 
 ROOT = Path(__file__).parents[2]
 WHOLE = "forefeel/c/**"
@@ -134,18 +134,9 @@ def test_zenoh_takes_all_of_it() -> None:
         assert json.loads(config.get_json("transport/link/tls/enable_mtls")) is True
 
 
-def test_the_committed_files_are_what_the_command_writes_and_they_are_secure(tmp_path: Path) -> None:
-    texts = zenoh_files(["cathlab"], Path("/etc/forefeel/pki"))
-    assert sorted(texts) == sorted(path.name for path in (ROOT / "deploy" / "zenoh").iterdir())
-    for name, text in texts.items():
-        assert (ROOT / "deploy" / "zenoh" / name).read_text() == text, (
-            f"forefeel pki rules writes another {name}"
-        )
-        assert secured_by_file(TransportSettings(zenoh_file=ROOT / "deploy" / "zenoh" / name))
+def test_committed_router_file_is_what_the_command_writes(tmp_path: Path) -> None:
+    path = ROOT / "deploy" / "zenoh" / "router.json5"
+    assert path.read_text() == router_file(["cathlab"])
+    assert secured_by_file(TransportSettings(zenoh_file=path))
     (tmp_path / "open.json5").write_text("{access_control: {enabled: true, default_permission: 'allow'}}")
     assert not secured_by_file(TransportSettings(zenoh_file=tmp_path / "open.json5"))
-
-
-def test_files_of_several_cells_have_the_cell_in_their_name() -> None:
-    names = sorted(zenoh_files(["a", "b"], Path("p")))
-    assert names == sorted(["router.json5", *(f"{c}-{r}.json5" for c, r in product("ab", CELL_ROLES))])

@@ -25,9 +25,9 @@ from forefeel.doctor.network import try_listen
 from forefeel.doctor.realtime import measure_loop, read_kernel
 from forefeel.doctor.software import judge_software, python_version, read_packages
 from forefeel.doctor.storage import examine_folder
-from forefeel.pki.folder import make_folder
 from forefeel.probe.configured import configured
 from forefeel.slave.settings import SlaveSettings
+from tests.secured import make_pki
 
 CELL = "cathlab"
 TODAY = date(2026, 7, 1)
@@ -36,7 +36,7 @@ TODAY = date(2026, 7, 1)
 @pytest.fixture(scope="module")
 def pki(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("certificates") / "pki"
-    make_folder(folder, [CELL], {"slave": ["10.0.0.1"]}, 100, now_utc())
+    make_pki(folder, [CELL], {"slave": ["10.0.0.1"]}, days=100)
     return folder
 
 
@@ -51,7 +51,7 @@ def test_a_folder_of_certificates_is_read(pki: Path) -> None:
 
 
 def test_an_expired_certificate_and_that_of_another_cell_are_errors(tmp_path: Path, pki: Path) -> None:
-    make_folder(tmp_path / "old", [CELL], {}, 10, now_utc() - timedelta(days=11))
+    make_pki(tmp_path / "old", [CELL], now=now_utc() - timedelta(days=11), days=10)
     assert "expired" in read_folder(tmp_path / "old", "slave", CELL).error
     assert "forefeel-cathlab-slave" in read_folder(pki, "slave", "other").error
     assert "slave.crt" in read_folder(tmp_path / "none", "slave", CELL).error

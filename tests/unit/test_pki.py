@@ -1,9 +1,10 @@
 """The authority and its folder: what is in the certificates, who may read the keys, what is refused."""
 
 import ipaddress
+import json
 import shutil
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -11,17 +12,16 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
-from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.errors import ConfigurationError
 from forefeel.common.transport.pki import read_identity
 from forefeel.common.transport.security import CELL_ROLES, Party
 from forefeel.pki.authority import Authority, certificate_pem, hosts_of, key_pem, new_key
-from forefeel.pki.folder import add_cell, bundle, find_members, read_certificate, renew
-from forefeel.pki.layout import checked_cells, members_of, parse_hosts
-from forefeel.pki.show import rows
-from tests.secured import make_pki
+from forefeel.pki.folder import certificate_rows, init_folder, router_file
+from tests.secured import expired_pki, make_pki
 
+Run = Callable[[Sequence[str]], int]
 NOW = datetime(2026, 11, 20, 12, 0, tzinfo=UTC)
 DAY = timedelta(days=1)
 SLAVE = Party("slave", ("cell",))
@@ -29,6 +29,7 @@ SLAVE = Party("slave", ("cell",))
 
 @pytest.fixture
 def pki(tmp_path: Path) -> Path:
+    """All roles of one cell in one folder, valid for 90 days."""
     hosts = {"slave": ["10.0.0.1", "fe80::1", "slave-host.local"]}
     return make_pki(tmp_path / "pki", hosts=hosts, now=NOW, days=90)
 
@@ -37,28 +38,23 @@ def certificate(path: Path) -> x509.Certificate:
     return x509.load_pem_x509_certificate(path.read_bytes())
 
 
-def modes(folder: Path) -> dict[str, int]:
-    return {str(path.relative_to(folder)): stat.S_IMODE(path.stat().st_mode) for path in folder.rglob("*")}
-
-
-def test_one_cell_lies_in_the_folder_and_only_its_owner_reads_keys(pki: Path) -> None:
-    names = ["ca", "router", *CELL_ROLES]
-    assert modes(pki) == {f"{name}.crt": 0o644 for name in names} | {f"{name}.key": 0o600 for name in names}
-    assert stat.S_IMODE(pki.stat().st_mode) == 0o700
-    assert [path.name for path in pki.parent.iterdir()] == ["pki"]
-
-
-def test_modes_do_not_depend_on_the_umask(tmp_path: Path) -> None:
-    import os
-
-    before = os.umask(0)
-    try:
-        pki = make_pki(tmp_path / "pki", ("a", "b"))
-    finally:
-        os.umask(before)
-    found = modes(pki)
-    assert {mode for name, mode in found.items() if name.endswith(".key")} == {0o600}
-    assert (found["a"], found["b"]) == (0o700, 0o700)
+def test_folder_of_each_host_holds_its_files_and_no_more(tmp_path: Path) -> None:
+    lab = tmp_path / "lab"
+    done = init_folder(lab, ["a", "b"], [], 90, NOW)
+    assert set(done.values()) == {"new"}
+    assert set(done) == {lab / cell / role for cell in "ab" for role in CELL_ROLES} | {lab / "router"}
+    assert {path.name for path in lab.iterdir()} == {"ca.crt", "ca.key", "a", "b", "router"}
+    for path in done:
+        own = {"ca.crt", f"{path.name}.crt", f"{path.name}.key"}
+        assert {each.name for each in path.iterdir()} - {"router.json5"} == own
+        for each in path.iterdir():
+            assert stat.S_IMODE(each.stat().st_mode) == (0o600 if each.suffix == ".key" else 0o644)
+        assert stat.S_IMODE(path.stat().st_mode) == 0o700
+    assert (lab / "router" / "router.json5").read_text() == router_file(["a", "b"])
+    read_identity(lab / "router", Party("router", ("a", "b")), NOW)
+    read_identity(lab / "b" / "slave", Party("slave", ("b",)), NOW)
+    with pytest.raises(ConfigurationError, match="made for forefeel-a-slave"):
+        read_identity(lab / "a" / "slave", Party("slave", ("b",)), NOW)
 
 
 @pytest.mark.parametrize("role", [*CELL_ROLES, "router"])
@@ -111,44 +107,59 @@ def test_every_key_and_serial_number_is_another(pki: Path) -> None:
     assert len({path.read_bytes() for path in pki.glob("*.key")}) == 6
 
 
-def test_several_cells_have_folders_of_their_own(tmp_path: Path) -> None:
-    pki = make_pki(tmp_path / "pki", ("a", "b"), {"b/slave": ["10.0.0.2"], "router": ["10.0.0.5"]}, NOW)
-    assert sorted(path.name for path in pki.iterdir()) == [
-        "a",
-        "b",
-        "ca.crt",
-        "ca.key",
-        "router.crt",
-        "router.key",
-    ]
-    for cell in "ab":
-        for role in CELL_ROLES:
-            read_identity(pki / cell, Party(role, (cell,)), NOW)
-    read_identity(pki, Party("router", ("a", "b")), NOW)
-    assert hosts_of(certificate(pki / "b" / "slave.crt")) == ("10.0.0.2",)
-    assert hosts_of(certificate(pki / "a" / "slave.crt")) == ()
-    with pytest.raises(
-        ConfigurationError, match=r"slave.crt: made for forefeel-a-slave; expected forefeel-b-slave"
-    ):
-        read_identity(pki / "a", Party("slave", ("b",)), NOW)
-
-
-def test_a_cell_is_added_under_the_same_authority(pki: Path) -> None:
-    before = {path: path.read_bytes() for path in pki.rglob("*.*")}
-    add_cell(pki, "new", {"new/slave": ["10.0.0.9"]}, 30, NOW)
+def test_init_again_adds_cells_and_keeps_the_rest(tmp_path: Path) -> None:
+    lab = tmp_path / "lab"
+    init_folder(lab, ["a"], ["slave=10.0.0.1"], 90, NOW)
+    before = {path: path.read_bytes() for path in lab.rglob("*.*") if path.name != "router.json5"}
+    done = init_folder(lab, ["b"], ["b/slave=10.0.0.9"], 90, NOW + DAY)
     assert {path: path.read_bytes() for path in before} == before
-    read_identity(pki / "new", Party("slave", ("new",)), NOW)
-    assert hosts_of(certificate(pki / "new" / "slave.crt")) == ("10.0.0.9",)
-    assert sorted(path.name for path in (pki / "new").glob("*.key")) == sorted(
-        f"{role}.key" for role in CELL_ROLES
-    )
-    for cell in ("cell", "new"):
-        with pytest.raises(ConfigurationError, match=f"has a cell {cell}; expected a new name"):
-            add_cell(pki, cell, {}, 30, NOW)
+    assert {str(path.relative_to(lab)) for path, what in done.items() if what == "new"} == {
+        f"b/{role}" for role in CELL_ROLES
+    }
+    assert hosts_of(certificate(lab / "b" / "slave" / "slave.crt")) == ("10.0.0.9",)
+    assert (lab / "router" / "router.json5").read_text() == router_file(["b", "a"])
 
 
-@pytest.mark.parametrize("there", ["folder", "file", "link", "dangling"])
-def test_what_is_there_is_never_overwritten(tmp_path: Path, there: str) -> None:
+def test_init_again_renews_what_ends_soon_with_the_same_key(tmp_path: Path) -> None:
+    lab, place = tmp_path / "lab", tmp_path / "lab" / "a" / "slave"
+    init_folder(lab, ["a"], ["slave=10.0.0.1"], 90, NOW)
+    old, keys = certificate(place / "slave.crt"), {path: path.read_bytes() for path in lab.rglob("*.key")}
+    assert set(init_folder(lab, [], [], 90, NOW + 59 * DAY).values()) == {"unchanged"}
+    assert set(init_folder(lab, [], [], 90, NOW + 61 * DAY).values()) == {"renewed"}
+    new = certificate(place / "slave.crt")
+    assert new.not_valid_after_utc == NOW + 151 * DAY
+    assert (new.subject, hosts_of(new), new.public_key()) == (old.subject, hosts_of(old), old.public_key())
+    assert new.serial_number != old.serial_number
+    assert {path: path.read_bytes() for path in keys} == keys
+    done = init_folder(lab, [], ["slave=10.9.9.9"], 90, NOW + 62 * DAY)
+    assert [path for path, what in done.items() if what == "renewed"] == [place]
+    assert hosts_of(certificate(place / "slave.crt")) == ("10.9.9.9",)
+
+
+def test_no_certificate_outlives_its_authority(tmp_path: Path) -> None:
+    lab = tmp_path / "lab"
+    init_folder(lab, ["a"], [], 90, NOW)
+    init_folder(lab, [], [], 365, NOW + 3640 * DAY)
+    end = certificate(lab / "a" / "slave" / "slave.crt").not_valid_after_utc
+    assert end == certificate(lab / "ca.crt").not_valid_after_utc == NOW + 3650 * DAY
+    with pytest.raises(ConfigurationError, match=r"ca\.crt: expired"):
+        init_folder(lab, [], [], 365, NOW + 3651 * DAY)
+
+
+def test_init_again_needs_the_key_of_the_authority(tmp_path: Path) -> None:
+    lab, other = tmp_path / "lab", tmp_path / "other"
+    for folder in (lab, other):
+        init_folder(folder, ["a"], [], 90, NOW)
+    shutil.copy(other / "ca.key", lab / "ca.key")
+    with pytest.raises(ConfigurationError, match=r"ca\.key: does not belong to ca\.crt"):
+        init_folder(lab, ["b"], [], 90, NOW)
+    (lab / "ca.key").unlink()
+    with pytest.raises(ConfigurationError, match=r"ca\.key: No such file"):
+        init_folder(lab, ["b"], [], 90, NOW)
+
+
+@pytest.mark.parametrize("there", ["folder", "file", "link"])
+def test_foreign_folder_is_not_touched(tmp_path: Path, there: str) -> None:
     target = tmp_path / "pki"
     if there == "folder":
         target.mkdir()
@@ -157,90 +168,20 @@ def test_what_is_there_is_never_overwritten(tmp_path: Path, there: str) -> None:
         target.touch()
     else:
         target.symlink_to(tmp_path / "else")
-        if there == "link":
-            (tmp_path / "else").mkdir()
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(ConfigurationError, match="is there already; expected a new folder"):
-        make_pki(target)
-    assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
-    (tmp_path / "pki").mkdir(mode=0o755)
-    pki = make_pki(tmp_path / "pki")
-    assert stat.S_IMODE(pki.stat().st_mode) == 0o700
-
-
-def test_nothing_is_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from forefeel.pki import folder
-
-    calls = 0
-
-    def full(path: Path, content: bytes, mode: int) -> None:
-        nonlocal calls
-        calls += 1
-        if calls == 7:
-            raise OSError(28, "No space left on device")
-        path.write_bytes(content)
-
-    monkeypatch.setattr(folder, "_write", full)
-    with pytest.raises(RunError, match="pki: No space left on device, nothing is written"):
-        make_pki(tmp_path / "pki")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_renewal_keeps_key_and_hosts_and_replaces_the_certificate_alone(pki: Path) -> None:
-    keys = {path: path.read_bytes() for path in pki.glob("*.key")}
-    old = certificate(pki / "slave.crt")
-    untouched = (pki / "master.crt").read_bytes()
-    later = NOW + 80 * DAY
-    members = [each for each in find_members(pki) if each.party.role == "slave"]
-    renew(pki, members, {}, 90, later)
-    new = certificate(pki / "slave.crt")
-    assert new.not_valid_after_utc == later + 90 * DAY
-    assert (new.subject, hosts_of(new), new.public_key()) == (old.subject, hosts_of(old), old.public_key())
-    assert new.serial_number != old.serial_number
-    assert {path: path.read_bytes() for path in keys} == keys
-    assert (pki / "master.crt").read_bytes() == untouched
-    read_identity(pki, SLAVE, later + 89 * DAY)
-    renew(pki, members, {"slave": ["10.9.9.9"]}, 90, later)
-    assert hosts_of(certificate(pki / "slave.crt")) == ("10.9.9.9",)
-    assert not [path for path in pki.iterdir() if path.name.endswith(".part")]
-
-
-def test_no_certificate_outlives_its_authority(pki: Path) -> None:
-    almost = NOW + 3640 * DAY
-    renew(pki, find_members(pki), {}, 365, almost)
-    assert certificate(pki / "slave.crt").not_valid_after_utc == NOW + 3650 * DAY
-    with pytest.raises(ConfigurationError, match=r"ca\.crt: expired; expected a new authority"):
-        renew(pki, find_members(pki), {}, 365, NOW + 3651 * DAY)
-
-
-def test_renewing_needs_the_authority_s_own_key(pki: Path, tmp_path: Path) -> None:
-    shutil.copy(make_pki(tmp_path / "other") / "ca.key", pki / "ca.key")
-    with pytest.raises(ConfigurationError, match=r"ca\.key: does not belong to ca\.crt"):
-        renew(pki, find_members(pki), {}, 30, NOW)
-    (pki / "ca.key").unlink()
-    with pytest.raises(ConfigurationError, match=r"ca\.key: No such file"):
-        renew(pki, find_members(pki), {}, 30, NOW)
-
-
-def test_a_bundle_holds_what_one_host_needs(pki: Path, tmp_path: Path) -> None:
-    slave = next(each for each in find_members(pki) if each.party.role == "slave")
-    out = tmp_path / "for-the-slave" / "pki"
-    assert bundle(pki, slave, out) == ["ca.crt", "slave.crt", "slave.key"]
-    assert modes(out) == {"ca.crt": 0o644, "slave.crt": 0o644, "slave.key": 0o600}
-    read_identity(out, SLAVE, NOW)
     with pytest.raises(ConfigurationError, match="is there already"):
-        bundle(pki, slave, out)
+        init_folder(target, ["a"], [], 90, NOW)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 @pytest.mark.parametrize(
     ("after_days", "colour", "advice"),
-    [(0, "green", ""), (59.9, "green", ""), (60.1, "amber", "forefeel pki renew"), (91, "red", "expired on")],
+    [(0, "green", ""), (59.9, "green", ""), (60.1, "amber", "pki init"), (91, "red", "expired on")],
 )
-def test_show_tells_what_expires(pki: Path, after_days: float, colour: str, advice: str) -> None:
-    found = {row.file: row for row in rows(pki, NOW + after_days * DAY)}
+def test_row_of_a_certificate_is_coloured_by_its_end(
+    pki: Path, after_days: float, colour: str, advice: str
+) -> None:
+    found = {row.file: row for row in certificate_rows(pki, NOW + after_days * DAY)}
     assert next(iter(found)) == "ca.crt"
     assert found["ca.crt"].colour == "green"
     slave = found["slave.crt"]
@@ -248,12 +189,6 @@ def test_show_tells_what_expires(pki: Path, after_days: float, colour: str, advi
     assert advice in slave.advice
     assert slave.hosts == ("10.0.0.1", "fe80::1", "slave-host.local")
     assert slave.expires == "2027-02-18T12:00:00Z"
-
-
-def test_show_sees_a_key_that_is_open_to_others(pki: Path) -> None:
-    (pki / "slave.key").chmod(0o644)
-    colours = {row.file: row.colour for row in rows(pki, NOW)}
-    assert [file for file, colour in colours.items() if colour != "green"] == ["slave.crt"]
 
 
 def foreign_authority(pki: Path) -> None:
@@ -271,10 +206,10 @@ def other_role(pki: Path) -> None:
 
 
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
-    "folder": (shutil.rmtree, r"pki: no such folder; .*forefeel pki init .*/pki --cell cell --hosts slave="),
-    "certificate": (lambda p: (p / "slave.crt").unlink(), r"slave\.crt: No such file .*forefeel pki init"),
-    "key": (lambda p: (p / "slave.key").unlink(), r"slave\.key: No such file .*forefeel pki init"),
-    "authority": (lambda p: (p / "ca.crt").unlink(), r"ca\.crt: No such file .*forefeel pki init"),
+    "folder": (shutil.rmtree, r"pki: no such folder"),
+    "certificate": (lambda p: (p / "slave.crt").unlink(), r"slave\.crt: No such file .*pki init"),
+    "key": (lambda p: (p / "slave.key").unlink(), r"slave\.key: No such file .*pki init"),
+    "authority": (lambda p: (p / "ca.crt").unlink(), r"ca\.crt: No such file .*pki init"),
     "a folder as key": (key_as_folder, r"slave\.key: Is a directory"),
     "no PEM": (lambda p: (p / "slave.crt").write_bytes(b"\x00x"), r"slave\.crt: no certificate; .*PEM"),
     "an empty key": (lambda p: (p / "slave.key").write_bytes(b""), r"slave\.key: no private key; .*PEM"),
@@ -298,70 +233,65 @@ def test_what_is_wrong_is_said_in_one_line_with_the_file(pki: Path, what: str) -
     assert str(caught.value).startswith(str(pki))
 
 
-def test_an_expired_certificate_says_when_and_how_to_renew(pki: Path) -> None:
+def test_certificate_is_valid_between_its_dates_only(pki: Path) -> None:
     assert read_identity(pki, SLAVE, NOW + 89 * DAY).expires == NOW + 90 * DAY
-    with pytest.raises(
-        ConfigurationError,
-        match=r"slave\.crt: expired on 2027-02-18 12:00 UTC; .*forefeel pki renew DIR where ca\.key",
+    for now, words in (
+        (NOW + 91 * DAY, r"slave\.crt: expired on 2027-02-18 12:00 UTC; .*pki init"),
+        (NOW - timedelta(hours=2), r"ca\.crt: valid from 2026-11-20 11:00 UTC only; .*clock"),
+        (NOW + 3651 * DAY, r"ca\.crt: expired on .*new authority"),
     ):
-        read_identity(pki, SLAVE, NOW + 91 * DAY)
-    with pytest.raises(ConfigurationError, match=r"ca\.crt: valid from 2026-11-20 11:00 UTC only; .*clock"):
-        read_identity(pki, SLAVE, NOW - timedelta(hours=2))
-    with pytest.raises(
-        ConfigurationError, match=r"ca\.crt: expired on .*forefeel pki init makes a new authority"
-    ):
-        read_identity(pki, SLAVE, NOW + 3651 * DAY)
+        with pytest.raises(ConfigurationError, match=words):
+            read_identity(pki, SLAVE, now)
+
+
+def test_command_makes_shows_and_extends_a_laboratory(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    lab = str(tmp_path / "lab")
+    hosts = ["--hosts", "slave=10.0.0.1,slave-host", "--hosts", "router=10.0.0.5"]
+    assert run(["pki", "init", lab, "--cell", "a", "--cell", "b", *hosts, "--days", "20"]) == 0
+    assert run(["pki", "init", lab, "--cell", "c", "--days", "90"]) == 0
+    capsys.readouterr()
+    assert run(["pki", "show", lab, "--json"]) == 0
+    found = {row["file"]: row for row in json.loads(capsys.readouterr().out)}
+    assert found["a/slave/slave.crt"]["hosts"] == ["10.0.0.1", "slave-host"]
+    assert {row["colour"] for row in found.values()} == {"green"}
+    assert len(found) == 14
+    assert run(["pki", "show", f"{lab}/c/slave"]) == 0
+    assert run(["pki", "show", str(expired_pki(tmp_path / "expired"))]) == 1
 
 
 @pytest.mark.parametrize(
-    "cell", ["", "a/b", "..", ".a", "-a", "a b", "*", "a" * 47, "é", "a\n", "x.crt", "a,b"]
-)
-def test_names_that_can_not_stand_everywhere_are_refused(cell: str) -> None:
-    with pytest.raises(ConfigurationError, match="--cell"):
-        checked_cells([cell])
-
-
-def test_a_cell_stands_once() -> None:
-    assert checked_cells(["a", "b-1_x.y"]) == ("a", "b-1_x.y")
-    with pytest.raises(ConfigurationError, match="expected each name once"):
-        checked_cells(["a", "a"])
-
-
-def test_hosts_of_a_role_are_those_of_every_cell_or_of_one() -> None:
-    members = members_of(["a", "b"], apart=True)
-    words = ["slave=10.0.0.1, host-1", "b/slave=[fe80::1]", "router=r.example.org"]
-    assert parse_hosts(words, members) == {
-        "a/slave": ("10.0.0.1", "host-1"),
-        "b/slave": ("10.0.0.1", "host-1", "fe80::1"),
-        "router": ("r.example.org",),
-    }
-
-
-@pytest.mark.parametrize(
-    ("word", "message"),
+    ("arguments", "words"),
     [
-        ("slave", "expected ROLE=HOST,HOST"),
-        ("boss=10.0.0.1", "'boss' is nobody here; expected one of slave, master, recorder, viewer, router"),
-        ("slave=", "expected a host name or an address"),
-        ("slave=10.0.0.1,", "expected a host name or an address"),
-        ("slave=10.0.0.256", "expected a host name or an address"),
-        ("slave=a b", "expected a host name or an address"),
-        ("slave=tls/10.0.0.1:7447", "expected a host name or an address"),
-        ("slave=*.lab", "expected a host name or an address"),
+        ("pki init @/new", "--cell"),
+        *((f"pki init @/new --cell {cell}", "--cell") for cell in ("a/b", "..", ".a", "-a", "*", "router")),
+        (f"pki init @/new --cell {'a' * 47}", "--cell"),
+        ("pki init @/new --cell a --cell a", "each name once"),
+        ("pki init @/new --cell a --hosts boss=h", "'boss' is nobody here"),
+        ("pki init @/new --cell a --hosts slave", "--hosts"),
+        *(
+            (f"pki init @/new --cell a --hosts slave={host}", "expected a host name or an address")
+            for host in ("", "10.0.0.1,", "10.0.0.256", "tls/10.0.0.1:7447", "*.lab")
+        ),
+        ("pki show @/none", "no certificates"),
+        ("router --cell a", "transport.listen: expected at least one endpoint"),
+        ("router --listen tls/127.0.0.1:7447", "--cell: missing"),
+        ("router --listen tcp/0.0.0.0:7447 --cell a", "without certificates"),
+        ("router --listen tls/0.0.0.0:7447 --pki @/none --cell a", "no such folder"),
+        ("router --listen tcp/0.0.0.0:7447 --pki @/full --cell cell", "a plain listener beside certificates"),
+        ("router --config @/router.yaml --cell a", "expected it alone"),
+        ("record --out @/run.mcap", "--connect: missing"),
+        ("record --out @/run.mcap --config @/r.yaml --cell a", "expected it alone"),
     ],
 )
-def test_hosts_that_are_none_are_refused(word: str, message: str) -> None:
-    with pytest.raises(ConfigurationError, match=message):
-        parse_hosts([word], members_of(["cell"], apart=False))
-
-
-def test_a_folder_without_certificates_is_none_of_ours(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="no certificates; expected a folder of forefeel pki init"):
-        find_members(tmp_path / "nowhere")
-    foreign = Authority.new(NOW)
-    key = new_key()
-    signed = foreign.sign("somebody", key.public_key(), [], NOW, 1)
-    (tmp_path / "somebody.crt").write_bytes(certificate_pem(signed))
-    with pytest.raises(ConfigurationError, match="no certificates"):
-        find_members(tmp_path)
-    assert read_certificate(tmp_path / "somebody.crt").subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+def test_wrong_input_is_one_line_and_writes_nothing(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: str, words: str
+) -> None:
+    make_pki(tmp_path / "full")
+    before = sorted(tmp_path.rglob("*"))
+    assert run(arguments.replace("@", str(tmp_path)).split()) == 2
+    complaint = capsys.readouterr().err
+    assert words in complaint
+    assert complaint.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before

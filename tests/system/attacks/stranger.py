@@ -12,7 +12,7 @@ import zenoh
 from forefeel.common.clock import now_utc
 from forefeel.common.transport.security import PartyFiles, common_name
 from forefeel.pki.authority import certificate_pem, key_pem, new_key
-from forefeel.pki.folder import add_cell, make_folder, read_authority
+from forefeel.pki.folder import init_folder, read_authority
 from tests.live_cell import CELL
 
 PAPERS = (
@@ -80,14 +80,15 @@ def identity(papers: str, pki: Path, folder: Path) -> PartyFiles:
         case "a certificate of another authority":
             other = folder / "foreign"
             if not other.exists():
-                make_folder(other, [CELL], {}, 30, now_utc())
+                init_folder(other, [CELL], [], 30, now_utc())
+            other = other / CELL / "master"
             return PartyFiles(authority, other / "master.crt", other / "master.key")
         case "an expired certificate":
             return _expired(pki, folder)
         case "another cell's master":
-            if not (pki / "other").exists():
-                add_cell(pki, "other", {}, 30, now_utc())
-            return PartyFiles(authority, pki / "other" / "master.crt", pki / "other" / "master.key")
+            init_folder(pki, ["other"], [], 30, now_utc())
+            other = pki / "other" / "master"
+            return PartyFiles(authority, other / "master.crt", other / "master.key")
         case _:
             return PartyFiles(authority, pki / f"{papers}.crt", pki / f"{papers}.key")
 

@@ -15,12 +15,11 @@ from typing import Any, Literal
 
 import yaml
 
-from forefeel.common.clock import now_utc
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.transport.settings import ImpairmentSettings
 from forefeel.loopback.plan import LoopbackOptions, make_plan
-from forefeel.pki.folder import make_folder
 from forefeel.report.summary import RunReport, summarise
+from tests.secured import make_pki
 from tests.system.net.cable import ADDRESSES, MEASURING, TunCable
 from tests.system.net.hosts import Hosts, joined_by_tun
 from tests.system.net.namespaces import inside
@@ -202,7 +201,7 @@ class LinkedDaemons:
             addresses: dict[str, list[str]] = {
                 role: [ADDRESSES[number], MEASURING[number]] for number, role in enumerate(ENDS)
             }
-            make_folder(self.hosts.folder / PKI, [cell], addresses, 2, now_utc())
+            make_pki(self.hosts.folder / PKI, [cell], addresses)
         slave_axis = plan.slave["axes"][0] | {"gate": gate}
         own: dict[str, dict[str, Any]] = {
             "slave": plan.slave | {"axes": [slave_axis], "state": {"directory": "state-slave"}},

@@ -78,7 +78,6 @@ CASES = (
     Case("evaluate", "evaluate READY/long/a.csv READY/long/b.csv --out HERE/out", RESULTS, 5.0),
     Case("report", "report READY/run/recording.mcap --out HERE/out", RESULTS, 5.0),
     Case("pki init", "pki init HERE/pki --cell one --cell two --cell three", RESULTS, 0.5),
-    Case("pki renew", "pki renew READY/pki", RESULTS, 0.3),
     Case("doctor", "doctor", LOOKS, 6.0),
     Case("devices", "devices", LOOKS, 2.5),
     Case("device probe", "device probe --config READY/bench.yaml --seconds 30", RESULTS, 3.0),
