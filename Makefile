@@ -8,10 +8,10 @@ READY := $(VENV)/.ready
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 # one thread for linear algebra in each of two test processes; bytecode is kept, or each start compiles anew
-test soak faults signals: export OPENBLAS_NUM_THREADS := 1
-test soak faults signals: export PYTHONDONTWRITEBYTECODE :=
+test system: export OPENBLAS_NUM_THREADS := 1
+test system: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test check docs bench hidden-effects faults soak signals fuzz format lock clean
+.PHONY: help demo test check docs bench hidden-effects system fuzz format lock clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -58,16 +58,9 @@ hidden-effects: $(READY) ## both generators: false confidence first; 400 recordi
 	$(BIN)/python -m tests.hidden_effects.bench --jobs 2 --methods product pysindy sysidentpy memory
 	$(BIN)/python -m tests.hidden_effects
 
-MINUTES ?= 60
-soak: $(READY) ## the long forms of tests, then the service for an hour among random faults (MINUTES=3)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m soak
-	$(BIN)/python -m tests.system.soak --minutes $(MINUTES)
-
-faults: $(READY) ## as root: every fault of the service on two hosts, docs/explanation/faults.md (30 minutes)
-	$(BIN)/python -m tests.system.faults --out docs/explanation/faults.md
-
-signals: $(READY) ## 300 signals at random times over every command on a busy machine (25 minutes)
-	$(BIN)/python -m tests.system.signals
+MINUTES ?= 10
+system: $(READY) ## as root, by hand: faults, attacks, signals, soak, page (45 minutes); docs/explanation/faults.md
+	$(BIN)/python -m tests.system --minutes $(MINUTES) --out docs/explanation/faults.md
 
 fuzz: $(READY) ## 100,000 byte strings for every parser
 	$(BIN)/python -m pytest -m fuzz -s --timeout 900

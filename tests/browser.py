@@ -120,11 +120,6 @@ class Served:
     def __exit__(self, *_: object) -> None:
         self.process.kill()
 
-    @property
-    def cpu_s(self) -> float:
-        fields = Path(f"/proc/{self.process.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
 
 class Shown:
     """One open page, in a browser of its own.

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from itertools import count
 from pathlib import Path
 
@@ -15,7 +16,6 @@ import pytest
 from hypothesis import settings
 
 from forefeel.__main__ import main
-from tests.witness import go_ahead, go_back
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # of which that import has made the system's
 
@@ -53,13 +53,16 @@ def nothing_left_behind() -> Iterator[None]:
 
 @pytest.fixture
 def ahead_of_other_work() -> Iterator[None]:
-    """For tests with emulated devices: their threads inherit it.
-
-    Where it is not granted the machine has to be idle enough.
-    """
-    go_ahead()
+    """For tests with emulated devices: their threads inherit it, where it is granted."""
+    _schedule(os.SCHED_RR, 60)
     yield
-    go_back()
+    _schedule(os.SCHED_OTHER, 0)
+
+
+def _schedule(policy: int, priority: int) -> None:
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(PermissionError, ProcessLookupError):
+            os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
 
 
 def _still_running(before: set[threading.Thread]) -> list[str]:

@@ -1,10 +1,10 @@
 """Attacks on real processes over real Zenoh: plain on loopback, and over mutual TLS."""
 
 import re
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +30,10 @@ from forefeel.common.topics import (
 )
 from tests.event_lines import read_events
 from tests.live_cell import AXIS, CELL, LiveCell, Process
+from tests.simulation.attack_outcome import Expected, Outcome
 from tests.system.attacks.flood import flood
-from tests.system.attacks.outcome import Expected, Outcome, witnessed
 from tests.system.attacks.stranger import CONNECTED, HEARING, PAPERS, Stranger, identity, stranger
-from tests.system.attacks.virtual import garbage
+from tests.system.rows import Result, Row
 from tests.waiting import wait_until
 
 _OURS = ("refused_", "malformed_", "handshakes_", "heartbeats_", "sessions_")
@@ -47,9 +47,9 @@ _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e]")
 class Scene:
     """A live cell that is armed, a stranger at the slave's door, and what is seen from then on."""
 
-    def __init__(self, name: str, where: str, cell: LiveCell, attacker: Stranger) -> None:
+    def __init__(self, name: str, cell: LiveCell, attacker: Stranger) -> None:
         self.cell, self.attacker = cell, attacker
-        self.outcome = Outcome(name, where)
+        self.outcome = Outcome(name)
         self.forged: set[tuple[int, int]] = set()
         cell.await_state("armed")
         self.from_ns = time.monotonic_ns()
@@ -142,45 +142,11 @@ def oversized(scene: Scene) -> Outcome:
     return scene.end(Expected("malformed_master_command", 10, armed=_ARMED))
 
 
-def malformed(scene: Scene) -> Outcome:
-    payloads = list(garbage(scene.cell.payloads(COMMAND, 1)[0]))
-    for payload in payloads:
-        for topic in (COMMAND, MASTER_HANDSHAKE, MASTER_HEARTBEAT):
-            scene.put(topic, payload)
-        time.sleep(0.002)
-    return scene.end(Expected("malformed_master_command", len(payloads), armed=_ARMED))
-
-
 def costly(scene: Scene) -> Outcome:
     """Arrays that claim to be long, in one another: 500 a second of the largest that is read."""
     bomb = (b"\xdd\x00\x00\x07\xff" * 409)[:2048]
     put = scene.flood(COMMAND, 500, [bomb])
     return scene.end(Expected("malformed_master_command", put, armed=_ARMED))
-
-
-def replayed(scene: Scene) -> Outcome:
-    recorded = scene.cell.payloads(COMMAND, 1000)
-    for payload in recorded:
-        scene.put(COMMAND, payload)
-    return scene.end(Expected("refused_sequence", 990, "sequence", armed=_ARMED))
-
-
-def future(scene: Scene) -> Outcome:
-    for ahead in range(50):
-        stamp_ns = time.monotonic_ns() + (1 + ahead) * 1_000_000_000
-        scene.put(COMMAND, scene.command(stamp_ns=stamp_ns))
-    return scene.end(Expected("refused_future", 50, "future", armed=_ARMED))
-
-
-def flood_of_commands(scene: Scene) -> Outcome:
-    """Ten times the rate, of no session."""
-    put = scene.flood(COMMAND, 10_000, [scene.command(session_id=4711)])
-    return scene.end(Expected("refused_session", put, "session", armed=_ARMED))
-
-
-def flood_of_replays(scene: Scene) -> Outcome:
-    put = scene.flood(COMMAND, 10_000, scene.cell.payloads(COMMAND, 500))
-    return scene.end(Expected("refused_sequence", put, "sequence", armed=_ARMED))
 
 
 def flood_unpaced(scene: Scene) -> Outcome:
@@ -204,20 +170,6 @@ def flood_of_handshakes(scene: Scene) -> Outcome:
     return scene.end(Expected("handshakes_refused", 500, armed=_ARMED))
 
 
-def escapes(scene: Scene) -> Outcome:
-    evil = "\x1b]0;owned\x07\x1b[2J\r\n\u202ecba"
-    shakes = {
-        "session_id": 4711, "sequence": 1, "stamp_ns": 0, "role": "master", "instance_id": 6,
-        "software": evil, "settings": evil, "settings_hash": evil,
-    }  # fmt: skip
-    scene.put(MASTER_HANDSHAKE, msgpack.packb(shakes))
-    time.sleep(_SETTLE_S)
-    for process in scene.cell.started:
-        said = process.log.read_text(encoding="utf-8")
-        scene.outcome.require(not _CONTROL.search(said), f"{process.role} printed {said!r}")
-    return scene.end(Expected("handshakes_refused", 1, armed=_ARMED))
-
-
 def flood_of_stops(scene: Scene) -> Outcome:
     """Ten thousand a second, with control characters in their reason: one stop, told once, printed clean."""
     stop = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason="\x1b[2J\u202estop")
@@ -234,15 +186,9 @@ def flood_of_stops(scene: Scene) -> Outcome:
 PLAIN: dict[str, Callable[[Scene], Outcome]] = {
     "put to a pattern of keys": wildcards,
     "payloads of 100 kB, 1 MB and 64 MB": oversized,
-    "malformed payloads": malformed,
     "payloads that are costly to read": costly,
-    "commands replayed from the wire": replayed,
-    "commands stamped in the future": future,
-    "flood of commands of no session": flood_of_commands,
-    "flood of replayed commands": flood_of_replays,
     "flood of commands as fast as can be": flood_unpaced,
     "flood of handshakes": flood_of_handshakes,
-    "control characters in a handshake": escapes,
     "flood of emergency stops": flood_of_stops,
 }
 
@@ -281,30 +227,30 @@ def with_papers(scene: Scene, papers: str) -> Outcome:
     return outcome
 
 
-def plain(wanted: str) -> Iterator[Outcome]:
-    """Each attack of `PLAIN` that is wanted, on one pair of processes."""
-    chosen = {name: attack for name, attack in PLAIN.items() if wanted in name}
-    if not chosen:
-        return
-    with tempfile.TemporaryDirectory() as folder, LiveCell(Path(folder)) as cell:
+def _plain(name: str, folder: Path) -> Result:
+    with LiveCell(folder) as cell:
         cell.pair()
-        for name, attack in chosen.items():
-            with stranger(cell.endpoint) as attacker:
-                wait_until(lambda attacker=attacker: attacker.connected, 5.0, "connected")  # type: ignore[misc]
-                time.sleep(_SETTLE_S)
-                yield witnessed(lambda: attack(Scene(name, "Zenoh tcp", cell, attacker)))  # noqa: B023
+        with stranger(cell.endpoint) as attacker:
+            wait_until(lambda: attacker.connected, 5.0, "connected")
+            time.sleep(_SETTLE_S)
+            return _result(PLAIN[name](Scene(name, cell, attacker)))
 
 
-def secured(wanted: str) -> Iterator[Outcome]:
-    """Each stranger of `PAPERS` that is wanted, on one pair of processes with certificates."""
-    chosen = [papers for papers in PAPERS if wanted in f"commands of {papers}"]
-    if not chosen:
-        return
-    with tempfile.TemporaryDirectory() as folder, LiveCell(Path(folder), pki=True) as cell:
+def _secured(papers: str, folder: Path) -> Result:
+    with LiveCell(folder, pki=True) as cell:
         assert cell.pki is not None
         cell.pair()
-        for papers in chosen:
-            files = identity(papers, cell.pki, Path(folder))
-            with stranger(cell.endpoint, files) as attacker:
-                name = f"commands of {papers}"
-                yield witnessed(lambda: with_papers(Scene(name, "Zenoh mTLS", cell, attacker), papers))  # noqa: B023
+        with stranger(cell.endpoint, identity(papers, cell.pki, folder)) as attacker:
+            return _result(with_papers(Scene(papers, cell, attacker), papers))
+
+
+def _result(outcome: Outcome) -> Result:
+    return Result(str(outcome), outcome.wrong)
+
+
+def rows() -> Iterator[Row]:
+    """Each attack on a pair of daemons of its own."""
+    for name in PLAIN:
+        yield Row(f"attack: {name}", partial(_plain, name))
+    for papers in PAPERS:
+        yield Row(f"attack: commands of {papers}", partial(_secured, papers))

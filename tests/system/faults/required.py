@@ -59,18 +59,8 @@ STILL_M = 20e-6
 ENDS_AFTER_S = 0.030
 """A slave that ends by itself waits for 50 ms once the stage is at rest; some readings may be missing."""
 
-FLIGHT_NS = 2_000_000_000
-"""What a flight record holds before its event."""
-FLOWN = 100
-"""Ticks in a flight record of 2 s, at least: its daemon may have begun, or stood still, meanwhile."""
-FLOWN_BEFORE_NS = 100_000_000
-"""What is executed at the beginning of a flight record may have come before it."""
-GAP_NS = 5e6
-"""Between the cycles around a force; in longer gaps the loop stood still."""
-SET_BACK_NS = 500_000_000
-READBACK_M = 0.5e-3
-"""The position of a force is that between the cycles around it, but for rounding; where the stage fails
-within a cycle, off by what it moves in some ms."""
+FLOWN = 20
+"""Ticks in a flight record, at least: its daemon may have begun, or stood still, just before."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -159,7 +159,6 @@ class Row:
     armed_s: float | None = None
     recording: str = ""
     logged: str = ""
-    late_s: float = 0.0
     failures: list[str] = field(default_factory=list)
 
 
@@ -275,7 +274,7 @@ def _noticed_s(fault: Fault, at_s: float, found: Evidence) -> float:
 
 
 def _judge_log(row: Row, fault: Fault, incident: Incident, found: Evidence, folder: Path) -> None:
-    kept = logged(folder, fault.events, fault.flights, found, incident.injected_s)
+    kept = logged(folder, fault.events, fault.flights, incident.injected_s)
     row.logged, row.recovery = str(kept), incident.recovery or fault.recovery
     row.failures += kept.failures
 

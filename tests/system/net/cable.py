@@ -1,12 +1,11 @@
-"""What joins two hosts: a veth pair that can be cut, or a forwarder that can do much more."""
+"""What joins two hosts: a forwarder of packets in software. Stamps are CLOCK_MONOTONIC in ns."""
 
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from tests.system.net.namespaces import ip
 
@@ -14,46 +13,6 @@ ROOT = Path(__file__).parents[3]
 ADDRESSES = "10.77.0.1", "10.77.0.2"
 MEASURING = "10.78.0.1", "10.78.0.2"
 _END_S = 5.0
-
-
-class Cable(Protocol):
-    """Between two namespaces; gives each an address. Stamps are CLOCK_MONOTONIC in ns."""
-
-    def cut(self) -> int:
-        """Pulls it; when."""
-        ...
-
-    def mend(self) -> int:
-        """Plugs it in again; when."""
-        ...
-
-    def close(self) -> None:
-        """Takes it away; idempotent."""
-        ...
-
-
-class VethCable:
-    """A pair of the kernel's virtual Ethernet devices, named as the namespaces."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        a, b = names
-        self._far = b
-        ip("link", "add", a, "netns", a, "type", "veth", "peer", "name", b, "netns", b)
-        _address(names)
-
-    def cut(self) -> int:
-        """See `Cable`: one end goes down, so its host knows; the other only hears nothing."""
-        at_ns = time.monotonic_ns()
-        ip("-n", self._far, "link", "set", self._far, "down")
-        return at_ns
-
-    def mend(self) -> int:
-        """See `Cable`."""
-        ip("-n", self._far, "link", "set", self._far, "up")
-        return time.monotonic_ns()
-
-    def close(self) -> None:
-        """The devices go with their namespaces."""
 
 
 class TunCable:
@@ -90,11 +49,11 @@ class TunCable:
         return self._order(do="stall", way=way, stall_s=stall_s)
 
     def cut(self) -> int:
-        """See `Cable`."""
+        """Pulls the cable, which neither end notices; when."""
         return self._order(do="cut")
 
     def mend(self) -> int:
-        """See `Cable`."""
+        """Plugs it in again; when."""
         return self._order(do="mend")
 
     def forget(self) -> int:
@@ -107,7 +66,7 @@ class TunCable:
         return self._answer()
 
     def close(self) -> None:
-        """See `Cable`."""
+        """Takes it away; idempotent."""
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()

@@ -1,7 +1,6 @@
 """Two hosts, 10.77.0.1 and 10.77.0.2, the cable between them and the processes on them."""
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -11,20 +10,12 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
-import pytest
-
-from tests.system.net.cable import MEASURING, ROOT, Cable, TunCable, VethCable
+from tests.system.net.cable import MEASURING, ROOT, TunCable
 from tests.system.net.namespaces import ip, remove
 from tests.waiting import PATIENCE_S
 
 Process = subprocess.Popen[bytes]
 _NUMBERS = count()
-
-needs_root = [
-    pytest.mark.root,
-    pytest.mark.skipif(os.geteuid() != 0, reason="making network namespaces needs root"),
-    pytest.mark.skipif(shutil.which("ip") is None, reason="making network namespaces needs iproute2"),
-]
 
 
 class Hosts:
@@ -38,14 +29,15 @@ class Hosts:
         self._processes: list[Process] = []
         self._made: list[str] = []
 
-    def join(self, cable: Callable[[Sequence[str]], Cable]) -> None:
+    def join(self, seed: int) -> TunCable:
         """Makes them; nothing but the cable leads out of either."""
         for name in self.names:
             ip("netns", "add", name)
             self._made.append(name)
             ip("-n", name, "link", "set", "lo", "up")
-        self._cable = cable(self.names)
+        self._cable = TunCable(self.names, seed)
         self._measure()
+        return self._cable
 
     def _measure(self) -> None:
         """A second link, 10.78.0.1 and 10.78.0.2, for a recorder of both: what is tried is not its way."""
@@ -121,29 +113,12 @@ class Hosts:
 
 
 @contextmanager
-def joined(folder: Path, cable: Callable[[Sequence[str]], Cable]) -> Iterator[Hosts]:
-    """Two hosts on that cable; nothing of them is left afterwards."""
+def joined_by_tun(folder: Path, seed: int = 1) -> Iterator[tuple[Hosts, TunCable]]:
+    """Two hosts on a cable in software; nothing of them is left afterwards."""
     hosts = Hosts(folder)
     try:
-        hosts.join(cable)
-        yield hosts
+        yield hosts, hosts.join(seed)
     finally:
         hosts.close()
     left = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout
     assert not [name for name in hosts.names if name in left]
-
-
-@contextmanager
-def joined_by_veth(folder: Path) -> Iterator[tuple[Hosts, VethCable]]:
-    """On the kernel's cable."""
-    with joined(folder, VethCable) as hosts:
-        assert isinstance(hosts._cable, VethCable)
-        yield hosts, hosts._cable
-
-
-@contextmanager
-def joined_by_tun(folder: Path, seed: int = 1) -> Iterator[tuple[Hosts, TunCable]]:
-    """On the forwarder."""
-    with joined(folder, lambda names: TunCable(names, seed)) as hosts:
-        assert isinstance(hosts._cable, TunCable)
-        yield hosts, hosts._cable

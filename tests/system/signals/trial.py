@@ -6,7 +6,7 @@ import random
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,8 +17,9 @@ import yaml
 from forefeel.common.recording.mcap_reader import read_run
 from tests.event_lines import read_events
 from tests.live_cell import free_port
+from tests.system.rows import Result
 from tests.system.signals.cases import CASES, LOOKS, Case
-from tests.system.signals.scene import COMMAND, environment
+from tests.system.signals.scene import COMMAND, environment, scene
 
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 BOUND_S = 3.0
@@ -49,10 +50,9 @@ class Trial:
 
 @dataclass(frozen=True)
 class Ended:
-    """How: the time from the signal, how much of it another process had the processor, what is wrong."""
+    """`seconds`: from the signal on."""
 
     seconds: float
-    waited_s: float
     code: int
     last: str
     wrong: tuple[str, ...]
@@ -70,24 +70,26 @@ def trials(count: int, seed: int) -> list[Trial]:
     return found[:count]
 
 
-def run_all(
-    wanted: Sequence[Trial],
-    ready: Path,
-    port: int,
-    folder: Path,
-    tell: Callable[[Trial, Ended], None] = lambda *_: None,
-    nice: int = 0,
-) -> list[tuple[Trial, Ended]]:
-    """All of them, some at the same time; `tell` is called with each that has ended.
+def random_signals(folder: Path, count: int = 60) -> Result:
+    """Over every command on a busy machine, and Ctrl-C in long diagnoses."""
+    ready = folder / "ready"
+    ready.mkdir()
+    long = next(case for case in CASES if case.name == "diagnose a folder")
+    wanted = [Trial(1000 + n, long, signal.SIGINT, True, 1.5 * n) for n in range(4)]
+    with scene(ready, computing=os.cpu_count() or 1) as port:
+        found = _run_all([*trials(count, 1), *wanted], ready, port, folder)
+    failures = [f"{trial}: {each}" for trial, ended in found for each in ended.wrong]
+    longest_s = max(ended.seconds for _, ended in found)
+    return Result(
+        f"{len(found)} signals, the last ended after {longest_s:.2f} s (bound {BOUND_S:g} s)", failures
+    )
 
-    Args:
-        nice: of the commands, so that other tests beside them have the processor.
-    """
+
+def _run_all(wanted: Sequence[Trial], ready: Path, port: int, folder: Path) -> list[tuple[Trial, Ended]]:
+    """All of them, some at the same time."""
 
     def one(trial: Trial) -> tuple[Trial, Ended]:
-        ended = run(trial, ready, port, folder / str(trial.number), nice)
-        tell(trial, ended)
-        return trial, ended
+        return trial, run(trial, ready, port, folder / str(trial.number))
 
     with unignored(), ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as row:
         ends = [(row if trial.case.shares else pool).submit(one, trial) for trial in wanted]
@@ -106,7 +108,7 @@ def _end(ends: Sequence[Future[tuple[Trial, Ended]]]) -> None:
         time.sleep(0.05)
 
 
-def run(trial: Trial, ready: Path, port: int, here: Path, nice: int) -> Ended:
+def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
     """Starts the command, sends the signal as a terminal or a service manager does, looks at what is left."""
     here.mkdir()
     places = {"HERE": str(here), "READY": str(ready), "CELL": str(port), "PORT": str(free_port())}
@@ -115,7 +117,7 @@ def run(trial: Trial, ready: Path, port: int, here: Path, nice: int) -> Ended:
     mark = f"{os.getpid()}.{here}."
     with (here / "stderr").open("wb") as said, (here / "stdout").open("wb") as out:
         process = subprocess.Popen(
-            ["nice", "-n", str(nice), *COMMAND, *_placed(trial.case.line, places).split()],
+            [*COMMAND, *_placed(trial.case.line, places).split()],
             env={**environment(here), _MARK: mark},
             stdin=subprocess.DEVNULL, stdout=out, stderr=said, process_group=0,
         )  # fmt: skip
@@ -124,15 +126,15 @@ def run(trial: Trial, ready: Path, port: int, here: Path, nice: int) -> Ended:
             with suppress(subprocess.TimeoutExpired):
                 process.wait(trial.delay_s)
             finished = process.poll() is not None
-            start_s, waited_s = time.monotonic(), 0.0
+            start_s = time.monotonic()
             if not finished:
-                before_s = _ready_s(process.pid)
                 _send(process.pid, trial.signal)
-                after_s = _end_ready_s(process, start_s + _PATIENCE_S)
-                waited_s = sum(after_s[pid] - before_s.get(pid, 0.0) for pid in after_s)
-            code = process.wait(0.0)
+            try:
+                code = process.wait(_PATIENCE_S)
+            except subprocess.TimeoutExpired as error:
+                raise AssertionError(f"{trial}: runs on for {_PATIENCE_S:g} s") from error
             seconds = 0.0 if finished else time.monotonic() - start_s
-            left = _gone(mark, start_s + BOUND_S + 1.0 + waited_s)
+            left = _gone(mark, start_s + BOUND_S + 1.0)
         finally:
             _kill(mark)
             process.wait()
@@ -140,7 +142,9 @@ def run(trial: Trial, ready: Path, port: int, here: Path, nice: int) -> Ended:
     wrong = [*_said(trial, code, words), *_half_written(here, code)]
     if left:
         wrong.append(f"left processes {left}")
-    return Ended(seconds, waited_s, code, (words.strip().splitlines() or [""])[-1], tuple(wrong))
+    if seconds > BOUND_S:
+        wrong.append(f"ended after {seconds:.2f} s")
+    return Ended(seconds, code, (words.strip().splitlines() or [""])[-1], tuple(wrong))
 
 
 @contextmanager
@@ -179,27 +183,6 @@ def _catches_sigint(pid: int) -> bool:
         status = Path(f"/proc/{pid}/status").read_text()
         return bool(int(status.partition("SigCgt:")[2].split()[0], 16) & 1 << signal.SIGINT - 1)
     return False
-
-
-def _ready_s(group: int) -> dict[int, float]:
-    """For how long the main threads of a command and of its children could have run while another process had
-    the processor; a command that waits for its children waits as long as they do.
-    """
-    found = {}
-    for path in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if os.getpgid(int(path.name)) == group:
-                found[int(path.name)] = int((path / "schedstat").read_text().split()[1]) * 1e-9
-    return found
-
-
-def _end_ready_s(process: "subprocess.Popen[bytes]", until_s: float) -> dict[int, float]:
-    """Waits for the end; what `_ready_s` said last of each process."""
-    last_s: dict[int, float] = {}
-    while process.poll() is None and time.monotonic() < until_s:
-        last_s |= _ready_s(process.pid)
-        time.sleep(0.02)
-    return last_s
 
 
 def _send(pid: int, number: signal.Signals) -> None:

@@ -1,6 +1,5 @@
 """Master, slave and recorder for long, among random faults."""
 
-import json
 import os
 import signal
 import subprocess
@@ -17,7 +16,7 @@ from forefeel.common.state.folder import EVENTS
 from forefeel.common.topics import LIMIT_EVENT, MASTER_STATE, SAFETY_EVENT, SLAVE_HANDSHAKE, SLAVE_STATE
 from tests.event_lines import read_events
 from tests.live_cell import CELL, ROOT, LiveCell, Process
-from tests.system.soak.monitor import FORCE_KEY, TIMING_KEYS, Life, Loops, Motion
+from tests.system.soak.monitor import FORCE_KEY, Life, Motion
 from tests.system.soak.schedule import OFTEN, Fault
 from tests.waiting import wait_until
 
@@ -69,7 +68,6 @@ class Soak:
     lives: list[Life] = field(default_factory=list)
     done: list[Done] = field(default_factory=list)
     taken: list[Taken] = field(default_factory=list)
-    loops: Loops = field(default_factory=Loops)
     motion: Motion = field(default_factory=Motion)
     ends: Mapping[str, Process] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
@@ -82,7 +80,6 @@ class Soak:
         for role in ("slave", "master", "recorder"):
             self._start(role, random)
         stop = threading.Event()
-        metronome = self.cell.start("metronome", "", module="tests.system.soak.metronome")
         watcher = threading.Thread(target=self._sample, args=(stop,))
         watcher.start()
         try:
@@ -96,8 +93,6 @@ class Soak:
         finally:
             stop.set()
             watcher.join()
-            metronome.kill()
-        self._read_metronome(metronome)
         self._end()
 
     def _note_warm(self) -> None:
@@ -111,8 +106,6 @@ class Soak:
     def _hear(self, key: str, payload: bytes) -> None:
         if key == FORCE_KEY:
             self.motion.heard(payload)
-        elif key in TIMING_KEYS:
-            self.loops.heard(key, payload, time.monotonic_ns())
 
     def _start(self, role: str, random: Random) -> None:
         link = {"impairment": {"inbound": random.choice(_LINKS), "seed": random.randrange(1000)}}
@@ -126,24 +119,11 @@ class Soak:
         else:
             path = cell.folder / f"run{len(self.taken)}.mcap"
             self.taken.append(Taken(path))
-            words = (
-                "--out",
-                str(path),
-                "--connect",
-                cell.endpoint,
-                "--connect",
-                cell.master_endpoint,
-                "--cell",
-                CELL,
-            )
+            ends = ("--connect", cell.endpoint, "--connect", cell.master_endpoint, "--cell", CELL)
+            words = ("--out", str(path), *ends)
             process = cell.start("recorder", "record", *words)
         self.ends = {**self.ends, role: process}
         self.lives.append(Life(f"{role} {sum(life.name.startswith(role) for life in self.lives) + 1}"))
-
-    def _read_metronome(self, metronome: Process) -> None:
-        start_ns = metronome.started_s * 1e9
-        for second, line in enumerate(metronome.log.read_text(encoding="ascii").splitlines()):
-            self.loops.lives["empty"][0].append((int(start_ns + (second + 1) * 1e9), json.loads(line)))
 
     def _sample(self, stop: threading.Event) -> None:
         """Memory of those that live, once a second."""

@@ -17,10 +17,9 @@ from forefeel.common.topics import (
     SLAVE_HANDSHAKE,
     Qos,
 )
-from tests.simulation.pair import Pair, S
-from tests.system.attacks.outcome import Expected, Outcome
-from tests.system.attacks.scene import Scene
-from tests.system.attacks.writers import (
+from tests.simulation.attack_outcome import Expected, Outcome
+from tests.simulation.attack_scene import Scene
+from tests.simulation.attack_writers import (
     forged_heartbeats,
     hijacker,
     invented_echoes,
@@ -29,6 +28,7 @@ from tests.system.attacks.writers import (
     second_master,
     second_writer,
 )
+from tests.simulation.pair import Pair, S
 
 _REARMED_S = 4.5  # the lease of 1 s, a new session, the clocks, the operator's hand
 
@@ -270,7 +270,7 @@ def stale_burst(name: str) -> Outcome:
 
 def names(name: str) -> Outcome:
     """A cell or axis that would be a pattern: refused when the settings are read."""
-    outcome = Outcome(name, "settings", 1.0, "armed")
+    outcome = Outcome(name, 1.0, "armed")
     for bad in ("*", "**", "$*", "a*", "a/b", "a?x", "a#b", "", " ", "@x", "a b", "\n"):
         for settings in ({"cell": bad}, {"axes": [{"name": bad}]}):
             try:

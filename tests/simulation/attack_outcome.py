@@ -1,9 +1,7 @@
-"""What came of an attack, as one row of the table."""
+"""What came of an attack."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-
-from tests.witness import PRIORITY, WATCHDOG_S, Witness
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +25,10 @@ class Outcome:
     """What was seen.
 
     `logged`: events of the log by name, None where there is no log. `wrong`: all that is not as it
-    must be; empty: the attack was refused. `late`: what was not in time.
+    must be; empty: the attack was refused.
     """
 
     attack: str
-    where: str
     armed: float = 0.0
     ends: str = ""
     executed: int = 0
@@ -39,7 +36,6 @@ class Outcome:
     told: Mapping[str, int] = field(default_factory=dict)
     logged: Mapping[str, int] | None = None
     wrong: list[str] = field(default_factory=list)
-    late: list[str] = field(default_factory=list)
     note: str = ""
 
     def judge(self, expected: Expected) -> "Outcome":
@@ -52,7 +48,7 @@ class Outcome:
             self.require(expected.told in self.told, f"no event {expected.told}")
             if self.logged is not None:
                 self.require(expected.told in self.logged, f"no {expected.told} in the event log")
-        self.require_in_time(self.armed >= expected.armed, f"armed {self.armed:.0%}")
+        self.require(self.armed >= expected.armed, f"armed {self.armed:.0%}")
         self.require(self.ends == expected.ends, f"ends {self.ends}, not {expected.ends}")
         return self
 
@@ -61,32 +57,7 @@ class Outcome:
         if not condition:
             self.wrong.append(otherwise)
 
-    def require_in_time(self, condition: bool, otherwise: str) -> None:
-        """Notes what is late, which only counts where the machine was not."""
-        if not condition:
-            self.late.append(otherwise)
-
-    def row(self) -> tuple[str, ...]:
-        """The cells of the table."""
+    def __str__(self) -> str:
         counted = ", ".join(f"{name} +{n}" for name, n in sorted(self.counters.items()) if n)
         told = ", ".join(f"{name} x{n}" for name, n in self.told.items())
-        logged = ", ".join(f"{name} x{n}" for name, n in (self.logged or {}).items())
-        verdict = "refused" if not self.wrong else "NOT REFUSED: " + "; ".join(self.wrong)
-        note = self.note.strip(" ;,")
-        seen = (text or "-" for text in (counted, told, logged))
-        return self.attack, self.where, *seen, f"{self.armed:.1%}", self.ends, note, verdict
-
-
-def witnessed(attack: Callable[[], Outcome]) -> Outcome:
-    """Timeliness is judged only while a witness was on time, see `tests.witness`."""
-    with Witness(PRIORITY) as witness:
-        outcome = attack()
-    if outcome.late and witness.late_s >= WATCHDOG_S / 2:
-        said = "; ".join(outcome.late)
-        outcome.note += f", {said} NOT JUDGED: the machine was late by {1e3 * witness.late_s:.0f} ms"
-    else:
-        outcome.wrong += outcome.late
-    return outcome
-
-
-HEAD = ("attack", "where", "counted", "told", "logged", "armed", "ends", "note", "verdict")
+        return "; ".join(filter(None, (counted, told, f"armed {self.armed:.0%}", self.note.strip(" ;,"))))

@@ -3,9 +3,9 @@
 from forefeel.common.topics import (
     MASTER_HEARTBEAT,
 )
+from tests.simulation.attack_outcome import Expected, Outcome
+from tests.simulation.attack_scene import MS, Scene
 from tests.simulation.pair import S
-from tests.system.attacks.outcome import Expected, Outcome
-from tests.system.attacks.scene import MS, Scene
 
 _REARMED_S = 4.5
 

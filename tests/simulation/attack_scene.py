@@ -22,8 +22,8 @@ from forefeel.common.topics import (
     Qos,
     Topic,
 )
+from tests.simulation.attack_outcome import Expected, Outcome
 from tests.simulation.pair import AXIS, OVERSHOOT, Pair, S
-from tests.system.attacks.outcome import Expected, Outcome
 
 MS = 1_000_000
 _OURS = ("refused_", "malformed_", "handshakes_", "heartbeats_", "sessions_")
@@ -129,7 +129,7 @@ class Scene:
     def end(self, expected: Expected) -> Outcome:
         """Judges all that was seen since the scene began."""
         now = self._counters()
-        outcome = Outcome(self.name, "virtual time", self._armed_share(), self.state)
+        outcome = Outcome(self.name, self._armed_share(), self.state)
         outcome.counters = {k: n - self._before.get(k, 0) for k, n in now.items() if k.startswith(_OURS)}
         outcome.told = self._told(now)
         answered = {(m.answers_sequence, m.answers_stamp_ns) for m in self.pair.heard.messages(FORCE)}
@@ -137,7 +137,6 @@ class Scene:
         outcome.require(self._still(), "the stage moved while nothing was followed")
         outcome.require(self._smooth(), "the stage was faster than its limit")
         outcome.judge(expected)
-        outcome.wrong += outcome.late  # no machine is late in virtual time
         return outcome
 
     def _counters(self) -> dict[str, int]:

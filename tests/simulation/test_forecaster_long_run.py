@@ -1,5 +1,4 @@
-"""An hour at 1 kHz of what an operating room does to an estimator: standstill, a pure sine, another tissue,
-NaN.
+"""Six minutes at 1 kHz of what an operating room does to an estimator: standstill, sine, other tissue, NaN.
 
 The contact here imports nothing of ours: a spring, damper and mass with smooth friction and a bias, in numpy.
 """
@@ -17,7 +16,7 @@ Array = NDArray[np.float64]
 RATE_HZ = 1000
 DELAY = 300  # samples
 MINUTE = 60 * RATE_HZ
-STILL, SINE, TISSUE, NANS, END = (minutes * MINUTE for minutes in (10, 20, 30, 40, 60))
+STILL, SINE, TISSUE, NANS, END = (minutes * MINUTE for minutes in (1, 2, 3, 4, 6))
 """Where each part begins: standstill, pure sine, another tissue, NaN bursts. Multi-sine everywhere else."""
 
 
@@ -49,7 +48,7 @@ def _force(n: NDArray[np.int64], x: Array, noise: Array) -> Array:
     return np.asarray(factor * (60.0 * x + 1.5 * v + 0.08 * np.tanh(v / 1e-3)) + 0.05 + noise)
 
 
-def _hour() -> Iterator[tuple[int, float, float]]:
+def _run() -> Iterator[tuple[int, float, float]]:
     """(sample, position, force), a minute at a time; in the NaN part 50 ms of each 7 s are no numbers."""
     rng = np.random.default_rng(7)
     for start in range(0, END, MINUTE):
@@ -62,14 +61,13 @@ def _hour() -> Iterator[tuple[int, float, float]]:
         yield from zip(n.tolist(), x.tolist(), f.tolist(), strict=True)
 
 
-@pytest.mark.soak
-@pytest.mark.timeout(900)
-def test_an_hour_stays_finite_bounded_and_as_good_after_the_hold_as_before() -> None:
+@pytest.mark.timeout(300)
+def test_forecaster_after_standstill_is_as_good_as_before() -> None:
     forecaster = Forecaster()
     forces_n = np.full(END, np.nan)
     error_n = np.full(END, np.nan)
     predicted_n = np.full(END, np.nan)
-    for n, position_m, force_n in _hour():
+    for n, position_m, force_n in _run():
         forces_n[n] = force_n
         if n >= DELAY:
             forecaster.observe((n - DELAY) / RATE_HZ, float(forces_n[n - DELAY]))
@@ -84,12 +82,8 @@ def test_an_hour_stays_finite_bounded_and_as_good_after_the_hold_as_before() -> 
     def worst(start: int, stop: int) -> float:
         return float(np.nanmax(error_n[start:stop]))
 
-    before_n = worst(STILL - 5 * MINUTE, STILL)
-    print(f"\nworst error: {before_n:.3f} N before the hold")
-    for what, at in (("the hold", SINE), ("the sine", TISSUE + 10 * RATE_HZ)):
-        print(f"{worst(at, at + 5 * RATE_HZ):.3f} N within 5 s after {what}")
+    before_n = worst(STILL - MINUTE // 2, STILL)
     assert worst(SINE, SINE + 5 * RATE_HZ) <= 1.5 * before_n
     settled_n = float(np.sqrt(np.nanmean(error_n[NANS + MINUTE :] ** 2)))
-    fresh_n = float(np.sqrt(np.nanmean(error_n[STILL - 5 * MINUTE : STILL] ** 2)))
-    print(f"rms {fresh_n:.4f} N in the first ten minutes, {settled_n:.4f} N among the bursts")
+    fresh_n = float(np.sqrt(np.nanmean(error_n[STILL - MINUTE // 2 : STILL] ** 2)))
     assert settled_n < 2.0 * fresh_n
