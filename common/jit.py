@@ -21,7 +21,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 COMPILED = os.environ.get("FOREFEEL_JIT", "1") != "0" and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 _KEPT = "*.nbi", "*.nbc"
 """What numba keeps in `__pycache__`: an index and the code of each kernel."""
-_WITH_KERNELS = "common/estimation", "common/causes", "diagnosis/diagnose"
+_WITH_KERNELS = "common/estimation", "common/causes"
 _STAMP = "common/__pycache__/kernels.sha256"
 
 

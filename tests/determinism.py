@@ -42,7 +42,6 @@ STILL_VIOLATING = frozenset(
         "unit/test_driver_registry.py",
         "unit/test_flight.py",
         "unit/test_interrupt.py",
-        "unit/test_jit.py",
         "unit/test_killed_before.py",
         "unit/test_latch.py",
         "unit/test_local_handlers.py",

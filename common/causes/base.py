@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from forefeel.common.causes.offline import Array, intervals_s
+from forefeel.common.causes.numerics import Array, intervals_s
 
 if TYPE_CHECKING:
     from forefeel.common.causes.candidate import Candidate

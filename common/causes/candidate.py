@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes import kinks
 from forefeel.common.causes.base import Effect, Site
-from forefeel.common.causes.offline import Array
+from forefeel.common.causes.numerics import Array, sign_means
 
 Spectrum = NDArray[np.complex128]
 Shape = tuple[float, ...]
@@ -46,7 +45,7 @@ class MotionGrid:
     def direction(self) -> Array:
         """sign(v), linear where the speed is within its noise; means where samples are coarser than raw."""
         if self.decimated:
-            return kinks.direction(self.v, self.speed_band)
+            return sign_means(self.v, self.speed_band)
         return np.clip(self.v / self.speed_band, -1.0, 1.0)
 
     @property

@@ -6,7 +6,6 @@ from math import copysign, exp
 import numpy as np
 
 from forefeel.common.causes.base import FactorEffect, Parameter
-from forefeel.common.causes.bias import Bias
 from forefeel.common.causes.candidate import (
     Entry,
     Extent,
@@ -18,8 +17,9 @@ from forefeel.common.causes.candidate import (
     entry,
     log_grid,
 )
-from forefeel.common.causes.direction import direction, directions
-from forefeel.common.causes.offline import Array
+from forefeel.common.causes.friction import direction, directions
+from forefeel.common.causes.numerics import Array
+from forefeel.common.causes.sensor import Bias
 
 _LEAST, _MOST = 0.03, 1.5  # rad, wraps that are tried; chosen
 _ZEROS = 0.0, 0.2, 0.4, 0.6, 0.8, 1.0  # of the force's range, where the tip's may be zero; chosen

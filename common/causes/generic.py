@@ -15,8 +15,8 @@ import numpy as np
 
 from forefeel.common.causes.base import ForceEffect, Parameter
 from forefeel.common.causes.candidate import Extent, ForceColumns, Found, MotionGrid, Shape, Values
-from forefeel.common.causes.direction import BAND_M_S
-from forefeel.common.causes.offline import Array
+from forefeel.common.causes.friction import BAND_M_S
+from forefeel.common.causes.numerics import Array
 
 MOST_SHAPES = 3
 # points of the first grid along each axis, by the number of axes: what a search of a second or two affords

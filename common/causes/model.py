@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast, get_args
 
-from forefeel.common.causes.base import ContactEffect, Effect, ForceEffect, Site
+from forefeel.common.causes.base import ContactEffect, Effect, ForceEffect, SensorEffect, Site
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.runtime import ContactRuntime
 
@@ -109,3 +109,19 @@ def _site(site: object, kind: type[Effect], place: str) -> Site | None:
         if site == known:
             return cast(Site, known)
     raise ValueError(f"{place} = {site!r}: expected one of {', '.join(get_args(Site))}")
+
+
+def at_conversion(model: ContactModel) -> tuple[ContactModel, list[SensorEffect]]:
+    """What acts in continuous time, and the sensor effects that act at each conversion, in their order.
+
+    A linear sensor effect, such as a lag, acts in continuous time; one that rounds, clips or disturbs single
+    readings does so when the load cell converts, and sees its noise.
+    """
+    continuous, converts = [], []
+    for entry in model.effects:
+        kind = effect_class(entry.effect)
+        if issubclass(kind, SensorEffect) and not kind.linear:
+            converts.append(kind(**dict(entry.parameters)))
+        else:
+            continuous.append(entry)
+    return ContactModel(model.name, tuple(continuous)), converts

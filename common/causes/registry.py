@@ -1,45 +1,58 @@
 """Effects by name: our own, and those that installed distributions add.
 
 A third party adds an effect by an entry point of the group `forefeel.effects` whose name is the effect's
-name; it is loaded, and checked, when a model first asks for that name. Our own names can not be taken over.
-docs/examples/effect-package is one.
+name; it is loaded, and tried before it is trusted with a loop, when a model first asks for that name. Our own
+names can not be taken over. docs/examples/effect-package is one.
 """
 
+from collections.abc import Iterator, Sequence
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
+from inspect import isabstract
+from math import isfinite
+from typing import get_args
 
 import numpy as np
 
-from forefeel.common.causes.asymmetric_damping import AsymmetricDamping
-from forefeel.common.causes.backlash import Backlash
-from forefeel.common.causes.base import Effect
-from forefeel.common.causes.bias import Bias
+from forefeel.common.causes.base import (
+    ContactEffect,
+    Effect,
+    FactorEffect,
+    ForceEffect,
+    MotionEffect,
+    Parameter,
+    SensorEffect,
+    Site,
+)
 from forefeel.common.causes.capstan import Capstan
-from forefeel.common.causes.contact_loss import ContactLoss
-from forefeel.common.causes.coulomb_friction import CoulombFriction
-from forefeel.common.causes.exponential_wall import ExponentialWall
-from forefeel.common.causes.hunt_crossley_damping import HuntCrossleyDamping
-from forefeel.common.causes.mains_hum import MainsHum
-from forefeel.common.causes.mass_damper_spring import MassDamperSpring
-from forefeel.common.causes.play import Play
-from forefeel.common.causes.plugin import load_plugin
-from forefeel.common.causes.position_dependent_friction import PositionDependentFriction
-from forefeel.common.causes.position_map import PositionMap
-from forefeel.common.causes.presliding_hysteresis import PreslidingHysteresis
-from forefeel.common.causes.pulsation import Pulsation
-from forefeel.common.causes.quadratic_drag import QuadraticDrag
+from forefeel.common.causes.damping import AsymmetricDamping, HuntCrossleyDamping, QuadraticDrag
+from forefeel.common.causes.friction import (
+    CoulombFriction,
+    PositionDependentFriction,
+    PreslidingHysteresis,
+    StribeckFriction,
+)
+from forefeel.common.causes.periodic import MainsHum, PositionMap, Pulsation
 from forefeel.common.causes.runtime import ContactRuntime
-from forefeel.common.causes.sensor_drift import SensorDrift
-from forefeel.common.causes.sensor_lag import SensorLag
-from forefeel.common.causes.sensor_quantisation import SensorQuantisation
-from forefeel.common.causes.sensor_saturation import SensorSaturation
-from forefeel.common.causes.sensor_spikes import SensorSpikes
-from forefeel.common.causes.stiffening import Stiffening
-from forefeel.common.causes.stiffness_change import StiffnessChange
-from forefeel.common.causes.stress_relaxation import StressRelaxation
-from forefeel.common.causes.stribeck_friction import StribeckFriction
-from forefeel.common.causes.time_delay import TimeDelay
+from forefeel.common.causes.sensor import (
+    Bias,
+    SensorDrift,
+    SensorLag,
+    SensorQuantisation,
+    SensorSaturation,
+    SensorSpikes,
+    TimeDelay,
+)
+from forefeel.common.causes.transmission import Backlash, Play
 from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
+from forefeel.common.causes.wall import (
+    ContactLoss,
+    ExponentialWall,
+    MassDamperSpring,
+    Stiffening,
+    StiffnessChange,
+    StressRelaxation,
+)
 
 ENTRY_POINT_GROUP = "forefeel.effects"
 
@@ -81,3 +94,88 @@ def compile_kernels() -> None:
     for kind in OWN.values():
         values = {p.name: min(max(p.default, p.lower, 1e-3), p.upper) for p in kind.parameters}
         ContactRuntime([(kind(**values), None)]).forces_n(t, t, t, t)
+
+
+_KINDS = (ForceEffect, MotionEffect, FactorEffect, ContactEffect, SensorEffect)
+_TRIAL_STEP_S = 1e-3  # s, time and step of the trial calls: one period at 1 kHz
+
+
+def load_plugin(points: Sequence[EntryPoint]) -> type[Effect]:
+    """The effect that the entry points of one name give.
+
+    Raises:
+        ValueError: more than one, not loadable, no effect of that name, or one that fails when it is tried at
+            its defaults; one line that names the entry point.
+    """
+    point = points[0]
+    where = f"entry point {point.group}:{point.name} = {point.value}"
+    if len(points) > 1:
+        values = " and ".join(sorted(other.value for other in points))
+        raise ValueError(f"entry point {point.group}:{point.name}: {values}, expected one of that name")
+    try:
+        loaded = point.load()
+    except Exception as error:
+        raise ValueError(f"{where}: can not be loaded, {_line(error)}") from error
+    if not (isinstance(loaded, type) and issubclass(loaded, _KINDS)):
+        expected = ", ".join(kind.__name__ for kind in _KINDS)
+        raise ValueError(f"{where}: expected a class of forefeel.common.causes.base: {expected}")
+    for flaw in _flaws(loaded, point.name):
+        raise ValueError(f"{where}: {flaw}")
+    try:
+        _try(loaded)
+    except Exception as error:
+        raise ValueError(f"{where}: fails at its defaults, {_line(error)}") from error
+    return loaded
+
+
+def _flaws(kind: type[Effect], name: str) -> Iterator[str]:
+    """What is wrong with how the effect describes itself, the gravest first."""
+    if getattr(kind, "name", None) != name:
+        yield f"expected an effect named {name}, its name is {getattr(kind, 'name', None)!r}"
+    if isabstract(kind):
+        yield f"lacks {', '.join(sorted(kind.__abstractmethods__))}"
+    parameters = getattr(kind, "parameters", None)
+    if not (isinstance(parameters, tuple) and all(isinstance(p, Parameter) for p in parameters)):
+        yield "expected parameters to be a tuple of Parameter"
+        return
+    names = [p.name for p in parameters]
+    if len(set(names)) < len(names):
+        yield f"expected parameters of different names, not {', '.join(names)}"
+    for p in parameters:
+        if not (p.lower <= p.default <= p.upper and isfinite(p.lower) and isfinite(p.upper)):
+            yield f"{p.name}: expected finite bounds around its default {p.default!r}"
+    if not isinstance(getattr(kind, "reference", None), str):
+        yield "expected a reference: the law's source"
+    if issubclass(kind, ForceEffect) and getattr(kind, "site", None) not in get_args(Site):
+        yield f"expected a site, one of {', '.join(get_args(Site))}"
+
+
+def _try(kind: type[Effect]) -> None:
+    """A few steps at the defaults.
+
+    Raises:
+        Exception: what the effect raises, or a ValueError on a result of the wrong shape.
+    """
+    effect = kind()
+    for x, v, a in ((0.0, 0.0, 0.0), (0.01, 0.02, 0.5), (0.005, -0.02, -0.5)):
+        found: tuple[float | None, ...]
+        if isinstance(effect, ForceEffect):
+            found, count = effect.regressors(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S), len(effect.linear_names)
+        elif isinstance(effect, MotionEffect):
+            found, count = effect.transform(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S), 3
+        elif isinstance(effect, FactorEffect):
+            found, count = (effect.factor(x, v, v),), 1
+        elif isinstance(effect, SensorEffect):
+            found, count = (effect.sense(_TRIAL_STEP_S, x, _TRIAL_STEP_S),), 1
+        else:
+            assert isinstance(effect, ContactEffect)
+            depth = effect.penetration_m(x, v)
+            found, count = (() if depth is None else (depth,)), (0 if depth is None else 1)
+        if len(found) != count or not all(isinstance(f, int | float) and isfinite(f) for f in found):
+            raise ValueError(f"it gives {found!r}, expected {count} finite number(s)")
+    effect.reset()
+
+
+def _line(error: BaseException) -> str:
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -16,7 +16,7 @@ from forefeel.common.causes.base import (
     SensorEffect,
     Site,
 )
-from forefeel.common.causes.offline import Array, intervals_s
+from forefeel.common.causes.numerics import Array, intervals_s
 
 
 class ContactRuntime:

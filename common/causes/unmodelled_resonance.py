@@ -16,7 +16,7 @@ from forefeel.common.causes.candidate import (
     entry,
     log_grid,
 )
-from forefeel.common.causes.offline import Array, lazy_kernel
+from forefeel.common.causes.numerics import Array, lazy_kernel
 
 _SHAPES = ("frequency_hz", "damping_ratio")
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Mapping
 from math import cos, inf, pi, sin
 
 from forefeel.common.causes.base import SensorEffect
-from forefeel.common.causes.harmonics import PeriodicForce
 from forefeel.common.causes.model import ContactModel, EffectEntry
+from forefeel.common.causes.periodic import PeriodicForce
 from forefeel.common.causes.registry import effect_class
 
 OF_ITS_RUN = frozenset(

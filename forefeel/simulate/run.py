@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from forefeel.common.causes.conversion import at_conversion
-from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.model import ContactModel, at_conversion
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.recording import Array

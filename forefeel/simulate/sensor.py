@@ -5,7 +5,7 @@ from math import pi
 
 import numpy as np
 
-from forefeel.common.causes.first_order import lagged
+from forefeel.common.causes.numerics import lagged
 from forefeel.common.recording.recording import Array
 
 _COUNTS = 2**15 - 1

@@ -4,8 +4,7 @@ from math import inf
 from typing import Protocol
 
 from forefeel.common.causes.base import SensorEffect
-from forefeel.common.causes.conversion import at_conversion
-from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.model import ContactModel, at_conversion
 from forefeel.common.messages import Grip
 from forefeel.slave.plant.settings import HiddenSettings
 

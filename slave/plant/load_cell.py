@@ -4,7 +4,7 @@ from collections.abc import Callable
 from math import pi
 from random import Random
 
-from forefeel.common.causes.first_order import FirstOrderLag
+from forefeel.common.causes.numerics import FirstOrderLag
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading
 from forefeel.slave.plant.settings import LoadCellSettings
 

@@ -2,7 +2,7 @@
 
 from math import copysign, pi, sqrt
 
-from forefeel.common.causes.backlash import Backlash
+from forefeel.common.causes.transmission import Backlash
 from forefeel.slave.plant.settings import StageSettings
 
 EXTRAPOLATION_S = 0.002

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forefeel.common.causes.backlash import Backlash
 from forefeel.common.causes.base import ForceEffect
+from forefeel.common.causes.friction import PreslidingHysteresis
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.causes.presliding_hysteresis import PreslidingHysteresis
 from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.runtime import ContactRuntime
-from forefeel.common.causes.sensor_quantisation import SensorQuantisation
+from forefeel.common.causes.sensor import SensorQuantisation
+from forefeel.common.causes.transmission import Backlash
 
 FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffect))
 NO_SENSOR = [*FORCES, "backlash"]

@@ -5,14 +5,11 @@ import pytest
 
 from forefeel.common.causes.base import ForceEffect
 from forefeel.common.causes.catalogue import CANDIDATES, kin
-from forefeel.common.causes.coulomb_friction import CoulombFriction
+from forefeel.common.causes.damping import HuntCrossleyDamping, QuadraticDrag
+from forefeel.common.causes.friction import CoulombFriction, PositionDependentFriction, PreslidingHysteresis
 from forefeel.common.causes.generic import GenericForce
-from forefeel.common.causes.hunt_crossley_damping import HuntCrossleyDamping
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.causes.position_dependent_friction import PositionDependentFriction
-from forefeel.common.causes.presliding_hysteresis import PreslidingHysteresis
-from forefeel.common.causes.quadratic_drag import QuadraticDrag
-from forefeel.common.causes.stress_relaxation import StressRelaxation
+from forefeel.common.causes.wall import StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose

@@ -4,12 +4,10 @@ from math import exp
 
 import pytest
 
-from forefeel.common.causes.backlash import Backlash
 from forefeel.common.causes.capstan import Capstan
-from forefeel.common.causes.contact_loss import ContactLoss
-from forefeel.common.causes.sensor_lag import SensorLag
-from forefeel.common.causes.sensor_quantisation import SensorQuantisation
-from forefeel.common.causes.sensor_saturation import SensorSaturation
+from forefeel.common.causes.sensor import SensorLag, SensorQuantisation, SensorSaturation
+from forefeel.common.causes.transmission import Backlash
+from forefeel.common.causes.wall import ContactLoss
 
 
 def test_backlash_loses_its_width_at_each_reversal() -> None:

@@ -5,16 +5,15 @@ from math import exp, pi, sin
 import pytest
 
 from forefeel.common.causes.base import ForceEffect
-from forefeel.common.causes.bias import Bias
-from forefeel.common.causes.coulomb_friction import CoulombFriction
-from forefeel.common.causes.direction import BAND_M_S
-from forefeel.common.causes.mass_damper_spring import MassDamperSpring
-from forefeel.common.causes.position_dependent_friction import PositionDependentFriction
-from forefeel.common.causes.presliding_hysteresis import PreslidingHysteresis
-from forefeel.common.causes.pulsation import Pulsation
-from forefeel.common.causes.sensor_drift import SensorDrift
-from forefeel.common.causes.stiffening import Stiffening
-from forefeel.common.causes.stress_relaxation import StressRelaxation
+from forefeel.common.causes.friction import (
+    BAND_M_S,
+    CoulombFriction,
+    PositionDependentFriction,
+    PreslidingHysteresis,
+)
+from forefeel.common.causes.periodic import Pulsation
+from forefeel.common.causes.sensor import Bias, SensorDrift
+from forefeel.common.causes.wall import MassDamperSpring, Stiffening, StressRelaxation
 
 
 def glide(effect: ForceEffect, distance_m: float, speed_m_s: float, steps: int) -> float:

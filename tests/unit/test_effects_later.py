@@ -6,23 +6,14 @@ from math import cos, e, exp, pi, sin, sqrt
 import numpy as np
 import pytest
 
-from forefeel.common.causes.asymmetric_damping import AsymmetricDamping
-from forefeel.common.causes.coulomb_friction import CoulombFriction
-from forefeel.common.causes.exponential_wall import ExponentialWall
-from forefeel.common.causes.hunt_crossley_damping import HuntCrossleyDamping
-from forefeel.common.causes.mains_hum import MainsHum
+from forefeel.common.causes.damping import AsymmetricDamping, HuntCrossleyDamping, QuadraticDrag
+from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis, StribeckFriction
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.causes.offline import Array
-from forefeel.common.causes.presliding_hysteresis import PreslidingHysteresis
-from forefeel.common.causes.pulsation import Pulsation
-from forefeel.common.causes.quadratic_drag import QuadraticDrag
-from forefeel.common.causes.sensor_lag import SensorLag
-from forefeel.common.causes.sensor_spikes import SensorSpikes
-from forefeel.common.causes.stiffening import Stiffening
-from forefeel.common.causes.stiffness_change import StiffnessChange
-from forefeel.common.causes.stribeck_friction import StribeckFriction
-from forefeel.common.causes.time_delay import TimeDelay
+from forefeel.common.causes.numerics import Array
+from forefeel.common.causes.periodic import MainsHum, Pulsation
+from forefeel.common.causes.sensor import SensorLag, SensorSpikes, TimeDelay
 from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
+from forefeel.common.causes.wall import ExponentialWall, Stiffening, StiffnessChange
 
 DT = 1e-3
 

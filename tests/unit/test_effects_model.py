@@ -8,7 +8,7 @@ import pytest
 
 from forefeel.common.causes import registry
 from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.coulomb_friction import CoulombFriction
+from forefeel.common.causes.friction import CoulombFriction
 from forefeel.common.causes.model import ContactModel
 
 DT = 1e-3

@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import numpy as np
 
 from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.offline import Array
+from forefeel.common.causes.numerics import Array
 
 
 class Cogging(ForceEffect):

@@ -6,9 +6,9 @@ resists.
 
 from forefeel.common.causes.candidate import Entry, Found, entry
 from forefeel.common.causes.catalogue import entries
-from forefeel.common.causes.mass_damper_spring import MassDamperSpring
 from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.causes.registry import OWN
+from forefeel.common.causes.wall import MassDamperSpring
 from forefeel.diagnosis.diagnose.analysis import Analysis
 from forefeel.diagnosis.diagnose.faults import Fault
 from forefeel.diagnosis.diagnose.regression import ModelFit, mass_site

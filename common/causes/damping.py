@@ -1,0 +1,100 @@
+"""Forces of the speed: viscous by direction, drag with its square, damping that grows with depth."""
+
+import numpy as np
+
+from forefeel.common.causes.base import ForceEffect, Parameter
+from forefeel.common.causes.candidate import ForceColumns, Found, MotionGrid, Shape, Values
+from forefeel.common.causes.numerics import Array
+
+
+def _bend(motion: MotionGrid, _shape: Shape) -> list[Array]:
+    return [np.abs(motion.v)]
+
+
+def _by_direction(found: Found) -> Values:
+    (more,), damping = found.coefficients, found.base[1]
+    return {"forward_n_s_m": damping + more, "backward_n_s_m": damping - more}
+
+
+class AsymmetricDamping(ForceEffect):
+    """`f = forward_n_s_m v` while inserting, `backward_n_s_m v` while retracting.
+
+    It adds to the `damping_n_s_m` of a `mass_damper_spring`. Only the sums of that one and these are
+    determined: where the damping is 0, these are the coefficients by direction.
+    """
+
+    name = "asymmetric_damping"
+    site = "shaft"
+    parameters = (
+        Parameter("forward_n_s_m", "N s/m", 0.0, 0.0, 1e6),
+        Parameter("backward_n_s_m", "N s/m", 0.0, 0.0, 1e6),
+    )
+    reference = "Janot, Gautier and Brunot, Data Set and Reference Models of EMPS, 2019, asymmetric friction"
+    fingerprint = "two slopes over velocity that meet at rest: a share proportional to |v|"
+    words = "damping that differs by direction"
+    equation = ("{forward_n_s_m} max(x', 0) + {backward_n_s_m} min(x', 0)",)
+    candidates = (
+        ForceColumns(signs=(0,), columns=_bend, at_wall=True, naming=_by_direction, picture="speed"),
+    )
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(max(v, 0), min(v, 0))."""
+        return (v, 0.0) if v > 0.0 else (0.0, v)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return np.stack((np.maximum(v, 0.0), np.minimum(v, 0.0))).T
+
+
+def _square(motion: MotionGrid, _shape: Shape) -> list[Array]:
+    return [motion.v * np.abs(motion.v)]
+
+
+class QuadraticDrag(ForceEffect):
+    """`f = drag_n_s2_m2 v |v|`."""
+
+    name = "quadratic_drag"
+    site = "shaft"
+    parameters = (Parameter("drag_n_s2_m2", "N s^2/m^2", 0.0, 0.0, 1e9),)
+    reference = "Newton's law of drag, Batchelor, An Introduction to Fluid Dynamics, 1967"
+    fingerprint = "odd in the velocity and growing with its square, without a jump at rest"
+    words = "drag with the square of the speed"
+    equation = ("{drag_n_s2_m2} x' |x'|",)
+    candidates = (ForceColumns(coefficients=("drag_n_s2_m2",), signs=(1,), columns=_square, picture="speed"),)
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(v |v|,)."""
+        return (v * abs(v),)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return (v * np.abs(v))[:, None]
+
+
+def _deep(motion: MotionGrid, _shape: Shape) -> list[Array]:
+    return [motion.depth * motion.v]
+
+
+class HuntCrossleyDamping(ForceEffect):
+    """`f = damping_n_s_m2 max(x, 0) v`: without a jump of force where the contact begins.
+
+    The damping part of Hunt and Crossley's law for a linear spring, whose elastic part the model has already.
+    """
+
+    name = "hunt_crossley_damping"
+    site = "wall"
+    parameters = (Parameter("damping_n_s_m2", "N s/m^2", 0.0, 0.0, 1e9),)
+    reference = "Hunt and Crossley, Coefficient of Restitution Interpreted as Damping, J. Appl. Mech. 42(2)"
+    fingerprint = "proportional to speed, and more so the deeper: a loop that widens with depth and speed"
+    words = "damping that grows with depth"
+    equation = ("{damping_n_s_m2} max(x, 0) x'",)
+    candidates = (
+        ForceColumns(
+            coefficients=("damping_n_s_m2",), signs=(1,), columns=_deep, at_wall=True, picture="depth"
+        ),
+    )
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(depth times velocity,)."""
+        return (x * v if x > 0.0 else 0.0,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return (np.maximum(x, 0.0) * v)[:, None]

@@ -1,0 +1,100 @@
+"""Evaluation of whole recordings: arrays, intervals, compiled loops, first-order lags, means over samples."""
+
+from collections.abc import Callable
+from functools import cache, wraps
+from math import exp
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def intervals_s(t: Array) -> Array:
+    """dt before each stamp, shape (n,); 0 before the first, where every effect is at rest."""
+    return np.diff(t, prepend=t[:1])
+
+
+def lazy_kernel(function: F) -> F:
+    """Compiles the loop at its first call: a daemon, which never calls it, does not load the compiler.
+
+    Arrays reach it contiguous and writable, copied where they are not: one compilation fits all recordings.
+    """
+
+    @cache
+    def compiled() -> Callable[..., Any]:
+        from forefeel.common.jit import kernel  # noqa: PLC0415 - loads numba
+
+        return kernel(function)
+
+    @wraps(function)
+    def call(*arguments: object) -> object:
+        return compiled()(*map(_plain, arguments))
+
+    return cast(F, call)
+
+
+def _plain(argument: object) -> object:
+    return np.require(argument, np.float64, ["C", "W"]) if isinstance(argument, np.ndarray) else argument
+
+
+class FirstOrderLag:
+    """`tau dy/dt = u - y`, solved exactly: `y(t + dt) = u + (y(t) - u) exp(-dt / tau)`."""
+
+    def __init__(self, time_constant_s: float) -> None:
+        self._time_constant_s = time_constant_s
+        self._dt, self._decay = 0.0, 1.0
+        self.value = 0.0
+
+    def advance(self, u: float, dt: float) -> float:
+        """y after dt; the exponential is computed again only when dt changes."""
+        if dt != self._dt:
+            self._dt, self._decay = dt, exp(-dt / self._time_constant_s)
+        self.value = value = u + (self.value - u) * self._decay
+        return value
+
+
+def lagged(u: Array, dt: Array, time_constant_s: float, start: float = 0.0) -> Array:
+    """y after each dt, shape (n,): `FirstOrderLag` over a whole recording, `start` before it."""
+    return _recursion(u, np.exp(dt / -time_constant_s), start)
+
+
+@lazy_kernel
+def _recursion(u: Array, decay: Array, start: float) -> Array:
+    y = np.empty_like(u)
+    value = start
+    for i in range(len(u)):
+        value = u[i] + (value - u[i]) * decay[i]
+        y[i] = value
+    return y
+
+
+def sign_means(v: Array, band: float) -> Array:
+    """Mean of sign(v), linear within +-`band`, over each sample's interval."""
+
+    def integral(u: Array) -> Array:
+        size = np.abs(u)
+        return np.where(size < band, 0.5 * u * u / band, size - 0.5 * band)
+
+    return _means(v, integral, lambda u: np.clip(u / band, -1.0, 1.0))
+
+
+def share_above(x: Array, limit: float) -> Array:
+    """Share of each sample's interval in which x is above the limit."""
+    return _means(x - limit, lambda u: np.maximum(u, 0.0), lambda u: np.asarray(u > 0.0, dtype=np.float64))
+
+
+def _means(u: Array, integral: Callable[[Array], Array], value: Callable[[Array], Array]) -> Array:
+    """Over half an interval to each side, by differences of the integral."""
+    between = 0.5 * (u[1:] + u[:-1])
+    ends = np.concatenate([u[:1], between]), np.concatenate([between, u[-1:]])
+    total, at = integral(u), value(u)
+    halves = []
+    for end in ends:
+        step = end - u
+        large = np.abs(step) > 1e-9 * (np.abs(u) + np.abs(end)) + 1e-300
+        slope = (integral(end) - total) / np.where(large, step, 1.0)
+        halves.append(np.where(large, slope, at))
+    return np.asarray(0.5 * (halves[0] + halves[1]))

@@ -1,0 +1,210 @@
+"""Periodic forces: pulsation, hum of the mains, a map over the position."""
+
+from collections.abc import Sequence
+from math import atan2, cos, hypot, pi, sin
+
+import numpy as np
+
+from forefeel.common.causes.base import ForceEffect, Parameter
+from forefeel.common.causes.candidate import (
+    Entry,
+    Extent,
+    Found,
+    MotionGrid,
+    Periodic,
+    PositionWave,
+    Shape,
+    Values,
+    entry,
+    log_grid,
+)
+from forefeel.common.causes.numerics import Array
+
+
+def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -> tuple[Parameter, ...]:
+    """The parameters of a periodic force whose fundamental lies between these bounds."""
+    return (
+        Parameter("amplitude_n", "N", 0.0, 0.0, 1e3),
+        Parameter("frequency_hz", "Hz", frequency_hz, lower_hz, upper_hz, linear=False),
+        Parameter("phase_rad", "rad", 0.0, -2.0 * pi, 2.0 * pi, linear=False),
+        *(
+            parameter
+            for nth in ("second", "third")
+            for parameter in (
+                Parameter(f"{nth}_harmonic_ratio", "", 0.0, -100.0, 100.0, linear=False),
+                Parameter(f"{nth}_harmonic_phase_rad", "rad", 0.0, -2.0 * pi, 2.0 * pi, linear=False),
+            )
+        ),
+    )
+
+
+class PeriodicForce(ForceEffect):
+    """The force of the module's formula; t counts from the caller's own zero."""
+
+    def _configure(self) -> None:
+        values = self.values
+        self._omega, self._phase = 2.0 * pi * values["frequency_hz"], values["phase_rad"]
+        self._ratio2, self._ratio3 = values["second_harmonic_ratio"], values["third_harmonic_ratio"]
+        self._phase2, self._phase3 = (
+            values["second_harmonic_phase_rad"],
+            values["third_harmonic_phase_rad"],
+        )
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(sin p + r2 sin(2p + q2) + r3 sin(3p + q3),)."""
+        p = self._omega * t + self._phase
+        wave = sin(p)
+        if self._ratio2:
+            wave += self._ratio2 * sin(2.0 * p + self._phase2)
+        if self._ratio3:
+            wave += self._ratio3 * sin(3.0 * p + self._phase3)
+        return (wave,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        sines = _sines(self._omega * t + self._phase)
+        wave = sines[0]
+        higher = (self._ratio2, self._phase2), (self._ratio3, self._phase3)
+        for (ratio, phase), sine, cosine in zip(higher, sines[2::2], sines[3::2], strict=True):
+            if ratio:
+                wave = wave + ratio * cos(phase) * sine + ratio * sin(phase) * cosine
+        return wave[:, None]
+
+    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:
+        """Sine and cosine of each harmonic at phase 0, shape (n, 6)."""
+        return np.stack(_sines(self._omega * t)).T
+
+    def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
+        """Amplitude, ratios and phases from sines and cosines; the fundamental must not vanish for ratios."""
+        sine, cosine, *higher = map(float, coefficients)
+        amplitude_n, phase = hypot(sine, cosine), atan2(cosine, sine)
+        found = {**self.values, "amplitude_n": amplitude_n, "phase_rad": phase}
+        for order, nth in ((2, "second"), (3, "third")):
+            sine, cosine, *higher = higher
+            ratio = hypot(sine, cosine) / amplitude_n if amplitude_n > 0.0 else 0.0
+            turned = atan2(cosine, sine) - order * phase
+            found[f"{nth}_harmonic_ratio"] = ratio
+            found[f"{nth}_harmonic_phase_rad"] = atan2(sin(turned), cos(turned))
+        return found
+
+    @classmethod
+    def shape_names(cls) -> tuple[str, ...]:
+        """The frequency: phases and ratios are linear in the span."""
+        return ("frequency_hz",)
+
+
+def _sines(p: Array) -> tuple[Array, ...]:
+    """sin p, cos p, sin 2p, cos 2p, sin 3p, cos 3p."""
+    s, c = np.sin(p), np.cos(p)
+    twice, square = 2.0 * s * c, 2.0 * c * c - 1.0
+    return s, c, twice, square, s * (2.0 * square + 1.0), c * (2.0 * square - 1.0)
+
+
+def _sines_and_cosines(t: Array, shape: Shape) -> Array:
+    """sin of a frequency and its two harmonics, then cos, shape (n, 6)."""
+    phase = 2.0 * np.pi * shape[0] * t[:, None] * np.arange(1, 4)
+    return np.hstack([np.sin(phase), np.cos(phase)])
+
+
+def _strongest(found: Found) -> Values:
+    c = found.coefficients
+    sizes = [hypot(sine, cosine) for sine, cosine in zip(c[:3], c[3:], strict=True)]
+    return {"frequency_hz": found.shape[0], "amplitude_n": max(sizes)}
+
+
+def _wave(found: Found) -> list[Entry]:
+    """With phases by the stamp."""
+    (frequency_hz,), c = found.shape, found.coefficients
+    wave = c[:3] + 1j * c[3:]  # sin + i cos: amplitude times exp(i phase) of a sine
+    wave = wave * np.exp(-2j * np.pi * frequency_hz * found.start_s * np.arange(1, 4))
+    pairs = np.column_stack([wave.real, wave.imag]).ravel().tolist()
+    return [entry(Pulsation, Pulsation(frequency_hz=frequency_hz).from_span(pairs))]
+
+
+class Pulsation(PeriodicForce):
+    """`f = A (sin p + r2 sin(2p + q2) + r3 sin(3p + q3))`, p = 2 pi frequency_hz t + phase_rad.
+
+    A = amplitude_n, r2 = second_harmonic_ratio, q2 = second_harmonic_phase_rad, r3 and q3 likewise.
+    t counts from the caller's own zero, so a phase found on one recording holds for that recording only.
+    """
+
+    name = "pulsation"
+    site = "wall"
+    parameters = harmonic_parameters(1.2, 0.05, 50.0)
+    reference = "Fourier series of the arterial pulse, McDonald's Blood Flow in Arteries, 6th ed."
+    fingerprint = "a line in the spectrum and its harmonics that stay while the operator holds still"
+    words = "a periodic force of its own, such as heart beat or breath"
+    equation = ("{amplitude_n} sin(2 pi {frequency_hz} t) and harmonics",)
+    candidates = (
+        Periodic(
+            signs=(0,) * 6, columns=_sines_and_cosines, naming=_strongest, making=_wave, picture="period"
+        ),
+    )
+
+
+class MainsHum(PeriodicForce):
+    """`f = A (sin p + r2 sin(2p + q2) + r3 sin(3p + q3))`, p = 2 pi frequency_hz t + phase_rad.
+
+    A = amplitude_n, r2 = second_harmonic_ratio, q2 = second_harmonic_phase_rad, r3 and q3 likewise.
+    Also at no load. t counts from the caller's own zero.
+    """
+
+    name = "mains_hum"
+    site = "sensor"
+    parameters = harmonic_parameters(50.0, 45.0, 65.0)
+    reference = "Ott, Electromagnetic Compatibility Engineering, 2009; mains of 50 or 60 Hz"
+    fingerprint = "a narrow line at 50 or 60 Hz and its harmonics, the same at rest and at no load"
+    words = "hum of the mains"
+
+
+_LEAST_SCORE = 30.0  # chosen: of hundreds of periods the best of pure noise gains up to half of that
+
+
+def _two_harmonics(x: Array, period_m: float) -> list[Array]:
+    phase = (2.0 * np.pi / period_m) * x
+    return [np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)]
+
+
+def _waves(motion: MotionGrid, shape: Shape) -> list[Array]:
+    return _two_harmonics(motion.x, shape[0])
+
+
+def _periods(extent: Extent) -> list[Shape]:
+    return log_grid(extent.range_m / 20.0, extent.range_m / 3.0, 4)
+
+
+_NAMES = "sine_n", "cosine_n", "second_sine_n", "second_cosine_n"
+
+
+class PositionMap(ForceEffect):
+    """`f = sum over j = 1, 2 of A_j sin(j p) + B_j cos(j p)`, p = 2 pi x / period_m.
+
+    Periodic where the stroke holds several periods; of a period longer than the stroke a smooth map, which
+    no diagnosis looks for: it would take the place of a spring, a wall or a friction that is not understood.
+    """
+
+    name = "position_map"
+    site = "shaft"
+    parameters = (
+        *(Parameter(name, "N", 0.0, -1e4, 1e4) for name in _NAMES),
+        Parameter("period_m", "m", 0.01, 1e-6, 1e3, linear=False),
+    )
+    reference = "Fourier series; gravity of a joint: Armstrong, Khatib and Burdick, ICRA 1986"
+    fingerprint = "a curve over position, the same in both directions, at any speed and at rest"
+    words = "a force that belongs to the position, such as cogging or a screw's pitch"
+    equation = (
+        "{sine_n} sin(p) + {cosine_n} cos(p) + {second_sine_n} sin(2 p) + {second_cosine_n} cos(2 p), "
+        "p = 2 pi x/{period_m}",
+    )
+    candidates = (
+        PositionWave(
+            coefficients=_NAMES, shapes=("period_m",), signs=(0,) * 4, columns=_waves, grid=_periods,
+            costly=True, least_score=_LEAST_SCORE, picture="position",
+        ),
+    )  # fmt: skip
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """sin p, cos p, sin 2p, cos 2p."""
+        return tuple(float(each) for each in _two_harmonics(np.asarray(x), self.values["period_m"]))
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return np.stack(_two_harmonics(x, self.values["period_m"])).T

@@ -1,0 +1,323 @@
+"""Load cell and its chain: bias, drift, lag, delay, rounding, range, outliers."""
+
+from collections import deque
+from math import floor
+
+import numpy as np
+
+from forefeel.common.causes.base import ForceEffect, Parameter, SensorEffect
+from forefeel.common.causes.candidate import (
+    Alignment,
+    Entry,
+    Extent,
+    Found,
+    ReadingColumns,
+    Shape,
+    Spectrum,
+    Values,
+    entry,
+    log_grid,
+)
+from forefeel.common.causes.numerics import Array, FirstOrderLag, lagged
+
+
+def _constant(t: Array, _shape: Shape) -> Array:
+    return np.ones((len(t), 1))
+
+
+class Bias(ForceEffect):
+    """`f = force_n`, also at no load."""
+
+    name = "bias"
+    site = "sensor"
+    parameters = (Parameter("force_n", "N", 0.0, -1e4, 1e4),)
+    reference = "additive offset of the measurement"
+    fingerprint = "a constant level that does not depend on motion or time"
+    words = "a constant offset of the load cell"
+    equation = ("{force_n}",)
+    candidates = (
+        ReadingColumns(
+            coefficients=("force_n",), signs=(0,), columns=_constant, least_score=4.0, least_ratio=1.0
+        ),
+    )
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(1,)."""
+        return (1.0,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return np.ones((len(t), 1))
+
+
+def _ramp(t: Array, _shape: Shape) -> Array:
+    return t[:, None]
+
+
+def _creep(t: Array, shape: Shape) -> Array:
+    return (1.0 - np.exp(-t / shape[0]))[:, None]
+
+
+def _times(extent: Extent) -> list[Shape]:
+    return log_grid(0.1 * extent.duration_s, 0.7 * extent.duration_s, 5)
+
+
+def _settling(found: Found) -> Values:
+    return {"rate_n_s": found.coefficients[0] / found.shape[0], "settling_s": found.shape[0]}
+
+
+def _from_start(found: Found) -> list[Entry]:
+    """The ramp, and the bias that it has at the stamp 0."""
+    rate = found.coefficients[0] / (found.shape[0] if found.shape else 1.0)
+    shift = [entry(Bias, {"force_n": -rate * found.start_s})] if found.start_s else []
+    return [entry(SensorDrift, {"rate_n_s": rate}), *shift]
+
+
+class SensorDrift(ForceEffect):
+    """`f = rate_n_s t`, also at no load; t counts from the caller's own zero."""
+
+    name = "sensor_drift"
+    site = "sensor"
+    parameters = (Parameter("rate_n_s", "N/s", 0.0, -1e3, 1e3),)
+    reference = "linear zero drift of the measurement"
+    fingerprint = "a straight ramp in time that goes on at rest and at no load"
+    words = "a drift of the load cell"
+    equation = ("{rate_n_s} t",)
+    candidates = (
+        ReadingColumns(coefficients=("rate_n_s",), signs=(0,), columns=_ramp, making=_from_start),
+        ReadingColumns(
+            form="creep",
+            signs=(0,),
+            columns=_creep,
+            grid=_times,
+            naming=_settling,
+            sizes=("rate_n_s",),
+            making=_from_start,
+        ),
+    )  # fmt: skip
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(t,)."""
+        return (t,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return t[:, None].copy()
+
+
+def _slow(omega: Array, shape: Shape) -> Spectrum:
+    return np.asarray(1.0 / (1.0 + 1j * omega * shape[0]))
+
+
+def _lag_times(extent: Extent) -> list[Shape]:
+    return log_grid(0.1 / extent.cutoff_hz, 0.5, 10)
+
+
+class SensorLag(SensorEffect):
+    """`tau dy/dt = f - y`, tau = time_constant_s, exact for a force constant over dt.
+
+    Starts settled at the first force.
+    """
+
+    name = "sensor_lag"
+    linear = True
+    parameters = (Parameter("time_constant_s", "s", 0.005, 1e-6, 1e3, linear=False),)
+    reference = "first-order low-pass filter, zero-order-hold discretisation"
+    fingerprint = "the force follows the motion late, and smaller the higher the frequency"
+    words = "a load cell that follows slowly"
+    equation = ("f read through a lag of {time_constant_s} s",)
+    candidates = (
+        Alignment(
+            shapes=("time_constant_s",), factor=_slow, grid=_lag_times, sizes=("time_constant_s",),
+            picture="phase",
+        ),
+    )  # fmt: skip
+
+    def reset(self) -> None:
+        """The next force is taken as settled."""
+        self._lag = FirstOrderLag(self.values["time_constant_s"])
+        self._settled = False
+
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The lagged force in N."""
+        if not self._settled:
+            self._lag.value, self._settled = force_n, True
+        return self._lag.advance(force_n, dt)
+
+    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+        return lagged(force_n, dt, self.values["time_constant_s"], float(force_n[0]) if len(force_n) else 0.0)
+
+
+def _late(omega: Array, shape: Shape) -> Spectrum:
+    return np.asarray(np.exp(-1j * omega * shape[0]))
+
+
+def _delays(extent: Extent) -> list[Shape]:
+    return log_grid(0.1 / extent.cutoff_hz, 0.3, 12)
+
+
+class TimeDelay(SensorEffect):
+    """`y(t) = f(t - delay_s)`, straight between the steps; before its first force that one is taken."""
+
+    name = "time_delay"
+    linear = True
+    parameters = (Parameter("delay_s", "s", 0.0, 0.0, 10.0, linear=False),)
+    reference = "pure transport delay"
+    fingerprint = "the force follows the motion late by one time at every frequency, and is as large"
+    words = "a force that is stamped late against the motion"
+    equation = ("f read {delay_s} s late",)
+    candidates = (
+        Alignment(shapes=("delay_s",), factor=_late, grid=_delays, sizes=("delay_s",), picture="phase"),
+    )
+
+    def _configure(self) -> None:
+        self._delay_s = self.values["delay_s"]
+
+    def reset(self) -> None:
+        """Forgets the forces on their way."""
+        self._past: deque[tuple[float, float]] = deque()
+
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The force in N of a delay ago."""
+        past, then = self._past, t - self._delay_s
+        past.append((t, force_n))
+        while len(past) > 1 and past[1][0] <= then:
+            past.popleft()
+        start, before_n = past[0]
+        if then <= start or len(past) == 1:
+            return before_n
+        end, after_n = past[1]
+        return before_n + (after_n - before_n) * (then - start) / (end - start)
+
+    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+        return np.interp(t - self._delay_s, t, force_n) if len(t) else force_n
+
+
+class SensorQuantisation(SensorEffect):
+    """Rounds to the nearest multiple of step_n, halves to even."""
+
+    name = "sensor_quantisation"
+    parameters = (Parameter("step_n", "N", 1e-6, 1e-12, 1e3, linear=False),)
+    reference = "uniform mid-tread quantiser, Widrow and Kollar, Quantization Noise, 2008"
+    fingerprint = "a comb of levels at equal distances in the histogram of the readings"
+    words = "coarse steps of the load cell"
+
+    def _configure(self) -> None:
+        self._step_n = self.values["step_n"]
+
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The nearest level in N."""
+        return round(force_n / self._step_n) * self._step_n
+
+    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+        return np.rint(force_n / self._step_n) * self._step_n
+
+
+class SensorSaturation(SensorEffect):
+    """Clips to +- limit_n."""
+
+    name = "sensor_saturation"
+    parameters = (Parameter("limit_n", "N", 1e4, 1e-9, 1e6, linear=False),)
+    reference = "end of the measuring range"
+    fingerprint = "flat tops: many readings at exactly the largest magnitude"
+    words = "the end of the load cell's range"
+
+    def _configure(self) -> None:
+        self._limit_n = self.values["limit_n"]
+
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The force in N, at most the limit in magnitude."""
+        return max(-self._limit_n, min(self._limit_n, force_n))
+
+    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+        return np.clip(force_n, -self._limit_n, self._limit_n)
+
+
+_SLOTS = 10
+"""Slots per mean interval; each holds a spike with the probability of one in so many."""
+
+_LONGEST_S = 0.1  # s, longest spike: the upper bound of `duration_s`; a longer step of time counts as this
+_MASK_64 = 0xFFFFFFFFFFFFFFFF  # 2^64 - 1: keeps integers within 64 bits, as SplitMix64 computes
+
+
+class SensorSpikes(SensorEffect):
+    """Spikes at irregular instants, `rate_hz` of them per second on average, each up or down.
+
+    One lasts `duration_s`, or one step where that is longer (0.1 s at most), and adds 0.5 to 1.5 times
+    `amplitude_n`. Instants and sizes are a hash of `seed` and time: equal seeds and times give equal spikes,
+    at any rate of steps.
+    """
+
+    name = "sensor_spikes"
+    parameters = (
+        Parameter("rate_hz", "Hz", 0.0, 0.0, 1e3, linear=False),
+        Parameter("amplitude_n", "N", 0.0, 0.0, 1e4, linear=False),
+        Parameter("duration_s", "s", 0.001, 1e-6, 0.1, linear=False),
+        Parameter("seed", "", 0.0, 0.0, 2.0**31, linear=False),
+    )
+    reference = "Bernoulli process of additive outliers; hash: Steele, Lea and Flood, SplitMix, OOPSLA 2014"
+    fingerprint = "single readings far off their neighbours, at instants that motion does not explain"
+    words = "isolated outliers of the load cell"
+
+    def _configure(self) -> None:
+        self._amplitude_n, self._duration_s = self.values["amplitude_n"], self.values["duration_s"]
+        self._slots_hz = self.values["rate_hz"] * _SLOTS
+        self._seed = int(self.values["seed"]) * 0xD1342543DE82EF95
+        self._slot = 0
+        self._spike = self._in_slot(0)
+
+    def sense(self, t: float, force_n: float, dt: float) -> float:
+        """The force in N, and the newest spike where one lasts."""
+        if self._slots_hz == 0.0:
+            return force_n
+        since = t - min(max(dt, self._duration_s), _LONGEST_S)
+        first = floor(since * self._slots_hz)
+        for slot in range(floor(t * self._slots_hz), first - 1, -1):
+            if slot != self._slot:
+                self._slot, self._spike = slot, self._in_slot(slot)
+            if self._spike is not None and since < self._spike[0] <= t:
+                return force_n + self._spike[1]
+        return force_n
+
+    def _in_slot(self, slot: int) -> tuple[float, float] | None:
+        """(instant s, size N) of the spike in a slot, if it holds one."""
+        if self._slots_hz == 0.0 or _uniform(slot * 4 + self._seed) * _SLOTS >= 1.0:
+            return None
+        place, size = _uniform(slot * 4 + 1 + self._seed), _uniform(slot * 4 + 2 + self._seed)
+        share = 2.0 * size - 1.0
+        return (slot + place) / self._slots_hz, self._amplitude_n * (share + (0.5 if share >= 0.0 else -0.5))
+
+    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+        if self._slots_hz == 0.0 or not len(t):
+            return force_n
+        instants, sizes_n = self._between(float(t[0]) - _LONGEST_S, float(t[-1]))
+        reached = np.searchsorted(t, instants)  # fewer to search for than stamps
+        newest = np.cumsum(np.bincount(reached, minlength=len(t) + 1)[: len(t)]) - 1
+        since = t - np.clip(dt, self._duration_s, _LONGEST_S)
+        lasting = np.flatnonzero(instants[newest] > since)
+        readings = np.array(force_n, dtype=np.float64)
+        readings[lasting] += sizes_n[newest[lasting]]
+        return readings
+
+    def _between(self, start: float, end: float) -> tuple[Array, Array]:
+        """Instants and sizes of the spikes between two times, and some before; never empty."""
+        slots = np.arange(floor(start * self._slots_hz) - 1, floor(end * self._slots_hz) + 1)
+        hold = slots[_uniforms(slots * 4, self._seed) * _SLOTS < 1.0]
+        share = 2.0 * _uniforms(hold * 4 + 2, self._seed) - 1.0
+        sizes_n = self._amplitude_n * (share + np.where(share >= 0.0, 0.5, -0.5))
+        instants = (hold + _uniforms(hold * 4 + 1, self._seed)) / self._slots_hz
+        return np.append(-np.inf, instants), np.append(0.0, sizes_n)
+
+
+def _uniform(number: int) -> float:
+    """SplitMix64 of an integer, in [0, 1)."""
+    z = (number * 0x9E3779B97F4A7C15) & _MASK_64
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK_64
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK_64
+    return float((z ^ (z >> 31)) >> 11) * 2.0**-53
+
+
+def _uniforms(numbers: np.ndarray[tuple[int], np.dtype[np.int64]], seed: int) -> Array:
+    """`_uniform` of each number plus the seed; unsigned integers wrap as the mask does."""
+    z = (numbers.astype(np.uint64) + np.uint64(seed & _MASK_64)) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return ((z ^ (z >> np.uint64(31))) >> np.uint64(11)).astype(np.float64) * 2.0**-53

@@ -1,0 +1,404 @@
+"""What is touched: mass, damper and spring, stiffening, relaxation, a change of stiffness, lost contact."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import expm1
+
+import numpy as np
+
+from forefeel.common.causes.base import ContactEffect, ForceEffect, Parameter
+from forefeel.common.causes.candidate import (
+    Entry,
+    Extent,
+    ForceColumns,
+    Found,
+    MotionGrid,
+    Shape,
+    Transmission,
+    Values,
+    entry,
+    log_grid,
+    two,
+)
+from forefeel.common.causes.numerics import Array, FirstOrderLag, lagged, share_above
+
+
+class MassDamperSpring(ForceEffect):
+    """`f = m a + b v + k x`."""
+
+    name = "mass_damper_spring"
+    site = "wall"
+    parameters = (
+        Parameter("mass_kg", "kg", 0.01, 0.0, 1e4),
+        Parameter("damping_n_s_m", "N s/m", 0.1, 0.0, 1e6),
+        Parameter("stiffness_n_m", "N/m", 1.0, 0.0, 1e9),
+    )
+    reference = (
+        "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot "
+        "Based on Parameter Identification, equation (1)"
+    )
+    fingerprint = "proportional to acceleration, velocity or position: ellipses without jumps or memory"
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(a, v, x)."""
+        return (a, v, x)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return np.stack((a, v, x)).T
+
+
+_MOST = 50.0
+"""Lengths beyond which the force stays: far outside of any tissue, and of no overflow."""
+
+
+class ExponentialWall(ForceEffect):
+    """`f = exponential_n (exp(x / L) - 1 - x / L)`, L = length_m.
+
+    Fung's law without its linear part, which is the stiffness of `mass_damper_spring`; like that spring it
+    acts on both sides of zero unless there is a `contact_loss`. To second and third order in x it is
+    `stiffening`.
+    """
+
+    name = "exponential_wall"
+    site = "wall"
+    parameters = (
+        Parameter("exponential_n", "N", 0.0, 0.0, 1e4),
+        Parameter("length_m", "m", 0.01, 1e-5, 1e2, linear=False),
+    )
+    reference = "Fung, Elasticity of soft tissues in simple elongation, Am. J. Physiol. 213, 1967"
+    fingerprint = "a curve over position that steepens without end, the same on the way in and out"
+
+    def _configure(self) -> None:
+        self._length_m = self.values["length_m"]
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(exp(x / L) - 1 - x / L,)."""
+        depth = max(min(x / self._length_m, _MOST), -_MOST)
+        return (expm1(depth) - depth,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        depth = np.clip(x / self._length_m, -_MOST, _MOST)
+        return (np.expm1(depth) - depth)[:, None]
+
+
+def _powers(motion: MotionGrid, _shape: Shape) -> list[Array]:
+    return [motion.x**2, motion.x**3]
+
+
+def _exponential(motion: MotionGrid, shape: Shape) -> list[Array]:
+    return [ExponentialWall(length_m=shape[0]).columns(motion.t, motion.x, motion.v, motion.a)[:, 0]]
+
+
+def _depths(extent: Extent) -> list[Shape]:
+    return log_grid(0.12 * extent.reach_m, 1.5 * extent.reach_m, 6)
+
+
+def _series(found: Found) -> Values:
+    """The exponential with its second and third order."""
+    (force_n,), (length_m,) = found.coefficients, found.shape
+    return {
+        "quadratic_n_m2": force_n / (2.0 * length_m**2), "cubic_n_m3": force_n / (6.0 * length_m**3),
+        "exponential_n": force_n, "length_m": length_m,
+    }  # fmt: skip
+
+
+def _wall(found: Found) -> list[Entry]:
+    return [entry(ExponentialWall, _series(found))]
+
+
+class Stiffening(ForceEffect):
+    """`f = k2 x^2 + k3 x^3`."""
+
+    name = "stiffening"
+    site = "wall"
+    parameters = (
+        Parameter("quadratic_n_m2", "N/m^2", 0.0, -1e9, 1e9),
+        Parameter("cubic_n_m3", "N/m^3", 0.0, -1e12, 1e12),
+    )
+    reference = "polynomial restoring force, Duffing, Erzwungene Schwingungen, 1918"
+    fingerprint = "a curve over position, the same on the way in and out and at any speed"
+    words = "a spring whose stiffness changes with depth"
+    equation = (
+        "{quadratic_n_m2} x^2 + {cubic_n_m3} x^3",
+        "{exponential_n} (exp(x/{length_m}) - 1)",
+    )
+    candidates = (
+        ForceColumns(
+            coefficients=("quadratic_n_m2", "cubic_n_m3"), signs=(0, 0), columns=_powers, at_wall=True,
+            picture="position",
+        ),
+        ForceColumns(
+            form="exponential", signs=(1,), columns=_exponential, grid=_depths, at_wall=True, naming=_series,
+            sizes=("exponential_n",), making=_wall, picture="position",
+        ),
+    )  # fmt: skip
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(x^2, x^3)."""
+        square = x * x
+        return (square, square * x)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        square = x * x
+        return np.stack((square, square * x)).T
+
+
+def _branch(motion: MotionGrid, shape: Shape) -> list[Array]:
+    """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left,
+    exp(-t/tau).
+    """
+    from scipy.signal import lfilter  # noqa: PLC0415 - a daemon starts without it
+
+    q = np.empty_like(motion.x)
+    for piece in motion.pieces:
+        x = motion.x[piece]
+        dt = float(motion.t[piece][1] - motion.t[piece][0])
+        decay = np.exp(-dt / shape[0])
+        gain = shape[0] / dt * (1.0 - decay)
+        q[piece] = lfilter([gain], [1.0, -decay], np.diff(x, prepend=x[:1]))
+    first = np.zeros_like(q)
+    first[motion.pieces[0]] = np.exp(-motion.t[motion.pieces[0]] / shape[0])
+    return [q, first]
+
+
+def _branches(motion: MotionGrid, shape: Shape) -> list[Array]:
+    return _branch(motion, shape[:1]) + _branch(motion, shape[1:])
+
+
+def _times(extent: Extent) -> list[Shape]:
+    return log_grid(2.0 / extent.cutoff_hz, 0.25 * extent.duration_s, 10)
+
+
+def _pairs(extent: Extent) -> list[Shape]:
+    return two(log_grid(2.0 / extent.cutoff_hz, 0.25 * extent.duration_s, 6))
+
+
+def _both(found: Found) -> Values:
+    c, s = found.coefficients, found.shape
+    return {
+        "stiffness_n_m": c[0], "time_constant_s": s[0],
+        "second_stiffness_n_m": c[2], "second_time_constant_s": s[1],
+    }  # fmt: skip
+
+
+def _each(found: Found) -> list[Entry]:
+    return [
+        entry(StressRelaxation, {"stiffness_n_m": k, "time_constant_s": tau})
+        for k, tau in zip(found.coefficients[::2], found.shape, strict=True)
+    ]
+
+
+class StressRelaxation(ForceEffect):
+    """One Maxwell branch `df/dt = k v - f / tau`, k = stiffness_n_m, tau = time_constant_s.
+
+    Its elongation q = f / k obeys `tau dq/dt = tau v - q`, solved exactly for a velocity constant over dt.
+    A model may hold several branches.
+    """
+
+    name = "stress_relaxation"
+    site = "wall"
+    parameters = (
+        Parameter("stiffness_n_m", "N/m", 1.0, 0.0, 1e9),
+        Parameter("time_constant_s", "s", 1.0, 1e-4, 1e4, linear=False),
+    )
+    reference = "Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., chapter 2"
+    fingerprint = (
+        "an exponential fading during each hold, of opposite sign after a withdrawal; "
+        "the loop is widest at one speed"
+    )
+    words = "a force that fades while the instrument is held"
+    equation = ("{stiffness_n_m} z; z' = x' - z/{time_constant_s}",)
+    candidates = (
+        ForceColumns(
+            coefficients=("stiffness_n_m",), shapes=("time_constant_s",), signs=(1, 0), columns=_branch,
+            grid=_times, at_wall=True,
+        ),
+        ForceColumns(
+            form="two", signs=(1, 0, 1, 0), columns=_branches, grid=_pairs, at_wall=True, naming=_both,
+            sizes=("stiffness_n_m",), making=_each,
+        ),
+    )  # fmt: skip
+
+    def _configure(self) -> None:
+        self._tau = self.values["time_constant_s"]
+
+    def reset(self) -> None:
+        """The branch is relaxed."""
+        self._elongation = FirstOrderLag(self._tau)
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """(elongation of the branch's spring in m,)."""
+        return (self._elongation.advance(self._tau * v, dt),)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return lagged(self._tau * v, dt, self._tau)[:, None]
+
+
+def _later(motion: MotionGrid, shape: Shape) -> list[Array]:
+    return [motion.x * (motion.t > shape[0])]
+
+
+def _later_about_rest(motion: MotionGrid, shape: Shape) -> list[Array]:
+    after = np.asarray(motion.t > shape[0], dtype=np.float64)
+    return [motion.x * after, after]
+
+
+def _instants(extent: Extent) -> list[Shape]:
+    return [(float(t),) for t in np.linspace(0.0, extent.duration_s, 32)[2:-2]]
+
+
+def _ratio(found: Found) -> Values:
+    change, stiffness = found.coefficients[0], found.base[2]
+    return {
+        "time_s": found.start_s + found.shape[0],
+        "ratio": 1.0 + change / stiffness if stiffness else float("inf"),
+    }
+
+
+def _ratio_and_rest(found: Found) -> Values:
+    change, level = found.coefficients
+    return {**_ratio(found), "rest_position_m": -level / change if change else float("inf")}
+
+
+def _change(found: Found) -> list[Entry]:
+    stiffness = float(max(found.base[2], 1e-9))
+    effect = StiffnessChange(stiffness_n_m=stiffness, time_s=found.start_s + found.shape[0])
+    change, level = (*map(float, found.coefficients), 0.0)[:2]
+    return [entry(StiffnessChange, effect.from_span([change, level]))]
+
+
+class StiffnessChange(ForceEffect):
+    """From `time_s` on the wall's stiffness is `ratio` times what it was.
+
+    An effect adds a force, so this is what the change adds: `f = stiffness_n_m (ratio - 1) (x - x0)` from
+    `time_s` on, where stiffness_n_m repeats the wall's stiffness before the change and x0 = rest_position_m
+    is where its spring is relaxed. t counts from the caller's own zero.
+    """
+
+    name = "stiffness_change"
+    site = "wall"
+    parameters = (
+        Parameter("stiffness_n_m", "N/m", 1.0, 1e-9, 1e9),
+        Parameter("time_s", "s", 0.0, -1e9, 1e9, linear=False),
+        Parameter("ratio", "", 1.0, 0.0, 1e3, linear=False),
+        Parameter("rest_position_m", "m", 0.0, -1e3, 1e3, linear=False),
+    )
+    reference = "spring with a step in its stiffness; punctures: Okamura et al., IEEE T-BME 51(10), 2004"
+    fingerprint = "nothing up to an instant, proportional to position from then on"
+    words = "a stiffness that changes at an instant"
+    candidates = (
+        ForceColumns(
+            signs=(0,), columns=_later, logarithmic=False, grid=_instants, at_wall=True, naming=_ratio,
+            making=_change,
+        ),
+        ForceColumns(
+            form="rest", signs=(0, 0), columns=_later_about_rest, logarithmic=False, grid=_instants,
+            least_score=40.0, least_ratio=1.5,  # a level that steps describes a little of anything slow
+            at_wall=True, naming=_ratio_and_rest, making=_change,
+        ),
+    )  # fmt: skip
+
+    def _configure(self) -> None:
+        self._time_s, self._rest_m = self.values["time_s"], self.values["rest_position_m"]
+        self._more = self.values["ratio"] - 1.0
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        """((ratio - 1) (x - x0) from time_s on,)."""
+        return (self._more * (x - self._rest_m) if t >= self._time_s else 0.0,)
+
+    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return np.where(t >= self._time_s, self._more * (x - self._rest_m), 0.0)[:, None]
+
+    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:
+        """(x, 1) from time_s on, shape (n, 2)."""
+        after = t >= self._time_s
+        return np.stack((np.where(after, x, 0.0), after.astype(np.float64))).T
+
+    def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
+        """Ratio and rest position, given that `stiffness_n_m` is the wall's."""
+        change_n_m, level_n = map(float, coefficients)
+        found = {**self.values, "ratio": 1.0 + change_n_m / self.values["stiffness_n_m"]}
+        if change_n_m != 0.0:
+            found["rest_position_m"] = -level_n / change_n_m
+        return found
+
+    @classmethod
+    def shape_names(cls) -> tuple[str, ...]:
+        """The instant: the ratio is linear in the span."""
+        return ("time_s",)
+
+
+def _beyond(motion: MotionGrid, shape: Shape) -> MotionGrid:
+    """The motion as depth beyond the contact position; nothing before it."""
+    (contact_m,) = shape
+    instants = np.asarray(motion.x > contact_m, dtype=np.float64)
+    touching = share_above(motion.x, contact_m) if motion.decimated else instants
+    return replace(motion, x=np.maximum(motion.x - contact_m, 0.0), touching=touching)
+
+
+def _pushing(motion: MotionGrid, shape: Shape) -> MotionGrid:
+    """As `_beyond`, and nothing where spring and damper together would pull."""
+    contact_m, release_s = shape
+    depth = motion.x - contact_m
+    touching = share_above(depth, 0.0) * share_above(depth + release_s * motion.v, 0.0)
+    return replace(motion, x=np.maximum(depth, 0.0) * touching, touching=touching)
+
+
+def _places(extent: Extent) -> list[Shape]:
+    """Finer where the stroke ends: a contact that is lost there is lost for a moment only."""
+    shares = (0.015, 0.035, *np.linspace(0.06, 0.85, 15))
+    return [(extent.low_m + float(share) * extent.range_m,) for share in shares]
+
+
+def _releases(extent: Extent) -> list[Shape]:
+    return [(contact_m, release_s) for (contact_m,) in _places(extent)[::2] for release_s in _RELEASES_S]
+
+
+_RELEASES_S = 0.02, 0.06, 0.2  # s, damping over stiffness of tissue and vessels; chosen
+
+
+class ContactLoss(ContactEffect):
+    """Contact beyond `contact_position_m`; the wall's effects see the depth d beyond it as their position.
+
+    A wall pushes and does not pull: contact is also lost while `d + release_s x' <= 0`, with release_s the
+    wall's damping over its stiffness. With 0 it is lost by the position alone.
+    """
+
+    name = "contact_loss"
+    parameters = (
+        Parameter("contact_position_m", "m", 0.0, -1e3, 1e3, linear=False),
+        Parameter("release_s", "s", 0.0, 0.0, 1e3, linear=False),
+    )
+    reference = "Signorini's unilateral contact condition"
+    fingerprint = "no force on one side of a position, a kink there, the model's force on the other side"
+    words = "contact that begins at a certain position only"
+    equation = (
+        "x from the contact at {contact_position_m} m on, while x + {release_s} x' > {contact_position_m}",
+        "x from the contact at {contact_position_m} m on",
+    )
+    candidates = (
+        Transmission(
+            shapes=("contact_position_m",), moved=_beyond, logarithmic=False, grid=_places, picture="contact"
+        ),
+        Transmission(
+            form="carried", shapes=("contact_position_m",), moved=_beyond, logarithmic=False, grid=_places,
+            mass_site="shaft", picture="contact",
+        ),
+        Transmission(
+            form="pushing", shapes=("contact_position_m", "release_s"), moved=_pushing, logarithmic=False,
+            grid=_releases, mass_site="shaft", costly=True, picture="contact",
+        ),
+    )  # fmt: skip
+
+    def _configure(self) -> None:
+        self._contact_m, self._release_s = self.values["contact_position_m"], self.values["release_s"]
+
+    def penetration_m(self, x: float, v: float) -> float | None:
+        """x - contact_position_m while the wall pushes."""
+        depth = x - self._contact_m
+        return depth if depth > 0.0 and depth + self._release_s * v > 0.0 else None
+
+    def penetrations_m(self, x: Array, v: Array) -> Array:
+        """x - contact_position_m while the wall pushes, else nan; shape (n,)."""
+        depth = x - self._contact_m
+        return np.where((depth > 0.0) & (depth + self._release_s * v > 0.0), depth, np.nan)
