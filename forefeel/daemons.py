@@ -3,34 +3,38 @@ closed.
 """
 
 import asyncio
+import hashlib
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from secrets import randbits
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
+from forefeel.calibrate.embedded import calibrations
+from forefeel.common.config import dump_yaml
+from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError
 from forefeel.common.events.console import ConsoleNotifier
-from forefeel.common.runtime.real import RealRuntime
-from forefeel.common.runtime.realtime import prepare_process, prepare_thread
+from forefeel.common.runtime.real import Host, RealRuntime
 from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatchdog
 from forefeel.common.settings import DaemonSettings
+from forefeel.common.state.event_log import StateEventSink
+from forefeel.common.state.folder import StateFolder, state_path
+from forefeel.common.topics import Role
+from forefeel.common.transport.parallel import ParallelTransport
+from forefeel.common.transport.security import Party
+from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
 from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import Stop, heeded
-from forefeel.local.daemon_state import daemon_state
-from forefeel.local.handlers import MasterHandlers, SlaveHandlers
-from forefeel.local.server import LocalServer
+from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterSettings
 from forefeel.parent import die_with_parent
 from forefeel.probe.configured import configured, import_drivers
-from forefeel.session import (
-    POLL_S,
-    MasterSession,
-    closed_on_failure,
-    connecting,
-    obstacles,
-    open_session,
-    opened,
-)
+from forefeel.reachability import AnswerWatch, Obstacles, unheard
 from forefeel.slave.settings import SlaveSettings
 from forefeel.terminal import say
 
@@ -40,12 +44,16 @@ if TYPE_CHECKING:
     from forefeel.slave.axis import SlaveAxis
     from forefeel.slave.daemon import SlaveDaemon
 
-# ns between two looks for notices; chosen, not measured: the terminal shows them as much later
+D = TypeVar("D", "SlaveDaemon", "MasterDaemon")
+Connect = Callable[..., ParallelTransport]
+"""Opens the transport, as `ParallelTransport.open`."""
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
+_POLL_S = 0.05
+_ROUTER_S = 0.5  # between two attempts to reach the router
 _NOTICES_NS = 100_000_000
 _BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
-# s that an end waits for the stage to rest; chosen, not measured: shorter ends it during a slow stop
-_REST_S = 2.0
-_FAREWELL_S = 0.3  # the master says "deadman released" for this long, and the force fades, before it goes
+_REST_S = 2.0  # bounds the wait for the stage to rest
+_FAREWELL_S = 0.3  # the master sends "deadman released" for this long, and the force fades, before it goes
 
 
 def run_slave(settings: SlaveSettings, duration_s: float | None = None, insecure: bool = False) -> None:
@@ -56,7 +64,7 @@ def run_slave(settings: SlaveSettings, duration_s: float | None = None, insecure
         InputError: an endpoint or a file can not be used. RunError: a fault ended it.
     """
     die_with_parent()
-    asyncio.run(_slave(settings, duration_s, insecure))
+    asyncio.run(slave(settings, duration_s, insecure))
 
 
 def run_master(settings: MasterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
@@ -67,83 +75,297 @@ def run_master(settings: MasterSettings, duration_s: float | None = None, insecu
         InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
     """
     die_with_parent()
-    asyncio.run(_master(settings, duration_s, insecure))
+    asyncio.run(master(settings, duration_s, insecure))
 
 
-async def _slave(settings: SlaveSettings, duration_s: float | None, insecure: bool) -> None:
+async def slave(
+    settings: SlaveSettings,
+    duration_s: float | None,
+    insecure: bool,
+    host: Host | None = None,
+    connect: Connect = ParallelTransport.open,
+) -> None:
+    """The slave on the running event loop."""
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
     import_drivers(settings)  # before real-time priority
-    with (
-        _runtime(settings) as (runtime, stop),
-        daemon_state(settings, "slave", runtime.clock) as state,
-        LocalServer(state.path, "slave") as local,  # before the network: a stop needs no connection
-    ):
-        found = obstacles(settings, "slave")
-        transport = await opened(settings, "slave", runtime, insecure, duration_s, found)
+    with _process(settings, "slave", host, connect) as process:
+        runtime = process.runtime
+        transport = await process.open_transport(insecure, duration_s)
         if transport is None:
             return
-        with closed_on_failure(transport):
-            daemon = SlaveDaemon(settings, transport, runtime, _new_id, state.event_sink)
-        with _closing(daemon, runtime):
-            notifier = _notifier("slave", daemon.axes)
-            runtime.task("notices", _NOTICES_NS, notifier.serve)
-            warn_of_latency("slave", settings)
-            watchdog = _service_watchdog(runtime, daemon.axes)
-            handlers = SlaveHandlers(daemon, state.event_sink, runtime.clock)
-            async with runtime, local.serving(handlers):
-                say(f"slave: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for a master")
-                await _until(runtime, duration_s, connecting(settings, transport, found))
+        with process.closing(transport, SlaveDaemon) as daemon:
+            watchdog = process.watch(daemon.axes)
+            connection = process.answer_watch("a connection", lambda: unheard(settings.transport, False, ""))
+
+            def look(now_ns: int) -> None:
+                if not settings.transport.connect or transport.peers():
+                    connection.over()
+                else:
+                    connection.look(now_ns)
+
+            requests = SlaveRequests(daemon, process.event_sink, runtime.clock)
+            async with runtime, process.socket.serving(requests):
+                process.say(f"{_described(settings, daemon.axes)}; waiting for a master")
+                await _until_end(runtime, duration_s, look)
                 watchdog.stopping(_why(runtime))
                 daemon.shut_down()
-                await _rest(daemon, stop)
-        notifier.serve(runtime.clock.now_ns())
-        end = "stage at rest" if daemon.at_rest else "stage told to hold"
-        state.close(_ended(runtime, end))
-        say(f"slave: {end}, closed")
-        runtime.raise_fault()
+                await _rest(daemon, process.stop)
+        process.end = "stage at rest" if daemon.at_rest else "stage told to hold"
+        process.finish()
 
 
-async def _master(settings: MasterSettings, duration_s: float | None, insecure: bool) -> None:
+async def master(
+    settings: MasterSettings,
+    duration_s: float | None,
+    insecure: bool,
+    host: Host | None = None,
+    connect: Connect = ParallelTransport.open,
+) -> None:
+    """The master on the running event loop."""
     from forefeel.common.estimation.forecast import compile_kernels  # noqa: PLC0415 - the slave does without it
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415
 
     import_drivers(settings)
     compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
-    with (
-        _runtime(settings) as (runtime, _),
-        daemon_state(settings, "master", runtime.clock) as state,
-        LocalServer(state.path, "master") as local,
-    ):
-        found = obstacles(settings, "master")
-        transport = await opened(settings, "master", runtime, insecure, settings.peer_timeout_s, found)
+    with _process(settings, "master", host, connect) as process:
+        runtime = process.runtime
+        transport = await process.open_transport(insecure, settings.peer_timeout_s)
         if transport is None:
             return
-        with closed_on_failure(transport):
-            daemon = MasterDaemon(settings, transport, runtime, _new_id, state.event_sink)
-        with _closing(daemon, runtime):
-            notifier = _notifier("master", daemon.axes)
-            runtime.task("notices", _NOTICES_NS, notifier.serve)
-            warn_of_latency("master", settings)
-            watchdog = _service_watchdog(runtime, daemon.axes)
-            say(f"master: axes {_names(daemon.axes)}; {_endpoints(settings)}; waiting for the slave")
-            async with runtime, local.serving(MasterHandlers(daemon, runtime.clock)):
-                session = MasterSession(daemon, settings, transport, found)
-                await open_session(session, runtime, settings.peer_timeout_s)
+        with process.closing(transport, MasterDaemon) as daemon:
+            watchdog = process.watch(daemon.axes)
+            process.say(f"{_described(settings, daemon.axes)}; waiting for the slave")
+            async with runtime, process.socket.serving(MasterRequests(daemon, runtime.clock)):
+                sessions = SessionWatch(daemon.axes, settings, transport, process)
+                await sessions.opened(settings.peer_timeout_s)
                 if not runtime.stopping.is_set():
-                    say(f"master: session open; loop: {runtime.scheduling}")
-                await _until(runtime, duration_s, session.look, lambda: daemon.finished)
+                    process.say(f"session open; loop: {runtime.scheduling}")
+                await _until_end(runtime, duration_s, sessions.look, lambda: daemon.finished)
                 watchdog.stopping(_why(runtime))
                 daemon.shut_down()
                 await asyncio.sleep(_FAREWELL_S)
-        notifier.serve(runtime.clock.now_ns())
-        state.close(_ended(runtime, "handle released"))
-        say("master: handle released, closed")
-        runtime.raise_fault()
+        process.end = "handle released"
+        process.finish()
 
 
-def _notifier(role: str, axes: "Sequence[SlaveAxis | MasterAxis]") -> ConsoleNotifier:
-    return ConsoleNotifier(role, {axis.name: axis.events.notices for axis in axes}, say)
+@dataclass
+class Process:
+    """What a daemon holds from its start to its end; `end`: how it ended, for its event log."""
+
+    settings: DaemonSettings
+    role: Role
+    runtime: RealRuntime
+    stop: Stop
+    event_sink: StateEventSink
+    socket: ControlSocket
+    obstacles: Obstacles
+    connect: Connect
+    end: str = "ended"
+    notifier: ConsoleNotifier | None = None
+
+    def say(self, text: str) -> None:
+        say(f"{self.role}: {text}")
+
+    def answer_watch(self, whom: str, unheard: Callable[[], str]) -> AnswerWatch:
+        return AnswerWatch(
+            self.obstacles,
+            unheard,
+            lambda cause: self.say(f"waiting for {whom}: {cause}"),
+            self.runtime.host,
+        )
+
+    async def open_transport(self, insecure: bool, timeout_s: float | None) -> ParallelTransport | None:
+        """The daemon's transport, once its router answers where it has one; None when told to end meanwhile.
+
+        It is opened in a thread. That may take `transport.open_timeout_s`, and a signal is heeded at once.
+        """
+        settings, runtime = self.settings, self.runtime
+        watch = self.answer_watch("the router", lambda: unheard(settings.transport, False, ""))
+        open_it = partial(
+            self.connect,
+            settings.transport,
+            runtime.clock,
+            runtime.fault,
+            Party(self.role, (settings.cell,)),
+            insecure=insecure,
+            real_stage=settings.real_stage,
+        )
+        start_ns = runtime.clock.now_ns()
+        opening = runtime.host.in_thread(open_it, "zenoh open")
+        while not runtime.stopping.is_set():
+            now_ns = runtime.clock.now_ns()
+            if opening.done():
+                if not isinstance(opening.exception(), NoRouterError):
+                    if opening.result().notice:
+                        self.say(opening.result().notice)
+                    return opening.result()
+                await asyncio.sleep(_ROUTER_S)
+                opening = runtime.host.in_thread(open_it, "zenoh open")
+            if timeout_s is not None and now_ns - start_ns >= timeout_s * 1e9:
+                opening.add_done_callback(_close_unused)
+                cause = watch.cause(await asyncio.wrap_future(watch.probe()), now_ns)
+                raise NoRouterError(f"no router within {timeout_s:g} s: {cause}")
+            watch.look(now_ns)
+            await asyncio.sleep(_POLL_S)
+        opening.add_done_callback(_close_unused)
+        return None
+
+    @contextmanager
+    def closing(self, transport: ParallelTransport, kind: Callable[..., D]) -> Iterator[D]:
+        """Composes the daemon and closes it in the end, whatever happens."""
+        with ExitStack() as failed:
+            failed.callback(transport.close)
+            daemon = kind(self.settings, transport, self.runtime, _new_id, self.event_sink)
+            failed.pop_all()
+        try:
+            yield daemon
+        finally:
+            daemon.close(self.runtime.clock.now_ns())
+
+    def watch(self, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
+        """Shows notices on the console; tells systemd how the daemon does."""
+        self.notifier = ConsoleNotifier(self.role, {axis.name: axis.events.notices for axis in axes}, say)
+        self.runtime.task("notices", _NOTICES_NS, self.notifier.serve)
+        warn_of_latency(self.role, self.settings)
+
+        def status(now_ns: int) -> str:
+            return "; ".join(f"axis {axis.name}: {axis.status(now_ns)}" for axis in axes)
+
+        manager = ServiceManager(os.environ, os.getpid())
+        watchdog = ServiceWatchdog(manager, lambda: self.runtime.ticks, status)
+        self.runtime.task("service watchdog", watchdog.period_ns, watchdog.look)
+        return watchdog
+
+    def finish(self) -> None:
+        """Says how the daemon ended.
+
+        Raises:
+            RunError: a fault ended it.
+        """
+        if self.notifier is not None:
+            self.notifier.serve(self.runtime.clock.now_ns())
+        self.say(f"{self.end}, closed")
+        self.runtime.raise_fault()
+
+
+@contextmanager
+def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: Connect) -> Iterator[Process]:
+    """Runtime, state folder and control socket of a daemon, in a process whose every thread is ahead of the
+    machine's other work, below the loop.
+
+    Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008). The process is
+    settled before a device is opened: it would hear nothing of us meanwhile. The control socket is open
+    before the network: a stop needs no connection.
+
+    Raises:
+        ConfigurationError: the folder is in use, or a file can not be used.
+    """
+    priority = settings.realtime.priority
+    runtime = RealRuntime(priority, host)
+    runtime.host.prepare_process()
+    runtime.host.prepare_thread(priority - _BELOW_THE_LOOP if priority else 0)
+    loop = asyncio.get_running_loop()
+    with (
+        heeded(lambda: loop.call_soon_threadsafe(runtime.stop)) as stop,
+        StateFolder(state_path(settings, role, os.environ)) as folder,
+    ):
+        axes = [axis["name"] for axis in settings.model_dump(include={"axes"}).get("axes", ())]
+        facts = _facts(settings, role)
+        sink = StateEventSink(folder, runtime.clock, axes, settings.state.flight_records, runtime.host.worker)
+        sink.start(facts)
+        process, reason = None, ""
+        try:
+            with ControlSocket(folder.path, role) as control:
+                other = {"slave": "master", "master": "slave"}[role]
+                expected = "router" if settings.transport.mode == "client" else other
+                obstacles = Obstacles(settings.transport, Party(role, (settings.cell,)), expected)
+                process = Process(settings, role, runtime, stop, sink, control, obstacles, connect)
+                yield process
+        except BaseException as error:
+            reason = f"; {type(error).__name__}: {error}"
+            raise
+        finally:
+            sink.close(f"{process.end if process else 'not started'}{reason}"[:500])
+
+
+class SessionWatch:
+    """Whether every axis of a master has its session; says when one is lost, and what is in the way."""
+
+    def __init__(
+        self,
+        axes: "Sequence[MasterAxis]",
+        settings: MasterSettings,
+        transport: ParallelTransport,
+        process: Process,
+    ) -> None:
+        self._axes, self._settings, self._transport = axes, settings, transport
+        self._process, self._runtime = process, process.runtime
+        self._watch = process.answer_watch("the slave", self._unheard)
+        self._open = self._lost = False
+
+    def look(self, now_ns: int) -> bool:
+        """Whether every axis has its session; many times a second.
+
+        Raises:
+            ConfigurationError: the settings of both ends differ, which does not come right by waiting.
+        """
+        missing = self._missing()
+        if not missing:
+            if self._lost:
+                self._process.say("session open again")
+            self._open, self._lost = True, False
+            self._watch.over()
+            return True
+        first = missing[0]
+        if first.session.state is SessionState.MISMATCH:
+            raise ConfigurationError(f"axis {first.name}: the slave refuses: {first.session.cause(now_ns)}")
+        if self._open:
+            self._process.say(f"axis {first.name}: {first.session.cause(now_ns)}; waiting for the slave")
+            self._open, self._lost = False, True
+        self._watch.look(now_ns, self._known(first, now_ns))
+        for axis in missing:
+            axis.session.obstacle = self._watch.found
+        return False
+
+    async def opened(self, timeout_s: float | None) -> None:
+        """Waits visibly until every axis has its session, or the daemon is told to end.
+
+        Raises:
+            EndpointError: not within `timeout_s`. ConfigurationError: the slave's settings differ.
+        """
+        start_ns = self._runtime.clock.now_ns()
+        while not self._runtime.stopping.is_set():
+            now_ns = self._runtime.clock.now_ns()
+            if self.look(now_ns):
+                return
+            if timeout_s is not None and now_ns - start_ns > timeout_s * 1e9:
+                missing = self._missing()
+                cause = self._known(missing[0], now_ns) if missing else ""
+                if not cause:
+                    cause = self._watch.cause(await asyncio.wrap_future(self._watch.probe()), now_ns)
+                raise EndpointError(
+                    f"no session with a slave within {timeout_s:g} s (peer_timeout_s): {cause}"
+                )
+            await asyncio.sleep(_POLL_S)
+
+    def _missing(self) -> "list[MasterAxis]":
+        missing = [axis for axis in self._axes if axis.session.state is not SessionState.OPEN]
+        return sorted(missing, key=lambda axis: axis.session.state is not SessionState.MISMATCH)
+
+    def _known(self, axis: "MasterAxis", now_ns: int) -> str:
+        """The cause where it is known without a probe. Whom a master that listens is connected to is not."""
+        if self._transport.hint:
+            return self._transport.hint
+        if axis.session.heard(now_ns):
+            return f"axis {axis.name}: {axis.session.cause(now_ns)}"
+        connected = self._transport.peers() and not self._settings.transport.listen
+        return self._unheard() if connected else ""
+
+    def _unheard(self) -> str:
+        axes = ", ".join(axis.name for axis in self._missing())
+        missing = f"no slave of cell {self._settings.cell}, axis {axes} answers there"
+        return unheard(self._settings.transport, self._transport.peers() > 0, missing)
 
 
 def warn_of_latency(role: str, settings: DaemonSettings) -> None:
@@ -153,59 +375,7 @@ def warn_of_latency(role: str, settings: DaemonSettings) -> None:
         say(f"{role}: {warning}")
 
 
-def _endpoints(settings: DaemonSettings) -> str:
-    """Where it listens and connects, in words."""
-    transport = settings.transport
-    parts = [f"listening on {', '.join(transport.listen)}"] if transport.listen else []
-    parts += [f"connecting to {', '.join(transport.connect)}"] if transport.connect else []
-    if transport.pki is not None:
-        parts[-1:] = [f"{parts[-1]} with the certificates in {transport.pki}"] if parts else []
-    return " and ".join(parts) or "no endpoint configured"
-
-
-@contextmanager
-def _closing(daemon: "SlaveDaemon | MasterDaemon", runtime: RealRuntime) -> Iterator[None]:
-    """Closes the daemon in the end, whatever happens: it is open from its composition on, not its run."""
-    try:
-        yield
-    finally:
-        daemon.close(runtime.clock.now_ns())
-
-
-@contextmanager
-def _runtime(settings: DaemonSettings) -> Iterator[tuple[RealRuntime, Stop]]:
-    """A runtime that a signal stops, in a process whose every thread is ahead of the machine's other work,
-    below the loop.
-
-    Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008). The process is
-    settled before a device is opened: it would hear nothing of us meanwhile.
-    """
-    prepare_process()
-    priority = settings.realtime.priority
-    prepare_thread(priority - _BELOW_THE_LOOP if priority else 0)
-    runtime = RealRuntime(priority)
-    loop = asyncio.get_running_loop()
-    with heeded(lambda: loop.call_soon_threadsafe(runtime.stop)) as stop:
-        yield runtime, stop
-
-
-def _service_watchdog(runtime: RealRuntime, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
-    """Tells systemd, where it started this process, how the daemon does."""
-
-    def status(now_ns: int) -> str:
-        return "; ".join(f"axis {axis.name}: {axis.status(now_ns)}" for axis in axes)
-
-    manager = ServiceManager(os.environ, os.getpid())
-    watchdog = ServiceWatchdog(manager, lambda: runtime.ticks, status)
-    runtime.task("service watchdog", watchdog.period_ns, watchdog.look)
-    return watchdog
-
-
-def _why(runtime: RealRuntime) -> str:
-    return "stopping" if runtime.error is None else f"stopping, fault: {runtime.error}"
-
-
-async def _until(
+async def _until_end(
     runtime: RealRuntime,
     duration_s: float | None,
     look: Callable[[int], object],
@@ -220,27 +390,61 @@ async def _until(
         if finished() or (duration_s is not None and now_ns - start_ns >= duration_s * 1e9):
             return
         look(now_ns)
-        await asyncio.sleep(POLL_S)
-
-
-def _ended(runtime: RealRuntime, how: str) -> str:
-    """How the daemon ended, for its event log."""
-    error = runtime.error
-    return how if error is None else f"{how}; by a fault: {type(error).__name__}: {error}"[:500]
+        await asyncio.sleep(_POLL_S)
 
 
 async def _rest(daemon: "SlaveDaemon", stop: Stop) -> None:
     """Until the stage is at rest; a second signal does not wait for it, the stage is told to hold by then."""
-    for _ in range(int(_REST_S / POLL_S)):
+    for _ in range(int(_REST_S / _POLL_S)):
         if daemon.at_rest or stop.again():
             break
-        await asyncio.sleep(POLL_S)
-    await asyncio.sleep(POLL_S)  # the last events go out
+        await asyncio.sleep(_POLL_S)
+    await asyncio.sleep(_POLL_S)  # the last events go out
+
+
+def _close_unused(opening: "Future[ParallelTransport]") -> None:
+    if opening.exception() is None:
+        opening.result().close()
+
+
+def _described(settings: DaemonSettings, axes: "Sequence[SlaveAxis | MasterAxis]") -> str:
+    """Which axes, and where it listens and connects."""
+    transport = settings.transport
+    parts = [f"listening on {', '.join(transport.listen)}"] if transport.listen else []
+    parts += [f"connecting to {', '.join(transport.connect)}"] if transport.connect else []
+    if transport.pki is not None:
+        parts[-1:] = [f"{parts[-1]} with the certificates in {transport.pki}"] if parts else []
+    where = " and ".join(parts) or "no endpoint configured"
+    return f"axes {', '.join(axis.name for axis in axes)}; {where}"
+
+
+def _why(runtime: RealRuntime) -> str:
+    return "stopping" if runtime.error is None else f"stopping, fault: {runtime.error}"
 
 
 def _new_id() -> int:
     return randbits(62) | 1
 
 
-def _names(axes: "list[SlaveAxis] | list[MasterAxis]") -> str:
-    return ", ".join(axis.name for axis in axes)
+def _facts(settings: DaemonSettings, role: str) -> dict[str, str]:
+    """What stands in the first line of the event log."""
+    try:
+        software = f"forefeel {version('forefeel')}"
+    except PackageNotFoundError:  # run from a source tree
+        software = "forefeel, not installed"
+    devices = {
+        name: " ".join(f"{key}={value}" for key, value in table.items())
+        for name, table in calibrations(settings).items()
+    }
+    return {
+        "role": role,
+        "cell": settings.cell,
+        "software": software,
+        "drivers": "; ".join(f"{each.name} {each.driver.origin}" for each in configured(settings)),
+        "settings": hashlib.sha256(dump_yaml(settings).encode()).hexdigest()[:16],
+        "listen": " ".join(settings.transport.listen),
+        "connect": " ".join(settings.transport.connect),
+        "process": str(os.getpid()),
+        "boot": _BOOT.read_text(encoding="ascii").strip() if _BOOT.exists() else "",
+        **devices,
+    }

@@ -11,9 +11,9 @@ from forefeel.common.transport.endpoints import address
 from forefeel.common.transport.security import Party
 from forefeel.interrupt import Stop, at_last, ends_in_order, heeded
 from forefeel.network_settings import ObserverSettings
+from forefeel.reachability import AnswerWatch, Obstacles, unheard
 from forefeel.recorder import Recorder
 from forefeel.terminal import say
-from forefeel.waiting import Obstacles, Waiting, unheard
 
 _POLL_S = 0.1  # s between two looks for an end; chosen, not measured: a signal is heeded as late
 
@@ -57,7 +57,7 @@ def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | No
 
     other = "router" if transport.mode == "client" else "daemon"
     obstacles = Obstacles(transport, Party(settings.role, (cell,)), other)
-    waiting = Waiting(obstacles, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
+    waiting = AnswerWatch(obstacles, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
     clock, start_s = MonotonicClock(), time.monotonic()
     attend = service_watchdog(
         lambda: "recording" if recorder.newest else f"nobody heard yet: {waiting.found}",

@@ -5,7 +5,8 @@ from itertools import count
 
 import zenoh
 
-from forefeel.common.runtime.realtime import prepare_thread, raise_descriptor_limit
+from forefeel.common.runtime.real import HOST
+from forefeel.common.runtime.realtime import raise_descriptor_limit
 from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import open_session
@@ -29,7 +30,7 @@ def run_router(settings: RouterSettings, duration_s: float | None = None, insecu
     """
     die_with_parent()
     raise_descriptor_limit()
-    prepare_thread(_PRIORITY)  # Zenoh's threads inherit it
+    HOST.prepare_thread(_PRIORITY)  # Zenoh's threads inherit it
     party = Party("router", settings.cells)
     session, notice = open_session(settings.transport, "router", party, insecure=insecure, real_stage=False)
     with heeded() as stop:

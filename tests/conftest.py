@@ -16,6 +16,7 @@ import pytest
 from hypothesis import settings
 
 from forefeel.__main__ import main
+from forefeel.common.runtime.real import HOST
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # of which that import has made the system's
 
@@ -106,11 +107,8 @@ def _scheduled_as_before() -> Iterator[None]:
 def run(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[str]], int]:
     """Runs the command line in this process as the installed script does; its exit code."""
     # what a daemon asks of the operating system would stay with this process
-    for place in ("forefeel.common.runtime.real", "forefeel.daemons", "forefeel.emulate.run"):
-        monkeypatch.setattr(f"{place}.prepare_process", lambda: "left alone")
-    for place in ("forefeel.daemons", "forefeel.router", "forefeel.emulate.run", "forefeel.calibrate.stage"):
-        monkeypatch.setattr(f"{place}.prepare_thread", lambda priority: "left alone")
-
+    monkeypatch.setattr(HOST, "prepare_process", lambda: "left alone")
+    monkeypatch.setattr(HOST, "prepare_thread", lambda _: "left alone")
     monkeypatch.setattr("forefeel.__main__._go_first", lambda: None)
 
     def run(arguments: Sequence[str]) -> int:

@@ -4,31 +4,85 @@ one place.
 
 import asyncio
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import ExitStack
+from typing import Protocol, TypeVar
 
-from forefeel.common.clock import MonotonicClock
+from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.lateness import Lateness
 from forefeel.common.runtime.port import Tick
-from forefeel.common.runtime.realtime import RealtimeThread, prepare_process
+from forefeel.common.runtime.realtime import RealtimeThread, prepare_process, prepare_thread
+from forefeel.common.runtime.threads import Worker, in_thread
+from forefeel.common.transport.port import OnFault, Timers
 from forefeel.common.transport.timers import TimerThread
+
+T = TypeVar("T")
+Fault = Callable[[BaseException], None]
+
+
+class Loop(Protocol):
+    """A hard-paced loop."""
+
+    lateness: Lateness
+    scheduling: str
+
+    def start(self, priority: int) -> None: ...
+
+    def stop(self) -> None: ...
+
+
+class HostTimers(Timers, Protocol):
+    """Timers that are started and closed with their runtime."""
+
+    def start(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class Host:
+    """The machine that a runtime runs on: clock, threads, scheduling. Tests have one in stepped time."""
+
+    worker: type[Worker] = Worker
+
+    def __init__(self) -> None:
+        self.clock: Clock = MonotonicClock()
+
+    def loop(self, name: str, period_ns: int, tick: Tick, fault: Fault) -> Loop:
+        return RealtimeThread(name, period_ns, tick, MonotonicClock(), fault)
+
+    def timers(self, fault: OnFault) -> HostTimers:
+        return TimerThread(self.clock, fault)
+
+    def in_thread(self, work: Callable[[], T], name: str) -> "Future[T]":
+        return in_thread(work, name)
+
+    def prepare_process(self) -> str:
+        return prepare_process()
+
+    def prepare_thread(self, priority: int) -> str:
+        return prepare_thread(priority)
+
+
+HOST = Host()
 
 
 class RealRuntime:
-    """Drives one daemon on the host's monotonic clock.
+    """Drives one daemon on the clock of its host.
 
     Use: register loops and tasks, then `async with runtime:`; leaving it cancels tasks and joins threads.
     `stopping` is set by a fault or by `stop`; whoever runs the daemon waits for it.
     """
 
-    def __init__(self, priority: int = 0) -> None:
-        self.clock = MonotonicClock()
+    def __init__(self, priority: int = 0, host: Host | None = None) -> None:
+        self.host = host or HOST
+        self.clock = self.host.clock
         self.stopping = asyncio.Event()
         self.error: BaseException | None = None
-        self.timers = TimerThread(self.clock, self.fault)
+        self.timers = self.host.timers(self.fault)
         self._priority = priority
         self._memory = "not started"
-        self._loops: list[RealtimeThread] = []
+        self._loops: list[Loop] = []
         self._tasks: list[tuple[str, int, Tick]] = []
         self._group = asyncio.TaskGroup()
         self._running: list[asyncio.Task[None]] = []
@@ -47,7 +101,7 @@ class RealRuntime:
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
         """Registers a hard-paced loop."""
-        thread = RealtimeThread(name, period_ns, tick, self.clock, self.fault)
+        thread = self.host.loop(name, period_ns, tick, self.fault)
         self._loops.append(thread)
         return thread.lateness
 
@@ -78,7 +132,7 @@ class RealRuntime:
 
     async def __aenter__(self) -> "RealRuntime":
         """Starts every thread and task."""
-        self._memory = prepare_process()
+        self._memory = self.host.prepare_process()
         self.timers.start()
         for loop in self._loops:
             loop.start(self._priority)
@@ -94,9 +148,8 @@ class RealRuntime:
         for task in self._running:
             task.cancel()
         await self._group.__aexit__(None, None, None)
-        for loop in self._loops:
-            await asyncio.to_thread(loop.stop)
-        await asyncio.to_thread(self.timers.close)
+        for end in *(loop.stop for loop in self._loops), self.timers.close:
+            await asyncio.wrap_future(self.host.in_thread(end, "end of a thread"))
 
     def raise_fault(self) -> None:
         """Raises the first fault, if there was one, as a RunError with its cause."""

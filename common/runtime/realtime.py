@@ -115,7 +115,7 @@ class RealtimeThread:
         self._tick = tick
         self._clock = clock
         self._fault = fault
-        self._running = threading.Event()
+        self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._priority = 0
         self._wake_up = WakeUp()
@@ -123,28 +123,28 @@ class RealtimeThread:
     def start(self, priority: int) -> None:
         """Starts the thread; `priority` 0 asks for normal scheduling."""
         self._priority = priority
-        self._running.set()
         self._thread.start()
 
     def stop(self) -> None:
         """Ends after the tick that runs; idempotent."""
-        self._running.clear()
+        self._stopped.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join()
 
     def _run(self) -> None:
         try:
             self.scheduling = prepare_thread(self._priority)
-            self._pace()
+            self.pace()
         except BaseException as error:  # noqa: BLE001 - the thread's last line: every fault goes to the safety reaction
             self.lateness.ended = True  # first: a reaction must not wait for a tick that never comes
             self._fault(error)
 
-    def _pace(self) -> None:
+    def pace(self) -> None:
+        """Ticks in the calling thread until it is stopped."""
         clock, period_ns = self._clock, self._period_ns
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         deadline_ns = clock.now_ns() + period_ns
-        while self._running.is_set():
+        while not self._stopped.is_set():
             self._wait(self._at_hand(deadline_ns, clock.now_ns()))
             now_ns = clock.now_ns()
             deadline_ns = self._at_hand(deadline_ns, now_ns)

@@ -1,8 +1,9 @@
-"""Work that is done beside a loop that must not wait for it."""
+"""Work beside a loop that must not wait for it: once, or whenever there is something to do."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from threading import Thread
+from threading import Event, Thread
+from time import sleep
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -25,3 +26,40 @@ def in_thread(work: Callable[[], T], name: str) -> "Future[T]":
 
     Thread(target=run, name=name, daemon=True).start()
     return future
+
+
+class Worker:
+    """Calls `work` in a thread of its own whenever it is woken, and after the seconds that it returned.
+
+    `work` is called with True for the last time, by `close`.
+    """
+
+    def __init__(self, name: str, work: Callable[[bool], float | None]) -> None:
+        self._work = work
+        self._woken = Event()
+        self._closing = False
+        self._thread = Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def wake(self) -> None:
+        self._woken.set()
+
+    def close(self) -> None:
+        self._closing = True
+        self._woken.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._work(True)
+
+    def pause(self, seconds: float) -> None:
+        """Lets other threads have the interpreter."""
+        sleep(seconds)
+
+    def _run(self) -> None:
+        wait_s: float | None = None
+        while not self._closing:
+            self._woken.wait(wait_s)
+            self._woken.clear()
+            wait_s = self._work(False)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import threading
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +11,7 @@ from forefeel.common.clock import Clock, WallClock
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.events.sink import SAFETY, Detail, EventSink
 from forefeel.common.flight import Rings
+from forefeel.common.runtime.threads import Worker
 from forefeel.common.slots import BoundedQueue
 from forefeel.common.state.flight_writer import FlightWriter
 from forefeel.common.state.folder import EVENTS, FLIGHT, LATCHED, StateFolder, own_file
@@ -33,7 +33,7 @@ class _Line(NamedTuple):
 
 
 class EventLog:
-    """Appends lines in the thread `events`; callers only append to a queue.
+    """Appends lines in the worker `events`; callers only append to a queue.
 
     Lines that can not be written (a full disk) are lost and counted; the next line that can be written is an
     event `lines_lost` with their number.
@@ -42,28 +42,23 @@ class EventLog:
         OSError: the file can not be opened.
     """
 
-    def __init__(self, path: Path, wall: WallClock) -> None:
+    def __init__(self, path: Path, wall: WallClock, worker: type[Worker] = Worker) -> None:
         self._path, self._wall = path, wall
         self._descriptor = own_file(path)
         self._size = os.lseek(self._descriptor, 0, os.SEEK_END)
         self._waiting: BoundedQueue[_Line] = BoundedQueue(_WAITING)
         self._failed = self._reported = 0
-        self._wake = threading.Event()
-        self._closing = False
-        self._thread = threading.Thread(target=self._run, name="events", daemon=True)
+        self.worker = worker("events", self._work)
 
     @property
     def lost(self) -> int:
         """Lines lost since the start."""
         return self._failed + self._waiting.dropped
 
-    def start(self) -> None:
-        self._thread.start()
-
     def note(self, event: str, now_ns: int, axis: str, details: Mapping[str, Detail]) -> None:
         """Queues one event; `now_ns` is the host's monotonic stamp."""
         self._waiting.put(_Line(self._wall.utc(), now_ns, event, axis, details))
-        self._wake.set()
+        self.worker.wake()
 
     def write(self) -> None:
         """Writes the waiting lines; half a line never stays."""
@@ -79,19 +74,13 @@ class EventLog:
             self._failed += len(lines)
 
     def close(self) -> None:
-        """Writes the waiting lines, ends the thread and closes the file."""
-        self._closing = True
-        self._wake.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        self.write()
+        """Writes the waiting lines and closes the file."""
+        self.worker.close()
         os.close(self._descriptor)
 
-    def _run(self) -> None:
-        while not self._closing:
-            self._wake.wait()
-            self._wake.clear()
-            self.write()
+    def _work(self, closing: bool) -> None:
+        del closing
+        self.write()
 
     def _append(self, data: bytes) -> None:
         if self._size > _LARGEST_BYTES:
@@ -126,16 +115,16 @@ class StateEventSink(EventSink):
         clock: Clock,
         axes: Collection[str],
         keep: int,
-        wall: WallClock | None = None,
+        worker: type[Worker] = Worker,
     ) -> None:
-        wall = wall or WallClock()
+        wall = WallClock()
         self._clock = clock
         self.rings: Rings = Rings()
         events, latch = folder.path / EVENTS, folder.path / LATCHED
         try:
-            self._latch = Latch(latch, axes, not events.exists(), self._latch_changed)
+            self._latch = Latch(latch, axes, not events.exists(), self._latch_changed, worker)
             try:
-                self._log = EventLog(events, wall)
+                self._log = EventLog(events, wall, worker)
             except OSError:
                 self._latch.close()
                 raise
@@ -144,13 +133,13 @@ class StateEventSink(EventSink):
                 f"{folder.path}: {error.strerror}; expected a state folder that can be written"
             ) from error
         self.latched = self._latch.found
-        self._flight = FlightWriter(folder.path / FLIGHT, keep, self.rings, clock, wall, self.note)
+        self._flight = FlightWriter(folder.path / FLIGHT, keep, self.rings, clock, self.note, worker)
 
     def start(self, facts: Mapping[str, str]) -> None:
         """Starts the threads; `facts` stand in the first event and in each flight record."""
         self._flight.facts = dict(facts)
         for writer in self._log, self._latch, self._flight:
-            writer.start()
+            writer.worker.start()
         self.note("start", self._clock.now_ns(), **facts)
 
     @property

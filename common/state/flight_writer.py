@@ -1,11 +1,9 @@
 """Writes flight records: at a fault the last 2 s of every stream and half a second after, as MCAP."""
 
-import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from time import sleep
 from typing import NamedTuple
 
 from pydantic import ValidationError
@@ -14,6 +12,7 @@ from forefeel.common.clock import Clock, WallClock
 from forefeel.common.events.sink import Detail
 from forefeel.common.flight import AFTER_NS, BEFORE_NS, FlightRing, Rings, Row, cycle_message
 from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.runtime.threads import Worker
 from forefeel.common.topics import CONTROL_CYCLE
 
 _AT_MOST_EVERY_NS = 1_000_000_000  # so that a flood of faults does not fill the disk
@@ -37,7 +36,7 @@ class _Request(NamedTuple):
 class FlightWriter:
     """Keeps the newest records in a folder, one a second at most; the others are counted in an event.
 
-    Any thread asks; the thread `flight` waits, encodes and writes. A record is there whole or not at all.
+    Any thread asks; the worker `flight` waits, encodes and writes. A record is there whole or not at all.
 
     Attributes:
         facts: stand in each record.
@@ -49,25 +48,19 @@ class FlightWriter:
         keep: int,
         rings: Rings,
         clock: Clock,
-        wall: WallClock,
         note: Note,
-        pause: Callable[[float], None] = sleep,
+        worker: type[Worker] = Worker,
     ) -> None:
         self._folder, self._keep, self._rings = folder, keep, rings
-        self._clock, self._wall, self._note, self._pause = clock, wall, note, pause
+        self._clock, self._wall, self._note = clock, WallClock(), note
         self.facts: dict[str, str] = {}
         self._requests: deque[_Request] = deque()
         self._accepted_ns: int | None = None
         self._skipped = 0
-        self._wake = threading.Event()
-        self._closing = False
-        self._thread = threading.Thread(target=self._run, name="flight", daemon=True)
+        self.worker = worker("flight", self.write)
         for part in folder.glob(".*.part"):  # of a daemon that was killed
             with suppress(OSError):
                 part.unlink()
-
-    def start(self) -> None:
-        self._thread.start()
 
     def ask(self, axis: str, event: str, reason: str, now_ns: int) -> None:
         """Requests a record of what led to this; never blocks."""
@@ -77,35 +70,23 @@ class FlightWriter:
             return
         self._accepted_ns = now_ns
         self._requests.append(_Request(axis, event, reason, now_ns, self._wall.utc()))
-        self._wake.set()
+        self.worker.wake()
 
     def close(self) -> None:
-        """Writes what was asked for, as far as it goes, and ends the thread; idempotent."""
-        self._closing = True
-        self._wake.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        self.write()
+        """Writes what was asked for."""
+        self.worker.close()
 
-    def write(self) -> None:
-        """Writes the requested records, each half a second after its event; at once when closing."""
+    def write(self, closing: bool) -> float | None:
+        """Writes the requested records, each half a second after its event, or at once; s until the next."""
         while self._requests:
             request = self._requests[0]
-            self._wait_for(request.stamp_ns + AFTER_NS)
+            left_ns = request.stamp_ns + AFTER_NS - self._clock.now_ns()
+            if left_ns > 0 and not closing:
+                return left_ns * 1e-9
             self._record(request)
             self._requests.popleft()
             self._say_skipped()
-
-    def _run(self) -> None:
-        while not self._closing:
-            self._wake.wait()
-            self._wake.clear()
-            self.write()
-
-    def _wait_for(self, due_ns: int) -> None:
-        while not self._closing and (left_ns := due_ns - self._clock.now_ns()) > 0:
-            self._wake.wait(left_ns * 1e-9)
-            self._wake.clear()
+        return None
 
     def _say_skipped(self) -> None:
         skipped, self._skipped = self._skipped, 0
@@ -148,7 +129,7 @@ class FlightWriter:
         cycles = ring.key.endswith(f"/{CONTROL_CYCLE.name}")
         for number, row in enumerate(rows):
             if number % _BLOCK_ROWS == _BLOCK_ROWS - 1:
-                self._pause(_PAUSE_S)
+                self.worker.pause(_PAUSE_S)
             if not cycles:
                 writer.write(ring.key, row[1], row[0])
                 continue

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from forefeel.common.events.sink import HALTED, Detail
 from forefeel.common.messages import FOLLOWING, SafetyState
+from forefeel.common.runtime.threads import Worker
 from forefeel.common.state.folder import own_file, sync_folder
 
 _BYTES = 16 * 1024
@@ -22,7 +23,7 @@ class Latch:
     """Which axes are stopped, in a file that has its full size from the start and is overwritten in place.
 
     So a disk that is full later does not keep a stop out of it. Half of a new content behind half of the old
-    one is no JSON, and what can not be read stops every axis. Any thread says what is to be kept; the thread
+    one is no JSON, and what can not be read stops every axis. Any thread says what is to be kept; the worker
     `latch` writes it.
 
     Attributes:
@@ -39,6 +40,7 @@ class Latch:
         axes: Collection[str],
         new: bool,
         on_problem: Callable[[str | None, str | None], None],
+        worker: type[Worker] = Worker,
     ) -> None:
         """`new`: no daemon has used the folder before, so that there is no file yet. `on_problem`: called in
         the thread with the problem before and after it changed.
@@ -53,9 +55,7 @@ class Latch:
         self._wanted = found
         self._written: Mapping[str, str] | None = None
         self._wanting = threading.Lock()
-        self._wake = threading.Event()
-        self._closing = False
-        self._thread = threading.Thread(target=self._run, name="latch", daemon=True)
+        self.worker = worker("latch", self._work)
         self._descriptor = own_file(path)
         try:
             self._write()
@@ -64,17 +64,10 @@ class Latch:
             os.close(self._descriptor)
             raise
 
-    def start(self) -> None:
-        self._thread.start()
-
     def close(self) -> None:
-        """Writes what is to be kept, where it can be, and ends the thread; idempotent."""
-        self._closing = True
-        self._wake.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        """Writes what is to be kept, where it can be; idempotent."""
         if self._descriptor >= 0:
-            self.write()
+            self.worker.close()
             os.close(self._descriptor)
             self._descriptor = -1
 
@@ -97,13 +90,12 @@ class Latch:
         with self._wanting:
             others = {name: text for name, text in self._wanted.items() if name not in {axis, _ALL}}
             self._wanted = others if reason is None else {**others, axis: reason}
-        self._wake.set()
+        self.worker.wake()
 
-    def _run(self) -> None:
-        while not self._closing:
-            self._wake.wait(_RETRY_S)
-            self._wake.clear()
-            self.write()
+    def _work(self, closing: bool) -> float | None:
+        del closing
+        self.write()
+        return None if self.problem is None else _RETRY_S
 
     def write(self) -> None:
         """Writes what is to be kept; calls `on_problem` when that begins to fail, and when it works again."""

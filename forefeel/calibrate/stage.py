@@ -1,5 +1,8 @@
 """`forefeel calibrate stage`: home twice, the way from end to end; asked before it moves."""
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -9,14 +12,16 @@ from forefeel.calibrate.measuring import Travel, require_travel, travel_of
 from forefeel.calibrate.prompt import Prompt
 from forefeel.calibrate.target import check_target, write_calibration
 from forefeel.common.clock import MonotonicClock, SleepingClock
-from forefeel.common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.hardware.calibration import StageCalibration
-from forefeel.common.runtime.realtime import prepare_thread
+from forefeel.common.runtime.real import HOST
+from forefeel.common.state.folder import LATCHED, StateFolder, state_path
+from forefeel.common.state.latch import latched
+from forefeel.daemon_settings import load_daemon
 from forefeel.devices.cia402.protocol import HERE
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.interrupt import breakable, heeded
-from forefeel.local.exclusive import no_slave_beside
 from forefeel.probe.configured import ConfiguredDevice, device_of
 from forefeel.slave.stage import Homing
 from forefeel.terminal import answer, say
@@ -67,7 +72,7 @@ def run_stage(
         serial = require_serial(stage.link.serial, device)
         say(introduced(device, stage.link))
         person.agree(_intent(options, settings))
-        prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
+        HOST.prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
         zero, travel = _moved(stage, settings, options)
     require_travel(travel, settings.travel_m, options.repeatability_m)
     _write(options, device, serial, zero, travel, today or date.today())
@@ -144,3 +149,24 @@ def _write(
         f"{options.out}: serial {serial}, {today}, valid {options.valid_days} days",
         document=lambda: calibration.model_dump(mode="json"),
     )
+
+
+@contextmanager
+def no_slave_beside(config: Path) -> Iterator[None]:
+    """Holds the slave's state folder while the body moves its devices.
+
+    Raises:
+        ConfigurationError: the slave of this file runs.
+        RunError: an emergency stop is latched.
+    """
+    folder = state_path(load_daemon(config), "slave", os.environ)
+    if not folder.is_dir():  # no slave has ever used it
+        yield
+        return
+    with StateFolder(folder):
+        for axis, reason in latched(folder / LATCHED).items():
+            raise RunError(
+                f"an emergency stop is latched ({axis or 'every axis'}: {reason}); expected it to be cleared "
+                "first: start the slave, then `forefeel clear`"
+            )
+        yield

@@ -10,8 +10,7 @@ from forefeel.commands.options import examples
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.state.folder import state_path
 from forefeel.daemon_settings import load_daemon
-from forefeel.local.client import NobodyThereError, ask
-from forefeel.local.protocol import Request
+from forefeel.local.client import NobodyThereError, Request, ask
 
 
 @examples("forefeel clear --config deploy/config/slave.yaml")

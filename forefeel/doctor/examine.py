@@ -25,7 +25,7 @@ from forefeel.doctor import (
 from forefeel.doctor.findings import Finding
 from forefeel.doctor.settings import judge_agreement, load_files
 from forefeel.probe.configured import ConfiguredDevice, configured
-from forefeel.reaching import reach
+from forefeel.reachability import reach
 
 # priority of SCHED_FIFO that is tried without a file, the default of `realtime.priority`
 _NO_FILE_PRIORITY = 50

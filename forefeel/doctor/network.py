@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from forefeel.common.errors import EndpointError
 from forefeel.common.transport.endpoints import parts
 from forefeel.doctor.findings import Finding
-from forefeel.reaching import TIMEOUT_S, Reached
+from forefeel.reachability import TIMEOUT_S, Reached
 
 GROUP = "network"
 

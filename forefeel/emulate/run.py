@@ -16,7 +16,7 @@ from forefeel.common.hardware.driver import (
     imported,
     installed_driver,
 )
-from forefeel.common.runtime.realtime import prepare_process, prepare_thread
+from forefeel.common.runtime.real import HOST
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.canopen.settings import CanSettings
@@ -73,14 +73,14 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
     if driver is None and options.device != CAN_HUB:
         raise ConfigurationError(f"{options.device!r}: expected one of {', '.join(emulated_names())}")
     die_with_parent()
-    prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
+    HOST.prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
     faults = Faults.parse(options.faults)
     with heeded() as stop, ExitStack() as leave:
         running = (
             _hub(options, faults, leave) if driver is None else _emulated(driver, options, faults, leave)
         )
         orders = OrdersFromStdin(OrderReader(running.living.faults, running.living.provoke, running.load))
-        prepare_process()  # nor for its own collector of garbage
+        HOST.prepare_process()  # nor for its own collector of garbage
         _run(running.living, orders, duration_s, stop)
         with suppress(OSError):  # of a terminal that is gone
             print(json.dumps({"device": options.device, **running.counts()}), flush=True)

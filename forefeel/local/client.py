@@ -1,31 +1,53 @@
-"""Asks a daemon on this machine."""
+"""The client of a daemon's control socket: one datagram of JSON each way. Standard library only."""
 
 import json
 import os
 import socket
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 from forefeel.common.errors import RunError
 from forefeel.common.state.folder import SOCKET
-from forefeel.local.protocol import Answer, Request, socket_path
 
-_LONGEST_ANSWER = 1 << 16
-"""Bytes. An axis takes some hundred."""
+LONGEST_TEXT = 256  # characters of a text, as `messages.ShortText`
+_LONGEST_ANSWER = 1 << 16  # bytes; an axis takes some hundred
+
+
+class Request(NamedTuple):
+    """`axis`: of a clearing; None: all. No text is longer than `LONGEST_TEXT`."""
+
+    do: Literal["state", "estop", "clear"]
+    reason: str = ""
+    axis: str | None = None
+
+
+class Answer(NamedTuple):
+    """`done`: whether what was asked for is so now; `text`: lines for a person."""
+
+    done: bool
+    text: tuple[str, ...]
+    role: str
 
 
 class NobodyThereError(RunError):
     """No daemon answers in that state folder."""
 
 
+def socket_path(folder: Path) -> tuple[int, str]:
+    """A descriptor of the folder, to be closed, and a short path of the socket, however deep the folder."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    return descriptor, f"/proc/self/fd/{descriptor}/{SOCKET}"
+
+
 def ask(folder: Path, request: Request, timeout_s: float = 5.0) -> Answer:
-    """The daemon's answer.
+    """Sends a request to the daemon and returns its answer.
 
     Raises:
         NobodyThereError: no daemon runs there, or it does not answer in time.
-        RunError: we may not speak to it.
+        RunError: this user may not speak to it.
     """
     try:
-        descriptor, path = socket_path(folder, SOCKET)
+        descriptor, path = socket_path(folder)
     except OSError as error:
         raise NobodyThereError(
             f"{folder}: {error.strerror}; expected the state folder of a daemon"

@@ -17,8 +17,7 @@ from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.events.console import printable
 from forefeel.common.state.folder import unnamed_path
 from forefeel.common.yaml_file import load_yaml
-from forefeel.local.client import ask
-from forefeel.local.protocol import LONGEST_TEXT, Request
+from forefeel.local.client import LONGEST_TEXT, Request, ask
 from forefeel.terminal import say
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ import pytest
 
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import SOCKET, state_path
+from forefeel.control_socket import ControlSocket
 from forefeel.daemon_settings import load_any
 from forefeel.local import estop
-from forefeel.local.protocol import Answer, Request
-from forefeel.local.server import LocalServer
+from forefeel.local.client import Answer, Request
 from tests.commands.command_line import ROOT, group
 
 Run = Callable[[Sequence[str]], int]
@@ -54,7 +54,7 @@ def beside_a_daemon(folder: Path, act: Callable[[], Done], done: bool = True) ->
         return Answer(done, ("axis insertion: estopped, pressed",), "slave")
 
     async def main() -> Done:
-        with LocalServer(folder / "st", "slave") as local:
+        with ControlSocket(folder / "st", "slave") as local:
             async with local.serving(answer):
                 return await asyncio.to_thread(act)
 

@@ -28,7 +28,7 @@ from forefeel.doctor.settings import judge_agreement, load_files
 from forefeel.doctor.software import Package, judge_software
 from forefeel.doctor.storage import Folder, judge_folder
 from forefeel.probe.probe import Probed, Quantiles
-from forefeel.reaching import Obstacle, Reached
+from forefeel.reachability import Obstacle, Reached
 
 MS = 1_000_000
 TODAY = date(2026, 7, 1)

@@ -10,13 +10,14 @@ from mcap.reader import make_reader
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus
-from forefeel.common.clock import VirtualClock, WallClock
+from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
 from forefeel.common.flight import Rings, Row
 from forefeel.common.messages import EmergencyStop, Grip, SafetyState
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.state.flight_writer import FlightWriter
 from forefeel.common.transport.memory import MemoryBus
+from tests.stepped import SteppedWorker
 from tests.unit.failing import refusing
 from tests.unit.recording_samples import force
 
@@ -83,9 +84,7 @@ class Recorder:
         folder.mkdir()
         self.folder, self.rings, self.clock = folder, Rings(), VirtualClock(10 * S)
         self.noted: list[tuple[str, dict[str, Any]]] = []
-        self.writer = FlightWriter(
-            folder, 3, self.rings, self.clock, WallClock(), self._note, pause=lambda _: None
-        )
+        self.writer = FlightWriter(folder, 3, self.rings, self.clock, self._note, SteppedWorker)
         self.writer.facts = {"role": "slave"}
         self.now_ns = self.clock.now_ns()
         for tick in range(-5000, 1):
@@ -118,7 +117,7 @@ def test_a_record_has_the_two_seconds_before_and_what_came_after(recorder: Recor
     recorder.rings.ring(FORCES).add((recorder.now_ns + MS, b"no message"))
     recorder.rings.ring(CYCLES).add(row(recorder.now_ns + 2 * MS, float("nan")))
     recorder.clock.set_ns(recorder.now_ns + S // 2)
-    recorder.writer.write()
+    recorder.writer.write(closing=False)
     (path,) = recorder.files()
     run = read_run(path)
     assert not run.truncated
@@ -165,7 +164,7 @@ def test_failed_record_costs_no_other(recorder: Recorder, monkeypatch: pytest.Mo
         broken.setattr(
             "forefeel.common.state.flight_writer.RunWriter", refusing(ValueError("no such number"))
         )
-        recorder.writer.write()
+        recorder.writer.write(closing=False)
     recorder.writer.ask("insertion", "fault", "x", recorder.now_ns + S)
     recorder.writer.close()
     assert recorder.noted_events() == ["flight_failed", "flight_record"]
@@ -173,5 +172,5 @@ def test_failed_record_costs_no_other(recorder: Recorder, monkeypatch: pytest.Mo
 
 def test_half_written_record_goes_at_start(tmp_path: Path) -> None:
     (tmp_path / ".x.mcap.part").write_bytes(b"half")
-    FlightWriter(tmp_path, 3, Rings(), VirtualClock(0), WallClock(), lambda *_: None)
+    FlightWriter(tmp_path, 3, Rings(), VirtualClock(0), lambda *_: None)
     assert list(tmp_path.iterdir()) == []

@@ -1,17 +1,13 @@
 """What systemd hears of a daemon, by a socket of its kind and in virtual time."""
 
-import asyncio
 import itertools
 import socket
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from forefeel.common.clock import VirtualClock
-from forefeel.common.runtime import real
-from forefeel.common.runtime.real import RealRuntime
 from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatchdog
 
 MS = 1_000_000
@@ -166,37 +162,3 @@ def test_the_end_is_told_with_its_reason() -> None:
     book = Book(None)
     ServiceWatchdog(book, lambda: (1,), lambda _: "").stopping("fault:\ntorn cable")
     assert book.told == ["STOPPING=1\nSTATUS=fault: torn cable"]
-
-
-def test_a_loop_of_the_real_runtime_that_hangs_ends_them_too(
-    systemd: tuple[str, socket.socket], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(real, "prepare_process", lambda: "memory as it was")
-    name, receiver = systemd
-    manager = ServiceManager({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "40000"}, PID)
-    hang, released = threading.Event(), threading.Event()
-
-    def tick(_now_ns: int) -> None:
-        if hang.is_set():
-            released.wait(5)
-
-    async def run() -> tuple[list[str], list[str]]:
-        runtime = RealRuntime()
-        runtime.loop("control", MS, tick)
-        watchdog = ServiceWatchdog(manager, lambda: runtime.ticks, lambda _: "idle")
-        runtime.task("watchdog", watchdog.period_ns, watchdog.look)
-        async with runtime:
-            await asyncio.sleep(0.15)
-            alive = heard(receiver)
-            hang.set()
-            await asyncio.sleep(0.05)
-            heard(receiver)
-            await asyncio.sleep(0.1)
-            silent = heard(receiver)
-            released.set()
-        return alive, silent
-
-    alive, silent = asyncio.run(run())
-    assert alive.count("READY=1") == 1
-    assert alive.count("WATCHDOG=1") >= 3
-    assert silent == []

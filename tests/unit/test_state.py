@@ -16,6 +16,7 @@ from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.event_log import EventLog, StateEventSink
 from forefeel.common.state.folder import EVENTS, LATCHED, StateFolder, holder, state_path
 from forefeel.common.state.latch import Latch, latched
+from tests.stepped import SteppedWorker
 
 MOVED = ("engaging", "armed", "stopping")
 STOPPED = {"before": "armed", "after": "estopped", "reason": "pressed"}
@@ -97,7 +98,7 @@ def test_state_path_follows_settings_and_environment() -> None:
 
 @pytest.fixture(name="log")
 def event_log(tmp_path: Path) -> Iterator[EventLog]:
-    log = EventLog(tmp_path / EVENTS, WallClock())
+    log = EventLog(tmp_path / EVENTS, WallClock(), SteppedWorker)
     yield log
     log.close()
 
@@ -105,7 +106,7 @@ def event_log(tmp_path: Path) -> Iterator[EventLog]:
 def test_log_appends_one_line_per_event(log: EventLog, tmp_path: Path) -> None:
     log.note("emergency_stop", 5, "a", {"by": "nurse", "reason": "kinked\nhose"})
     log.write()
-    again = EventLog(tmp_path / EVENTS, WallClock())
+    again = EventLog(tmp_path / EVENTS, WallClock(), SteppedWorker)
     again.note("stop", 6, "", {})
     again.close()
     first, second = lines(tmp_path / EVENTS)
@@ -174,7 +175,7 @@ def told() -> list[str | None]:
 
 @pytest.fixture
 def latch(path: Path, told: list[str | None]) -> Iterator[Latch]:
-    opened = Latch(path, ["a", "b"], True, lambda _, problem: told.append(problem))
+    opened = Latch(path, ["a", "b"], True, lambda _, problem: told.append(problem), SteppedWorker)
     yield opened
     opened.close()
 
@@ -219,7 +220,7 @@ def test_latch_keeps_newest_of_each_axis(latch: Latch, path: Path) -> None:
 
 def test_latch_overflow_stops_every_axis(path: Path) -> None:
     axes = [f"axis{number}" for number in range(100)]
-    latch = Latch(path, axes, True, lambda *_: None)
+    latch = Latch(path, axes, True, lambda *_: None, SteppedWorker)
     for axis in axes:
         latch.transition(axis, {**STOPPED, "reason": "\N{SNOWMAN}" * 256})
     latch.close()
@@ -250,7 +251,7 @@ class Daemon:
 
     def __init__(self, tmp_path: Path) -> None:
         self.folder = StateFolder(tmp_path / "state")
-        self.sink = StateEventSink(self.folder, MonotonicClock(), ["a"], keep=3)
+        self.sink = StateEventSink(self.folder, MonotonicClock(), ["a"], 3, SteppedWorker)
 
     def transition(self, before: str, after: str, reason: str = "why") -> None:
         self.sink.note("safety", 1, "a", before=before, event="e", after=after, reason=reason)

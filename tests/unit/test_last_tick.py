@@ -1,0 +1,81 @@
+"""A control loop that has ended by a fault has no next tick: the safety state, its event and the event log
+show the fault all the same.
+"""
+
+import asyncio
+from collections.abc import Callable
+
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.messages import SafetyEvent, SafetyState, SlaveState
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.slave.daemon import SlaveDaemon
+from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
+from tests.stepped import SteppedHost
+from tests.unit.failing import refusing
+from tests.unit.slave_cell import Book
+
+FAULT, STOPPED = SafetyState.FAULT, SafetyState.ESTOPPED
+
+
+class LiveCell:
+    """A slave of two axes in stepped time, the second of which ends the control loop at its first tick."""
+
+    def __init__(self, host: SteppedHost) -> None:
+        self.runtime, self.book = RealRuntime(host=host), Book()
+        network, clock = MemoryBus(), self.runtime.clock
+        settings = SlaveSettings(axes=(SlaveAxisSettings(), SlaveAxisSettings(name="rotation")))
+        self.daemon = SlaveDaemon(settings, network.session(clock), self.runtime, lambda: 7, self.book)
+        setattr(self.daemon.axes[1], "tick", refusing(ZeroDivisionError("torn")))  # noqa: B010 - a method
+        self.at_once = list[SafetyState]()
+        self.events, self.states = list[SafetyEvent](), list[SlaveState]()
+        for axis in settings.axes:
+            bus = Bus(network.session(clock), settings.cell, axis.name, clock)
+            bus.subscribe(topics.SAFETY_EVENT, lambda event, _: self.events.append(event))
+            bus.subscribe(topics.SLAVE_STATE, lambda state, _: self.states.append(state))
+
+    async def run(self, meanwhile: Callable[["LiveCell"], object]) -> None:
+        """To the fault, on until `meanwhile` is true, and to the end."""
+        async with self.runtime:
+            await self.runtime.stopping.wait()
+            self.at_once = [axis.state for axis in self.daemon.axes]
+            while not meanwhile(self):  # noqa: ASYNC110 - in stepped time
+                await asyncio.sleep(0.001)
+        self.daemon.close(self.runtime.clock.now_ns())
+
+
+def live_cell(meanwhile: Callable[[LiveCell], object] = lambda _: True) -> LiveCell:
+    host = SteppedHost()
+
+    async def composed() -> LiveCell:
+        cell = LiveCell(host)
+        await cell.run(meanwhile)
+        return cell
+
+    return host.run(composed())
+
+
+def test_when_a_tick_raises_every_axis_is_in_fault_before_the_daemon_hears_of_it() -> None:
+    cell = live_cell()
+    assert cell.at_once == [FAULT, FAULT]
+    assert {axis.reason for axis in cell.daemon.axes} == {"ZeroDivisionError: torn"}
+
+
+def test_the_fault_is_published_and_logged_while_the_daemon_still_runs() -> None:
+    cell = live_cell(lambda cell: len(cell.events) == 2 and cell.states and cell.states[-1].state is FAULT)
+    for event in cell.events:
+        assert (event.event, event.after, event.reason) == ("fault", FAULT, "ZeroDivisionError: torn")
+    assert {noted["after"] for noted in cell.book.of("safety")} == {"fault"}
+    assert len(cell.book.of("safety")) == 2
+    assert cell.book.of("thread_fault") == [{"reason": "ZeroDivisionError: torn"}]
+    assert cell.states[-1].state is FAULT
+
+
+def test_a_stop_is_heeded_though_the_control_loop_has_ended() -> None:
+    def stopped(cell: LiveCell) -> bool:
+        cell.daemon.axes[0].emergency_stop("pressed", "nurse")
+        return cell.daemon.axes[0].state is STOPPED
+
+    cell = live_cell(stopped)
+    assert [(each["before"], each["after"]) for each in cell.book.of("safety")][2:] == [("fault", "estopped")]

@@ -1,0 +1,291 @@
+"""Loops, tasks and faults of a daemon's runtime in stepped time."""
+
+import asyncio
+import sys
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.errors import RunError
+from forefeel.common.runtime import realtime
+from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.runtime.realtime import (
+    SWITCH_INTERVAL_S,
+    TICK_INTERVAL_S,
+    RealtimeThread,
+    WakeUp,
+    prepare_thread,
+)
+from tests.stepped import SteppedHost
+from tests.unit.failing import refusing
+
+MS = 1_000_000
+
+
+# --- the loop of a real-time thread, in the thread of the test ---
+
+
+class Clock(MonotonicClock):
+    """Goes on by a microsecond at each reading, by as much as is slept, and by `jumps_ns` when asked to."""
+
+    def __init__(self) -> None:
+        self.at_ns = 0
+        self.held: list[int] = []
+
+    def now_ns(self) -> int:
+        self.at_ns += 1000
+        return self.at_ns
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self.at_ns = max(self.at_ns, deadline_ns)
+
+    def hold_ns(self, duration_ns: int) -> None:
+        self.held.append(duration_ns)
+        self.at_ns += duration_ns
+
+
+class Paced:
+    """A loop of 1 kHz that is stopped at its tick number `count`; `act` is called in each tick."""
+
+    def __init__(self, count: int, act: Callable[["Paced"], None] = lambda _: None) -> None:
+        self.clock, self.ticks, self.intervals = Clock(), list[int](), list[float]()
+        self.faults = list[BaseException]()
+        self._count, self._act = count, act
+        self.loop = RealtimeThread("pace", MS, self._tick, self.clock, self.faults.append)
+        self.loop.pace()
+
+    def _tick(self, now_ns: int) -> None:
+        self.ticks.append(now_ns)
+        self.intervals.append(sys.getswitchinterval())
+        if len(self.ticks) == self._count:
+            self.loop.stop()
+        self._act(self)
+
+
+@pytest.fixture(autouse=True)
+def interval_as_it_was() -> Iterator[None]:
+    before_s = sys.getswitchinterval()
+    yield
+    sys.setswitchinterval(before_s)
+
+
+def test_loop_ticks_on_its_deadlines() -> None:
+    paced = Paced(20)
+    late_ns = np.array(paced.ticks) - MS * np.arange(1, 21)
+    assert late_ns.min() >= 0 and late_ns.max() < 20_000
+    assert (paced.loop.lateness.ticks, paced.loop.lateness.missed) == (20, 0)
+
+
+def test_tick_holds_the_interpreter_longer_than_the_rest() -> None:
+    paced = Paced(5)
+    assert paced.intervals == pytest.approx([TICK_INTERVAL_S] * 5)
+    assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
+
+
+def sleep_past_deadline(paced: Paced) -> None:
+    paced.clock.at_ns += MS + MS // 2
+
+
+def test_late_tick_does_not_hold_the_interpreter() -> None:
+    paced = Paced(10, sleep_past_deadline)
+    assert paced.intervals[1:] == pytest.approx([SWITCH_INTERVAL_S] * 9)
+
+
+def test_after_a_long_tick_nothing_is_held() -> None:
+    def compute(paced: Paced) -> None:
+        paced.clock.at_ns += 3 * MS // 4
+
+    assert len(Paced(50, compute).clock.held) <= 1
+
+
+def test_late_tick_skips_missed_deadlines() -> None:
+    def once(paced: Paced) -> None:
+        if len(paced.ticks) == 3:
+            paced.clock.at_ns += 20 * MS
+
+    paced = Paced(6, once)
+    assert paced.loop.lateness.missed in (19, 20)
+    assert paced.ticks[3] - paced.ticks[2] >= 20 * MS
+    assert np.diff(paced.ticks[3:]).tolist() == pytest.approx([MS, MS], abs=30_000)
+    assert paced.loop.lateness.max_us >= 18_000
+
+
+def test_clock_that_goes_back_is_a_fault_and_the_loop_goes_on() -> None:
+    def step_back(paced: Paced) -> None:
+        if len(paced.ticks) == 5:
+            paced.clock.at_ns -= 3_600_000 * MS
+
+    paced = Paced(30, step_back)
+    assert 1 <= len(paced.faults) <= 2
+    assert "went back by 3600" in str(paced.faults[0])
+    assert len(paced.ticks) == 30
+
+
+def test_slow_clock_that_ticks_early_misses_nothing() -> None:
+    class Slow(Clock):
+        def sleep_until_ns(self, deadline_ns: int) -> None:
+            self.at_ns += max(0, deadline_ns - self.at_ns) // 10
+
+    clock, ticks = Slow(), list[int]()
+
+    def tick(now_ns: int) -> None:
+        ticks.append(now_ns)
+        if len(ticks) == 20:
+            loop.stop()
+
+    loop = RealtimeThread("pace", MS, tick, clock, lambda _: None)
+    loop.pace()
+    assert ticks[-1] - ticks[0] < 19 * MS, "none was early"
+    assert loop.lateness.missed == 0
+
+
+@pytest.mark.parametrize("begins", [True, False])
+def test_loop_that_fails_has_ended_before_the_reaction(monkeypatch: pytest.MonkeyPatch, begins: bool) -> None:
+    ended = list[bool]()
+    refuse = refusing(MemoryError("no thread"))
+    monkeypatch.setattr(realtime, "prepare_thread", (lambda _: "left alone") if begins else refuse)
+    loop = RealtimeThread("pace", MS, refuse, Clock(), lambda _: ended.append(loop.lateness.ended))
+    loop._run()
+    assert ended == [True]
+
+
+@pytest.mark.parametrize("usual_us", [5.0, 15.0])
+def test_one_wake_up_in_a_hundred_is_later(usual_us: float) -> None:
+    draw, wake_up = np.random.default_rng(1), WakeUp()
+    later = []
+    for late_ns in 25e3 + draw.exponential(1e3 * usual_us, 60_000):
+        later.append(late_ns > wake_up.spin_ns)
+        wake_up.note(int(late_ns))
+    assert 0.006 < float(np.mean(later[20_000:])) < 0.014
+
+
+def test_wake_up_of_a_stalling_machine_is_bounded() -> None:
+    wake_up = WakeUp()
+    for _ in range(20_000):
+        wake_up.note(0)
+    assert wake_up.spin_ns == 20_000
+    for _ in range(200):
+        wake_up.note(5_000_000)
+    assert wake_up.spin_ns == 150_000
+
+
+def test_priority_that_is_not_granted_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sched_setscheduler", refusing(PermissionError(1, "Operation not permitted")))
+    monkeypatch.setattr("ctypes.CDLL", lambda _: type("libc", (), {"prctl": lambda *_: 0}))
+    assert "SCHED_FIFO 50 not granted" in prepare_thread(50)
+    assert "priority 0" in prepare_thread(0)
+
+
+# --- the runtime ---
+
+Start = Callable[[RealRuntime, Callable[[int], None]], object]
+STARTS: dict[str, Start] = {
+    "loop": lambda runtime, tick: runtime.loop("loop", MS, tick),
+    "task": lambda runtime, tick: runtime.task("task", MS, tick),
+    "timer": lambda runtime, tick: runtime.timers.call_at(0, lambda: tick(0)),
+}
+
+
+def run(act: Callable[[RealRuntime], object], during: float = 0.05) -> RealRuntime:
+    """A runtime that was given something to do, after as many seconds, or its fault."""
+    host = SteppedHost()
+
+    async def main() -> RealRuntime:
+        runtime = RealRuntime(host=host)
+        act(runtime)
+        async with runtime:
+            await asyncio.sleep(during)
+            assert runtime.stopping.is_set() == (runtime.error is not None)
+        return runtime
+
+    return host.run(main())
+
+
+@pytest.mark.parametrize("kind", STARTS)
+def test_fault_reaches_every_reaction_and_keeps_its_cause(kind: str) -> None:
+    heard = list[tuple[str, BaseException]]()
+    cause = ValueError("torn cable")
+
+    def act(runtime: RealRuntime) -> None:
+        runtime.on_fault(lambda error: heard.append(("first", error)))
+        runtime.on_fault(lambda error: heard.append(("second", error)))
+        STARTS[kind](runtime, refusing(cause))
+
+    runtime = run(act)
+    assert heard == [("first", cause), ("second", cause)]
+    with pytest.raises(RunError, match="ValueError: torn cable") as caught:
+        runtime.raise_fault()
+    assert caught.value.__cause__ is cause
+
+
+def test_reaction_that_fails_keeps_no_other_from_its_own() -> None:
+    heard = list[str]()
+    host = SteppedHost()
+
+    async def main() -> RealRuntime:
+        runtime = RealRuntime(host=host)
+        runtime.on_fault(refusing(OSError("no hold")))
+        runtime.on_fault(lambda error: heard.append(str(error)))
+        async with runtime:
+            with pytest.raises(OSError, match="no hold"):
+                runtime.fault(ValueError("first"))
+            await asyncio.sleep(0.01)
+            assert runtime.stopping.is_set()
+        return runtime
+
+    with pytest.raises(RunError, match="ValueError: first"):
+        host.run(main()).raise_fault()
+    assert heard == ["first"]
+
+
+def test_loop_that_fails_stops_no_other() -> None:
+    ticks = list[int]()
+
+    def act(runtime: RealRuntime) -> None:
+        runtime.loop("bad", MS, refusing(ValueError()))
+        runtime.loop("good", MS, ticks.append)
+
+    run(act)
+    assert len(ticks) >= 49
+
+
+def test_tasks_never_catch_up_in_a_burst() -> None:
+    ticks, host = list[int](), SteppedHost()
+
+    async def main() -> None:
+        runtime = RealRuntime(host=host)
+        runtime.task("soft", 2 * MS, ticks.append)
+        async with runtime:
+            await asyncio.sleep(0.0105)
+            host.stepped.set_ns(ticks[-1] + 30 * MS)  # asyncio stands
+            await asyncio.sleep(0.005)
+
+    host.run(main())
+    assert [round(each / MS) for each in np.diff(ticks)] == [2] * 5 + [30, 2, 2]
+
+
+@pytest.mark.parametrize("how", ["leaves", "raises", "cancelled"])
+def test_runtime_leaves_nothing_behind(how: str) -> None:
+    host = SteppedHost()
+
+    async def main() -> None:
+        runtime = RealRuntime(host=host)
+        for kind in "loop", "task":
+            STARTS[kind](runtime, lambda _: None)
+        async with runtime:
+            await asyncio.sleep(0.01)
+            if how == "raises":
+                raise KeyError("inside")
+            if how == "cancelled":
+                await runtime.stopping.wait()
+
+    async def outer() -> None:
+        task = asyncio.create_task(main())
+        await asyncio.sleep(0.05)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    host.run(outer())
