@@ -1,11 +1,14 @@
 """What both daemons do alike: one impaired transport, the reports on loop timing and impairment."""
 
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
 from forefeel.common.bus import Bus
 from forefeel.common.errors import RecordingError
 from forefeel.common.lateness import EDGES_US, Lateness
 from forefeel.common.messages import ImpairmentTrace, LoopTiming
 from forefeel.common.recording.mcap_reader import Run, read_run
-from forefeel.common.runtime.port import Runtime
+from forefeel.common.runtime.port import Runtime, Tick
 from forefeel.common.settings import LinkImpairment
 from forefeel.common.topics import BY_NAME, Role
 from forefeel.common.transport.impaired import ImpairedTransport
@@ -13,6 +16,7 @@ from forefeel.common.transport.impairment import ImpairedLink, Impairment, Repla
 from forefeel.common.transport.port import Transport
 from forefeel.common.transport.settings import ImpairmentSettings
 
+A = TypeVar("A")
 SECOND_NS = 1_000_000_000  # ns in a second, from which the periods of the tasks are derived
 _KNOWN_NS = SECOND_NS
 """Who listens is known to a daemon so long after its start; nobody hears what is published before."""
@@ -44,6 +48,16 @@ def _drawn(settings: ImpairmentSettings, seed: int) -> ImpairedLink | None:
 def _replayed(run: Run, role: Role, link: str) -> ImpairedLink | None:
     trace = run.impairment_trace(f"{role}/impairment", link)
     return ReplayedImpairment(trace) if trace else None
+
+
+def each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
+    """One action of every axis as a task."""
+
+    def tick(now_ns: int) -> None:
+        for axis in axes:
+            action(axis, now_ns)
+
+    return tick
 
 
 class Reports:

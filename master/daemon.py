@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from forefeel.common.bus import Bus
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.clock import Clock
-from forefeel.common.daemon import SECOND_NS, Reports, impaired
+from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.estimation.default_model import default_model
 from forefeel.common.estimation.forecast import compile_kernels
@@ -71,17 +71,16 @@ class MasterDaemon:
         """`bus`: of the first axis, whose keys carry the reports."""
         runtime.on_fault(self.fail)
         lateness = runtime.loop("haptic", TICK_NS, self.tick)
-        runtime.task("serve", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.serve, now_ns))
-        runtime.task("stop", SECOND_NS // 50, lambda now_ns: self._each(MasterAxis.say_stop, now_ns))
-        runtime.task("heartbeat", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.beat, now_ns))
-        runtime.task(
-            "identification", SECOND_NS // 200, lambda now_ns: self._each(MasterAxis.identify, now_ns)
-        )
-        runtime.task("identifiability", SECOND_NS, lambda now_ns: self._each(MasterAxis.describe, now_ns))
-        runtime.task(
-            "parameters", SECOND_NS // 20, lambda now_ns: self._each(MasterAxis.publish_parameters, now_ns)
-        )
-        runtime.task("state", SECOND_NS // 10, self._report)
+        for name, period_ns, action in (
+            ("serve", SECOND_NS // 20, MasterAxis.serve),
+            ("stop", SECOND_NS // 50, MasterAxis.say_stop),
+            ("heartbeat", SECOND_NS // 20, MasterAxis.beat),
+            ("identification", SECOND_NS // 200, MasterAxis.identify),
+            ("identifiability", SECOND_NS, MasterAxis.describe),
+            ("parameters", SECOND_NS // 20, MasterAxis.publish_parameters),
+            ("state", SECOND_NS // 10, MasterAxis.report),
+        ):
+            runtime.task(name, period_ns, each(self.axes, action))
         self._reports = Reports(bus, "master", lateness, self.transport, runtime)
 
     @property
@@ -117,13 +116,6 @@ class MasterDaemon:
             steps.callback(self._reports.flush, now_ns)
             for axis in reversed(self.axes):
                 steps.callback(axis.report, now_ns)
-
-    def _each(self, action: Callable[[MasterAxis, int], None], now_ns: int) -> None:
-        for axis in self.axes:
-            action(axis, now_ns)
-
-    def _report(self, now_ns: int) -> None:
-        self._each(MasterAxis.report, now_ns)
 
 
 def _axis(

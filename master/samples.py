@@ -1,11 +1,9 @@
 """The messages in which the master says what the hand did and felt, and how it knows the contact."""
 
 from collections.abc import Iterable
-from typing import TypedDict
 
 from forefeel.common.bus import Header
 from forefeel.common.clock_offset import OffsetEstimate
-from forefeel.common.estimation.forecast import Estimate
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.messages import (
     MOST_FORCE_N,
@@ -16,25 +14,6 @@ from forefeel.common.messages import (
     within,
 )
 from forefeel.master.haptics import HapticOutputs, NewestForce
-
-
-class ForecastFields(TypedDict):
-    """See HapticSample."""
-
-    predicted_n: float | None
-    low_n: float | None
-    high_n: float | None
-    leading: str
-
-
-_NOTHING: ForecastFields = {"predicted_n": None, "low_n": None, "high_n": None, "leading": ""}
-
-
-def forecast_fields(predicted: Estimate | None) -> ForecastFields:
-    if predicted is None:
-        return _NOTHING
-    force_n, low_n, high_n = (within(value, MOST_FORCE_N) for value in predicted[:3])
-    return {"predicted_n": force_n, "low_n": low_n, "high_n": high_n, "leading": predicted.leading}
 
 
 def ages_s(
@@ -56,12 +35,17 @@ def haptic_sample(
     force: NewestForce | None,
     clock: OffsetEstimate | None,
 ) -> HapticSample:
+    predicted = outputs.predicted
+    force_n, low_n, high_n = map(_bounded, predicted[:3] if predicted else (None, None, None))
     age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
     return HapticSample(
         **header,
         handle_position_m=handle_m,
         command_position_m=within(outputs.position_m, MOST_POSITION_M),
-        **forecast_fields(outputs.predicted),
+        predicted_n=force_n,
+        low_n=low_n,
+        high_n=high_n,
+        leading=predicted.leading if predicted else "",
         zoh_n=outputs.zoh_n,
         rendered_n=outputs.rendered_n,
         force_age_s=age_s,
@@ -70,6 +54,10 @@ def haptic_sample(
         limited=bool(outputs.hits),
         energy_j=outputs.energy_j,
     )
+
+
+def _bounded(force_n: float | None) -> float | None:
+    return None if force_n is None else within(force_n, MOST_FORCE_N)
 
 
 def model_parameters(

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
-from forefeel.common.daemon import SECOND_NS, Reports, impaired
+from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import DriverSettings, Slot, driver_of
 from forefeel.common.runtime.port import Runtime
@@ -67,9 +67,9 @@ class SlaveDaemon:
         self._loop = runtime.loop("control", TICK_NS, self.tick)
         runtime.on_fault(self.fail)
         runtime.task("serve", SECOND_NS // 100, self._serve)
-        runtime.task("heartbeat", SECOND_NS // 20, self._beat)
-        runtime.task("state", SECOND_NS // 50, self._report)
-        runtime.task("calibration", _ANNOUNCE_NS, self._announce)
+        runtime.task("heartbeat", SECOND_NS // 20, each(self.axes, SlaveAxis.beat))
+        runtime.task("state", SECOND_NS // 50, each(self.axes, SlaveAxis.report))
+        runtime.task("calibration", _ANNOUNCE_NS, each(self.axes, SlaveAxis.announce))
         self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
 
     def tick(self, now_ns: int) -> None:
@@ -140,18 +140,6 @@ class SlaveDaemon:
         for axis in self.axes:
             self._settle(axis)  # a stop is heeded while the daemon comes to its end
             axis.serve(now_ns)
-
-    def _beat(self, now_ns: int) -> None:
-        for axis in self.axes:
-            axis.beat(now_ns)
-
-    def _announce(self, now_ns: int) -> None:
-        for axis in self.axes:
-            axis.announce(now_ns)
-
-    def _report(self, now_ns: int) -> None:
-        for axis in self.axes:
-            axis.report(now_ns)
 
 
 def _devices(settings: SlaveAxisSettings, clock: Clock) -> Devices:

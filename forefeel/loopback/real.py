@@ -2,10 +2,7 @@
 in order.
 """
 
-import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,19 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from forefeel.common.codec import decode
-from forefeel.common.errors import CodecError, InputError, RunError
+from forefeel.common.errors import CodecError, RunError
 from forefeel.common.messages import FOLLOWING
 from forefeel.common.topics import COMMAND, SLAVE_STATE
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.interrupt import Stop, heeded
+from forefeel.loopback.child import Child
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
-from forefeel.loopback.viewer import Watched
-from forefeel.parent import child_environment
+from forefeel.loopback.viewer import Viewer
 from forefeel.recorder import Recorder
 
 _POLL_S = 0.1  # s between two looks at the processes
-_END_S = 10.0  # s from SIGTERM to SIGKILL
 _START_S = 120.0
 """A daemon that ends is noticed at once. One that compiles its kernels anew on a slow or busy host needs
 longer than half a minute.
@@ -43,7 +39,7 @@ def run_real(
     out: Path,
     progress: Progress,
     emulators: Sequence[Emulated] = (),
-    watched: Watched | None = None,
+    viewer: Viewer | None = None,
 ) -> None:
     """Runs to the end and leaves out/recording.mcap; `progress` gets (seconds done, what happens).
 
@@ -54,30 +50,30 @@ def run_real(
     Raises:
         RunError: a daemon failed, or the user ended the run.
     """
-    endpoints = [f"tcp/127.0.0.1:{port}" for port in _free_ports(2 if watched is None else 3)]
+    endpoints = [f"tcp/127.0.0.1:{port}" for port in _free_ports(2 if viewer is None else 3)]
     plan = with_state(_with_endpoints(plan, *endpoints), out)
     with heeded() as stop:
         paths = plan.write(out)
         children = [
-            _Child("slave", _daemon("slave", paths[0], None), out),
-            _Child("master", _daemon("master", paths[1], plan.duration_s), out),
+            Child("slave", _daemon("slave", paths[0], None), out),
+            Child("master", _daemon("master", paths[1], plan.duration_s), out),
         ]
-        devices = [_Child(each.name, emulator_command(each), out) for each in emulators]
+        devices = [Child(each.name, emulator_command(each), out) for each in emulators]
         listening = TransportSettings(listen=(endpoints[1],))
         recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.tables())
         try:
             if _started(devices, children, stop):
-                if watched is not None:
-                    watched.start(plan.slave["cell"], (endpoints[0], endpoints[2]), out)
+                if viewer is not None:
+                    viewer.start(plan.slave["cell"], (endpoints[0], endpoints[2]), out)
                 _watch(children, recorder, plan, progress, stop)
         finally:
-            if watched is not None:
-                watched.ask_to_end()
+            if viewer is not None:
+                viewer.ask_to_end()
             for child in reversed([*devices, *children]):
                 child.end()
             recorder.close()
-            if watched is not None:
-                watched.end()
+            if viewer is not None:
+                viewer.end()
         if stop.wanted():
             raise InterruptedRunError("interrupted; both ends stopped in order and the recording is closed")
     for child in [*children, *devices]:
@@ -89,79 +85,31 @@ def _daemon(role: str, settings: Path, duration_s: float | None) -> list[str]:
     return words if duration_s is None else [*words, "--duration", f"{duration_s}"]
 
 
-def _started(devices: Sequence["_Child"], children: Sequence["_Child"], stop: Stop) -> bool:
+def _started(devices: Sequence[Child], children: Sequence[Child], stop: Stop) -> bool:
     """Starts all of them, the devices one after the other; False as soon as a signal came."""
     for child in (*devices, *children):
         if stop.wanted():
             return False
         child.start()
         if child in devices:
-            child.await_word(stop)
+            _await_word(child, stop)
     return True
 
 
-class _Child:
-    """One process; its words go to a log file beside the recording."""
-
-    def __init__(self, role: str, words: list[str], out: Path) -> None:
-        self.role = role
-        self._log = out / f"{role}.log"
-        self._command = [sys.executable, *words]
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def start(self) -> None:
-        """Starts it in a session of its own, so that only we get the terminal's Ctrl-C."""
-        with self._log.open("wb") as log:
-            self._process = subprocess.Popen(
-                self._command,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-                env=child_environment(),
-            )
-
-    @property
-    def running(self) -> bool:
-        return self._process is not None and self._process.poll() is None
-
-    def await_word(self, stop: Stop) -> None:
-        """Until it has said a line: an emulated device can be opened then, and a start disturbs nobody. Or
-        until a signal came.
-        """
-        end_s = time.monotonic() + _START_S
-        while not (self._log.stat().st_size or stop.wanted()):
-            if not self.running or time.monotonic() > end_s:
-                self.end()
-                self.check()
-                raise RunError(f"the emulated {self.role} did not appear (see {self._log})")
-            time.sleep(0.01)
-
-    def end(self) -> None:
-        """SIGTERM, and SIGKILL when it does not come to an end."""
-        if self._process is None:
-            return
-        if self.running:
-            self._process.send_signal(signal.SIGTERM)
-        try:
-            self._process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-    def check(self) -> None:
-        """Raises what the process ended with, in its own last words."""
-        code = self._process.returncode if self._process else None
-        if code == 0:
-            return
-        words = self._log.read_text(errors="replace").strip().splitlines()
-        last = words[-1].removeprefix("forefeel: ") if words else "no word"
-        if code == 2:
-            raise InputError(f"{self.role}: {last}")
-        raise RunError(f"the {self.role} ended with code {code}: {last} (see {self._log})")
+def _await_word(device: Child, stop: Stop) -> None:
+    """Until it has said a line: an emulated device can be opened then, and a start disturbs nobody. Or until
+    a signal came.
+    """
+    end_s = time.monotonic() + _START_S
+    while not (device.log.stat().st_size or stop.wanted()):
+        if not device.running or time.monotonic() > end_s:
+            device.end()
+            device.check()
+            raise RunError(f"the emulated {device.name} did not appear (see {device.log})")
+        time.sleep(0.01)
 
 
-def _watch(children: list[_Child], recorder: Recorder, plan: Plan, progress: Progress, stop: Stop) -> None:
+def _watch(children: list[Child], recorder: Recorder, plan: Plan, progress: Progress, stop: Stop) -> None:
     """Until the master ends by itself, a signal came or anything fails."""
     slave, master = children
     start_s, ready_s = time.monotonic(), None

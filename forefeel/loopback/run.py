@@ -15,7 +15,7 @@ from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
-from forefeel.loopback.viewer import LOG, Watched
+from forefeel.loopback.viewer import LOG, Viewer
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import ten_lines, write_report
 from forefeel.report.summary import RunReport
@@ -60,10 +60,10 @@ def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]
     fresh_folder(folder, _OURS, "an earlier run", how.overwrite)
     for note in plan.notes:
         say(note)
-    watched = Watched(how.opens, say) if how.dashboard else None
+    viewer = Viewer(how.opens, say) if how.dashboard else None
     with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
-        _run(plan, options, folder, how.virtual, written, _shown(bar, task, plan), watched)
+        _run(plan, options, folder, how.virtual, written, _shown(bar, task, plan), viewer)
     with stages("loopback", said=()) as tell:
         tell("writing the report")
         report = write_report(folder / _RECORDING, folder)
@@ -88,16 +88,16 @@ def _run(
     virtual: bool,
     written: list[str],
     show: Show,
-    watched: Watched | None,
+    viewer: Viewer | None,
 ) -> None:
     """Leaves the recording, also of a run that was interrupted."""
     if options.hardware != SIMULATED:
         with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
             bench = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
-            run_real(bench.plan, folder, show, bench.emulators, watched)
+            run_real(bench.plan, folder, show, bench.emulators, viewer)
         written.append(_RECORDING)
     elif not virtual:
-        run_real(plan, folder, show, watched=watched)
+        run_real(plan, folder, show, viewer=viewer)
         written.append(_RECORDING)
     else:
         _run_virtual(VirtualLoopback(plan, options.seed), folder / _RECORDING, written, show)

@@ -16,9 +16,8 @@ from forefeel.devices.simulated.recorded import RecordedLoadCell
 from forefeel.slave.daemon import _devices
 from forefeel.slave.gripper import Gripper
 from forefeel.slave.load_cell import LoadCell, LoadCellReading
-from forefeel.slave.plant.load_cell import PlantLoadCell
 from forefeel.slave.plant.settings import LoadCellSettings, preset
-from forefeel.slave.plant.world import SimulatedWorld
+from forefeel.slave.plant.world import PlantLoadCell, SimulatedWorld
 from forefeel.slave.settings import SlaveAxisSettings
 from forefeel.slave.stage import Stage
 

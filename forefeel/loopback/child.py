@@ -1,0 +1,72 @@
+"""A process that a loopback run starts; its output goes to a log file beside the recording."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from forefeel.common.errors import InputError, RunError
+from forefeel.parent import child_environment
+
+
+class Child:
+    """`python WORDS`, started in a session of its own, so that only the run gets the terminal's Ctrl-C.
+
+    Args:
+        prefix: what stands before the interpreter, such as `nice`.
+        end_s: s from SIGTERM to SIGKILL.
+    """
+
+    def __init__(
+        self, name: str, words: Sequence[str], out: Path, prefix: Sequence[str] = (), end_s: float = 10.0
+    ) -> None:
+        self.name = name
+        self.log = out / f"{name}.log"
+        self._command = [*prefix, sys.executable, *words]
+        self._end_s = end_s
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self, environment: Mapping[str, str] = {}, descriptors: Sequence[int] = ()) -> None:
+        """`environment` is added to that of this process; `descriptors` are files for it to inherit."""
+        with self.log.open("wb") as log:
+            self._process = subprocess.Popen(
+                self._command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+                env={**child_environment(), **environment},
+                pass_fds=descriptors,
+            )
+
+    @property
+    def running(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
+    def ask_to_end(self) -> None:
+        """Sends SIGTERM."""
+        if self._process is not None and self.running:
+            self._process.send_signal(signal.SIGTERM)
+
+    def end(self) -> None:
+        """Sends SIGTERM, and SIGKILL when the process has not ended in time."""
+        if self._process is None:
+            return
+        self.ask_to_end()
+        try:
+            self._process.wait(self._end_s)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def check(self) -> None:
+        """Raises what the process ended with, in its own last words."""
+        code = self._process.returncode if self._process else None
+        if code == 0:
+            return
+        words = self.log.read_text(errors="replace").strip().splitlines()
+        last = words[-1].removeprefix("forefeel: ") if words else "no word"
+        if code == 2:
+            raise InputError(f"{self.name}: {last}")
+        raise RunError(f"the {self.name} ended with code {code}: {last} (see {self.log})")
