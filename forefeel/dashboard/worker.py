@@ -11,9 +11,9 @@ from forefeel.common.causes.catalogue import words
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import ForefeelError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.words import headline
+from forefeel.diagnose.answer import headline
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.verdict import Diagnosis, Interval
+from forefeel.diagnosis.verdict import Diagnosis, Interval
 from forefeel.parent import die_with_parent
 from forefeel.report.wording import shown
 

@@ -15,15 +15,14 @@ from forefeel.common.errors import ConfigurationError, RecordingError, RunError
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.diagnose.words import answer
-from forefeel.diagnosis.diagnose import Diagnosed, diagnose
-from forefeel.diagnosis.diagnose.diagnose import diagnose_together
-from forefeel.diagnosis.diagnose.extended import extended_model
-from forefeel.diagnosis.diagnose.verdict import Diagnosis
+from forefeel.diagnose.answer import answer
+from forefeel.diagnosis.diagnose import Diagnosed, diagnose, diagnose_together
+from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.terminal import Tell
 
 if TYPE_CHECKING:
-    from forefeel.diagnosis.diagnose.prediction import Across
+    from forefeel.diagnosis.prediction import Across
 
 JSON, PAGE, MODEL = "diagnosis.json", "report.html", "model.yaml"
 FILES = MODEL, PAGE, JSON
@@ -110,7 +109,7 @@ def _title(recording: Recording, diagnosis: Diagnosis) -> str:
 
 
 def _prediction(recording: Recording, model: ContactModel) -> "Across | None":
-    from forefeel.diagnosis.diagnose.prediction import across_delay  # noqa: PLC0415 - loads the predictor
+    from forefeel.diagnosis.prediction import across_delay  # noqa: PLC0415 - loads the predictor
 
     try:
         return across_delay(recording, model)

@@ -13,10 +13,10 @@ from rich.text import Text
 
 from forefeel.common.errors import ConfigurationError, InputError, RunError
 from forefeel.common.events.text import quantity
+from forefeel.diagnose.answer import named, noise_text
 from forefeel.diagnose.examine import FILES, JSON, PAGE, Result, Task
 from forefeel.diagnose.parallel import TaskOutcome, outcomes
-from forefeel.diagnose.words import named, noise_text
-from forefeel.diagnosis.diagnose.verdict import Diagnosis
+from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.files import results_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.report.wording import DISCLAIMER

@@ -11,9 +11,7 @@ from forefeel.common.causes.catalogue import fingerprint, words
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.parts import TRIM, Parts, Rows, density, rms
-from forefeel.diagnose.pictures import picture, sensor_picture
-from forefeel.diagnose.words import (
+from forefeel.diagnose.answer import (
     caution,
     equation,
     expected_text,
@@ -22,9 +20,11 @@ from forefeel.diagnose.words import (
     on_readings,
     unknown_parameters,
 )
+from forefeel.diagnose.curves import TRIM, Curves, Rows, density, rms
+from forefeel.diagnose.pictures import picture, sensor_picture
 from forefeel.diagnosis.diagnose import Diagnosed
-from forefeel.diagnosis.diagnose.prediction import Across
-from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, Evidence
+from forefeel.diagnosis.prediction import Across
+from forefeel.diagnosis.verdict import Cause, Diagnosis, Evidence
 from forefeel.report.drawing import (
     BLACK,
     BLUE,
@@ -99,7 +99,7 @@ def render_page(
     model_yaml: str = "",
 ) -> str:
     """The diagnosis with its figures as one HTML file that needs nothing else."""
-    diagnosis, parts = diagnosed.diagnosis, Parts.of(diagnosed.analysis, given)
+    diagnosis, curves = diagnosed.diagnosis, Curves.of(diagnosed.analysis, given)
     return render(
         "diagnose/page.html.j2",
         recording=recording,
@@ -112,43 +112,43 @@ def render_page(
         cautions=[*unknown_parameters(diagnosis), *(caution(flag) for flag in diagnosis.flags)],
         equation=equation(diagnosis),
         elsewhere=None if diagnosis.other_motion is None else expected_text(diagnosis.other_motion),
-        simulation=named(parts),
+        simulation=named(curves),
         given=given is not None,
-        causes=[_section(recording.name, parts, cause) for cause in diagnosis.causes],
-        suspects=[] if diagnosis.causes else _suspects(recording.name, parts, diagnosis),
+        causes=[_section(recording.name, curves, cause) for cause in diagnosis.causes],
+        suspects=[] if diagnosis.causes else _suspects(recording.name, curves, diagnosis),
         rows=_rows(diagnosis),
         plain=words,
         model_yaml=model_yaml,
-        drawings=drawings(recording.name, parts, diagnosis),
+        drawings=drawings(recording.name, curves, diagnosis),
     )
 
 
-def _section(stem: str, parts: Parts, cause: Cause) -> Section:
+def _section(stem: str, curves: Curves, cause: Cause) -> Section:
     parameters = [shown(name, interval) for name, interval in cause.parameters.items()]
     explained = ("Its share of the force, rms", quantity(cause.explained_n, "N"))
     evidence = [explained, *_evidence(cause.evidence, cause.probability)]
-    form, drawing = _drawn(stem, parts, cause.name)
+    form, drawing = _drawn(stem, curves, cause.name)
     return Section(
         cause.name, words(cause.name), _fingerprint(cause.name), form, parameters, evidence, drawing
     )
 
 
-def _suspects(stem: str, parts: Parts, diagnosis: Diagnosis) -> list[Section]:
+def _suspects(stem: str, curves: Curves, diagnosis: Diagnosis) -> list[Section]:
     """What the search put into its model while the verdict names nothing; the simulation has a bias."""
-    found = [(name, *_drawn(stem, parts, name)) for name in diagnosis.suspected if name != "bias"]
+    found = [(name, *_drawn(stem, curves, name)) for name in diagnosis.suspected if name != "bias"]
     return [
         Section(name, words(name), _fingerprint(name), form, [], [], drawing) for name, form, drawing in found
     ]
 
 
-def _drawn(stem: str, parts: Parts, name: str) -> tuple[str, Drawing | None]:
+def _drawn(stem: str, curves: Curves, name: str) -> tuple[str, Drawing | None]:
     """(what its form says, its picture)."""
-    for fault in parts.analysis.faults:
+    for fault in curves.analysis.faults:
         if fault.name == name:
-            return "", sensor_picture(stem, parts.analysis, fault)
-    for full in parts.analysis.fit.model:
+            return "", sensor_picture(stem, curves.analysis, fault)
+    for full in curves.analysis.fit.model:
         if base_name(full) == name:
-            return _FORMS.get(full.partition(":")[2], ""), picture(stem, parts, full)
+            return _FORMS.get(full.partition(":")[2], ""), picture(stem, curves, full)
     return "", None
 
 
@@ -201,28 +201,28 @@ def _owned(parameters: Mapping[str, Value]) -> dict[str, Value]:
 
 
 @styled()
-def drawings(stem: str, parts: Parts, diagnosis: Diagnosis) -> list[Drawing]:
+def drawings(stem: str, curves: Curves, diagnosis: Diagnosis) -> list[Drawing]:
     """Force over time and its worst stretch; what is left over time, over the motion, its spectrum, its
     size.
     """
     return [
-        _force(stem, parts),
-        _detail(stem, parts),
-        _over_time(stem, parts, diagnosis),
-        _over_motion(stem, parts),
-        _spectrum(stem, parts),
-        _sizes(stem, parts, diagnosis),
+        _force(stem, curves),
+        _detail(stem, curves),
+        _over_time(stem, curves, diagnosis),
+        _over_motion(stem, curves),
+        _spectrum(stem, curves),
+        _sizes(stem, curves, diagnosis),
     ]
 
 
-def named(parts: Parts) -> str:
+def named(curves: Curves) -> str:
     """What the simulation is."""
-    return f"{_SIMULATION} ({'the given model' if parts.given else 'mass, damper, spring, bias'})"
+    return f"{_SIMULATION} ({'the given model' if curves.given else 'mass, damper, spring, bias'})"
 
 
-def worst_stretch(parts: Parts, length_s: float = _DETAIL_S) -> tuple[float, float]:
+def worst_stretch(curves: Curves, length_s: float = _DETAIL_S) -> tuple[float, float]:
     """From when to when the simulation errs most, in s since the start."""
-    t, error = parts.t[parts.rows], parts.before[parts.rows] ** 2
+    t, error = curves.t[curves.rows], curves.before[curves.rows] ** 2
     stretch = np.floor((t - t[0]) / length_s).astype(np.int64)
     total = np.bincount(stretch, error)
     count = np.bincount(stretch)
@@ -231,60 +231,60 @@ def worst_stretch(parts: Parts, length_s: float = _DETAIL_S) -> tuple[float, flo
     return start, min(start + length_s, float(t[-1]))
 
 
-def _force(stem: str, parts: Parts) -> Drawing:
-    band = parts.analysis.regression.signals.cutoff_hz
+def _force(stem: str, curves: Curves) -> Drawing:
+    band = curves.analysis.regression.signals.cutoff_hz
     caption = f"The whole recording below {band:.0f} Hz, the band in which motion and force are compared."
-    return _forces(stem, parts, "Simulation and measurement", caption, parts.rows)
+    return _forces(stem, curves, "Simulation and measurement", caption, curves.rows)
 
 
-def _detail(stem: str, parts: Parts) -> Drawing:
-    start, end = worst_stretch(parts)
-    t = parts.t[parts.rows]
-    rows = parts.rows[(t >= start) & (t <= end)]
+def _detail(stem: str, curves: Curves) -> Drawing:
+    start, end = worst_stretch(curves)
+    t = curves.t[curves.rows]
+    rows = curves.rows[(t >= start) & (t <= end)]
     caption = f"{start:.1f} to {end:.1f} s, the stretch with the largest error."
-    return _forces(stem, parts, "Where the simulation errs most", caption, rows)
+    return _forces(stem, curves, "Where the simulation errs most", caption, rows)
 
 
-def _forces(stem: str, parts: Parts, title: str, caption: str, rows: Rows) -> Drawing:
+def _forces(stem: str, curves: Curves, title: str, caption: str, rows: Rows) -> Drawing:
     figure, axes = one_plot(2.9)
-    force = AxisUnit("force", "N", parts.force[rows])
+    force = AxisUnit("force", "N", curves.force[rows])
     simulated, measured, extended = (
-        force(values[rows]) for values in (parts.simulated, parts.force, parts.extended)
+        force(values[rows]) for values in (curves.simulated, curves.force, curves.extended)
     )
     limit_y(axes, simulated, measured, extended, trim=TRIM, zero=True)
-    gap_s = _gap_s(parts)
-    plot(axes, parts.t[rows], measured, BLACK, "measured", width=2.0, gap_s=gap_s)
-    plot(axes, parts.t[rows], simulated, ORANGE, named(parts), gap_s=gap_s)
-    plot(axes, parts.t[rows], extended, BLUE, "extended by the causes", gap_s=gap_s)
+    gap_s = _gap_s(curves)
+    plot(axes, curves.t[rows], measured, BLACK, "measured", width=2.0, gap_s=gap_s)
+    plot(axes, curves.t[rows], simulated, ORANGE, named(curves), gap_s=gap_s)
+    plot(axes, curves.t[rows], extended, BLUE, "extended by the causes", gap_s=gap_s)
     finish(axes, "time in s", force.label)
     return drawn(figure, stem, title, caption)
 
 
-def _over_time(stem: str, parts: Parts, diagnosis: Diagnosis) -> Drawing:
-    rows, (figure, axes) = parts.rows, one_plot(2.5)
-    residual = AxisUnit("residual", "N", parts.before[rows])
-    limit_y(axes, *(residual(values[rows]) for values in (parts.before, parts.after)), trim=TRIM, zero=True)
+def _over_time(stem: str, curves: Curves, diagnosis: Diagnosis) -> Drawing:
+    rows, (figure, axes) = curves.rows, one_plot(2.5)
+    residual = AxisUnit("residual", "N", curves.before[rows])
+    limit_y(axes, *(residual(values[rows]) for values in (curves.before, curves.after)), trim=TRIM, zero=True)
     if diagnosis.noise_floor_n is not None:
         band_about_zero(axes, 2.0 * float(residual(diagnosis.noise_floor_n)), "± 2 x noise")
-    for values, colour, name in zip((parts.before, parts.after), _COLOURS, _names(), strict=True):
-        plot(axes, parts.t[rows], residual(values[rows]), colour, name, gap_s=_gap_s(parts))
+    for values, colour, name in zip((curves.before, curves.after), _COLOURS, _names(), strict=True):
+        plot(axes, curves.t[rows], residual(values[rows]), colour, name, gap_s=_gap_s(curves))
     finish(axes, "time in s", residual.label)
     return drawn(figure, stem, "What is left over time", "Measured less modelled force.")
 
 
-def _over_motion(stem: str, parts: Parts) -> Drawing:
-    rows = parts.rows
+def _over_motion(stem: str, curves: Curves) -> Drawing:
+    rows = curves.rows
     columns = {
-        ("position", "m"): parts.x,
-        ("speed", "m/s"): parts.v,
-        ("distance since reversal, by direction,", "m"): parts.since * parts.direction,
+        ("position", "m"): curves.x,
+        ("speed", "m/s"): curves.v,
+        ("distance since reversal, by direction,", "m"): curves.since * curves.direction,
     }
     figure = new_figure(3.1)
-    residual = AxisUnit("residual", "N", parts.before[rows])
+    residual = AxisUnit("residual", "N", curves.before[rows])
     grid = figure.subplots(1, 3, sharey=True)
     for axes, ((label, unit), column) in zip(grid, columns.items(), strict=True):
         across = AxisUnit(label, unit, column[rows])
-        for values, colour, name in zip((parts.before, parts.after), _COLOURS, _names(), strict=True):
+        for values, colour, name in zip((curves.before, curves.after), _COLOURS, _names(), strict=True):
             cloud(axes, across(column[rows]), residual(values[rows]), colour)
             axes.plot(
                 *means(across(column[rows]), residual(values[rows])),
@@ -296,27 +296,27 @@ def _over_motion(stem: str, parts: Parts) -> Drawing:
         finish(axes, across.label, residual.label if axes is grid[0] else "", legend=False)
     common_legend(figure, grid[0])
     limit_y(
-        grid[0], *(residual(values[rows]) for values in (parts.before, parts.after)), trim=TRIM, zero=True
+        grid[0], *(residual(values[rows]) for values in (curves.before, curves.after)), trim=TRIM, zero=True
     )
     caption = "Points, and their means in bins. A line that leaves zero is something missing."
     return drawn(figure, stem, "What is left over position, speed and distance since reversal", caption)
 
 
-def _spectrum(stem: str, parts: Parts) -> Drawing:
+def _spectrum(stem: str, curves: Curves) -> Drawing:
     figure, axes = one_plot(2.6)
-    for values, colour, name in zip((parts.before, parts.after), _COLOURS, _names(), strict=True):
-        axes.loglog(*density(parts.analysis.regression.signals, values), color=colour, label=name)
+    for values, colour, name in zip((curves.before, curves.after), _COLOURS, _names(), strict=True):
+        axes.loglog(*density(curves.analysis.regression.signals, values), color=colour, label=name)
     plain_numbers(axes.xaxis, axes.yaxis)
     finish(axes, "frequency in Hz", "residual in N/√Hz")
     caption = "A peak is periodic or swings; noise is flat or falls slowly."
     return drawn(figure, stem, "Spectrum of what is left", caption)
 
 
-def _sizes(stem: str, parts: Parts, diagnosis: Diagnosis) -> Drawing:
-    rows = parts.rows
-    shown = [(f"left by the {_SIMULATION}", rms(parts.before[rows]), ORANGE)]
+def _sizes(stem: str, curves: Curves, diagnosis: Diagnosis) -> Drawing:
+    rows = curves.rows
+    shown = [(f"left by the {_SIMULATION}", rms(curves.before[rows]), ORANGE)]
     shown += [(cause.name, cause.explained_n, GREY) for cause in diagnosis.causes]
-    shown.append(("left by the extended model", rms(parts.after[rows]), BLUE))
+    shown.append(("left by the extended model", rms(curves.after[rows]), BLUE))
     if diagnosis.noise_floor_n is not None:
         shown.append(("noise floor", diagnosis.noise_floor_n, BLACK))
     figure = new_figure(0.75 + 0.33 * len(shown))
@@ -331,5 +331,5 @@ def _names() -> tuple[str, str]:
     return f"left by the {_SIMULATION}", "left by the extended model"
 
 
-def _gap_s(parts: Parts) -> float:
-    return max(0.1, 3.0 / parts.analysis.regression.signals.coarse_rate_hz)
+def _gap_s(curves: Curves) -> float:
+    return max(0.1, 3.0 / curves.analysis.regression.signals.coarse_rate_hz)

@@ -11,11 +11,11 @@ from scipy.signal import welch
 from forefeel.common.causes.candidate import Shape, base_name
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnose.parts import TRIM, Parts, density, response, rms, share_of, strokes
-from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.diagnosis.diagnose.regression import alignment
-from forefeel.diagnosis.diagnose.signals import Mask
+from forefeel.diagnose.curves import TRIM, Curves, density, response, rms, share_of, strokes
+from forefeel.diagnosis.analysis import Analysis
+from forefeel.diagnosis.regression import alignment
+from forefeel.diagnosis.sensor_faults import Fault
+from forefeel.diagnosis.signals import Mask
 from forefeel.report.drawing import (
     BLUE,
     GREY,
@@ -61,29 +61,29 @@ class Component:
     count.
     """
 
-    parts: Parts
+    curves: Curves
     name: str
     shape: Shape
     own: Floats
     left: Floats
 
     @classmethod
-    def of(cls, parts: Parts, name: str) -> "Component":
+    def of(cls, curves: Curves, name: str) -> "Component":
         """Of a cause by the name of its form."""
-        analysis = parts.analysis
-        own = share_of(analysis.regression, analysis.fit, name)[parts.rows]
-        return cls(parts, name, analysis.fit.model[name], own, own + parts.after[parts.rows])
+        analysis = curves.analysis
+        own = share_of(analysis.regression, analysis.fit, name)[curves.rows]
+        return cls(curves, name, analysis.fit.model[name], own, own + curves.after[curves.rows])
 
     def column(self, values: Floats) -> Floats:
-        """A column of the parts at the rows that count."""
-        return np.asarray(values[self.parts.rows])
+        """A column of the curves at the rows that count."""
+        return np.asarray(values[self.curves.rows])
 
 
 @styled()
-def picture(stem: str, parts: Parts, name: str) -> Drawing:
+def picture(stem: str, curves: Curves, name: str) -> Drawing:
     """Of a cause of the model, by the name of its form; over time where no other picture suits it."""
     draw = _DRAWINGS[CANDIDATES[name].picture]
-    return draw(f"{stem} {name}", Component.of(parts, name))
+    return draw(f"{stem} {name}", Component.of(curves, name))
 
 
 @styled()
@@ -117,7 +117,7 @@ def _against(
 def _speed(stem: str, of: Component) -> Drawing:
     title = "Over the speed"
     caption = "A jump at zero is dry friction, a slope damping, a bend drag, a peak at low speed Stribeck's."
-    return _against(stem, of, of.column(of.parts.v), ("speed", "m/s"), (of.left, of.own), title, caption)
+    return _against(stem, of, of.column(of.curves.v), ("speed", "m/s"), (of.left, of.own), title, caption)
 
 
 def _position(stem: str, of: Component) -> Drawing:
@@ -125,25 +125,25 @@ def _position(stem: str, of: Component) -> Drawing:
         "Over the position",
         "The same curve on the way in and out: a spring that is not straight, or a force of the place.",
     )
-    return _against(stem, of, of.column(of.parts.x), ("position", "m"), (of.left, of.own), title, caption)
+    return _against(stem, of, of.column(of.curves.x), ("position", "m"), (of.left, of.own), title, caption)
 
 
 def _contact(stem: str, of: Component) -> Drawing:
     """The spring's force with what is left: nothing before the contact, a slope behind it."""
-    regression, fit = of.parts.analysis.regression, of.parts.analysis.fit
+    regression, fit = of.curves.analysis.regression, of.curves.analysis.fit
     spring = regression.block(fit.model, "", ())[:, 2] * fit.coefficients[2]
     own = of.column(spring)
-    y = own + of.column(of.parts.after), own
+    y = own + of.column(of.curves.after), own
     title, caption = "The elastic force over the position", "Nothing before the contact, a slope behind it."
-    return _against(stem, of, of.column(of.parts.x), ("position", "m"), y, title, caption)
+    return _against(stem, of, of.column(of.curves.x), ("position", "m"), y, title, caption)
 
 
 def _since(stem: str, of: Component) -> Drawing:
     """By direction, so that both branches lie on each other."""
     length = max(of.shape, default=0.0)
-    direction, since = (of.column(values) for values in strokes(of.parts, _TREMOR * length))
+    direction, since = (of.column(values) for values in strokes(of.curves, _TREMOR * length))
     near = (direction != 0.0) & (since <= _reach(of, since))
-    resists = of.parts.analysis.regression.sense * direction[near]
+    resists = of.curves.analysis.regression.sense * direction[near]
     y = of.left[near] * resists, of.own[near] * resists
     title = "Over the distance since the last reversal"
     caption = (
@@ -181,29 +181,29 @@ def _groups(
 
 
 def _along(stem: str, of: Component) -> Drawing:
-    direction = of.column(of.parts.direction)
+    direction = of.column(of.curves.direction)
     groups = {"inserting": direction > 0.5, "withdrawing": direction < -0.5}
     words = (
         "Over the position, by direction",
         "Points: what is left without it. A jump that grows with the depth.",
     )
-    return _groups(stem, of, of.column(of.parts.x), ("position", "m"), groups, words)
+    return _groups(stem, of, of.column(of.curves.x), ("position", "m"), groups, words)
 
 
 def _deep(stem: str, of: Component) -> Drawing:
-    x = of.column(of.parts.x)
+    x = of.column(of.curves.x)
     low, high = np.quantile(x, (1.0 / 3.0, 2.0 / 3.0))
     words = (
         "Over the speed, by depth",
         "Points: what is left without it. A slope that is steeper where it is deep.",
     )
     groups = {"shallow third": x < low, "deep third": x > high}
-    return _groups(stem, of, of.column(of.parts.v), ("speed", "m/s"), groups, words)
+    return _groups(stem, of, of.column(of.curves.v), ("speed", "m/s"), groups, words)
 
 
 def _time(stem: str, of: Component) -> Drawing:
     start, end = _window(of)
-    t = of.column(of.parts.t)
+    t = of.column(of.curves.t)
     rows = (t >= start) & (t <= end)
     figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
     force = AxisUnit("force", "N", of.left[rows])
@@ -219,7 +219,7 @@ def _time(stem: str, of: Component) -> Drawing:
 
 def _window(of: Component) -> tuple[float, float]:
     """All of the time, or where a force that fades is largest."""
-    t = of.column(of.parts.t)
+    t = of.column(of.curves.t)
     if base_name(of.name) != "stress_relaxation" or not of.shape:
         return float(t[0]), float(t[-1])
     whole = float(t[-1] - t[0])
@@ -232,7 +232,7 @@ def _window(of: Component) -> tuple[float, float]:
 
 def _folded(stem: str, of: Component) -> Drawing:
     period = 1.0 / of.shape[0]
-    x = of.column(of.parts.t) % period
+    x = of.column(of.curves.t) % period
     title, caption = (
         "Folded on its period",
         f"Every {period:.3g} s laid on the others; shown from 0 to one period.",
@@ -241,13 +241,13 @@ def _folded(stem: str, of: Component) -> Drawing:
 
 
 def _peak(stem: str, of: Component) -> Drawing:
-    parts = of.parts
-    signals, own = parts.analysis.regression.signals, np.zeros_like(parts.t)
-    own[parts.rows] = of.own
+    curves = of.curves
+    signals, own = curves.analysis.regression.signals, np.zeros_like(curves.t)
+    own[curves.rows] = of.own
     figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
-    axes.loglog(*density(signals, own + parts.after), color=ORANGE, label=_WITHOUT)
+    axes.loglog(*density(signals, own + curves.after), color=ORANGE, label=_WITHOUT)
     axes.loglog(*density(signals, own), color=BLUE, label=_OWN)
-    axes.loglog(*density(signals, parts.after), color=GREY, label="left with it")
+    axes.loglog(*density(signals, curves.after), color=GREY, label="left with it")
     axes.axvline(of.shape[0], color=VERMILION, linewidth=1.0)
     plain_numbers(axes.xaxis, axes.yaxis)
     finish(axes, "frequency in Hz", "force in N/√Hz")
@@ -256,7 +256,7 @@ def _peak(stem: str, of: Component) -> Drawing:
 
 def _phase(stem: str, of: Component) -> Drawing:
     """Phase and ratio of the measured force to the model's without the cause, where both go together."""
-    frequency, ratio = response(of.parts.analysis.regression, of.parts.analysis.fit, of.name)
+    frequency, ratio = response(of.curves.analysis.regression, of.curves.analysis.fit, of.name)
     figure = new_figure(_HEIGHT_IN, _WIDTH_IN)
     left, right = figure.subplots(1, 2)
     hz = np.linspace(0.0, float(frequency.max(initial=1.0)), 400)

@@ -19,9 +19,9 @@ from forefeel.diagnosis.evaluation.evaluate import (
     evaluate,
     prepare,
     rules,
+    to_json,
 )
 from forefeel.diagnosis.evaluation.methods import METHODS
-from forefeel.diagnosis.evaluation.results import to_json
 from forefeel.evaluate.page import in_words, render_page
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from forefeel.common.events.text import PREFIXES, UNKNOWN, power_of_1000, quantity
 
 if TYPE_CHECKING:  # the diagnosis imports scipy, for which `forefeel loopback` would wait
-    from forefeel.diagnosis.diagnose.verdict import Interval
+    from forefeel.diagnosis.verdict import Interval
 
 DISCLAIMER = "Research software, not a medical device."
 

@@ -13,12 +13,52 @@ from forefeel.common.model_file import load_model
 from forefeel.common.recording.recording import Array
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
+from forefeel.files import check_new_file, whole
 from forefeel.interrupt import ends_in_order
 from forefeel.simulate.motion import FollowedRecording, Hand, MotionPiece, multisine, sine
 from forefeel.simulate.sensor import SensorOptions, counted, encoded, noise
 from forefeel.simulate.world import integrate
-from forefeel.simulate.write import check_target, write_table
 from forefeel.terminal import progress, show
+
+SUFFIXES = (".csv", ".parquet")
+
+
+def check_target(out: Path, overwrite: bool) -> None:
+    """Refuses what can not be written, before anything is computed.
+
+    Raises:
+        ConfigurationError: another suffix, a folder, a file that may not go, or Parquet without pyarrow.
+    """
+    check_new_file(out, SUFFIXES, ".csv or .parquet", overwrite)
+    if out.suffix.lower() == ".parquet":
+        try:
+            import pyarrow.parquet  # noqa: F401, PLC0415 - optional, and slow to import
+        except ImportError as error:
+            raise ConfigurationError(
+                f"--out {out}: writing Parquet needs pyarrow: pip install forefeel[parquet]"
+            ) from error
+
+
+def write_table(out: Path, columns: dict[str, Array]) -> None:
+    """Beside the file, then in its place.
+
+    Raises:
+        RunError: it can not be written.
+    """
+    with whole(out, "the recording") as part:
+        if out.suffix.lower() == ".parquet":
+            _parquet(part, columns)
+        else:
+            rows = np.stack(list(columns.values()), axis=1)
+            np.savetxt(part, rows, "%.12g", ",", header=",".join(columns), comments="")
+
+
+def _parquet(path: Path, columns: dict[str, Array]) -> None:
+    import pyarrow  # noqa: PLC0415
+    import pyarrow.parquet  # noqa: PLC0415
+
+    pyarrow.parquet.write_table(pyarrow.table(dict(columns)), path)
+
 
 MOTIONS = ("hand", "multisine", "sine")
 # Hz, lowest and highest rate; the highest is that of the physics, `world.PHYSICS_HZ`

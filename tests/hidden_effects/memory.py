@@ -20,10 +20,10 @@ from forefeel.common.causes.candidate import (
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.analysis import conditioned
-from forefeel.diagnosis.diagnose.faults import clean
-from forefeel.diagnosis.diagnose.periods import Periods
-from forefeel.diagnosis.diagnose.regression import RecordingRegression
+from forefeel.diagnosis.analysis import conditioned
+from forefeel.diagnosis.periods import Periods
+from forefeel.diagnosis.regression import RecordingRegression
+from forefeel.diagnosis.sensor_faults import clean
 from tests.hidden_effects.answers import Answer, Measured
 from tests.hidden_effects.columns import moves
 from tests.hidden_effects.sindy import chosen

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from forefeel.cli import app
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.noise import autoregression
+from forefeel.diagnosis.noise import autoregression
 
 RATE_HZ = 500.0
 

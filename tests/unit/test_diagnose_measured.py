@@ -8,7 +8,7 @@ import pytest
 
 from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.verdict import Diagnosis
+from forefeel.diagnosis.verdict import Diagnosis
 
 FRICTION = {"coulomb_friction", "stribeck_friction", "presliding_hysteresis", "position_dependent_friction"}
 

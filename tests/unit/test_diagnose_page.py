@@ -11,15 +11,15 @@ from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES, words
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.registry import OWN
+from forefeel.diagnose.answer import answer, equation
+from forefeel.diagnose.curves import Curves, response, share_of, strokes
 from forefeel.diagnose.page import render_page, worst_stretch
-from forefeel.diagnose.parts import Parts, response, share_of, strokes
 from forefeel.diagnose.pictures import Component, picture, sensor_picture
-from forefeel.diagnose.words import answer, equation
+from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
-from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.diagnosis.diagnose.prediction import Across
-from forefeel.diagnosis.diagnose.verdict import Interval, ModelError
+from forefeel.diagnosis.prediction import Across
+from forefeel.diagnosis.sensor_faults import Fault
+from forefeel.diagnosis.verdict import Interval, ModelError
 from tests.unit.diagnosis_samples import FRICTION_N, made
 from tests.unit.page_checks import check_page
 
@@ -37,11 +37,11 @@ def rubbing() -> Diagnosed:
     return diagnose(made(8.0, friction_n=FRICTION_N, name="<b>rub & run</b>"))
 
 
-def with_model(analysis: Analysis, name: str) -> Parts:
+def with_model(analysis: Analysis, name: str) -> Curves:
     """The analysis as if the search had ended at that one cause."""
     grid = [(1.3,)] if name == "pulsation" else CANDIDATES[name].grid(analysis.regression.extent)
     fit = analysis.regression.fit({name: grid[len(grid) // 2]})
-    return Parts.of(replace(analysis, fit=fit), None)
+    return Curves.of(replace(analysis, fit=fit), None)
 
 
 def test_page_shows_each_cause_and_escapes_names(rubbing: Diagnosed) -> None:
@@ -139,9 +139,9 @@ def test_pictures_cover_the_vocabulary() -> None:
 
 
 def test_what_the_picture_of_friction_shows_is_its_jump(rubbing: Diagnosed) -> None:
-    parts = Parts.of(rubbing.analysis, None)
-    of = Component.of(parts, "coulomb_friction")
-    v, fast = of.column(parts.v), np.abs(of.column(parts.v)) > 5e-3
+    curves = Curves.of(rubbing.analysis, None)
+    of = Component.of(curves, "coulomb_friction")
+    v, fast = of.column(curves.v), np.abs(of.column(curves.v)) > 5e-3
     assert of.own[fast] == pytest.approx(FRICTION_N * np.sign(v[fast]), rel=0.2)
     assert of.left[fast] == pytest.approx(of.own[fast], abs=0.02)
 
@@ -177,7 +177,7 @@ def test_a_late_force_turns_the_phase_evenly(rubbing: Diagnosed, monkeypatch: py
 def test_a_tremor_is_no_reversal_and_a_stroke_is(rubbing: Diagnosed) -> None:
     t = rubbing.analysis.regression.signals.t
     x = 0.01 * np.abs((0.5 * t) % 2.0 - 1.0) + 2e-4 * np.sin(40.0 * t)
-    direction, since = strokes(replace(Parts.of(rubbing.analysis, None), x=x), 1e-3)
+    direction, since = strokes(replace(Curves.of(rubbing.analysis, None), x=x), 1e-3)
     turns = np.flatnonzero(np.diff(direction) != 0.0)
     assert t[turns[1:4]] == pytest.approx([2.0, 4.0, 6.0], abs=0.2)
     assert since.max() == pytest.approx(0.01, rel=0.1)
@@ -185,9 +185,9 @@ def test_a_tremor_is_no_reversal_and_a_stroke_is(rubbing: Diagnosed) -> None:
 
 
 def test_the_worst_stretch_is_where_the_error_is(rubbing: Diagnosed) -> None:
-    parts = Parts.of(rubbing.analysis, None)
-    bad = parts.extended + np.where((parts.t > 5.0) & (parts.t < 5.8), 1.0, 0.0)
-    start, end = worst_stretch(replace(parts, simulated=bad), 1.0)
+    curves = Curves.of(rubbing.analysis, None)
+    bad = curves.extended + np.where((curves.t > 5.0) & (curves.t < 5.8), 1.0, 0.0)
+    start, end = worst_stretch(replace(curves, simulated=bad), 1.0)
     assert start < 5.5 < end
 
 
@@ -195,8 +195,8 @@ def test_a_given_simulation_is_what_the_force_is_compared_with(rubbing: Diagnose
     parameters = {"mass_kg": 0.02, "damping_n_s_m": 0.8, "stiffness_n_m": 40.0}
     effects = [{"effect": "mass_damper_spring", "parameters": parameters}]
     given = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "given", "effects": effects})
-    parts = Parts.of(rubbing.analysis, given)
-    fast = np.abs(parts.v[parts.rows]) > 5e-3
-    size = np.abs(parts.before[parts.rows][fast])
+    curves = Curves.of(rubbing.analysis, given)
+    fast = np.abs(curves.v[curves.rows]) > 5e-3
+    size = np.abs(curves.before[curves.rows][fast])
     assert size == pytest.approx(np.full(len(size), FRICTION_N), abs=0.03)
     assert "the given model" in render_page(rubbing.analysis.recording, rubbing, None, given)

@@ -6,9 +6,9 @@ import pytest
 from forefeel.common.causes.candidate import Model
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.analysis import conditioned
-from forefeel.diagnosis.diagnose.faults import clean
-from forefeel.diagnosis.diagnose.feedback import feeds_the_motion
+from forefeel.diagnosis.analysis import conditioned
+from forefeel.diagnosis.feedback import feeds_the_motion
+from forefeel.diagnosis.sensor_faults import clean
 from tests.hidden_effects.generator import VOCABULARY, draw
 
 RICHER: Model = {"bias": (), "coulomb_friction": (), "stiffening": (), "quadratic_drag": ()}

@@ -7,18 +7,17 @@ from scipy.signal import lfilter
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.analysis import analyse
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.analysis import analyse
-from forefeel.diagnosis.diagnose.blocks import block_numbers, gain
-from forefeel.diagnosis.diagnose.extended import extended_model
-from forefeel.diagnosis.diagnose.faults import clean, comb_step
-from forefeel.diagnosis.diagnose.identifiability import turns
-from forefeel.diagnosis.diagnose.least_squares import solve
-from forefeel.diagnosis.diagnose.noise import autoregression
-from forefeel.diagnosis.diagnose.noise_floor import noise_floor
-from forefeel.diagnosis.diagnose.regression import RecordingRegression
-from forefeel.diagnosis.diagnose.search import Search
-from forefeel.diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.held_out import block_numbers, gain
+from forefeel.diagnosis.identifiability import turns
+from forefeel.diagnosis.noise import autoregression
+from forefeel.diagnosis.noise_floor import noise_floor
+from forefeel.diagnosis.regression import RecordingRegression, solve
+from forefeel.diagnosis.search import Search
+from forefeel.diagnosis.sensor_faults import clean, comb_step
+from forefeel.diagnosis.signals import Signals
 
 MASS, DAMPING, STIFFNESS = 0.06, 1.1, 31.0
 RATE = 500.0

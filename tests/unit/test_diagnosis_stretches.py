@@ -7,8 +7,7 @@ from scipy.signal import lfilter
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.chunks import chunks_of, cleaned_everywhere, liveliest
-from forefeel.diagnosis.diagnose.stretches import FLAG, is_long
+from forefeel.diagnosis.long_recording import FLAG, chunks_of, cleaned_everywhere, is_long, liveliest
 
 RATE_HZ = 250.0
 SECONDS = 180.0

@@ -16,10 +16,10 @@ from forefeel.common.causes.catalogue import CANDIDATES, fingerprint, refresh
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.extended import extended_model
-from forefeel.diagnosis.diagnose.regression import RecordingRegression
-from forefeel.diagnosis.diagnose.search import Search
-from forefeel.diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.regression import RecordingRegression
+from forefeel.diagnosis.search import Search
+from forefeel.diagnosis.signals import Signals
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
 GROUP = "forefeel.effects"

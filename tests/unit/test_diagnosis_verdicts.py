@@ -13,7 +13,7 @@ from forefeel.common.causes.wall import StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.extended import extended_model
+from forefeel.diagnosis.extended import extended_model
 
 RATE_HZ, SECONDS = 500.0, 20.0
 

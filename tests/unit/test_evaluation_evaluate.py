@@ -8,9 +8,8 @@ import pytest
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
-from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules
+from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules, to_json
 from forefeel.diagnosis.evaluation.methods import METHODS
-from forefeel.diagnosis.evaluation.results import to_json
 from forefeel.diagnosis.evaluation.score import BandScore
 from tests.unit.evaluation_samples import hold_oracle, made_up, recording
 

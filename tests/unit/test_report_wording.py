@@ -4,7 +4,7 @@ import pytest
 
 from forefeel.common.causes.registry import OWN
 from forefeel.common.events.text import quantity
-from forefeel.diagnosis.diagnose.verdict import Interval
+from forefeel.diagnosis.verdict import Interval
 from forefeel.report.wording import micros, number, plain_value, ratio, scale, share, shown, split_unit
 
 UNITLESS = {"ratio", "damping_ratio"}

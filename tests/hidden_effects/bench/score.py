@@ -11,9 +11,9 @@ import numpy as np
 from forefeel.common.errors import InputError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.signals import Signals
-from forefeel.diagnosis.diagnose.verdict import ExpectedGain
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.signals import Signals
+from forefeel.diagnosis.verdict import ExpectedGain
 from tests.hidden_effects.answers import Answer, Method
 from tests.hidden_effects.bench import Made, Population, canonical, draw, draw_two, family_of
 from tests.hidden_effects.product import diagnosed

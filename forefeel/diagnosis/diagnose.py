@@ -11,15 +11,15 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.analysis import Analysis, analyse
-from forefeel.diagnosis.diagnose.feedback import FLAG as FEEDS_THE_MOTION
-from forefeel.diagnosis.diagnose.feedback import feeds_the_motion
-from forefeel.diagnosis.diagnose.judge import judged
-from forefeel.diagnosis.diagnose.other_motion import with_expectation
-from forefeel.diagnosis.diagnose.stretches import FLAG, analyse_long, is_long
-from forefeel.diagnosis.diagnose.structure import predictable_share
-from forefeel.diagnosis.diagnose.together import Joined, joined, unclocked
-from forefeel.diagnosis.diagnose.verdict import Diagnosis, ModelError
+from forefeel.diagnosis.analysis import Analysis, analyse
+from forefeel.diagnosis.feedback import FLAG as FEEDS_THE_MOTION
+from forefeel.diagnosis.feedback import feeds_the_motion
+from forefeel.diagnosis.joined_recordings import Joined, joined, unclocked
+from forefeel.diagnosis.judge import judged
+from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
+from forefeel.diagnosis.other_motion import with_expectation
+from forefeel.diagnosis.residual import predictable_share
+from forefeel.diagnosis.verdict import Diagnosis, ModelError
 
 LEAST_S = 3.0
 _LIKE_NOISE = 0.3

@@ -6,11 +6,11 @@ from forefeel.common.causes.catalogue import equation as cause_equation
 from forefeel.common.causes.catalogue import words
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.verdict import Cause, Diagnosis, ExpectedGain, HeldOut
+from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut
 from forefeel.report.wording import DISCLAIMER, shown, split_unit
 
 if TYPE_CHECKING:
-    from forefeel.diagnosis.diagnose.prediction import Across
+    from forefeel.diagnosis.prediction import Across
 
 FLAGS = {
     "motion_driven_by_force": "the force feeds the motion, so trust mass, damping, delay and lag less",

@@ -8,13 +8,13 @@ import numpy as np
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.band import cutoff_hz, speed_band_m_s
-from forefeel.diagnosis.diagnose.faults import Cleaned, Fault, clean
-from forefeel.diagnosis.diagnose.noise import LEAST_CORNER_HZ, Noise, autoregression
-from forefeel.diagnosis.diagnose.noise_floor import NoiseFloor, noise_floor
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.search import ADD, Search
-from forefeel.diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.band import cutoff_hz, speed_band_m_s
+from forefeel.diagnosis.noise import LEAST_CORNER_HZ, Noise, autoregression
+from forefeel.diagnosis.noise_floor import NoiseFloor, noise_floor
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.search import ADD, Search
+from forefeel.diagnosis.sensor_faults import Cleaned, Fault, clean
+from forefeel.diagnosis.signals import Signals
 
 _ROUNDS = 3
 _NARROWER = 0.7

@@ -22,13 +22,13 @@ from scipy.fft import irfft, rfft
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.blocks import plain_columns
-from forefeel.diagnosis.diagnose.parameters import covariance_of, slopes_of
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.signals import Signals
-from forefeel.diagnosis.diagnose.structure import predictable_share
-from forefeel.diagnosis.diagnose.verdict import Diagnosis, ExpectedGain
+from forefeel.diagnosis.analysis import Analysis
+from forefeel.diagnosis.held_out import plain_columns
+from forefeel.diagnosis.parameters import covariance_of, slopes_of
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.residual import predictable_share
+from forefeel.diagnosis.signals import Signals
+from forefeel.diagnosis.verdict import Diagnosis, ExpectedGain
 
 _LONGEST_S = 30.0  # s of the recorded motion that others are made of; chosen, longer tells no more
 _SURROGATES = 3

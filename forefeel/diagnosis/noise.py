@@ -9,7 +9,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.signals import Mask
+from forefeel.diagnosis.signals import Mask
 
 _RIDGE = 1e-4
 _ORDER = 12

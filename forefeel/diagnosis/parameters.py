@@ -7,8 +7,8 @@ import numpy as np
 from forefeel.common.causes.candidate import Found, Periodic, Values, base_name
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.regression import BASE, ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.verdict import Interval
+from forefeel.diagnosis.regression import BASE, ModelFit, RecordingRegression
+from forefeel.diagnosis.verdict import Interval
 
 _DRAWS = 2000
 _STEP = 1e-3

@@ -8,8 +8,8 @@ import numpy as np
 
 from forefeel.common.causes.candidate import Model, Periodic, PositionWave, Shape, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, DRY, kin
-from forefeel.diagnosis.diagnose.refine import Refiner
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.refine import Refiner
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for a change of the model."""

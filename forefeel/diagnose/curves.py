@@ -11,11 +11,11 @@ from forefeel.common.causes.candidate import Changing, MotionGrid, ReadingColumn
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.flexible import since_reversal
-from forefeel.diagnosis.diagnose.identifiability import turning_points
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.analysis import Analysis
+from forefeel.diagnosis.identifiability import turning_points
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.residual import since_reversal
+from forefeel.diagnosis.signals import Signals
 
 Rows = NDArray[np.intp]
 
@@ -25,7 +25,7 @@ _STRETCHES = 8.0  # of the recording, over which a spectrum is averaged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parts:
+class Curves:
     """Forces in N and motion in SI on the coarse grid, all of one shape; `rows` are the samples that count.
 
     `simulated` is the given model's force or that of the fitted mass, damper, spring and bias; `since` is the
@@ -59,7 +59,7 @@ class Parts:
         return self.force - self.extended
 
     @classmethod
-    def of(cls, analysis: Analysis, given: ContactModel | None) -> "Parts":
+    def of(cls, analysis: Analysis, given: ContactModel | None) -> "Curves":
         """From an analysis and the simulation that it was compared with, if one was given."""
         regression = analysis.regression
         signals, motion = regression.signals, regression.motion({})
@@ -114,14 +114,14 @@ def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple
     return frequency[rows], (cross / np.maximum(own, 1e-300))[rows]
 
 
-def strokes(parts: Parts, least_m: float) -> tuple[Floats, Floats]:
+def strokes(curves: Curves, least_m: float) -> tuple[Floats, Floats]:
     """(direction, distance in m since the last reversal); a way back of up to `least_m` is no reversal.
 
     Both on the coarse grid; 0 before the first reversal of a stretch without gaps.
     """
-    direction, since = np.zeros_like(parts.x), np.zeros_like(parts.x)
-    for piece in parts.analysis.regression.signals.piecewise(fine=False):
-        x = parts.x[piece]
+    direction, since = np.zeros_like(curves.x), np.zeros_like(curves.x)
+    for piece in curves.analysis.regression.signals.piecewise(fine=False):
+        x = curves.x[piece]
         turns = turning_points(x.tolist(), least_m)
         for (start, way), (stop, _) in pairwise([*turns, (len(x), 0.0)]):
             direction[piece.start + start : piece.start + stop] = way

@@ -6,8 +6,8 @@ from scipy.optimize import minimize, minimize_scalar
 from forefeel.common.causes.candidate import Candidate, Model, Periodic, PositionWave
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.periods import LEAST_WAVES, Periods
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.periods import LEAST_WAVES, Periods
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
 _BEYOND = 1.2  # of the logarithm of a shape: how far beyond its grid it is searched; chosen
 _BEYOND_LINEAR = 0.15  # of the grid's range: the same where the scale is linear; chosen

@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from forefeel.common.causes.candidate import Shape, base_name
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
 PULSATION_HZ = 0.12, 4.0
 _LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wanders

@@ -8,11 +8,9 @@ import numpy as np
 from forefeel.common.causes.candidate import PositionWave, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, fingerprint, kin
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.blocks import RmsGain, gain, held_out_errors
-from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.diagnosis.diagnose.flexible import alike_gain, flexible_gain, modulation_gain
-from forefeel.diagnosis.diagnose.identifiability import (
+from forefeel.diagnosis.analysis import Analysis
+from forefeel.diagnosis.held_out import RmsGain, gain, held_out_errors
+from forefeel.diagnosis.identifiability import (
     GENERAL_MOTION,
     NOISE_TELLING_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
@@ -21,10 +19,17 @@ from forefeel.diagnosis.diagnose.identifiability import (
     separating_motion,
     turns,
 )
-from forefeel.diagnosis.diagnose.parameters import intervals, told
-from forefeel.diagnosis.diagnose.regression import ModelFit
-from forefeel.diagnosis.diagnose.structure import excess_share, predictable_share
-from forefeel.diagnosis.diagnose.verdict import (
+from forefeel.diagnosis.parameters import intervals, told
+from forefeel.diagnosis.regression import ModelFit
+from forefeel.diagnosis.residual import (
+    alike_gain,
+    excess_share,
+    flexible_gain,
+    modulation_gain,
+    predictable_share,
+)
+from forefeel.diagnosis.sensor_faults import Fault
+from forefeel.diagnosis.verdict import (
     Cause,
     Diagnosis,
     Evidence,

@@ -15,8 +15,8 @@ from scipy.signal import get_window
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.band import longest_piece, position_noise_m
-from forefeel.diagnosis.diagnose.signals import Mask
+from forefeel.diagnosis.band import longest_piece, position_noise_m
+from forefeel.diagnosis.signals import Mask
 
 # s of a stretch whose spectrum is taken, the longest of which there are enough between two reversals
 _STRETCHES_S = 0.5, 0.25, 0.125

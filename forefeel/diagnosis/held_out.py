@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
 _BLOCKS = 16
 _LEAST_S = 1.0

@@ -17,8 +17,8 @@ from scipy.signal import csd, welch
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose.band import longest_piece
-from forefeel.diagnosis.diagnose.regression import ModelFit, RecordingRegression, alignment
+from forefeel.diagnosis.band import longest_piece
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression, alignment
 
 FLAG = "motion_driven_by_force"
 

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.diagnose.signals import Signals
+from forefeel.diagnosis.signals import Signals
 
 MotionKind = Literal["rich", "single_frequency", "constant_speed"]
 

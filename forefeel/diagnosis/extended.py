@@ -9,9 +9,9 @@ from forefeel.common.causes.catalogue import entries
 from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.wall import MassDamperSpring
-from forefeel.diagnosis.diagnose.analysis import Analysis
-from forefeel.diagnosis.diagnose.faults import Fault
-from forefeel.diagnosis.diagnose.regression import ModelFit, mass_site
+from forefeel.diagnosis.analysis import Analysis
+from forefeel.diagnosis.regression import ModelFit, mass_site
+from forefeel.diagnosis.sensor_faults import Fault
 
 FIXTURE = "unmodelled_resonance:fixture"
 
