@@ -127,14 +127,16 @@ class SteppedTime(VirtualClock):
         """Has every participant of a CAN bus take the frames that wait for it, and answer."""
         if self._delivering:
             return
-        self._delivering = True
-        while any(bus.waiting for bus in self.buses):
-            for bus in self.buses:
+        self._delivering = taken = True
+        while taken:
+            taken = False
+            for bus in list(self.buses):
                 if bus.waiting and bus.taken is not None:
                     bus.taken()
+                    taken = True
             for network in self.networks:
                 while getattr(network._bus, "waiting", None) and network.receive(0.0):
-                    pass
+                    taken = True
         self._delivering = False
 
 

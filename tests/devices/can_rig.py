@@ -1,33 +1,30 @@
-"""Emulated CAN devices in threads of this process, and settings of drivers that reach them."""
+"""Emulated CAN devices on a bus of this process, and drivers on it in stepped time."""
 
-import queue
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
-from typing import Protocol
+from time import monotonic
+from typing import Any
 
 import can
 
+from forefeel.common.hardware.link import LinkState
 from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.cia402.driver import Cia402Stage
 from forefeel.devices.cia402.emulator import Drive402
 from forefeel.devices.cia402.settings import Cia402Settings
+from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
 from forefeel.devices.cia404.settings import Cia404Settings
+from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.plant.presets import PRESETS
 from forefeel.slave.plant.settings import StageSettings
-from tests.waiting import PATIENCE_S
+from forefeel.testing import MemoryBus, SteppedTime, connect, stepped
 
 COUNTS_PER_M = 1e6
 DRIVE, CELL = 5, 6
 START_M = 0.01
 _channels = count()
-
-
-class Steps(Protocol):
-    """Whatever lives by being stepped."""
-
-    def step(self) -> None: ...
 
 
 def new_channel() -> CanSettings:
@@ -57,7 +54,6 @@ def mechanics(start_m: float = START_M) -> StageSettings:
 
 
 def stage_settings(bus: CanSettings, **changed: object) -> Cia402Settings:
-    """Slow enough for a busy machine: 50 Hz."""
     values: dict[str, object] = {
         "driver": "cia402",
         "can": bus,
@@ -74,7 +70,6 @@ def stage_settings(bus: CanSettings, **changed: object) -> Cia402Settings:
 
 
 def cell_settings(bus: CanSettings, **changed: object) -> Cia404Settings:
-    """At the drive's rate."""
     values: dict[str, object] = {
         "driver": "cia404",
         "can": bus,
@@ -86,55 +81,78 @@ def cell_settings(bus: CanSettings, **changed: object) -> Cia404Settings:
     return Cia404Settings.model_validate(values)
 
 
-def drive_on(bus: can.BusABC, start_m: float = START_M) -> Drive402:
-    return Drive402(bus, DRIVE, mechanics(start_m), COUNTS_PER_M, rate_hz=1000)
+def drive_on(bus: can.BusABC, start_m: float = START_M, now_s: Callable[[], float] = monotonic) -> Drive402:
+    return Drive402(bus, DRIVE, mechanics(start_m), COUNTS_PER_M, rate_hz=1000, now_s=now_s)
 
 
-def cell_on(bus: can.BusABC, feel: Callable[[float], float] = lambda _: 1.25) -> Transducer404:
-    return Transducer404(bus, CELL, feel)
+def cell_on(bus: can.BusABC, now_s: Callable[[], float] = monotonic, **changed: Any) -> Transducer404:  # noqa: ANN401
+    return Transducer404(bus, CELL, lambda _: 1.25, now_s=now_s, **changed)
 
 
-class _Life:
-    """Steps one in a thread; what it raises is kept, and ends it."""
+class Rig:
+    """A drive and a transducer on one bus, and their drivers.
 
-    def __init__(self, one: Steps) -> None:
-        self.broken: BaseException | None = None
-        self._one, self._stopping = one, threading.Event()
-        self._actions: queue.SimpleQueue[tuple[Callable[[], object], threading.Event]] = queue.SimpleQueue()
-        self.thread = threading.Thread(target=self._run, name=type(one).__name__)
+    Attributes:
+        words: every controlword that the drive was given.
+    """
 
-    def do(self, action: Callable[[], object]) -> None:
-        """Between two steps, for what the stepping thread must not meet half done; waits for it."""
-        done = threading.Event()
-        self._actions.put((action, done))
-        assert done.wait(PATIENCE_S)
+    def __init__(
+        self, time: SteppedTime, start_m: float, unit: int | None, stage: dict[str, Any], cell: dict[str, Any]
+    ) -> None:
+        self.time, self.bus = time, new_channel()
+        now_s = lambda: time.t_s  # noqa: E731 - of both
+        self.drive = drive_on(MemoryBus(time, self.bus.channel), start_m, now_s)
+        of_unit = {} if unit is None else {"unit": unit}
+        self.transducer = cell_on(MemoryBus(time, self.bus.channel), now_s, **of_unit)
+        for device in (self.drive, self.transducer):
+            connect(time, device)
+        self.stage = Cia402Stage(stage_settings(self.bus, **stage), time)
+        self.cell = Cia404LoadCell(cell_settings(self.bus, **cell), time)
+        self.words: list[int] = []
+        control = self.drive.model.control
 
-    def end(self) -> None:
-        self._stopping.set()
-        self.thread.join()
+        def noted(word: int) -> None:
+            self.words.append(word)
+            control(word)
 
-    def _run(self) -> None:
-        try:
-            while not self._stopping.is_set():
-                self._one.step()
-                while not self._actions.empty():
-                    action, done = self._actions.get()
-                    action()
-                    done.set()
-        except BaseException as error:  # noqa: BLE001 - shown by the test
-            self.broken = error
+        self.drive.model.control = noted  # type: ignore[method-assign]
+
+    def go(self, to_m: float, seconds: float) -> None:
+        """The control loop commands that position for that time; DeviceError when the stage fails."""
+        end_ns = self.time.now_ns() + round(seconds * 1e9)
+        while self.time.now_ns() < end_ns:
+            self.stage.command(to_m, 0.0, self.time.now_ns())
+            self.time.run(0.002)
+
+    def readings(self, seconds: float) -> list[LoadCellReading]:
+        self.time.run(seconds)
+        return list(self.cell.read(self.time.now_ns(), None))
+
+    def until(self, driver: Cia402Stage | Cia404LoadCell, state: LinkState) -> None:
+        self.time.run_until(lambda: driver.link.state is state)
+
+    def fault_of(self, driver: Cia402Stage | Cia404LoadCell) -> str:
+        self.time.run_until(lambda: driver.link.inhibited is not None)
+        return str(driver.link.inhibited)
 
 
 @contextmanager
-def running(*living: Steps) -> Iterator[Callable[[Callable[[], object]], None]]:
-    """Steps each in a thread of its own; yields what does something between two steps of the first."""
-    lives = [_Life(one) for one in living]
-    for life in lives:
-        life.thread.start()
-    try:
-        yield lives[0].do
-    finally:
-        for life in lives:
-            life.end()
-        for broken in filter(None, (life.broken for life in lives)):
-            raise broken
+def rigged(
+    *opened: str,
+    start_m: float = START_M,
+    unit: int | None = None,
+    stage: dict[str, Any] | None = None,
+    cell: dict[str, Any] | None = None,
+) -> Iterator[Rig]:
+    """`opened`: which of `stage` and `cell`; the settings of each that are not the usual ones."""
+    with stepped() as time:
+        rig = Rig(time, start_m, unit, stage or {}, cell or {})
+        try:
+            for name in opened:
+                getattr(rig, name).open()
+            yield rig
+        finally:
+            rig.stage.close()
+            rig.cell.close()
+            rig.drive.close()
+            rig.transducer.close()

@@ -1,120 +1,89 @@
-"""A driver and an emulated device in one process, in virtual time, in step with the test."""
+"""A serial load cell, its driver and an adapter that may collect bytes, in stepped time."""
 
-import time
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from random import Random
-from threading import Condition
+from typing import TypeVar
 
-from forefeel.common.clock import VirtualClock
-from forefeel.common.errors import DeviceError
+from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
+from forefeel.devices.bota.driver import BotaSerialLoadCell
 from forefeel.devices.emulation.device import EmulatedDevice
 from forefeel.devices.emulation.wire import Faults, Wire
-from forefeel.devices.shared.settings import SerialSettings
+from forefeel.slave.load_cell import LoadCell, LoadCellReading
+from forefeel.testing import SerialLine, SteppedTime, stepped
 
-NOW_S = 1000.0  # the host's clock when the device is switched on
+NAME = "/dev/serial/by-id/cell"
+NOW_S = 1.0  # the host's clock when the device is switched on
+STEP_NS = 500_000
+D = TypeVar("D", BotaSerialLoadCell, AsciiLineLoadCell)
+
+
+class UsbLine(SerialLine):
+    """The adapter collects bytes for `hub_s`, and delivers them up to as much later."""
+
+    def __init__(
+        self, time: SteppedTime, device: EmulatedDevice, baud: int, faults: Faults | None, hub_s: float
+    ) -> None:
+        self._every, self._random = round(hub_s * 1e9 / STEP_NS), Random(3)
+        self._ticks, self._due = 0, 0
+        self._coming, self._collected = b"", b""
+        super().__init__(time, device, baud, NAME, faults, seed=1)
+        self.to_device = Wire(baud, Faults(), "in")
+
+    def live(self, t_s: float) -> None:
+        super().live(t_s)
+        self._ticks += 1
+        if self._every:
+            self._coming += self.to_host.arrived(t_s)
+            if self._ticks % self._every == 0:
+                self._due = self._ticks + self._random.randint(0, self._every)
+                self._collected, self._coming = self._collected + self._coming, b""
+
+    def arrived(self, t_s: float) -> bytes:
+        if not self._every:
+            return super().arrived(t_s)
+        if self._ticks < self._due:
+            return b""
+        found, self._collected = self._collected, b""
+        return found
 
 
 class Port:
-    """A serial port whose time goes on only as far as the test lets it, and only while the driver reads.
+    """A device behind an adapter; `time` and `line` are there while a driver is open."""
 
-    `hub_s`: the adapter collects for that long, as USB does; `late_s`: it delivers up to so much later.
-    """
+    time: SteppedTime
+    line: SerialLine
 
     def __init__(
-        self,
-        device: EmulatedDevice,
-        baud: int,
-        faults: Faults | None = None,
-        hub_s: float = 0.0,
-        late_s: float = 0.0,
-        step_s: float = 0.0005,
-        until_s: float = 2.0,
+        self, device: EmulatedDevice, baud: int, faults: Faults | None = None, hub_s: float = 0.0
     ) -> None:
-        self.clock = VirtualClock(round(NOW_S * 1e9))
-        self.device, self.plugged, self.silent = device, True, False
-        self.opened = 0
-        self.to_device = Wire(baud, Faults(), "in")
-        self.to_host = Wire(baud, faults or Faults(), "out 1")
-        self._hub_s, self._step_s = hub_s, step_s
-        self._ticks, self._until = 0, round(until_s / step_s)
-        self._late = round(late_s / step_s)
-        self._random, self._due = Random(7), 0
-        self._delivered, self._collected = deque[bytes](), deque[bytes]()
-        self._changed, self._idle = Condition(), False
+        self.device, self._arguments = device, (baud, faults, hub_s)
 
-    @property
-    def t_s(self) -> float:
-        """Since the device was switched on."""
-        return self._ticks * self._step_s
+    @contextmanager
+    def made(self, make: Callable[[SteppedTime], D]) -> Iterator[D]:
+        """The driver, not opened; closed at the end."""
+        with stepped(STEP_NS) as self.time:
+            self.line = UsbLine(self.time, self.device, *self._arguments)
+            driver = make(self.time)
+            try:
+                yield driver
+            finally:
+                driver.close()
 
-    def open(self, settings: SerialSettings, timeout_s: float) -> "Port":
-        """To be given to the driver."""
-        if not self.plugged:
-            raise DeviceError(f"{settings.port}: no such port")
-        self.opened += 1
-        self._delivered.clear()
-        return self
+    @contextmanager
+    def opened(self, make: Callable[[SteppedTime], D]) -> Iterator[D]:
+        with self.made(make) as driver:
+            driver.open()
+            yield driver
 
-    def play(self, seconds: float) -> None:
-        """Lets the driver live that much longer."""
-        with self._changed:
-            self._until, self._idle = self._ticks + round(seconds / self._step_s), False
-            self._changed.notify_all()
-        self.settle()
+    def played(self, driver: LoadCell, seconds: float) -> list[LoadCellReading]:
+        """The readings of that time from now."""
+        driver.read(self.time.now_ns(), None)
+        self.time.run(seconds)
+        return list(driver.read(self.time.now_ns(), None))
 
-    def settle(self) -> None:
-        """Until the driver has done all that it may."""
-        with self._changed:
-            assert self._changed.wait_for(lambda: self._idle, 30.0)
 
-    def play_until(self, true: Callable[[], bool]) -> None:
-        """Lets the driver live until something is true."""
-        end_s = time.monotonic() + 20.0
-        while not true():
-            assert time.monotonic() < end_s
-            with self._changed:
-                self._until = self._ticks + 20
-                self._changed.notify_all()
-            time.sleep(0.001)
-
-    def read(self) -> bytes:
-        with self._changed:
-            if self._ticks >= self._until:
-                self._idle = True  # all that it got before is done
-                self._changed.notify_all()
-                if not self._changed.wait_for(lambda: self._ticks < self._until, 0.01):
-                    return b""  # no time passes
-            if not self.plugged:
-                raise DeviceError("gone while reading")
-            self._ticks += 1
-            self.clock.set_ns(round((NOW_S + self.t_s) * 1e9))
-            return self._live()
-
-    def _live(self) -> bytes:
-        at_s = self.t_s
-        heard = self.to_device.arrived(at_s)
-        if heard:
-            self.device.receive(heard, at_s)
-        sent = self.device.advance(at_s)
-        self.to_host.send(b"" if self.silent else sent, at_s)
-        if (arrived := self.to_host.arrived(at_s)) != b"":
-            self._delivered.append(arrived)
-        every = round(self._hub_s / self._step_s)
-        if every and self._ticks % every == 0:
-            self._due = self._ticks + self._random.randint(0, self._late)
-            self._collected, self._delivered = self._collected + self._delivered, deque()
-        if every:
-            if self._ticks < self._due:
-                return b""
-            found, self._collected = b"".join(self._collected), deque()
-            return found
-        found = b"".join(self._delivered)
-        self._delivered.clear()
-        return found
-
-    def write(self, data: bytes) -> None:
-        self.to_device.send(data, self.t_s)
-
-    def close(self) -> None:
-        """Nothing to let go."""
+def stamp_s(reading: LoadCellReading) -> float:
+    """When it was made, since the device was switched on."""
+    assert reading.stamp_ns is not None
+    return reading.stamp_ns * 1e-9 - NOW_S

@@ -1,7 +1,6 @@
 """The driver of number lines against emulators of Loadstar and HX711 cells, streaming and asked."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from datetime import date
 from pathlib import Path
 
@@ -16,10 +15,9 @@ from forefeel.devices.emulation.device import EmulatedDevice
 from forefeel.devices.emulation.sensing import Sensing
 from forefeel.devices.emulation.wire import Faults
 from forefeel.devices.shared.stuck import StuckWatch
-from tests.devices.cell_bench import NOW_S, Port
-from tests.devices.test_bota_serial import CALIBRATION, Bytes, played, slope, stamp_s
+from tests.devices.cell_bench import NAME, NOW_S, Port, stamp_s
+from tests.devices.test_bota_serial import CALIBRATION, Bytes, slope
 
-NAME = "/dev/serial/by-id/loadstar"
 MILLIPOUND_N = NEWTON_PER_UNIT["millipound_force"]
 COUNTS = {"unit": "counts", "full_scale_native": 2_000_000}
 QUIET = Sensing(150.0, noise_n=0.0, resolution_n=MILLIPOUND_N)
@@ -37,27 +35,19 @@ def settings(**more: object) -> AsciiLineSettings:
     return AsciiLineSettings.model_validate({**given, **more})
 
 
-@contextmanager
-def opened(port: Port, chosen: AsciiLineSettings) -> Iterator[AsciiLineLoadCell]:
-    driver = AsciiLineLoadCell(chosen, port.clock, port.open, lambda: date(2026, 2, 1))
-    driver.open()
-    port.settle()
-    try:
-        yield driver
-    finally:
-        driver.close()
+def opened(port: Port, chosen: AsciiLineSettings) -> AbstractContextManager[AsciiLineLoadCell]:
+    return port.opened(lambda time: AsciiLineLoadCell(chosen, time, today=lambda: date(2026, 2, 1)))
 
 
-def port(device: EmulatedDevice, hub_s: float = 0.0, until_s: float = 4.0) -> Port:
-    return Port(device, 115_200, hub_s=hub_s, until_s=until_s)
+def port(device: EmulatedDevice, hub_s: float = 0.0, faults: Faults | None = None) -> Port:
+    return Port(device, 115_200, faults, hub_s)
 
 
 @pytest.mark.parametrize("hub_s", [0.0, 0.016])
 def test_a_loadstar_that_is_asked_answers_once_a_period(hub_s: float) -> None:
     bench = port(EmulatedLoadstar(slope, QUIET), hub_s=hub_s)
     with opened(bench, settings(request="O0W1", rate_hz=20)) as driver:
-        driver.read(0, None)
-        got = [reading for _ in range(3) for reading in played(driver, bench, 1.0)]
+        got = [reading for _ in range(3) for reading in bench.played(driver, 1.0)]
         assert len(got) == pytest.approx(60, abs=1)
         assert driver.link.counters["unanswered"] == 0
         for reading in got:
@@ -71,29 +61,28 @@ def test_a_loadstar_that_streams_is_asked_once_and_left_quiet() -> None:
     device = EmulatedLoadstar(slope, QUIET)
     bench = port(device, hub_s=0.016)
     with opened(bench, settings(request="O0W0", rate_hz=150)) as driver:
-        driver.read(0, None)
-        got = played(driver, bench, 1.0)
-        assert len(got) == pytest.approx(150, abs=3)
+        got = bench.played(driver, 1.0)
+        assert len(got) == pytest.approx(150, abs=5)
         off_s = [reading.force_n / 0.1 - stamp_s(reading) for reading in got]
         assert max(map(abs, off_s)) < 1 / 150 + 0.016 + MILLIPOUND_N / 0.1
         stamps = [stamp_s(each) for each in got]
         assert stamps == sorted(set(stamps))
-    heard = bench.to_device.arrived(bench.t_s + 1.0)
-    device.receive(heard, bench.t_s + 1.0)
+    heard = bench.line.to_device.arrived(bench.time.t_s + 1.0)
+    device.receive(heard, bench.time.t_s + 1.0)
     assert b"\r" in heard
-    device.advance(bench.t_s + 1.0)
-    assert device.advance(bench.t_s + 2.0) == b"", "it does not stream on"
+    device.advance(bench.time.t_s + 1.0)
+    assert device.advance(bench.time.t_s + 2.0) == b"", "it does not stream on"
 
 
 def test_an_unanswered_request_is_counted_and_asked_again() -> None:
-    bench = Port(EmulatedLoadstar(slope, QUIET), 115_200, Faults(drop=0.05), until_s=4.0)
+    bench = port(EmulatedLoadstar(slope, QUIET), faults=Faults(drop=0.05))
     with opened(bench, settings(request="O0W1", rate_hz=20)) as driver:
-        dropped, asked = bench.to_host.counts["dropped"], driver.link.counters["unanswered"]
-        bench.play(10.0)
+        dropped, asked = bench.line.to_host.counts["dropped"], driver.link.counters["unanswered"]
+        bench.time.run(10.0)
         assert driver.link.inhibited is None
-        assert bench.to_host.counts["dropped"] - dropped > 3
+        assert bench.line.to_host.counts["dropped"] - dropped > 3
         missed = driver.link.counters["unanswered"] - asked
-        assert missed == pytest.approx(bench.to_host.counts["dropped"] - dropped, abs=1)
+        assert missed == pytest.approx(bench.line.to_host.counts["dropped"] - dropped, abs=1)
 
 
 def calibration(folder: Path) -> Path:
@@ -113,34 +102,29 @@ def test_counts_of_an_hx711_with_its_calibration(tmp_path: Path, label: str) -> 
     bench = port(device)
     with opened(bench, settings(**COUNTS, calibration=calibration(tmp_path))) as driver:
         driver.read(0, None)
-        for reading in played(driver, bench, 1.0):
+        for reading in bench.played(driver, 1.0):
             assert reading.valid
             assert reading.force_n == pytest.approx(slope(stamp_s(reading)), abs=0.1 * 0.001)
             assert reading.raw_counts == pytest.approx(84_000 + 200_000 * reading.force_n)
         device.provoke("overrange")
-        *_, last = played(driver, bench, 0.5)
+        *_, last = bench.played(driver, 0.5)
         assert last[:3] == (10.0, (1 << 23) - 1, False)
         assert driver.link.counters["overrange"] > 30
 
 
 def test_counts_without_a_calibration_are_no_force_but_can_be_calibrated() -> None:
     bench = port(EmulatedHx711(slope, Sensing(80.0)))
-    driver = AsciiLineLoadCell(settings(**COUNTS), bench.clock, bench.open)
-    with pytest.raises(DeviceSetupError, match="'counts' without calibration"):
-        driver.open()
-    driver = AsciiLineLoadCell(settings(**COUNTS), bench.clock, bench.open)
-    driver.open_native()
-    bench.settle()
-    bench.play(0.5)
-    got = driver.read_native(0)
-    assert len(got) > 30
-    assert got[-1].valid
-    assert got[-1].native == pytest.approx(
-        84_000 + 200_000 * slope(got[-1].stamp_ns * 1e-9 - NOW_S), abs=3000
-    )
-    with pytest.raises(DeviceError, match="native"):
-        driver.read(0, None)
-    driver.close()
+    with bench.made(lambda time: AsciiLineLoadCell(settings(**COUNTS), time)) as driver:
+        with pytest.raises(DeviceSetupError, match="'counts' without calibration"):
+            driver.open()
+        driver.open_native()
+        bench.time.run(0.5)
+        got = driver.read_native(0)
+        assert len(got) > 30 and got[-1].valid
+        expected = 84_000 + 200_000 * slope(got[-1].stamp_ns * 1e-9 - NOW_S)
+        assert got[-1].native == pytest.approx(expected, abs=3000)
+        with pytest.raises(DeviceError, match="native"):
+            driver.read(0, None)
 
 
 def test_what_is_no_cell_is_said_in_one_line() -> None:
@@ -154,7 +138,7 @@ def test_what_is_no_cell_is_said_in_one_line() -> None:
         (EmulatedLoadstar(slope, QUIET), settings(request="SSX"), "lines of numbers, asked by 'SSX'"),
         (EmulatedHx711(slope), settings(rate_hz=10), "rate_hz = 10: 80"),
     ):
-        with pytest.raises(DeviceSetupError) as refused, opened(port(device, until_s=8.0), chosen):
+        with pytest.raises(DeviceSetupError) as refused, opened(port(device), chosen):
             pass
         assert said in str(refused.value)
         assert "\n" not in str(refused.value)
@@ -162,14 +146,27 @@ def test_what_is_no_cell_is_said_in_one_line() -> None:
 
 def test_damaged_lines_are_counted_or_numbers() -> None:
     device = EmulatedHx711(slope, Sensing(80.0))
-    bench = Port(device, 115_200, Faults(corrupt=0.05), until_s=4.0)
+    bench = port(device, faults=Faults(corrupt=0.05))
     with opened(bench, settings(unit="newton", full_scale_n=10_000.0)) as driver:
-        bench.play(30.0)
+        bench.time.run(30.0)
         counters = driver.link.counters
         assert counters["junk_lines"] > 20
-        lost = bench.to_host.counts["chunks"] - counters["lines"]
+        lost = bench.line.to_host.counts["chunks"] - counters["lines"]
         assert lost <= 2 * counters["junk_lines"], "where the end of a line is damaged, two are lost"
-        assert counters["junk_lines"] <= 2 * bench.to_host.counts["corrupted"] + 1
+        assert counters["junk_lines"] <= 2 * bench.line.to_host.counts["corrupted"] + 1
+
+
+def test_lines_that_are_late_or_in_parts_are_whole() -> None:
+    bench = port(EmulatedHx711(slope, Sensing(80.0)), faults=Faults(split=0.5, delay=0.05))
+    with opened(bench, settings(unit="newton", full_scale_n=1e4)) as driver:
+        before, junk = driver.link.counters["lines"], driver.link.counters["junk_lines"]
+        sent = bench.line.to_host.counts.copy()
+        bench.time.run(5.0)
+        wire = bench.line.to_host.counts - sent
+        assert wire["split"] > 100 and wire["delayed"] > 10
+        assert driver.link.counters["lines"] - before == pytest.approx(wire["chunks"], abs=2)  # under way
+        assert junk <= 1 and driver.link.counters["junk_lines"] == junk  # the first one is cut
+        assert driver.link.counters["faults"] == 0
 
 
 def repeats(values: list[float], noisy: bool) -> list[bool]:

@@ -4,8 +4,10 @@ import can
 import pytest
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.link import DeviceLink
 from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.hub import CanWire, SlcanAdapter, frame_s
+from forefeel.devices.canopen.network import SharedNetwork
 from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.canopen.slcan import SlcanBus, frame_of
 
@@ -105,6 +107,23 @@ def test_glued_stamped_and_answered_lines() -> None:
     with pytest.raises(can.CanOperationError, match="gone"):
         bus.send(can.Message(arbitration_id=1))
     bus.shutdown()
+
+
+def test_damage_is_told_to_every_driver_of_a_bus(monkeypatch: pytest.MonkeyPatch) -> None:
+    port = MemoryPort()
+    monkeypatch.setattr("forefeel.devices.canopen.network.open_bus", lambda _: bus_on(port))
+    shared = SharedNetwork(CanSettings(interface="slcan", channel="memory"))
+    links = [DeviceLink("stage"), DeviceLink("cell")]
+    port.says = b"t12\r" + GOOD + b"\r"
+    assert shared.receive(0.0)
+    for link in links * 2:
+        shared.tell(link)
+        assert link.counters == {"bus_damaged": 1}
+    port.gone = True
+    assert not shared.receive(0.0)
+    with pytest.raises(DeviceError, match="gone"):
+        shared.check()
+    shared.close()
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,9 @@ from tests.devices.can_rig import (
     START_M,
     drive_on,
     new_channel,
-    running,
     virtual_bus,
 )
+from tests.emulators.threads import running
 from tests.waiting import wait_until
 
 SYNC_S = 0.02

@@ -8,7 +8,7 @@ from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.emulation.wire import Faults
-from tests.devices.can_rig import running
+from tests.emulators.threads import running
 from tests.waiting import PATIENCE_S, wait_until
 
 

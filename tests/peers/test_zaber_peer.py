@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 
 from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
-from tests.devices.pty_thread import PtyThread
+from tests.emulators.threads import PtyThread
 
 MODEL = ZaberModel(homed=False, start_m=0.003, limits_m=(0.0, 0.02))
 

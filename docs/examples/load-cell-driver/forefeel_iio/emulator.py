@@ -37,7 +37,8 @@ class EmulatedChannel:
     def step(self, wait_s: float = _PERIOD_S) -> None:
         """One conversion."""
         self._write()
-        time.sleep(wait_s)
+        if wait_s:
+            time.sleep(wait_s)
 
     def _close(self) -> None:
         self.provoke("unplug")
