@@ -1,4 +1,4 @@
-"""The two ways in which a foreign thread hands over: the newest value, or a bounded queue."""
+"""How one thread hands over to another: the newest value, a bounded queue, or values by their command."""
 
 from collections import deque
 from threading import Lock
@@ -47,3 +47,23 @@ class BoundedQueue(Generic[T]):
         while self._entries:
             batch.append(self._entries.popleft())
         return batch
+
+
+_COMMANDS = 8192
+"""8.2 s of commands at 1 kHz, four times the longest round trip of a session."""
+_TICK_NS = 1_000_000
+
+
+class CommandRing(Generic[T]):
+    """What belongs to each of the last commands, by its stamp. One thread puts while another gets."""
+
+    def __init__(self) -> None:
+        self._entries: list[tuple[int, T] | None] = [None] * _COMMANDS
+
+    def put(self, stamp_ns: int, value: T) -> None:
+        self._entries[stamp_ns // _TICK_NS % _COMMANDS] = stamp_ns, value
+
+    def get(self, stamp_ns: int) -> T | None:
+        """None when the command of that stamp is unknown, or too long ago."""
+        entry = self._entries[stamp_ns // _TICK_NS % _COMMANDS]
+        return entry[1] if entry is not None and entry[0] == stamp_ns else None

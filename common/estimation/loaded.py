@@ -23,9 +23,8 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.estimation.transfer import SensorColumns, SensorModel, lasting
+from forefeel.common.slots import CommandRing
 
-_RING = 8192  # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
-_TICK_NS = 1_000_000  # ns, period of the commands at 1 kHz; each has a place of its own in the ring
 _EVERY_S = 0.004  # s, least time between two forces that are learned
 _SOLVE_EVERY_S = 0.05  # s between two solutions
 _MEMORY_S = 20.0  # s, time constant of forgetting
@@ -50,9 +49,8 @@ NOTHING = Forces(nan, nan)
 
 
 class _Said(NamedTuple):
-    """What the loaded model said of a command: its stamp, S(f0) in N, psi."""
+    """What the loaded model said of a command: S(f0) in N, psi."""
 
-    stamp_ns: int
     force_n: float
     psi: tuple[float, ...]
 
@@ -72,7 +70,7 @@ class LoadedContact:
         self._velocity = StateFilter(cutoff_hz)
         self._lead_s = 2.0 / (2.0 * pi * cutoff_hz)
         self._correction = _Correction(_MOTION_COLUMNS + len(self._columns))
-        self._ring: list[_Said | None] = [None] * _RING
+        self._said = CommandRing[_Said]()
         self._origin_ns: int | None = None
         self._learned_ns = _LONG_AGO_NS
         self.reset()
@@ -116,7 +114,7 @@ class LoadedContact:
         phi = self._runtime.regressors(t, *motion, dt)
         psi, theta = (1.0, *motion, *self._columns.at(t)), self._correction.theta
         force_n = self._sense_loaded(t, sum(map(mul, phi, self._runtime.linear_values)), dt)
-        self._ring[stamp_ns // _TICK_NS % _RING] = _Said(stamp_ns, force_n, psi)
+        self._said.put(stamp_ns, _Said(force_n, psi))
         loaded_n = self._sensor.limited(force_n + sum(map(mul, psi, theta)))
         if estimate is None or not estimate.valid:
             return Forces(nan, loaded_n)
@@ -127,9 +125,9 @@ class LoadedContact:
 
     def learn(self, stamp_ns: int, force_n: float) -> None:
         """A late force in N that answers the command of that stamp; at most one per 4 ms counts."""
-        said = self._ring[stamp_ns // _TICK_NS % _RING]
+        said = self._said.get(stamp_ns)
         dt = (stamp_ns - self._learned_ns) * 1e-9
-        if said is None or said.stamp_ns != stamp_ns or dt < _EVERY_S:
+        if said is None or dt < _EVERY_S:
             return
         if isfinite(force_n) and not self._sensor.at_limit(force_n):
             self._learned_ns = stamp_ns
@@ -137,8 +135,8 @@ class LoadedContact:
 
     def of_motion_n(self, stamp_ns: int, force_n: float) -> float:
         """The force in N less what is a matter of time, of the command of that stamp."""
-        said = self._ring[stamp_ns // _TICK_NS % _RING]
-        if said is None or said.stamp_ns != stamp_ns:
+        said = self._said.get(stamp_ns)
+        if said is None:
             return force_n
         return force_n - _of_time_n(said.psi, self._correction.theta)
 

@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 from forefeel.common.estimation.rls import RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
+from forefeel.common.slots import CommandRing
 
-_RING = 8192  # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
-_TICK_NS = 1_000_000  # ns, period of the commands at 1 kHz; each has a place of its own in the ring
 _CUTOFF_HZ = 20.0  # Hz, cutoff of both filters
 _MEMORY_S = 20.0  # s, time constant of forgetting
 # s after a start of the filters in which nothing is learned: 12 time constants of their slowest poles, each
@@ -34,9 +33,8 @@ _BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))  # s of T1 and s^2 of T2, lower and uppe
 
 
 class _Sent(NamedTuple):
-    """A command as it was sent: its stamp, position in m, filtered derivatives."""
+    """A command as it was sent: position in m, filtered derivatives."""
 
-    stamp_ns: int
     position_m: float
     velocity_m_s: float
     acceleration_m_s2: float
@@ -53,7 +51,7 @@ class StageLag:
     """
 
     def __init__(self) -> None:
-        self._ring: list[_Sent | None] = [None] * _RING
+        self._sent = CommandRing[_Sent]()
         self._motion = StateFilter(_CUTOFF_HZ)
         self._deviation = StateFilter(_CUTOFF_HZ)
         self._rls = RecursiveLeastSquares(
@@ -83,7 +81,7 @@ class StageLag:
         if dt >= GAP_S:
             self._motion.reset()
         _, v, a = self._motion.step(position_m, dt)
-        self._ring[stamp_ns // _TICK_NS % _RING] = _Sent(stamp_ns, position_m, v, a)
+        self._sent.put(stamp_ns, _Sent(position_m, v, a))
         lag_s, lag2_s2 = self._lags
         return position_m - lag_s * v + lag2_s2 * a
 
@@ -92,8 +90,8 @@ class StageLag:
 
         Out of order, or less than 4 ms after the last, it is left out: the filters pass no more.
         """
-        sent = self._ring[stamp_ns // _TICK_NS % _RING]
-        if sent is None or sent.stamp_ns != stamp_ns or not isfinite(readback_m):
+        sent = self._sent.get(stamp_ns)
+        if sent is None or not isfinite(readback_m):
             return
         dt = GAP_S if self._observed_ns is None else (stamp_ns - self._observed_ns) * 1e-9
         if dt < _EVERY_S:
