@@ -1,5 +1,4 @@
 from collections.abc import Callable
-from itertools import accumulate
 from random import Random
 
 import pytest
@@ -60,15 +59,6 @@ def test_an_exchange_that_can_not_be_is_ignored(stamps: tuple[int, int, int, int
 INT64 = st.integers(-(2**63), 2**63 - 1)
 
 
-@given(INT64, INT64, INT64, st.integers(1, 2**60))
-def test_whatever_the_peer_says_the_estimate_fits_into_a_message(t1: int, t2: int, t3: int, t4: int) -> None:
-    clock = ClockOffset()
-    clock.update(t1, t2, t3, t4)
-    if clock.best is not None:
-        assert abs(clock.best.offset_ns) < 2**63
-        assert 0 <= clock.best.bound_ns < 2**63
-
-
 DELAY = st.integers(0, 300 * MS)
 TRUE_DELAY = st.integers(MS // 100, 300 * MS)  # no network is faster than a peer's answer can drift
 PAUSE, ANSWER = st.integers(1, 3 * S), st.integers(0, 50 * MS)
@@ -107,20 +97,6 @@ def test_the_true_offset_stays_within_the_bound_of_clocks_that_drift(
         away_ns = abs(best(clock).offset_ns - (peer(now_ns) - now_ns))
         within_the_exchange_ns = (there_ns + peer_ns + back_ns) // 1000 + 3  # and whole nanoseconds
         assert away_ns <= best(clock).bound_ns + within_the_exchange_ns
-
-
-@pytest.mark.parametrize("rate_ppm", [100, -1000])
-def test_the_drift_of_two_hosts_on_a_local_network_is_followed(rate_ppm: int) -> None:
-    clock = ClockOffset()
-    worst_ns = 0
-    for now_ns in accumulate([50 * MS] * 7_200, initial=S):  # six minutes of heartbeats at 20 Hz
-        there_ns = MS // 10 + now_ns // (50 * MS) % 7 * 10_000  # a local network: 0.1 to 0.16 ms
-        offset_ns = int(now_ns * rate_ppm * PPM)
-        end_ns = exchange(clock, now_ns, offset_ns, there_ns, MS // 10)
-        error_ns = abs(best(clock).offset_ns - int(end_ns * rate_ppm * PPM))
-        assert error_ns <= best(clock).bound_ns
-        worst_ns = max(worst_ns, error_ns, best(clock).bound_ns)
-    assert worst_ns < MS // 4
 
 
 # --- the path now, and the rate of the peer's clock ---

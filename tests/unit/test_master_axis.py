@@ -1,13 +1,20 @@
-"""Sessions of a master axis, and what it makes of forces and states that arrive."""
+"""A master axis: sessions, forces and states that arrive, the hand, its faults, stops."""
+
+from itertools import pairwise
 
 import pytest
 
+from forefeel.common.errors import DeviceError
 from forefeel.common.messages import (
     MOST_FORCE_N,
+    Grip,
+    SafetyState,
     SlaveState,
 )
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.master.handle import HandleReading
 from forefeel.master.session import SessionState
+from forefeel.master.stop import StopRequest
 from tests.unit.master_rig import FULL_SCALE_N, MS, SHARED, Rig, S, linked, shown
 
 rig = pytest.fixture(linked, name="rig")
@@ -49,9 +56,6 @@ def test_a_session_that_the_slave_lost_is_replaced_and_nothing_of_it_is_felt(rig
     rig.step(1, state=None, force=False)
     assert rig.haptics[-1].zoh_n is None
     assert rig.handle.shown.state is None
-
-
-# --- forces and states ---
 
 
 def test_forces_of_another_session_are_counted_and_not_used(rig: Rig) -> None:
@@ -102,17 +106,163 @@ def test_a_state_of_another_holder_is_no_state_of_ours(rig: Rig) -> None:
     assert shown(rig) is None
 
 
-def test_a_state_that_was_overtaken_is_not_shown(rig: Rig) -> None:
-    rig.step(5)
-    old = SlaveState.model_validate(
-        {**dict(_newest_state(rig)), "stamp_ns": 0, "state": S.READY, "sequence": 2}
+def test_what_is_published_is_what_the_handle_applied(rig: Rig) -> None:
+    rig.compare_clocks()
+    rig.predictor.answer = 3.5
+    rig.step(400)
+    assert rig.handle.felt_n[-1] == 2.0
+    assert rig.haptics[-1].rendered_n == 2.0
+    assert rig.haptics[-1].predicted_n == 3.5
+
+
+def test_command_and_haptics_of_a_tick_carry_the_same_sequence(rig: Rig) -> None:
+    rig.step(10)
+    assert [m.sequence for m in rig.commands] == [m.sequence for m in rig.haptics] == list(range(1, 11))
+    assert rig.haptics[-1].answered_sequence == 9
+    assert rig.haptics[-1].delay_s == pytest.approx(0.001)
+
+
+def test_when_it_is_stopped_the_deadman_opens_at_once_and_the_force_fades_without_a_jump(rig: Rig) -> None:
+    rig.step(400)
+    assert rig.commands[-1].deadman
+    rig.axis.stopping = True
+    before = len(rig.handle.felt_n) - 1
+    rig.step(201)
+    assert not any(command.deadman for command in rig.commands[-201:])
+    steps = [abs(b - a) for a, b in pairwise(rig.handle.felt_n[before:])]
+    assert max(steps) <= 0.04 + 1e-12
+    assert rig.handle.felt_n[-1] == 0.0
+    rig.axis.serve(rig.now_ns + 10_000 * MS)
+    assert len(rig.asked) == 1
+
+
+def test_at_a_fault_the_force_is_gone_at_once_and_stays_away(rig: Rig) -> None:
+    rig.step(400)
+    rig.axis.fail(ValueError("torn cable"))
+    assert rig.handle.felt_n[-1] == 0.0
+    rig.step(50)
+    assert set(rig.handle.felt_n[-50:]) == {0.0}
+    assert not rig.commands[-1].deadman
+    assert rig.counters()["fault_ValueError"] == 1
+
+
+def break_handle(rig: Rig) -> None:
+    rig.step(400)
+    assert rig.commands[-1].deadman
+    rig.handle.reading = HandleReading(0.012, 0.05, True)
+    rig.step(1)
+    rig.handle.broken = True
+
+
+def test_a_handle_that_fails_is_let_go_in_the_same_tick_and_the_slave_hears_of_it(rig: Rig) -> None:
+    break_handle(rig)
+    at_m = rig.commands[-1].position_m
+    rig.step(50)
+    for command, haptics in zip(rig.commands[-50:], rig.haptics[-50:], strict=True):
+        assert (command.deadman, command.velocity_m_s, haptics.rendered_n) == (False, 0.0, 0.0)
+        assert haptics.handle_position_m == 0.012
+    assert abs(rig.commands[-1].position_m - 0.05) < abs(at_m - 0.05) + 1e-12  # follows the stage
+    rig.axis.report(rig.now_ns)
+    state = rig.states[-1]
+    assert (state.indication, state.reason, state.deadman) == ("handle_fault", "handle: unplugged", False)
+    assert state.counters["handle_frames_lost"] == 3
+    assert rig.axis.events.notices.drain() == [
+        "handle: unplugged; let the deadman go and press it again to go on"
+    ]
+
+
+def test_a_handle_that_answers_again_stays_let_go_until_the_deadman_is_pressed_anew(rig: Rig) -> None:
+    rig.compare_clocks()
+    break_handle(rig)
+    rig.step(500)
+    rig.handle.broken = False
+    rig.handle.reading = HandleReading(0.030, 0.0, True)
+    felt = len(rig.handle.felt_n)
+    rig.step(100)
+    assert not any(command.deadman for command in rig.commands[-600:])
+    assert (rig.handle.rearmed, set(rig.handle.felt_n[felt:])) == (0, {0.0})
+    rig.handle.pressed_anew = True
+    rig.step(1)
+    assert (rig.handle.rearmed, rig.commands[-1].deadman) == (1, False)
+    assert rig.commands[-1].position_m == pytest.approx(0.05)  # the stage's, wherever the hand has gone
+    rig.step(1)
+    assert rig.commands[-1].deadman
+    assert rig.commands[-1].position_m == pytest.approx(0.05)
+    rig.step(300)
+    steps = [abs(b - a) for a, b in pairwise(rig.handle.felt_n[felt:])]
+    assert max(steps) <= 0.04 + 1e-12
+    assert rig.handle.felt_n[-1] > 0.5
+    rig.axis.report(rig.now_ns)
+    assert rig.states[-1].indication == "armed"
+
+
+def test_a_re_arming_that_fails_leaves_the_handle_let_go(rig: Rig) -> None:
+    break_handle(rig)
+    rig.step(10)
+
+    def rearm() -> None:
+        raise DeviceError("the link is closed")
+
+    rig.handle.rearm = rearm  # type: ignore[method-assign]
+    rig.handle.pressed_anew, rig.handle.broken = True, False
+    rig.step(10)
+    assert not rig.commands[-1].deadman
+    rig.axis.report(rig.now_ns)
+    assert rig.states[-1].reason == "handle: unplugged"
+
+
+SECOND_NS = 1000 * MS
+
+
+def said(request: StopRequest, start_ns: int, end_ns: int) -> int:
+    return sum(request.due(now_ns, None, 0) for now_ns in range(start_ns, end_ns, MS))
+
+
+def slave_says(state: SafetyState, persisted: bool = True) -> SlaveState:
+    return SlaveState(
+        session_id=0, sequence=1, stamp_ns=0, state=state, reason="", latch_persisted=persisted,
+        position_m=0.0, velocity_m_s=0.0, gripper=Grip.CLOSED, stops=0,
+        clock_offset_ns=None, clock_bound_ns=None, counters={},
+    )  # fmt: skip
+
+
+def test_it_is_said_every_20_ms_for_2_s_then_seldom_and_never_given_up() -> None:
+    request = StopRequest()
+    assert said(request, 0, 100 * MS) == 0
+    assert request.ask("why", 1 * SECOND_NS)
+    assert said(request, 1 * SECOND_NS, 3 * SECOND_NS) == 100
+    assert said(request, 3 * SECOND_NS + MS, 13 * SECOND_NS) == 40
+    assert request.wanted
+
+
+def test_it_ends_with_a_state_that_was_heard_after_it_and_not_with_an_older_one() -> None:
+    request = StopRequest()
+    request.ask("first", 1 * SECOND_NS)
+    assert not request.ask("second", 1 * SECOND_NS + MS)
+    assert request.reason == "first"
+    assert request.due(1 * SECOND_NS, slave_says(SafetyState.ESTOPPED), 1 * SECOND_NS - MS)
+    assert request.due(1 * SECOND_NS + 20 * MS, slave_says(SafetyState.FAULT), 1 * SECOND_NS + 10 * MS)
+    assert request.due(
+        1 * SECOND_NS + 40 * MS, slave_says(SafetyState.ESTOPPED, persisted=False), 1 * SECOND_NS + 30 * MS
     )
-    rig.state.send(old)
-    rig.step(1, state=None)
-    assert rig.handle.shown.state is S.ARMED
+    assert not request.due(1 * SECOND_NS + 60 * MS, slave_says(SafetyState.ESTOPPED), 1 * SECOND_NS + 50 * MS)
+    assert not request.wanted
+    assert request.ask("again", 2 * SECOND_NS)
 
 
-def _newest_state(rig: Rig) -> SlaveState:
-    state = rig.axis._slave_state
-    assert state is not None
-    return state
+def test_the_handle_s_button_stops_and_lets_the_deadman_go_as_long_as_it_is_held() -> None:
+    rig = Rig()
+    rig.axis.serve(rig.now_ns)
+    rig.answer()
+    rig.handle.reading = rig.handle.reading._replace(deadman=True)
+    rig.step(5)
+    assert [command.deadman for command in rig.commands[-3:]] == [True] * 3
+    rig.handle.reading = rig.handle.reading._replace(estop=True)
+    rig.step(1)
+    assert [command.deadman for command in rig.commands[-1:]] == [False]
+    assert [stop.reason for stop in rig.stops] == ["the handle's button"]
+    for _ in range(100):
+        rig.step(1)
+        rig.axis.say_stop(rig.now_ns)
+    assert len(rig.stops) >= 5
+    assert not any(command.deadman for command in rig.commands[-100:])

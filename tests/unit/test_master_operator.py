@@ -1,7 +1,7 @@
 """The synthetic operator: reaches, tremor, arm, and when the person presses and lets go."""
 
 from itertools import pairwise
-from math import exp, pi, sqrt
+from math import sqrt
 from random import Random
 
 import numpy as np
@@ -13,7 +13,6 @@ from forefeel.common.messages import SafetyState
 from forefeel.devices.simulated.operator import (
     REACTION_S,
     Act,
-    Arm,
     MinimumJerk,
     Operator,
     SimulatedOperatorPolicy,
@@ -118,28 +117,6 @@ def test_tremor_is_between_6_and_12_hz_and_within_its_amplitude(seed: int) -> No
     band = (hz > 5.8) & (hz < 12.2)
     assert power[band].sum() > 0.999 * power.sum()
     assert np.sqrt(np.mean(x**2)) == pytest.approx(sqrt(3 / 2) * 2e-4 / 3, rel=0.1)
-
-
-def moved(
-    arm: Arm, seconds: float, force_n: float, reference_m: float = 0.0, dt_s: float = 1e-3
-) -> list[float]:
-    positions = list[float]()
-    for _ in range(round(seconds / dt_s)):
-        arm.advance(reference_m, 0.0, force_n, dt_s)
-        positions.append(arm.position_m)
-    return positions
-
-
-def test_the_arm_answers_a_step_as_the_analytic_oscillator_does() -> None:
-    mass, damping, stiffness = 0.4, 12.0, 250.0
-    arm = Arm(mass, damping, stiffness)
-    positions = moved(arm, 1.0, 1.0)
-    decay, omega = damping / (2 * mass), sqrt(stiffness / mass - (damping / (2 * mass)) ** 2)
-    t = np.arange(1, 1001) * 1e-3
-    shape = np.cos(omega * t) + decay / omega * np.sin(omega * t)
-    expected = -1.0 / stiffness * (1.0 - np.exp(-decay * t) * shape)
-    np.testing.assert_allclose(positions, expected, atol=0.01 / stiffness)
-    assert exp(-decay * 1.0) < 1e-6 and pi / omega < 1.0
 
 
 STATES = (None, *SafetyState)

@@ -1,14 +1,11 @@
 from itertools import pairwise
-from math import inf
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from forefeel.common.messages import SafetyState
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.tabular import load_recording
-from forefeel.devices.simulated.playback import MultiSine, PiecewiseMotion, Playback, RecordedMotion
+from forefeel.devices.simulated.playback import PiecewiseMotion, Playback, RecordedMotion
 from forefeel.master.handle import HandleReading, Indication
 
 MS = 1_000_000
@@ -61,21 +58,7 @@ def test_a_recording_is_cut_into_pieces_at_its_gaps() -> None:
     assert RecordedMotion(GAPPED).pieces == [(100.0, 100.5), (104.0, 104.5)]
 
 
-def test_at_the_ends_of_a_piece_nothing_comes_from_the_gap() -> None:
-    motion = RecordedMotion(GAPPED)
-    for t, x, v in ((100.0, 0.01, 0.02), (100.5, 0.02, 0.02), (104.0, 0.06, -0.03), (104.5, 0.045, -0.03)):
-        assert list(motion.at(t)) == pytest.approx([x, v], abs=1e-12)
-
-
 # --- sines ---
-
-
-def test_a_sine_has_no_end_and_no_recording_time() -> None:
-    session = Session(MultiSine(0.02, 0.01, (0.5,)))
-    session.run(20.0)
-    assert MultiSine(0.0, 1.0, (1.0,)).pieces == ((0.0, inf),)
-    assert session.played() == []
-    assert not session.handle.finished
 
 
 # --- playback ---
@@ -136,15 +119,3 @@ def test_a_late_tick_skips_no_more_than_fifty_milliseconds() -> None:
     after = session.played()[-1].recording_time_s
     assert before is not None and after is not None
     assert after - before == pytest.approx(0.050)
-
-
-@pytest.mark.parametrize("name", ["human_motion", "seal_o_ring_3bar"])
-def test_measured_recordings_have_pieces_without_gaps(data_dir: Path, name: str) -> None:
-    measured = load_recording(data_dir / f"{name}.csv")
-    motion = RecordedMotion(measured)
-    expected = 12 if name == "human_motion" else 3
-    assert len(motion.pieces) == expected
-    fastest_m_s = measured.speed_max_m_s()
-    for start_s, end_s in motion.pieces:
-        for t in np.linspace(start_s, end_s, 50):
-            assert abs(motion.at(float(t))[1]) <= fastest_m_s * (1 + 1e-9)

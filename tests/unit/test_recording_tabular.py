@@ -48,10 +48,6 @@ def test_csv_as_the_world_writes_it(tmp_path: Path, content: str) -> None:
     assert recording.force_n.tolist() == [1.5, -2.0]
 
 
-def test_without_a_force_column_there_is_no_force(tmp_path: Path) -> None:
-    assert load_recording(csv(tmp_path, "time_s,position_m\n0,0\n1,0\n")).force_n is None
-
-
 def test_a_mapping_names_columns_and_units(tmp_path: Path) -> None:
     path = csv(tmp_path, "t,laser: raw,load\n0,1,500\n20,2,-250\n")
     recording = load_recording(path, Mapping(time="ms:t", position="mm : laser: raw", force="mN:load"))
@@ -125,16 +121,6 @@ def test_csv_mistake_is_one_line_with_its_place(tmp_path: Path, content: str | b
         load_recording(path)
     assert str(caught.value).startswith(f"{path}{expected}")
     assert "\n" not in str(caught.value)
-
-
-def test_what_is_no_readable_file(tmp_path: Path) -> None:
-    for name, reason in (("none.csv", "No such file or directory"), ("folder.csv", "Is a directory")):
-        path = tmp_path / name
-        if name.startswith("folder"):
-            path.mkdir()
-        with pytest.raises(RecordingError) as caught:
-            load_recording(path)
-        assert str(caught.value) == f"{path}: {reason}, expected a readable file"
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300, deadline=None)

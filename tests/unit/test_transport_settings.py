@@ -27,10 +27,6 @@ def test_a_mapping_overrides_its_preset() -> None:
     assert settings == PRESETS["paper"].model_copy(update={"loss": 0.05})
 
 
-def test_only_none_is_transparent() -> None:
-    assert [name for name, settings in PRESETS.items() if settings.transparent] == ["none"]
-
-
 @pytest.mark.parametrize(
     ("data", "message"),
     [

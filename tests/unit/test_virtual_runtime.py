@@ -1,7 +1,6 @@
 from functools import partial
 from random import Random
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,19 +18,6 @@ def test_events_of_one_stamp_run_in_the_order_of_their_scheduling() -> None:
     runtime.timers.call_at(START_NS + MS, lambda: order.append("timer after"))
     runtime.run(2 * MS)
     assert order == ["timer before", "a", "b", "timer after", "a", "b"]
-
-
-def test_a_fault_ends_the_run_with_its_own_traceback() -> None:
-    runtime = VirtualRuntime()
-
-    def fail(now_ns: int) -> None:
-        raise ValueError(f"at {now_ns}")
-
-    runtime.loop("loop", MS, fail)
-    with pytest.raises(ValueError, match=f"at {START_NS + MS}"):
-        runtime.run(10 * MS)
-    with pytest.raises(KeyError, match="handler"):
-        runtime.fault(KeyError("handler"))
 
 
 def test_progress_every_tenth_of_a_second_until_it_says_no() -> None:

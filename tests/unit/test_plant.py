@@ -1,0 +1,461 @@
+"""The simulated world: stage, load cell, contact, recorded forces, hidden effects."""
+
+from collections.abc import Callable
+from math import cos, exp, nan, pi, sin, sqrt
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from forefeel.common.causes.model import SCHEMA
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.config import Settings, checked
+from forefeel.common.errors import ConfigurationError, DeviceError
+from forefeel.common.messages import Grip
+from forefeel.common.recording.recording import Array
+from forefeel.devices.simulated.driver import (
+    SimulatedGripper,
+    SimulatedLoadCell,
+    SimulatedStage,
+)
+from forefeel.devices.simulated.recorded import RecordedLoadCell
+from forefeel.slave.daemon import _devices
+from forefeel.slave.gripper import Gripper
+from forefeel.slave.load_cell import LoadCell, LoadCellReading
+from forefeel.slave.plant.settings import (
+    LoadCellSettings,
+    PresetName,
+    StageSettings,
+    WorldSettings,
+    preset,
+    world_settings,
+)
+from forefeel.slave.plant.stage import PlantStage
+from forefeel.slave.plant.world import PlantLoadCell, SimulatedWorld
+from forefeel.slave.settings import SlaveAxisSettings
+from forefeel.slave.stage import Stage
+
+MS = 1_000_000
+QUIET = {"noise_n": 0.0, "bias_n": 0.0, "drift_n_s": 0.0, "bits": 32}
+Motion = Callable[[float], tuple[float, float]]
+
+
+def stroke(length_m: float, duration_s: float) -> Motion:
+    """(x, v) of a smooth way there and back."""
+
+    def at(t: float) -> tuple[float, float]:
+        p = 2 * pi * t / duration_s
+        return 0.5 * length_m * (1 - cos(p)), length_m * pi / duration_s * sin(p)
+
+    return at
+
+
+def drive(world: SimulatedWorld, motion: Motion, span_s: float, start_ms: int = 0) -> list[LoadCellReading]:
+    """Commands the motion at 1 kHz from the given time on; the reading after each ms."""
+    readings = []
+    for tick in range(round(span_s * 1000)):
+        world.set_target(*motion(tick * 1e-3), (start_ms + tick) * MS)
+        world.advance((start_ms + tick + 1) * MS)
+        readings.append(world.load_cell_reading())
+    return readings
+
+
+def move(world: SimulatedWorld, start_m: float, end_m: float, start_ms: int) -> int:
+    """Half a cosine from start to end in 1 s, then 0.2 s of rest; the time after it in ms."""
+
+    def at(t: float) -> tuple[float, float]:
+        p = pi * min(t, 1.0)
+        return start_m + (end_m - start_m) * 0.5 * (1 - cos(p)), (end_m - start_m) * 0.5 * pi * sin(p)
+
+    drive(world, at, 1.2, start_ms)
+    return start_ms + 1200
+
+
+def rms(values: list[float]) -> float:
+    return sqrt(fmean(value * value for value in values))
+
+
+def reference_force(settings: WorldSettings, motion: Motion, span_s: float) -> list[float]:
+    """The same world at 100 kHz by explicit Euler, from the equations, not the product; one per ms."""
+    p: dict[str, list[dict[str, float]]] = {}
+    for entry in settings.contact.effects:
+        p.setdefault(entry.effect, []).append(dict(entry.parameters))
+    dahl, wall, branch = p["presliding_hysteresis"][0], p["mass_damper_spring"][0], p["stress_relaxation"][0]
+    contact_m = p["contact_loss"][0]["contact_position_m"]
+    capstan = p["position_dependent_friction"][0]["force_per_length_n_m"]
+    w, cutoff = 2 * pi * settings.stage.bandwidth_hz, 2 * pi * settings.load_cell.filter_hz
+    most, dt = settings.stage.acceleration_limit_m_s2, 1e-5
+    x = v = dahl_n = branch_n = read_n = 0.0
+    samples = []
+    for step in range(1, round(span_s / dt) + 1):
+        t = step * dt
+        target, feed = motion(t)
+        a = max(-most, min(most, w * w * (target - x) + 2 * w * (feed - v)))
+        x, v = x + v * dt, v + a * dt
+        sign = (v > 0) - (v < 0)
+        dahl_n += dahl["stiffness_n_m"] * (1 - dahl_n / dahl["force_n"] * sign) * v * dt
+        force = dahl_n
+        depth = x - contact_m
+        if depth > 0:
+            branch_n += (branch["stiffness_n_m"] * v - branch_n / branch["time_constant_s"]) * dt
+            force += wall["mass_kg"] * a + wall["damping_n_s_m"] * v + wall["stiffness_n_m"] * depth
+            force += branch_n + capstan * depth * sign
+            for beat in p["pulsation"]:
+                phase = 2 * pi * beat["frequency_hz"] * t + beat["phase_rad"]
+                force += beat["amplitude_n"] * (sin(phase) + beat["second_harmonic_ratio"] * sin(2 * phase))
+        else:
+            branch_n = 0.0
+        read_n += (force - read_n) * cutoff * dt
+        if step % 100 == 0:
+            samples.append(read_n)
+    return samples
+
+
+@pytest.mark.parametrize("name", ["catheter", "guidewire"])
+def test_the_force_agrees_with_a_fine_integration_of_the_equations(name: PresetName) -> None:
+    settings = world_settings({"preset": name, "load_cell": QUIET})
+    motion = stroke(0.03, 1.5)
+    ours = [r.force_n for r in drive(SimulatedWorld(settings, 0), motion, 1.5)]
+    reference = reference_force(settings, motion, 1.5)
+    peak = max(map(abs, reference))
+    errors = [abs(f - g) for f, g in zip(ours, reference, strict=True)]
+    assert rms(errors) < 2e-3 * peak
+    assert sorted(errors)[int(0.99 * len(errors))] < 5e-3 * peak
+
+
+def test_equal_seeds_and_calls_repeat_bit_for_bit() -> None:
+    motion = stroke(0.03, 1.0)
+    first, again, other = (
+        drive(SimulatedWorld(preset("guidewire"), seed), motion, 0.5) for seed in (7, 7, 8)
+    )
+    assert first == again
+    assert first != other
+
+
+def test_strokes_add_up_when_the_fixture_regrips() -> None:
+    world = SimulatedWorld(world_settings({"load_cell": QUIET}), 0)
+    world.advance(0)
+    now_ms = move(world, 0.0, 0.03, 0)
+    pushed_m, loaded_n = world.inserted_m, world.load_cell_reading().force_n
+    assert pushed_m == pytest.approx(0.03, abs=1e-5)
+    assert loaded_n > 0.1
+
+    assert world.grip(Grip.OPEN) is Grip.OPEN
+    now_ms = move(world, 0.03, 0.0, now_ms)
+    assert world.inserted_m == pushed_m
+    assert world.stage_readback()[0] == pytest.approx(0.0, abs=1e-5)
+    assert world.load_cell_reading().force_n == pytest.approx(0.0, abs=1e-9)
+
+    assert world.grip(Grip.CLOSED) is Grip.CLOSED
+    now_ms = move(world, 0.0, 0.02, now_ms)
+    assert world.inserted_m == pytest.approx(0.05, abs=2e-5)
+    assert world.load_cell_reading().force_n > loaded_n
+
+
+def test_a_stalled_host_finds_the_stage_at_rest_after_a_bounded_catch_up() -> None:
+    world = SimulatedWorld(preset("catheter"), 0)
+    world.advance(0)
+    world.set_target(0.12, 0.0, 0)
+    world.advance(50 * MS)
+    moving_m, velocity = world.stage_readback()
+    assert velocity > 0.1
+    world.advance(24 * 3600 * 1000 * MS)
+    position_m, velocity = world.stage_readback()
+    assert velocity == 0.0
+    assert moving_m < position_m < moving_m + velocity_stop_m()
+    assert world.load_cell_reading().valid
+
+
+def velocity_stop_m() -> float:
+    stage = preset("catheter").stage
+    return stage.velocity_limit_m_s**2 / (2 * stage.acceleration_limit_m_s2) + 1e-4
+
+
+@pytest.mark.parametrize(
+    ("mapping", "message"),
+    [
+        ({"preset": "rope"}, r"preset = 'rope': input should be 'catheter' or 'guidewire'"),
+        ({"load_cell": {"noise": 1}}, r"load_cell\.noise: unknown key"),
+        ({"stage": {"bandwidth_hz": float("nan")}}, r"stage\.bandwidth_hz = nan: "),
+        ({"stage": {"start_m": 0.5}}, r"stage: start_m = 0\.5: expected within travel"),
+        (
+            {"contact": {"effects": [{"effect": "x"}]}},
+            r"contact: effects\[0\]\.effect: unknown effect 'x'",
+        ),
+    ],
+)
+def test_wrong_settings_are_refused_in_one_line(mapping: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message) as caught:
+        world_settings(mapping)
+    assert "\n" not in str(caught.value)
+
+
+MODEL = """\
+schema: forefeel.model/1
+name: a spring
+effects:
+  - {effect: mass_damper_spring, parameters: {mass_kg: 0, damping_n_s_m: 0, stiffness_n_m: 30}}
+"""
+
+
+def test_a_model_file_beside_the_settings_is_the_contact(tmp_path: Path) -> None:
+    class Axis(Settings):
+        simulation: WorldSettings
+
+    (tmp_path / "spring.yaml").write_text(MODEL)
+    axis = checked(Axis, {"simulation": {"model": "spring.yaml"}}, "slave.yaml", directory=tmp_path)
+    contact = axis.simulation.contact
+    assert [entry.effect for entry in contact.effects] == ["mass_damper_spring"]
+    assert contact.runtime().linear_values == (0.0, 0.0, 30.0)
+    assert world_settings(axis.simulation.model_dump()) == axis.simulation
+
+
+DT = 1e-4
+CATCH = preset("catheter").stage
+
+
+def stage(**changes: float) -> PlantStage:
+    return PlantStage(StageSettings(**{**CATCH.model_dump(), **changes}), DT)
+
+
+def run(plant: PlantStage, start_s: float, span_s: float) -> list[tuple[float, float, float]]:
+    """(x, v, a) of each step over a span without new setpoints."""
+    first = round(start_s / DT)
+    return [plant.step((first + i + 1) * DT) for i in range(round(span_s / DT))]
+
+
+setpoints = st.lists(
+    st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.integers(1, 400)), min_size=1, max_size=12
+)
+
+
+@settings(deadline=None, max_examples=60, derandomize=True)
+@given(setpoints, st.floats(0.002, 0.06), st.floats(0.01, 1.0), st.floats(0.2, 50.0), st.floats(1.0, 200.0))
+def test_no_setpoint_breaks_a_limit(
+    sequence: list[tuple[float, float, int]],
+    travel_m: float,
+    velocity: float,
+    acceleration: float,
+    bandwidth: float,
+) -> None:
+    plant = stage(
+        travel_lower_m=-travel_m,
+        travel_upper_m=travel_m,
+        velocity_limit_m_s=velocity,
+        acceleration_limit_m_s2=acceleration,
+        bandwidth_hz=bandwidth,
+    )
+    step, before = 0, plant.position_m
+    for position_m, velocity_m_s, steps in sequence:
+        applied_m = plant.command(position_m, velocity_m_s, step * DT)
+        assert -travel_m <= applied_m <= travel_m
+        for _ in range(steps):
+            step += 1
+            x, v, a = plant.step(step * DT)
+            assert -travel_m <= x <= travel_m
+            assert x - before == pytest.approx(v * DT, abs=1e-12)  # no crash into an end
+            before = x
+            assert abs(v) <= velocity * (1 + 1e-9)
+            assert abs(a) <= acceleration * (1 + 1e-6)
+
+
+def test_the_servo_settles_as_a_critically_damped_second_order_system() -> None:
+    plant = stage(
+        bandwidth_hz=5.0, acceleration_limit_m_s2=100.0, velocity_limit_m_s=5.0, device_watchdog_s=1.0
+    )
+    plant.command(0.01, 0.0, 0.0)
+    w = 2 * pi * 5.0
+    for i, (x, _, _) in enumerate(run(plant, 0.0, 0.3), start=1):
+        t = i * DT
+        assert x == pytest.approx(0.01 * (1 - (1 + w * t) * exp(-w * t)), abs=3e-5)
+
+
+def test_extrapolation_is_bounded_when_setpoints_stop() -> None:
+    plant = stage(device_watchdog_s=1.0)
+    for tick in range(500):
+        plant.command(0.04 * tick * 1e-3, 0.04, tick * 1e-3)
+        run(plant, tick * 1e-3, 1e-3)
+    x, v, _ = run(plant, 0.5, 0.4)[-1]
+    assert x == pytest.approx(0.04 * (0.499 + 0.002), abs=1e-6)
+    assert v == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_watchdog_of_the_device_brakes_to_rest_and_holds() -> None:
+    watchdog_s, most = CATCH.device_watchdog_s, CATCH.acceleration_limit_m_s2
+    plant = stage()
+    plant.command(0.12, 0.0, 0.0)
+    under_way = run(plant, 0.0, watchdog_s)
+    assert under_way[-1][1] == pytest.approx(CATCH.velocity_limit_m_s)
+    braking = run(plant, watchdog_s, 0.5)
+    speeds = [v for _, v, _ in braking]
+    rest = speeds.index(0.0)
+    assert rest * DT == pytest.approx(CATCH.velocity_limit_m_s / most, abs=2 * DT)
+    assert set(speeds[rest:]) == {0.0}
+    assert len({x for x, _, _ in braking[rest:]}) == 1
+    assert all(abs(a) <= most * (1 + 1e-6) for _, _, a in braking)
+    assert braking[-1][0] < 0.05
+
+
+def test_play_lies_between_the_encoder_and_the_carriage() -> None:
+    plant = stage(backlash_width_m=0.001, device_watchdog_s=1.0)
+    plant.command(0.01, 0.0, 0.0)
+    carriage_m = run(plant, 0.0, 0.5)[-1][0]
+    assert carriage_m == pytest.approx(0.0095, abs=1e-6)
+    assert plant.readback()[0] == pytest.approx(0.01, abs=1e-6)
+    plant.command(0.0095, 0.0, 0.5)
+    assert run(plant, 0.5, 0.5)[-1][0] == carriage_m
+
+
+PERFECT = LoadCellSettings(full_scale_n=1.0, bits=16, filter_hz=200.0, noise_n=0.0, bias_n=0.0, drift_n_s=0.0)
+
+
+def cell(**changes: float) -> PlantLoadCell:
+    return PlantLoadCell(PERFECT.model_copy(update=changes), seed=1)
+
+
+def settled(plant: PlantLoadCell, force_n: float, t: float = 0.0) -> LoadCellReading:
+    plant.filtered.value = force_n
+    plant.convert(t)
+    return plant.reading
+
+
+@pytest.mark.parametrize(
+    ("force_n", "counts", "valid"),
+    [
+        (0.94, round(0.94 * 32767), True),
+        (0.96, round(0.96 * 32767), False),
+        (5.0, 32767, False),
+        (-5.0, -32767, False),
+    ],
+)
+def test_beyond_95_percent_of_full_scale_a_reading_is_invalid(
+    force_n: float, counts: int, valid: bool
+) -> None:
+    reading = settled(cell(), force_n)
+    assert (reading.raw_counts, reading.valid) == (counts, valid)
+
+
+TIMES, FORCES = [0.0, 0.01, 0.02, 1.0, 1.05], [0.0, 0.1, 0.3, -0.2, -0.1]
+
+
+@pytest.mark.parametrize(
+    ("at_s", "force_n"), [(0.0, 0.0), (0.005, 0.05), (0.0175, 0.25), (0.02, 0.3), (1.0, -0.2), (1.025, -0.15)]
+)
+def test_a_recorded_force_is_interpolated_between_its_samples(at_s: float, force_n: float) -> None:
+    (reading,) = RecordedLoadCell(TIMES, FORCES).read(123, at_s)
+    assert reading.valid
+    assert reading.force_n == pytest.approx(force_n, abs=1e-12)
+    assert reading.raw_counts == round(force_n * 1e6)
+
+
+@pytest.mark.parametrize("at_s", [None, nan, -0.001, 1.06, 0.021, 0.5, 0.999])
+def test_there_is_no_force_outside_the_recording_nor_across_a_gap(at_s: float | None) -> None:
+    assert RecordedLoadCell(TIMES, FORCES).read_at(at_s) == LoadCellReading(0.0, 0, False)
+
+
+def test_three_devices_share_one_world() -> None:
+    world = SimulatedWorld(preset("catheter"), 0)
+    stage: Stage = SimulatedStage(world)
+    load_cell: LoadCell = SimulatedLoadCell(world)
+    gripper: Gripper = SimulatedGripper(world)
+    for device in (stage, load_cell, gripper):
+        device.open()
+    assert stage.read(0).position_m == 0.0
+    assert stage.command(0.03, 0.0, 0) == 0.03
+    for tick in range(1, 600):
+        stage.command(0.03, 0.0, tick * MS)
+    assert stage.read(600 * MS).position_m == pytest.approx(0.03, abs=1e-5)
+    loaded_n = load_cell.read(600 * MS, None)[-1].force_n
+    assert gripper.set(Grip.OPEN, 600 * MS) is Grip.OPEN
+    unloaded_n = load_cell.read(700 * MS, 3.0)[-1].force_n
+    assert loaded_n > 0.1 > unloaded_n
+    stage.command(0.0, 0.0, 700 * MS)
+    stage.read(720 * MS)
+    stage.hold(720 * MS)
+    assert stage.read(900 * MS).velocity_m_s == 0.0
+
+
+@pytest.mark.parametrize(("position_m", "velocity_m_s"), [(nan, 0.0), (0.0, float("inf"))])
+def test_a_setpoint_that_is_not_finite_is_refused(position_m: float, velocity_m_s: float) -> None:
+    stage = SimulatedStage(SimulatedWorld(preset("catheter"), 0))
+    stage.open()
+    with pytest.raises(DeviceError, match="expected finite numbers"):
+        stage.command(position_m, velocity_m_s, 0)
+
+
+def test_beside_real_devices_no_world_is_integrated() -> None:
+    """What nobody sees must not cost the control loop a twentieth of a millisecond each tick."""
+    axis = {"limits": {"max_force_n": 0.5}}
+    cell = {"driver": "bota_serial", "port": "/dev/null", "full_scale_n": 10.0}
+    stage = {"driver": "zaber_ascii", "port": "/dev/null", "microstep_m": 1e-7, "travel_m": [-0.01, 0.13]}
+    clock = MonotonicClock()
+    for devices, observed in (
+        ({"stage": stage, "load_cell": cell}, False),
+        ({"stage": stage}, True),
+        ({"load_cell": cell}, True),
+        ({}, True),
+    ):
+        made = _devices(SlaveAxisSettings.model_validate({**axis, **devices}), clock)
+        assert isinstance(made.gripper, SimulatedGripper)
+        assert made.gripper._world.observed is observed
+
+
+WALL = {"effect": "mass_damper_spring", "parameters": {"damping_n_s_m": 0.5, "stiffness_n_m": 10.0}}
+RELAXING = {"effect": "stress_relaxation", "parameters": {"stiffness_n_m": 8.0, "time_constant_s": 0.5}}
+FRICTION = {"effect": "presliding_hysteresis", "parameters": {"force_n": 0.1, "stiffness_n_m": 100.0}}
+
+
+def model(*effects: dict[str, Any]) -> dict[str, Any]:
+    return {"schema": SCHEMA, "name": "world", "effects": list(effects)}
+
+
+def forces(*effects: dict[str, Any], load_cell: dict[str, Any] = QUIET, **hidden: Any) -> Array:  # noqa: ANN401
+    """The readings of 2 s of strokes in a world of these effects."""
+    mapping: dict[str, Any] = {"contact": model(*effects), "load_cell": load_cell}
+    if hidden:
+        mapping["hidden"] = hidden
+    world = SimulatedWorld(world_settings(mapping), 1)
+    return np.array([reading.force_n for reading in drive(world, stroke(0.02, 1.3), 2.0)])
+
+
+@pytest.mark.parametrize("hidden", [RELAXING, FRICTION], ids=["relaxation", "friction"])
+def test_before_it_is_not_there_and_then_it_has_felt_the_motion_all_along(hidden: dict[str, Any]) -> None:
+    switched = forces(WALL, effects=model(hidden), from_s=1.0)
+    without, throughout = forces(WALL), forces(WALL, hidden)
+    np.testing.assert_array_equal(switched[:999], without[:999])
+    np.testing.assert_allclose(switched[1010:], throughout[1010:], atol=1e-6)  # behind the cell's filter
+    assert np.abs(switched - without)[1010:].max() > 0.02
+
+
+def test_a_sensor_acts_on_readings_behind_the_noise_and_from_its_instant_on() -> None:
+    noisy = {**QUIET, "noise_n": 0.01}
+    flat = {"effect": "sensor_saturation", "parameters": {"limit_n": 0.1}}
+    always, later = (
+        forces(WALL, flat, load_cell=noisy),
+        forces(WALL, load_cell=noisy, effects=model(flat), from_s=1.5),
+    )
+    assert always.max() == pytest.approx(0.1, abs=1e-6), "flat tops, not tops with noise on them"
+    assert np.count_nonzero(always > 0.0999) > 100
+    assert later[:1499].max() > 0.2
+    assert later[1500:].max() == pytest.approx(0.1, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "words"),
+    [
+        ({"effects": model({"effect": "contact_loss"})}, "a second contact effect"),
+        ({"effects": model({"effect": "magic"})}, "magic"),
+        ({"effects": model(FRICTION), "from_s": -1.0}, "from_s"),
+        ({"effects": model(FRICTION), "model": "m.yaml"}, "expected one of them"),
+        ({"from_s": 1.0}, "effects"),
+    ],
+)
+def test_what_can_not_be_hidden_is_refused_in_one_line(hidden: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigurationError) as refused:
+        world_settings({"preset": "catheter", "hidden": hidden})
+    assert words in str(refused.value)
+    assert "\n" not in str(refused.value)

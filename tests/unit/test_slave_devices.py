@@ -1,0 +1,255 @@
+"""A slave axis and its devices: faults, limits, what it publishes of them."""
+
+from datetime import date
+from itertools import pairwise
+from math import inf, nan
+
+import pytest
+
+from forefeel.common import topics
+from forefeel.common.bus import Bus
+from forefeel.common.clock import VirtualClock
+from forefeel.common.errors import DeviceError
+from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
+from forefeel.common.hardware.link import DeviceLink
+from forefeel.common.messages import Calibration, ForceSample, Grip, MotionCommand, SafetyState
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.slave.forces import ForcePublisher, Instant
+from forefeel.slave.load_cell import LoadCellReading
+from forefeel.slave.stage import StageReading
+from tests.unit.slave_rig import MS, SESSION, START_M, SlaveRig
+
+S = SafetyState
+
+
+@pytest.mark.parametrize("call", ["read", "command"])
+def test_a_stage_that_fails_is_a_fault_and_is_told_to_hold(call: str) -> None:
+    rig = SlaveRig().armed()
+    rig.stage.broken = {call}
+    rig.step(2)
+    assert (rig.state(), rig.states[-1].reason) == (S.FAULT, f"stage: {call} refused")
+    rig.stage.broken = set()
+    rig.step(100)
+    assert rig.state() is S.FAULT
+    assert rig.stage.holds[-1] == rig.now_ns
+    rig.axis.clear()
+    rig.step(2)
+    assert rig.state() is S.READY
+
+
+def test_a_stage_that_can_not_even_hold_is_a_fault_and_the_loop_goes_on() -> None:
+    rig = SlaveRig().armed()
+    rig.stage.broken = {"read", "command", "hold"}
+    rig.step(20)
+    assert rig.state() is S.FAULT
+    assert len(rig.forces) == len(rig.load_cell.asked) + 20
+    assert {force.valid for force in rig.forces[-19:]} == {False}
+
+
+def test_a_gripper_or_load_cell_that_fails_is_a_fault() -> None:
+    rig = SlaveRig().armed()
+    rig.gripper.broken = True
+    rig.step(2)
+    assert (rig.state(), rig.states[-1].reason) == (S.FAULT, "gripper: jammed")
+    rig = SlaveRig().armed()
+    rig.load_cell.error = DeviceError("load cell: unplugged")
+    rig.step()
+    assert (rig.state(), rig.states[-1].reason) == (S.FAULT, "load cell: unplugged")
+    assert (rig.forces[-1].valid, rig.forces[-1].force_n) == (False, 0.0)
+
+
+@pytest.mark.parametrize("force_n", [nan, inf, -inf, 5.01, -1e300])
+def test_a_force_beyond_the_full_scale_is_a_fault_and_never_published(force_n: float) -> None:
+    rig = SlaveRig().armed()
+    rig.load_cell.reading = LoadCellReading(force_n, 0, True)
+    rig.step()
+    assert rig.state() is S.FAULT
+    assert rig.states[-1].reason == f"load cell = {force_n:g} N: expected at most its full scale, 5 N"
+    assert (rig.forces[-1].valid, rig.forces[-1].force_n) == (False, 0.0)
+    assert rig.stage.holds[-1] == rig.now_ns
+
+
+@pytest.mark.parametrize("value", [nan, 1001.0])
+@pytest.mark.parametrize("field", ["position_m", "velocity_m_s"])
+def test_a_readback_that_is_none_is_a_fault_and_the_last_one_stays(field: str, value: float) -> None:
+    rig = SlaveRig().armed()
+    rig.deadman = False
+    rig.step(5)
+    setattr(rig.stage, field, value)
+    rig.step()
+    assert rig.state() is S.FAULT
+    assert "expected at most 10 m and 1000 m/s" in rig.states[-1].reason
+    assert rig.forces[-1].position_m == pytest.approx(START_M)
+
+
+def test_an_axis_does_not_open_on_a_stage_that_does_not_say_where_it_is() -> None:
+    rig = SlaveRig()
+    rig.stage.position_m = nan
+    with pytest.raises(DeviceError, match="expected at most 10 m and 1000 m/s"):
+        rig.axis.open(rig.now_ns)
+    rig.stage.position_m, rig.stage.broken = START_M, {"open"}
+    with pytest.raises(DeviceError, match="open refused"):
+        rig.axis.open(rig.now_ns)
+
+
+def test_a_fault_of_any_thread_holds_the_stage_at_once_and_is_a_fault_at_the_next_tick() -> None:
+    rig = SlaveRig().armed()
+    holds = len(rig.stage.holds)
+    rig.axis.fail(ValueError("torn cable"))
+    assert len(rig.stage.holds) == holds + 1
+    rig.step()
+    assert (rig.state(), rig.states[-1].reason) == (S.FAULT, "ValueError: torn cable")
+
+
+def total(rig: SlaveRig, rule: str) -> int:
+    return sum(event.count for event in rig.limits if event.rule == rule)
+
+
+def test_every_intervention_of_the_loop_is_counted_once() -> None:
+    rig = SlaveRig().armed()
+    rig.position_m = 0.18  # beyond reason, which ends 50 mm outside of the workspace
+    rig.step(20)
+    rig.position_m = 0.16  # outside of the workspace only
+    rig.step(700)
+    rig.deadman = False
+    rig.step(300)
+    published = {rule: total(rig, rule) for rule in {event.rule for event in rig.limits}}
+    assert published["range"] == 20
+    assert published["workspace"] == 700
+    assert sum(published.values()) == rig.counters()["limit_interventions"]
+    times_ns = [event.stamp_ns for event in rig.limits if event.rule == "workspace"]
+    assert all(later - earlier >= 100 * MS for earlier, later in pairwise(times_ns))
+    assert rig.stage.position_m <= 0.12 + 1e-12
+
+
+def test_a_drive_that_does_not_go_where_it_is_told_is_an_intervention() -> None:
+    rig = SlaveRig().armed()
+    rig.stage.travel_m = (0.0, START_M + 0.001)
+    rig.position_m = START_M + 0.002
+    rig.step(40)
+    assert total(rig, "travel") > 0
+    event = next(event for event in rig.limits if event.rule == "travel")
+    assert (event.applied, event.unit) == (START_M + 0.001, "m")
+    assert event.requested > event.applied
+
+
+CELL = LoadCellCalibration(
+    format="forefeel.load_cell_calibration/1", driver="bota_serial", serial="SN-7", date=date(2026, 3, 1),
+    gain_n=1.02, zero=-0.25, residual_n=0.001, hysteresis_n=0.002, range_n=(0.0, 3.0),
+    points=((0.0, 0.0), (1.0, 1.02)),
+)  # fmt: skip
+STAGE = StageCalibration(
+    format="forefeel.stage_calibration/1", driver="zaber_ascii", serial="4711", date=date(2026, 3, 2),
+    zero=5000.0, native_per_m=1e7, travel_m=(0.0, 0.12), repeatability_m=None,
+)  # fmt: skip
+
+
+@pytest.fixture
+def rig() -> SlaveRig:
+    return SlaveRig().connected()
+
+
+def announced(rig: SlaveRig) -> list[Calibration]:
+    heard = list[Calibration]()
+    bus = Bus(rig.network.session(rig.clock), "cell", "insertion", rig.clock)
+    bus.subscribe(topics.CALIBRATION, lambda message, _: heard.append(message))
+    rig.axis.announce(rig.now_ns)
+    return heard
+
+
+def test_what_the_drivers_have_loaded_is_said_every_time(rig: SlaveRig) -> None:
+    rig.load_cell.calibration, rig.stage.calibration = CELL, STAGE  # type: ignore[attr-defined]
+    for _ in range(2):
+        stage, cell = announced(rig)
+        assert (stage.slot, stage.driver, stage.serial, stage.date) == (
+            "stage", "zaber_ascii", "4711", "2026-03-02",
+        )  # fmt: skip
+        assert (stage.native_per_m, stage.zero, stage.repeatability_m) == (1e7, 5000.0, None)
+        assert (stage.gain_n, stage.residual_n, stage.hysteresis_n) == (None, None, None)
+        assert (cell.slot, cell.driver, cell.serial, cell.date) == (
+            "load_cell", "bota_serial", "SN-7", "2026-03-01",
+        )  # fmt: skip
+        assert (cell.gain_n, cell.zero, cell.residual_n, cell.hysteresis_n) == (1.02, -0.25, 0.001, 0.002)
+        assert (cell.native_per_m, cell.repeatability_m) == (None, None)
+        assert {stage.session_id, cell.session_id} == {SESSION}
+
+
+def test_what_the_drivers_counted_stands_among_the_counters_of_the_slave(rig: SlaveRig) -> None:
+    assert not [name for name in rig.counters() if name.startswith(("stage_", "load_cell_"))]
+    rig.stage.link, rig.load_cell.link = DeviceLink("stage"), DeviceLink("cell")  # type: ignore[attr-defined]
+    rig.stage.link.counters["lost_replies"] = 3  # type: ignore[attr-defined]
+    rig.load_cell.link.counters.update(bad_checksum=2, stuck=0)  # type: ignore[attr-defined]
+    counted = {n: c for n, c in rig.counters().items() if n.startswith(("stage_", "load_cell_"))}
+    assert counted == {"stage_lost_replies": 3, "load_cell_bad_checksum": 2}
+
+
+def command(sequence: int) -> MotionCommand:
+    return MotionCommand(
+        session_id=1,
+        sequence=sequence,
+        stamp_ns=sequence * MS,
+        position_m=0.0,
+        velocity_m_s=0.0,
+        deadman=True,
+    )
+
+
+def answered(*stamps_ns: int | None) -> list[ForceSample]:
+    """Ten ticks at 1 mm/s that execute a command each; then these readings."""
+    clock, heard = VirtualClock(), list[ForceSample]()
+    network = MemoryBus()
+    bus = Bus(network.session(clock), "cell", "insertion", clock)
+    listener = Bus(network.session(clock), "cell", "insertion", clock)
+    listener.subscribe(topics.FORCE, lambda sample, _: heard.append(sample))
+    answers = ForcePublisher(bus.publisher(topics.FORCE))
+    for tick in range(1, 11):
+        answers.note(Instant(tick * MS, StageReading(tick * 1e-6, 1e-3), command(tick), Grip.CLOSED))
+    for number, stamp_ns in enumerate(stamps_ns):
+        answers.send(LoadCellReading(0.1 * number, number, True, stamp_ns), 1, None)
+    return heard
+
+
+def test_a_reading_without_a_stamp_belongs_to_the_newest_tick() -> None:
+    (sample,) = answered(None)
+    assert (sample.stamp_ns, sample.answers_sequence) == (10 * MS, 10)
+    assert sample.position_m == pytest.approx(10e-6, abs=1e-12)
+
+
+def test_readings_of_a_batch_find_their_own_ticks() -> None:
+    samples = answered(3 * MS, 3 * MS + MS // 4, 7 * MS)
+    assert [s.answers_sequence for s in samples] == [3, 4, 7]
+    assert [s.stamp_ns for s in samples] == [3 * MS, 3 * MS + MS // 4, 7 * MS]
+    assert [s.position_m for s in samples] == pytest.approx([3e-6, 3.25e-6, 7e-6], abs=1e-12)
+    assert [s.raw_counts for s in samples] == [0, 1, 2]
+
+
+def test_a_reading_from_before_all_that_is_remembered_belongs_to_the_oldest() -> None:
+    (sample,) = answered(7)
+    assert (sample.stamp_ns, sample.answers_sequence, sample.position_m) == (7, 1, 1e-6)
+
+
+def test_a_slow_cell_gives_as_many_messages_as_readings_and_its_newest_counts_until_it_is_stale() -> None:
+    rig = SlaveRig().armed()
+    rig.load_cell.every = 8
+    before = len(rig.forces)
+    rig.step(80)
+    assert len(rig.forces) - before == 10
+    assert rig.state() is SafetyState.ARMED
+    rig.load_cell.every = 1_000_000
+    rig.step(1000)  # silent: stale after 20 ms, a fault after gate.force_timeout_s
+    assert rig.state() is SafetyState.FAULT
+
+
+def test_a_device_that_failed_is_rearmed_by_the_clearing_and_by_nothing_else() -> None:
+    rig = SlaveRig().armed()
+    rig.stage.broken = {"read", "rearm"}
+    rig.step(50)
+    rig.axis.clear()
+    rig.step(50)
+    assert rig.state() is SafetyState.FAULT
+    rig.stage.broken = set()
+    rig.step(50)
+    assert rig.state() is SafetyState.FAULT
+    rig.axis.clear()
+    rig.step(50)
+    assert rig.state() is not SafetyState.FAULT
