@@ -4,6 +4,8 @@ from bisect import bisect_left
 
 EDGES_US: tuple[float, ...] = tuple(round(10 ** (k / 8), 3) for k in range(49))
 """Upper edges of the bins, 1 us to 1 s, eight to a decade; one more bin counts what is later."""
+FEW_MISSED = 0.001
+"""Share of missed ticks above which a host counts as slow."""
 
 
 class Lateness:

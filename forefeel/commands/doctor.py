@@ -1,12 +1,15 @@
 """`forefeel doctor`."""
 
+import os
+from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
-from forefeel.terminal import output
+from forefeel.terminal import SHADES, answer, output, stages, table
 
 
 @examples(
@@ -21,7 +24,26 @@ def doctor(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.doctor.run import run_doctor  # noqa: PLC0415 - the help needs none of it
+    from rich.text import Text  # noqa: PLC0415 - the help needs none of it
+
+    from forefeel.doctor.examine import LEVELS, examine  # noqa: PLC0415
+    from forefeel.doctor.host import Host  # noqa: PLC0415
 
     with output(as_json, quiet):
-        run_doctor(config or [])
+        with stages("looking", said=()) as tell:
+            findings = examine(config or [], Host(), tell, os.environ)
+        counts = {level: Counter(each.level for each in findings)[level] for level in LEVELS}
+        worst = next((level for level in reversed(LEVELS) if counts[level]), "green")
+        shown = table("", "group", "what", "found", "what to do")
+        for each in findings:
+            words = map(Text, (each.group, each.subject, each.found, each.advice))
+            shown.add_row(Text(each.level, SHADES[each.level]), *words)
+        document = {
+            "schema": "forefeel.doctor/1",
+            "worst": worst,
+            "counts": counts,
+            "findings": [asdict(each) for each in findings],
+        }
+        answer(shown, ", ".join(f"{n} {level}" for level, n in counts.items()), document=lambda: document)
+        if worst == "red":
+            raise typer.Exit(1)

@@ -1,3 +1,1 @@
-"""`forefeel doctor`: is this host fit to run a daemon? One module for each group of checks; in each, what
-measures stands apart from what judges, and what judges is pure.
-"""
+"""Whether a host and its settings are fit to run: green, amber, red, and what to do."""

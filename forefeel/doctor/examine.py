@@ -1,168 +1,348 @@
-"""Everything that is looked at, in the order of the list."""
+"""Every check, in the order of the list."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Literal, cast
 
+from packaging.requirements import Requirement
+
+from forefeel.common.errors import ConfigurationError, EndpointError
+from forefeel.common.lateness import FEW_MISSED
 from forefeel.common.settings import DaemonSettings
-from forefeel.common.state.folder import holder, state_path
+from forefeel.common.state.folder import state_path
 from forefeel.common.topics import Role
+from forefeel.common.transport.exposure import check_exposure
+from forefeel.common.transport.pki import read_certificate, read_identity
 from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.doctor import (
-    access,
-    calibrations,
-    certificates,
-    clocks,
-    devices,
-    network,
-    realtime,
-    software,
-    storage,
-)
-from forefeel.doctor.findings import Finding
-from forefeel.doctor.settings import judge_agreement, load_files
+from forefeel.common.transport.zenoh_config import secured_by_file
+from forefeel.daemon_settings import load_daemon
+from forefeel.doctor.host import ClockState, Heard, Host, Loop
 from forefeel.probe.configured import ConfiguredDevice, configured
-from forefeel.reachability import reach
+from forefeel.probe.probe import Probed
+from forefeel.reachability import TIMEOUT_S, Reached
 
-# priority of SCHED_FIFO that is tried without a file, the default of `realtime.priority`
+Level = Literal["green", "amber", "red"]
+LEVELS: tuple[Level, ...] = ("green", "amber", "red")
+LOOP_S = 2.0
 _NO_FILE_PRIORITY = 50
-_OBSERVERS: tuple[PartyRole, ...] = ("viewer", "recorder")
-Progress = Callable[[str], None]
+"""Default of `realtime.priority`."""
+_SOON_DAYS = 30
+_GOOD_US, _POOR_US = 250.0, 1000.0  # lateness at the 99th percentile: a quarter of a period, and a whole one
+_MANY_MISSED = 0.01  # share of ticks
+_GOOD_NS, _ACCEPTABLE_NS = 1_000_000, 10_000_000  # uncertainty of the clocks' offset
+_PLENTY_BYTES, _LEAST_BYTES = 2e9, 200e6  # a recording takes about 1 GB an hour
+_OLDEST_PYTHON, _NEWEST_TRIED_PYTHON = (3, 11), (3, 13)
+_EVERYWHERE = {"0.0.0.0", "[::]", "::"}
+_THIS_HOST = {"127.0.0.1", "[::1]", "::1", "localhost"}
+_PERMISSION = (
+    "permit it: systemd units have LimitRTPRIO and LimitMEMLOCK; else rtprio 90 and memlock unlimited for "
+    "this user in /etc/security/limits.d, then log in again"
+)
 
 
 @dataclass(frozen=True, slots=True)
-class End:
-    """One daemon's settings, its state folder, and the process that runs with it on this host now."""
+class Finding:
+    """One line of the list.
 
-    role: Role
-    settings: DaemonSettings
-    state: Path
-    process: int | None
+    Attributes:
+        group: the group of checks.
+        subject: what was looked at.
+        level: green is fit, amber works with less than it should, red does not work or must not.
+        found: what was found.
+        advice: what to do; empty where there is nothing to do.
+    """
+
+    group: str
+    subject: str
+    level: Level
+    found: str
+    advice: str = ""
 
 
-def examine(files: Sequence[Path], progress: Progress, environment: Mapping[str, str]) -> list[Finding]:
+def examine(
+    files: Sequence[Path], host: Host, progress: Callable[[str], None], environment: Mapping[str, str]
+) -> list[Finding]:
     """Every check that the files allow; without files those of the host.
 
     Raises:
-        ConfigurationError: a file is not there, or two are of one role.
+        ConfigurationError: a file can not be loaded, or two are of one role.
     """
-    loaded, findings = load_files(files)
-    findings += judge_agreement(loaded)
-    ends = [_end(role, settings, environment) for role, (_, settings) in loaded.items()]
-    for end in ends:
-        progress(f"{end.role}: certificates and access control")
-        findings += _security(end)
-        progress(f"{end.role}: network")
-        findings += _network(end)
-    for cell in dict.fromkeys(end.settings.cell for end in ends):
-        progress(f"cell {cell}: clocks")
-        findings += _clocks([end for end in ends if end.settings.cell == cell])
-    findings += clocks.judge_discipline(clocks.ask_discipline())
-    progress(f"real time, {realtime.SECONDS:g} s")
-    findings += _realtime(ends)
-    for end in ends:
-        progress(f"{end.role}: devices")
-        findings += _devices(end)
-        findings += storage.judge_folder(storage.examine_folder(end.state))
-    own, packages = software.read_packages()
-    return [*findings, *software.judge_software(software.python_version(), own, packages)]
+    ends = _load(files)
+    findings: list[Finding] = []
+    for role, settings in ends.items():
+        progress(f"{role}: certificates, network, clocks")
+        findings += check_certificates(role, settings, host)
+        findings += check_network(role, settings, host)
+        progress(f"{role}: devices, disk")
+        state = state_path(settings, role, environment)
+        findings += check_devices(role, settings, host.running(state), host)
+        findings += check_disk(state, host)
+    findings += check_versions(host)
+    progress(f"real time, {LOOP_S:g} s")
+    priority = max((each.realtime.priority for each in ends.values()), default=_NO_FILE_PRIORITY)
+    return [*findings, *check_loop(host.loop(priority, LOOP_S), priority)]
 
 
-def _end(role: Role, settings: DaemonSettings, environment: Mapping[str, str]) -> End:
-    state = state_path(settings, role, environment)
-    return End(role, settings, state, holder(state))
+def _load(files: Sequence[Path]) -> dict[Role, DaemonSettings]:
+    loaded: dict[Role, DaemonSettings] = {}
+    for path in files:
+        settings = load_daemon(path)
+        role = cast(Role, getattr(settings, "role", "slave"))
+        if role in loaded:
+            raise ConfigurationError(f"--config {path}: another {role}; expected one of each role")
+        loaded[role] = settings
+    return loaded
 
 
-def _security(end: End) -> Iterator[Finding]:
-    transport = end.settings.transport
-    yield certificates.judge_exposure(end.settings, end.role)
-    if transport.pki is None:
-        return
-    found = certificates.read_folder(transport.pki, end.role, end.settings.cell)
-    yield from certificates.judge_certificate(found, transport.listen)
-    identity = certificates.find_identity(end.settings, end.role)
-    if identity is not None:
-        yield from access.judge_access(access.try_access(end.role, end.settings.cell, identity), end.role)
-
-
-def _network(end: End) -> Iterator[Finding]:
-    transport = end.settings.transport
-    yield from network.judge_endpoints(transport.listen, transport.connect)
-    for endpoint in transport.listen:
-        yield network.judge_listen(network.try_listen(endpoint), end.process is not None)
-    identity = certificates.find_identity(end.settings, end.role)
-    other = "router" if transport.mode == "client" else "slave" if end.role == "master" else "master"
-    for endpoint in transport.connect:
-        yield network.judge_reached(reach(endpoint, identity, other))
-
-
-def _clocks(ends: Sequence[End]) -> Iterator[Finding]:
-    """Asked once for a cell, wherever one of its daemons can be heard."""
-    first = ends[0]
-    reachable = tuple(
-        dict.fromkeys(endpoint for end in ends for endpoint in _reachable(end.settings.transport))
-    )
-    if not reachable:
-        yield from clocks.judge_clocks([])
-        return
-    party = _observer(first)
-    transport = TransportSettings(connect=reachable, pki=first.settings.transport.pki if party else None)
-    axes = [axis.name for axis in _axes(first.settings)]
-    found, error = clocks.hear_states(transport, party, first.settings.cell, axes)
-    yield from clocks.judge_clocks(found, error)
-
-
-def _reachable(transport: TransportSettings) -> Iterator[str]:
-    """Where this host's and the other daemons answer."""
-    yield from transport.connect
-    for endpoint in transport.listen:
-        yield endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
-
-
-def _observer(end: End) -> Party | None:
-    """A viewer where its key lies there, too; else the daemon's own role, which hears the other end."""
-    folder, cells = end.settings.transport.pki, (end.settings.cell,)
-    if folder is None:
-        return None
-    role = next((each for each in _OBSERVERS if (folder / f"{each}.key").exists()), end.role)
-    return Party(role, cells)
-
-
-def _realtime(ends: Sequence[End]) -> Iterator[Finding]:
-    priority = max((end.settings.realtime.priority for end in ends), default=_NO_FILE_PRIORITY)
+def check_certificates(role: Role, settings: DaemonSettings, host: Host) -> Iterator[Finding]:
+    """Whether what is open to a network is secured, by a certificate that is valid and names this host."""
+    transport, group = settings.transport, "certificates"
     try:
-        yield from realtime.judge_loop(realtime.measure_loop(priority, realtime.SECONDS), priority)
-    except RuntimeError as error:
-        yield Finding(realtime.GROUP, "1 kHz loop", "red", f"not measured: {error}", "report this")
-    yield from realtime.judge_kernel(realtime.read_kernel())
-
-
-def _devices(end: End) -> Iterator[Finding]:
-    found, today = configured(end.settings), date.today()
-    for port in dict.fromkeys(device.serial_port for device in found if device.serial_port):
-        yield from devices.judge_port(devices.examine_port(port))
-    for bus in devices.can_buses(found):
-        yield devices.judge_can(bus)
-    yield from _probed(end, found)
-    for device in found:
-        calibration = calibrations.read_calibration(device, today)
-        if calibration is not None:
-            yield calibrations.judge_calibration(calibration, today)
-
-
-def _probed(end: End, found: Sequence[ConfiguredDevice]) -> Iterator[Finding]:
-    real = [device for device in found if device.settings.hardware]
-    if not real:
-        yield Finding(devices.GROUP, f"{end.role}'s devices", "green", "all simulated")
-    elif end.process is not None:
-        yield devices.judge_running(end.role, end.process)
+        secured = transport.pki is not None or secured_by_file(transport)
+        ways = transport.listen, transport.connect
+        notice = check_exposure(*ways, secured=secured, insecure=True, real_stage=settings.real_stage)
+    except (ConfigurationError, EndpointError) as error:
+        notice, secured = str(error), False
+    if notice:
+        advice = "forefeel pki init makes certificates; name this host's folder in transport.pki"
+        yield Finding(group, f"{role}'s traffic", "red", notice, advice)
     else:
-        for probed in devices.probe_devices(real):
-            yield devices.judge_probed(probed)
+        found = "certificates on every endpoint" if secured else "stays on this host, needs no certificates"
+        yield Finding(group, f"{role}'s traffic", "green", found)
+    folder, party = transport.pki, Party(role, (settings.cell,))
+    if folder is None:
+        return
+    if (folder / "ca.key").exists():
+        advice = "keep it off the hosts: whoever has it makes any certificate"
+        yield Finding(group, "authority", "amber", f"{folder}/ca.key lies on this host", advice)
+    try:
+        left_days = (read_identity(folder, party, host.now()).expires - host.now()).days
+    except ConfigurationError as error:
+        advice = "copy this host's folder of forefeel pki init here"
+        yield Finding(group, party.name, "red", str(error), advice)
+        return
+    soon = left_days < _SOON_DAYS
+    advice = "forefeel pki init DIR on the host with ca.key renews it; copy it here" if soon else ""
+    found = f"valid, {left_days} days left"
+    yield Finding(group, party.name, "amber" if soon else "green", found, advice)
+    yield from _check_names(folder, role, party, transport.listen)
 
 
-def _axes(settings: DaemonSettings) -> Sequence[Any]:
-    return getattr(settings, "axes", ())
+def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) -> Iterator[Finding]:
+    from forefeel.pki.authority import hosts_of  # noqa: PLC0415 - loads the library of certificates
+
+    wanted = [endpoint.partition("/")[2].rpartition(":")[0] for endpoint in listen]
+    outside = [name for name in wanted if name not in _THIS_HOST]
+    if not outside:
+        return
+    hosts = hosts_of(read_certificate(folder / f"{role}.crt"))
+    missing = [name for name in outside if name not in _EVERYWHERE and name.strip("[]") not in hosts]
+    named = ", ".join(hosts) or "none but this host's own"
+    advice = f"forefeel pki init DIR --hosts {role}=ADDRESS with the address that others use"
+    if missing or not hosts:
+        lacks = f"; not {', '.join(missing)}" if missing else ": no other host accepts it"
+        yield Finding("certificates", f"{party.name}, names", "red", f"{named}{lacks}", advice)
+    else:
+        yield Finding("certificates", f"{party.name}, names", "green", named)
+
+
+def check_network(role: Role, settings: DaemonSettings, host: Host) -> Iterator[Finding]:
+    """Whether router or peer answers and takes our certificate, how far it is, and how clocks compare."""
+    transport = settings.transport
+    if not transport.listen and not transport.connect:
+        advice = "name one in transport.listen or transport.connect"
+        yield Finding("network", "endpoints", "red", "none", advice)
+        return
+    party, identity = Party(role, (settings.cell,)), None
+    if transport.pki is not None:
+        try:
+            identity = read_identity(transport.pki, party, host.now()).identity
+        except ConfigurationError:
+            return  # said with the certificates
+    other = "router" if transport.mode == "client" else "slave" if role == "master" else "master"
+    for endpoint in transport.connect:
+        yield _judged_reach(host.reach(endpoint, identity, other))
+    observer: PartyRole = role
+    if transport.pki is not None and (transport.pki / "viewer.key").exists():
+        observer = "viewer"  # it hears both ends, a daemon's own role only the other one
+    local = [
+        each.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:") for each in transport.listen
+    ]
+    way = TransportSettings(mode=transport.mode, connect=(*transport.connect, *local), pki=transport.pki)
+    secured = Party(observer, (settings.cell,)) if transport.pki is not None else None
+    axes = [axis.name for axis in getattr(settings, "axes", ())]
+    yield from check_clocks(host.states(way, secured, settings.cell, axes))
+
+
+def _judged_reach(found: Reached) -> Finding:
+    if not found.tried:
+        what = "can not be tried from here: only tcp/ and tls/ are"
+        return Finding(
+            "network", found.endpoint, "amber", what, "start the daemon: it says what it waits for"
+        )
+    if found.obstacle is not None:
+        what = (
+            f"{found.obstacle.what} within {TIMEOUT_S:g} s" if found.obstacle.silent else found.obstacle.what
+        )
+        return Finding("network", found.endpoint, "red", what, found.obstacle.advice)
+    assert found.connect_s is not None
+    tls = "" if found.handshake_s is None else f", TLS handshake {found.handshake_s * 1e3:.1f} ms"
+    trip = f"answers, round trip {found.connect_s * 1e3:.2f} ms{tls}"
+    return Finding("network", found.endpoint, "green", trip)
+
+
+def check_clocks(heard: Heard) -> Iterator[Finding]:
+    """By the bound of the offset: good below 1 ms, acceptable to 10 ms, above that poor; unknown is amber."""
+    if heard.hint:
+        yield Finding("network", "mode", "red", heard.hint, "correct transport.mode")
+    if not heard.states:
+        found = f"unknown: {heard.error or 'no daemon of this cell is heard'}"
+        yield Finding("clock", "between the ends", "amber", found, "start slave and master, then ask again")
+    for state in heard.states:
+        yield _judged_clock(state)
+
+
+def _judged_clock(state: ClockState) -> Finding:
+    subject = f"{state.end}, axis {state.axis}"
+    if state.offset_ns is None or state.bound_ns is None:
+        if state.session:
+            advice = "both ends of one release, and no program between them that drops heartbeats"
+            return Finding("clock", subject, "red", "unknown in an open session: nothing arms", advice)
+        return Finding("clock", subject, "amber", "unknown: no session", "start both ends, then ask again")
+    words = f"offset {state.offset_ns * 1e-6:.3f} ms, known to {state.bound_ns * 1e-6:.3f} ms"
+    if state.bound_ns <= _ACCEPTABLE_NS:
+        good = "good" if state.bound_ns < _GOOD_NS else "acceptable"
+        return Finding("clock", subject, "green", f"{words}: {good}")
+    advice = "half the round trip; take the ages of forces as that uncertain, or use a shorter way"
+    return Finding("clock", subject, "amber", f"{words}: poor", advice)
+
+
+def check_devices(role: Role, settings: DaemonSettings, process: int | None, host: Host) -> Iterator[Finding]:
+    """Ports, CAN interfaces and, unless their daemon runs, the devices themselves; nothing is moved."""
+    devices = configured(settings)
+    for port in dict.fromkeys(device.serial_port for device in devices if device.serial_port):
+        yield _judged_port(port, host)
+    for can in dict.fromkeys(getattr(device.settings, "can", None) for device in devices):
+        if can is not None and can.interface == "socketcan":
+            yield _judged_can(str(can.channel), int(can.bitrate), host)
+    real = [device for device in devices if device.settings.hardware]
+    if not real:
+        yield Finding("devices", f"{role}'s devices", "green", "all simulated")
+    elif process is not None:
+        found = f"not asked: the {role} runs (process {process}) and holds its devices"
+        yield Finding("devices", f"{role}'s devices", "amber", found, f"end the {role}, then ask again")
+    else:
+        yield from (_judged_device(device, host.probe(device)) for device in real)
+
+
+def _judged_port(path: str, host: Host) -> Finding:
+    port = host.port(path)
+    if not port.exists:
+        advice = "plug it in; forefeel devices lists what there is"
+        return Finding("devices", path, "red", "no such port", advice)
+    if not port.permitted:
+        advice = f"usermod -aG {port.group} USER, then log in again; deploy/udev makes it so for USB"
+        return Finding("devices", path, "red", "this user may not open it", advice)
+    if port.warning:
+        return Finding("devices", path, "amber", port.warning, "install deploy/udev/99-forefeel.rules")
+    return Finding("devices", path, "green", "may be opened")
+
+
+def _judged_can(name: str, wanted: int, host: Host) -> Finding:
+    interface = host.can_interface(name)
+    if interface is None:
+        advice = "plug it in; ip link shows what there is"
+        return Finding("devices", name, "red", "no such CAN interface", advice)
+    if not interface.up:
+        return Finding("devices", name, "red", "down", interface.advice or "")
+    bitrate = host.can_bitrate(name)
+    if bitrate is None:
+        found = f"up, bitrate unknown, expected {wanted}"
+        return Finding("devices", name, "amber", found, f"ip -details link show {name}")
+    if bitrate != wanted:
+        advice = f"as root: ip link set {name} down, then up type can bitrate {wanted} restart-ms 100"
+        return Finding("devices", name, "red", f"bitrate {bitrate}, expected {wanted}", advice)
+    return Finding("devices", name, "green", f"up, bitrate {bitrate}")
+
+
+def _judged_device(device: ConfiguredDevice, found: Probed) -> Finding:
+    subject, error = f"{device.name}, {device.driver.name}", found.error or "failed"
+    if found.verdict == "ready" and found.invalid:
+        advice = f"forefeel device probe --config FILE shows what is counted at {found.where}"
+        return Finding("devices", subject, "amber", f"answers; {found.invalid} readings not valid", advice)
+    if found.verdict == "ready":
+        trip = "" if found.round_trip is None else f", round trip p99 {found.round_trip.p99_ms:.2g} ms"
+        rate = "" if found.rate_hz is None else f", {found.rate_hz:.4g} Hz"
+        return Finding("devices", subject, "green", f"answers: {found.identity or found.where}{rate}{trip}")
+    if "busy" in error:
+        advice = "end what holds it, then ask again"
+        return Finding("devices", subject, "amber", f"not asked: {error}", advice)
+    advice = "power, cable, port and baud; forefeel device probe tells more"
+    return Finding("devices", subject, "red", error, advice)
+
+
+def check_disk(folder: Path, host: Host) -> Iterator[Finding]:
+    """Whether the state folder can be written, by this user alone, and how much room there is."""
+    disk = host.disk(folder)
+    if not disk.writable:
+        advice = "give it to the user that runs the daemon (systemd: StateDirectory)"
+        yield Finding("disk", "state folder", "red", f"{folder}: can not be written by this user", advice)
+    elif disk.mode is not None and disk.mode & 0o077:
+        level: Level = "red" if disk.mode & 0o022 else "amber"
+        what = "write" if disk.mode & 0o022 else "read"
+        found = f"{folder}: mode {disk.mode:04o}, others may {what} it"
+        yield Finding("disk", "state folder", level, found, f"chmod 700 {folder}")
+    else:
+        yield Finding("disk", "state folder", "green", str(folder))
+    free = disk.free_bytes
+    level = "green" if free >= _PLENTY_BYTES else "amber" if free >= _LEAST_BYTES else "red"
+    advice = "" if level == "green" else "make room: an hour of recording takes about 1 GB"
+    yield Finding("disk", "free space", level, f"{free / 1e9:.1f} GB at {folder}", advice)
+
+
+def check_versions(host: Host) -> Iterator[Finding]:
+    """Python, then the packages: one line when all are there, else one for each that is not as required."""
+    found = host.versions()
+    python = ".".join(map(str, found.python))
+    if found.python[:2] < _OLDEST_PYTHON:
+        yield Finding("versions", "Python", "red", python, "Python 3.11 or newer")
+    elif found.python[:2] > _NEWEST_TRIED_PYTHON:
+        yield Finding("versions", "Python", "amber", f"{python}, newer than what this was tried with", "3.11")
+    else:
+        yield Finding("versions", "Python", "green", python)
+    if found.own is None:
+        advice = "pip install -e . in the checkout"
+        yield Finding("versions", "forefeel", "amber", "runs without being installed", advice)
+        return
+    wrong = {text: version for text, version in found.packages.items() if not _fits(text, version)}
+    for text, version in wrong.items():
+        what = f"{version or 'not installed'}, required {text}"
+        yield Finding("versions", Requirement(text).name, "red", what, f'pip install "{text}"')
+    if not wrong:
+        what = f"{found.own}; {len(found.packages)} packages as required"
+        yield Finding("versions", "forefeel", "green", what)
+
+
+def _fits(requirement: str, version: str | None) -> bool:
+    return version is not None and Requirement(requirement).specifier.contains(version, prereleases=True)
+
+
+def check_loop(loop: Loop, priority: int) -> Iterator[Finding]:
+    """Whether a 1 kHz loop is permitted to run in real time, and how late it wakes up."""
+    granted = {"scheduling": not priority or loop.scheduling.startswith("SCHED_FIFO")}
+    granted["memory"] = loop.memory == "memory locked"
+    for subject, found in (("scheduling", loop.scheduling), ("memory", loop.memory)):
+        level: Level = "green" if granted[subject] else "amber"
+        yield Finding("real time", subject, level, found, "" if granted[subject] else _PERMISSION)
+    share = loop.missed / max(1, loop.ticks + loop.missed)
+    level = "amber" if loop.p99_us > _GOOD_US or share > FEW_MISSED else "green"
+    if loop.p99_us > _POOR_US or share > _MANY_MISSED or not loop.ticks:
+        level = "red"
+    what = (
+        f"p50 {loop.p50_us:.0f} us, p99 {loop.p99_us:.0f} us, worst {loop.max_us:.0f} us late; "
+        f"{loop.missed} of {loop.ticks + loop.missed} missed"
+    )
+    advice = "end other work on this host, permit real time, set the cpufreq governor to performance"
+    yield Finding("real time", "1 kHz loop", level, what, "" if level == "green" else advice)

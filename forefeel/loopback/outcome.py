@@ -1,9 +1,9 @@
 """What a loopback run says beside its ten lines: it was never armed, or this host was too slow. Pure."""
 
 from forefeel.common.errors import RunError
+from forefeel.common.lateness import FEW_MISSED
 from forefeel.common.messages import SafetyState
 from forefeel.common.topics import COMMAND
-from forefeel.doctor.realtime import FEW_MISSED
 from forefeel.report.model import LoopFigures, RunReport, SafetyNote
 from forefeel.report.wording import micros, share
 

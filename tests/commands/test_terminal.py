@@ -180,7 +180,6 @@ def test_a_person_is_asked_even_quietly(capsys: pytest.CaptureFixture[str]) -> N
 
 SPEAKS_ITSELF = {
     "emulate/run.py",  # its first line is for whoever started it
-    "doctor/realtime_child.py",  # speaks to its parent
     "dashboard/worker.py",  # as well
     "commands/clear.py",  # what the daemon answers, line by line
     "local/estop.py",  # a stop waits for no library

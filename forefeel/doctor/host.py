@@ -1,0 +1,201 @@
+"""What the doctor asks the host for. Nothing stays changed, and no device is moved."""
+
+import grp
+import json
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+from forefeel.common.bus import Bus
+from forefeel.common.clock import MonotonicClock, now_utc
+from forefeel.common.errors import ForefeelError
+from forefeel.common.messages import MasterState, SlaveState
+from forefeel.common.runtime.realtime import RealtimeThread, prepare_process
+from forefeel.common.settings import TICK_NS
+from forefeel.common.state.folder import holder
+from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
+from forefeel.common.transport.security import Party, PartyFiles
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
+from forefeel.devices.shared.stream import latency_warning
+from forefeel.probe.configured import ConfiguredDevice
+from forefeel.probe.ports import CanInterface, can_interfaces
+from forefeel.probe.probe import Probed, probe
+from forefeel.reachability import Reached, reach
+
+_LISTENING_S = 1.5
+"""The rarer states come ten times a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """What a 1 kHz loop was granted, and its lateness in us."""
+
+    scheduling: str
+    memory: str
+    ticks: int
+    missed: int
+    p50_us: float
+    p99_us: float
+    max_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class ClockState:
+    """What one end says of the clocks. `session`: it holds one; None of both numbers: not compared."""
+
+    end: str
+    axis: str
+    session: bool
+    offset_ns: int | None
+    bound_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """States of a cell. `hint`: what is wrong with the way; `error`: why nothing could be heard."""
+
+    states: Sequence[ClockState] = ()
+    hint: str = ""
+    error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """A serial port. `group`: whose members may open it; `warning`: of a slow latency timer."""
+
+    exists: bool
+    permitted: bool = False
+    group: str = ""
+    warning: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Disk:
+    """Where a folder is or is going to be; `mode`: its permissions, None where it is not there yet."""
+
+    writable: bool
+    mode: int | None
+    free_bytes: float
+
+
+@dataclass(frozen=True, slots=True)
+class Versions:
+    """Of Python, of forefeel (None: not installed), and by requirement of what is installed (None: not)."""
+
+    python: tuple[int, int, int]
+    own: str | None
+    packages: dict[str, str | None]
+
+
+class Host:
+    """This host."""
+
+    def now(self) -> datetime:
+        return now_utc()
+
+    def running(self, state: Path) -> int | None:
+        """The process of the daemon that has this state folder."""
+        return holder(state)
+
+    def loop(self, priority: int, seconds: float) -> Loop:
+        """Runs a loop that does nothing, as a daemon would; memory stays locked."""
+        memory, failures = prepare_process(), list[BaseException]()
+        thread = RealtimeThread("doctor", TICK_NS, lambda _now_ns: None, MonotonicClock(), failures.append)
+        thread.start(priority)
+        time.sleep(seconds)
+        thread.stop()
+        late = thread.lateness
+        p50, p99 = late.quantile_us(0.5), late.quantile_us(0.99)
+        return Loop(thread.scheduling, memory, late.ticks, late.missed, p50, p99, late.max_us)
+
+    def reach(self, endpoint: str, identity: PartyFiles | None, other: str) -> Reached:
+        return reach(endpoint, identity, other)
+
+    def states(
+        self, transport: TransportSettings, party: Party | None, cell: str, axes: Sequence[str]
+    ) -> Heard:
+        """The newest state of each end and axis that is heard."""
+        newest: dict[tuple[str, str], ClockState] = {}
+
+        def take(end: str, axis: str, state: SlaveState | MasterState, receive_ns: int) -> None:
+            del receive_ns
+            session = state.session_id != 0
+            newest[end, axis] = ClockState(end, axis, session, state.clock_offset_ns, state.clock_bound_ns)
+
+        clock = MonotonicClock()
+        try:
+            zenoh = ZenohTransport.open(transport, clock, lambda _: None, party, insecure=True)
+        except ForefeelError as error:
+            return Heard(error=str(error))
+        try:
+            for axis in axes:
+                bus = Bus(zenoh, cell, axis, clock)
+                bus.subscribe(SLAVE_STATE, partial(take, "slave", axis))
+                bus.subscribe(MASTER_STATE, partial(take, "master", axis))
+            time.sleep(_LISTENING_S)
+            hint = zenoh.hint
+        finally:
+            zenoh.close()
+        return Heard([newest[key] for key in sorted(newest)], hint)
+
+    def port(self, path: str) -> Port:
+        """As the file system and the kernel show it; it is not opened."""
+        try:
+            found = Path(path).stat()
+        except OSError:
+            return Port(exists=False)
+        try:
+            group = grp.getgrgid(found.st_gid).gr_name
+        except KeyError:
+            group = str(found.st_gid)
+        permitted = stat.S_ISCHR(found.st_mode) and os.access(path, os.R_OK | os.W_OK)
+        return Port(True, permitted, group, latency_warning(path) or "")
+
+    def can_interface(self, name: str) -> CanInterface | None:
+        return next((each for each in can_interfaces() if each.name == name), None)
+
+    def can_bitrate(self, name: str) -> int | None:
+        """None: unknown, or a virtual interface."""
+        command = ["ip", "-json", "-details", "link", "show", "dev", name]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=2, check=False)
+            return int(json.loads(done.stdout)[0]["linkinfo"]["info_data"]["bittiming"]["bitrate"])
+        except (OSError, subprocess.TimeoutExpired, ValueError, LookupError, TypeError):
+            return None
+
+    def probe(self, device: ConfiguredDevice) -> Probed:
+        """Listens to the device for 0.3 s."""
+        return probe(device, 0.3, MonotonicClock())
+
+    def disk(self, folder: Path) -> Disk:
+        place = folder
+        while not place.is_dir() and place != place.parent:
+            place = place.parent
+        mode = stat.S_IMODE(folder.stat().st_mode) if place == folder else None
+        return Disk(os.access(place, os.W_OK | os.X_OK), mode, shutil.disk_usage(place).free)
+
+    def versions(self) -> Versions:
+        """What forefeel requires outside of its extras, and what there is."""
+        own = _version("forefeel")
+        wanted = map(Requirement, (own and metadata.requires("forefeel")) or [])
+        needed = [each for each in wanted if each.marker is None or each.marker.evaluate({"extra": ""})]
+        return Versions(sys.version_info[:3], own, {str(each): _version(each.name) for each in needed})
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None

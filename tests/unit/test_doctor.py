@@ -1,0 +1,267 @@
+"""`forefeel doctor`: every check green, amber and red, on a host that answers as the test says."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from forefeel.common.settings import DaemonSettings
+from forefeel.common.transport.security import Party, PartyFiles
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.doctor import examine as doctor
+from forefeel.doctor.examine import LEVELS, Finding, Level
+from forefeel.doctor.host import ClockState, Disk, Heard, Host, Loop, Port, Versions
+from forefeel.probe.configured import ConfiguredDevice
+from forefeel.probe.ports import CanInterface
+from forefeel.probe.probe import Probed
+from forefeel.reachability import Obstacle, Reached
+from forefeel.slave.settings import SlaveSettings
+from tests.secured import make_pki
+
+Run = Callable[[Sequence[str]], int]
+NOW = datetime(2026, 7, 1, tzinfo=UTC)
+LISTEN = ("tls/0.0.0.0:7447",)
+MS = 1_000_000
+ZABER = {"driver": "zaber_ascii", "port": "/dev/x", "microstep_m": 1e-7, "travel_m": [-0.01, 0.13]}
+CAN = {"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000}
+CELL = {"driver": "cia404", "can": CAN, "node_id": 2, "full_scale_n": 10.0}
+READY = Probed("insertion", "stage", "zaber_ascii", "/dev/x", "ready", rate_hz=800.0)
+
+LOOP = Loop("SCHED_FIFO 50", "memory locked", 2000, 0, 20.0, 90.0, 300.0)
+REACHED = Reached("tls/a:1", connect_s=1e-3, handshake_s=4e-3)
+HEARD = Heard([ClockState("slave", "insertion", True, 5 * MS, MS // 2)])
+PORT = Port(True, True, "dialout")
+DISK = Disk(True, 0o700, 5e10)
+VERSIONS = Versions((3, 11, 7), "0.1.0", {"numpy>=2": "2.1.0"})
+
+
+@dataclass
+class FakeHost(Host):
+    """A host on which all is green."""
+
+    at: datetime = NOW
+    loop_found: Loop = LOOP
+    reached: Reached = REACHED
+    heard: Heard = HEARD
+    port_found: Port = PORT
+    can: CanInterface | None = field(default_factory=lambda: CanInterface("can0", True, None))
+    bitrate: int | None = 1_000_000
+    probed: Probed = READY
+    disk_found: Disk = DISK
+    packages: Versions = VERSIONS
+    process: int | None = None
+    asked: list[TransportSettings] = field(default_factory=list)
+
+    def now(self) -> datetime:
+        return self.at
+
+    def running(self, state: Path) -> int | None:
+        return self.process
+
+    def loop(self, priority: int, seconds: float) -> Loop:
+        return self.loop_found
+
+    def reach(self, endpoint: str, identity: PartyFiles | None, other: str) -> Reached:
+        return replace(self.reached, endpoint=endpoint)
+
+    def states(
+        self, transport: TransportSettings, party: Party | None, cell: str, axes: Sequence[str]
+    ) -> Heard:
+        self.asked.append(transport)
+        return self.heard
+
+    def port(self, path: str) -> Port:
+        return self.port_found
+
+    def can_interface(self, name: str) -> CanInterface | None:
+        return self.can
+
+    def can_bitrate(self, name: str) -> int | None:
+        return self.bitrate
+
+    def probe(self, device: ConfiguredDevice) -> Probed:
+        return self.probed
+
+    def disk(self, folder: Path) -> Disk:
+        return self.disk_found
+
+    def versions(self) -> Versions:
+        return self.packages
+
+
+def worst(found: Iterator[Finding]) -> Level:
+    """Of findings that are whole: one line each, with advice where they are not green."""
+    levels: list[Level] = ["green"]
+    for each in found:
+        assert each.group
+        assert each.found
+        assert "\n" not in each.found + each.advice
+        assert bool(each.advice) == (each.level != "green"), each
+        levels.append(each.level)
+    return max(levels, key=LEVELS.index)
+
+
+def network(mode: str = "peer", **changed: object) -> Iterator[Finding]:
+    transport = {"connect": ["tcp/a:1"], "mode": mode}
+    settings = DaemonSettings.model_validate({"transport": transport})
+    return doctor.check_network("master", settings, FakeHost(**changed))  # type: ignore[arg-type]
+
+
+def clock(offset_ns: int | None, bound_ns: int | None, session: bool = True) -> Iterator[Finding]:
+    return doctor.check_clocks(Heard([ClockState("slave", "x", session, offset_ns, bound_ns)]))
+
+
+def devices(section: dict[str, Any], **changed: object) -> Iterator[Finding]:
+    settings = SlaveSettings.model_validate({"axes": [section]})
+    host = FakeHost(**changed)  # type: ignore[arg-type]
+    return doctor.check_devices("slave", settings, host.process, host)
+
+
+def loop(priority: int = 50, **changed: object) -> Iterator[Finding]:
+    return doctor.check_loop(replace(LOOP, **changed), priority)  # type: ignore[arg-type]
+
+
+def disk(writable: bool, mode: int | None, free_bytes: float) -> Iterator[Finding]:
+    host = FakeHost(disk_found=Disk(writable, mode, free_bytes))
+    return doctor.check_disk(Path("/var/lib/forefeel"), host)
+
+
+def versions(python: tuple[int, int, int], own: str | None, **packages: str | None) -> Iterator[Finding]:
+    found = {f"{name}>=2": version for name, version in packages.items()}
+    return doctor.check_versions(FakeHost(packages=Versions(python, own, found)))
+
+
+NO_ANSWER = Reached("", obstacle=Obstacle("no answer from a:1", "check the cable", silent=True))
+STAGE, LOAD_CELL = {"stage": ZABER}, {"load_cell": CELL}
+TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
+    ("reached", "green", network),
+    ("not tried", "amber", lambda: network(reached=Reached("", tried=False))),
+    ("not reached", "red", lambda: network(reached=NO_ANSWER)),
+    ("router for a peer", "red", lambda: network(heard=Heard(hint="a router answers there"))),
+    ("nobody heard", "amber", lambda: network(heard=Heard(error="no router answers"))),
+    ("no endpoint", "red", lambda: doctor.check_network("slave", DaemonSettings(), FakeHost())),
+    ("clock good", "green", lambda: clock(5 * MS, 999_999)),
+    ("clock acceptable", "green", lambda: clock(5 * MS, 10 * MS)),
+    ("clock poor", "amber", lambda: clock(5 * MS, 10 * MS + 1)),
+    ("clock without session", "amber", lambda: clock(None, None, session=False)),
+    ("clock not compared", "red", lambda: clock(None, None)),
+    ("loop", "green", loop),
+    ("loop without priority", "green", lambda: loop(0, scheduling="normal scheduling")),
+    ("loop not permitted", "amber", lambda: loop(scheduling="normal scheduling")),
+    ("loop not locked", "amber", lambda: loop(memory="memory not locked")),
+    ("loop late", "amber", lambda: loop(p99_us=251.0)),
+    ("loop misses", "amber", lambda: loop(missed=3)),
+    ("loop too late", "red", lambda: loop(p99_us=1001.0)),
+    ("loop misses many", "red", lambda: loop(missed=21)),
+    ("no loop", "red", lambda: loop(ticks=0)),
+    ("simulated", "green", lambda: devices({})),
+    ("device", "green", lambda: devices(STAGE)),
+    ("port slow", "amber", lambda: devices(STAGE, port_found=Port(True, True, "dialout", "timer 16 ms"))),
+    ("port not ours", "red", lambda: devices(STAGE, port_found=Port(True, False, "dialout"))),
+    ("no port", "red", lambda: devices(STAGE, port_found=Port(False))),
+    ("device with flaws", "amber", lambda: devices(STAGE, probed=replace(READY, invalid=3))),
+    ("busy", "amber", lambda: devices(STAGE, probed=replace(READY, verdict="refused", error="busy"))),
+    ("silent", "red", lambda: devices(STAGE, probed=replace(READY, verdict="failed", error="no answer"))),
+    ("daemon runs", "amber", lambda: devices(STAGE, process=7, probed=replace(READY, verdict="failed"))),
+    ("bus", "green", lambda: devices(LOAD_CELL)),
+    ("bus of unknown speed", "amber", lambda: devices(LOAD_CELL, bitrate=None)),
+    ("bus of another speed", "red", lambda: devices(LOAD_CELL, bitrate=500_000)),
+    ("bus down", "red", lambda: devices(LOAD_CELL, can=CanInterface("can0", False, "set it up"))),
+    ("no bus", "red", lambda: devices(LOAD_CELL, can=None)),
+    ("state", "green", lambda: disk(True, 0o700, 5e10)),
+    ("state to come", "green", lambda: disk(True, None, 5e10)),
+    ("state that others read", "amber", lambda: disk(True, 0o755, 5e10)),
+    ("state that others write", "red", lambda: disk(True, 0o770, 5e10)),
+    ("state not ours", "red", lambda: disk(False, None, 5e10)),
+    ("disk filling", "amber", lambda: disk(True, 0o700, 1.9e9)),
+    ("disk full", "red", lambda: disk(True, 0o700, 1.9e8)),
+    ("versions", "green", lambda: versions((3, 11, 7), "0.1.0", numpy="2.1.0")),
+    ("Python newer", "amber", lambda: versions((3, 15, 0), "0.1.0")),
+    ("Python old", "red", lambda: versions((3, 10, 9), "0.1.0")),
+    ("not installed", "amber", lambda: versions((3, 11, 7), None)),
+    ("package old", "red", lambda: versions((3, 11, 7), "0.1.0", numpy="1.26.4")),
+    ("package missing", "red", lambda: versions((3, 11, 7), "0.1.0", numpy=None)),
+]
+
+
+@pytest.mark.parametrize(("level", "check"), [row[1:] for row in TABLE], ids=[row[0] for row in TABLE])
+def test_check_is_as_bad_as_what_it_finds(level: Level, check: Callable[[], Iterator[Finding]]) -> None:
+    assert worst(check()) == level
+
+
+@pytest.mark.parametrize(
+    ("transport", "days", "level"),
+    [
+        ({"listen": ["tcp/127.0.0.1:1"]}, 0, "green"),
+        ({"listen": ["tcp/0.0.0.0:1"]}, 0, "red"),
+        ({"listen": LISTEN, "pki": "pki"}, 0, "green"),
+        ({"listen": [*LISTEN, "tcp/0.0.0.0:1"], "pki": "pki"}, 0, "red"),
+        ({"listen": ["tls/10.0.0.1:7447"], "pki": "pki"}, 0, "green"),
+        ({"listen": ["tls/10.0.0.2:7447"], "pki": "pki"}, 0, "red"),
+        ({"listen": LISTEN, "pki": "pki"}, 70, "green"),
+        ({"listen": LISTEN, "pki": "pki"}, 71, "amber"),
+        ({"listen": LISTEN, "pki": "pki"}, 101, "red"),
+        ({"listen": LISTEN, "pki": "none"}, 0, "red"),
+    ],
+)
+def test_certificates_are_valid_and_name_the_host(
+    tmp_path: Path, transport: dict[str, Any], days: int, level: Level
+) -> None:
+    make_pki(tmp_path / "pki", ["c"], {"slave": ["10.0.0.1"]}, NOW, 100)
+    (tmp_path / "pki" / "ca.key").unlink()
+    if "pki" in transport:
+        transport = {**transport, "pki": tmp_path / transport["pki"]}
+    settings = DaemonSettings.model_validate({"cell": "c", "transport": transport})
+    assert worst(doctor.check_certificates("slave", settings, FakeHost(NOW + timedelta(days=days)))) == level
+
+
+def test_clocks_are_asked_over_the_daemons_own_way() -> None:
+    host = FakeHost()
+    for transport in (
+        {"connect": ["tcp/a:1"], "listen": ["tcp/0.0.0.0:7447"]},
+        {"mode": "client", "connect": ["tcp/a:1"]},
+    ):
+        list(doctor.check_network("slave", DaemonSettings.model_validate({"transport": transport}), host))
+    peer, client = host.asked
+    assert (peer.mode, peer.connect, peer.listen) == ("peer", ("tcp/a:1", "tcp/127.0.0.1:7447"), ())
+    assert (client.mode, client.connect) == ("client", ("tcp/a:1",))
+
+
+@pytest.mark.parametrize(
+    ("host", "code"), [(FakeHost(), 0), (FakeHost(can=None), 0), (FakeHost(reached=NO_ANSWER), 1)]
+)
+def test_red_alone_fails(
+    run: Run,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    host: Host,
+    code: int,
+) -> None:
+    monkeypatch.setattr("forefeel.doctor.host.Host", lambda: host)
+    (tmp_path / "master.yaml").write_text("role: master\ntransport: {connect: ['tcp/127.0.0.1:9']}\n")
+    line = ["doctor", "--config", str(tmp_path / "master.yaml")]
+    assert run(line) == code
+    assert "free space" in capsys.readouterr().out
+    assert run([*line, "--json"]) == code
+    document = json.loads(capsys.readouterr().out)
+    levels = [each["level"] for each in document["findings"]]
+    assert document["worst"] == ("red" if code else "green")
+    assert document["counts"] == {level: levels.count(level) for level in LEVELS}
+    groups = {each["group"] for each in document["findings"]}
+    assert groups == {"certificates", "network", "clock", "devices", "disk", "versions", "real time"}
+
+
+@pytest.mark.parametrize("names", [["none.yaml"], ["a.yaml", "b.yaml"], ["."], ["bad.yaml"]])
+def test_wrong_file_is_one_line_and_exit_2(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str], names: list[str]
+) -> None:
+    for name in ("a.yaml", "b.yaml"):
+        (tmp_path / name).write_text("role: slave\n")
+    (tmp_path / "bad.yaml").write_text("role: slave\ncell: '*'\n")
+    assert run(["doctor", *(word for name in names for word in ("--config", str(tmp_path / name)))]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
