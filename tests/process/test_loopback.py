@@ -11,7 +11,7 @@ from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.common.topics import FORCE, HAPTICS, RECORDED, SAFETY_EVENT, SLAVE_IMPAIRMENT, SLAVE_STATE
 from forefeel.common.transport.settings import PRESETS
 from tests.live_cell import Process, check_stops
-from tests.waiting import wait_until
+from tests.waiting import PATIENCE_S, wait_until
 
 AXIS = "insertion"
 RARE = {"any/estop", "slave/limit", "master/limit", "slave/calibration"}
@@ -31,7 +31,7 @@ def moved_in_contact(run: Run | None) -> bool:
     answers = np.isfinite(run.column(AXIS, FORCE, "answers_sequence"))
     answers &= run.column(AXIS, FORCE, "valid").astype(bool)
     moved_m, force_n = (run.column(AXIS, FORCE, name)[answers] for name in ("position_m", "force_n"))
-    return len(moved_m) > 100 and float(np.ptp(moved_m)) > 0.003 and float(np.ptp(force_n)) > 0.03
+    return len(moved_m) > 100 and float(np.ptp(moved_m)) > 0.002 and float(np.ptp(force_n)) > 0.02
 
 
 def clear_fault(folder: Path, run: Run | None) -> None:
@@ -53,7 +53,7 @@ def interrupted_run(folder: Path, *words: str) -> Run:
         return moved_in_contact(run)
 
     try:
-        wait_until(done, every_s=0.7)
+        wait_until(done, 2 * PATIENCE_S, "motion in contact", every_s=0.7)
         loopback.interrupt()
         assert loopback.wait() == 1, loopback.text
         assert "Traceback" not in loopback.text
