@@ -55,6 +55,7 @@ bench: $(READY) ## everything beside its peers, in one run: benchmarks/RESULTS.m
 
 hidden-effects: $(READY) ## both generators: false confidence first; 400 recordings, PySINDy, sysidentpy
 	$(PEERS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m soak --timeout 900
 	$(BIN)/python -m tests.hidden_effects.bench --jobs 2 --methods product pysindy sysidentpy memory
 	$(BIN)/python -m tests.hidden_effects
 

@@ -12,7 +12,6 @@ from forefeel.doctor.examine import Finding
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.commands.command_line import COMMANDS, ROOT, group
-from tests.second_forms import forms
 from tests.secured import make_pki
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
@@ -90,7 +89,7 @@ def test_json_is_one_document_and_stdout_holds_nothing_else(
         assert document["schema"].startswith("forefeel.")
 
 
-@pytest.mark.parametrize("line", forms(ANSWERS, quick=QUICK))
+@pytest.mark.parametrize("line", QUICK)
 def test_quiet_says_nothing_and_writes_its_files(
     run: Run, words: Callable[[str], list[str]], capsys: pytest.CaptureFixture[str], tmp_path: Path, line: str
 ) -> None:
@@ -100,7 +99,7 @@ def test_quiet_says_nothing_and_writes_its_files(
     assert name is None or (tmp_path / "out" / name).exists()
 
 
-@pytest.mark.parametrize("line", forms(ANSWERS, quick=QUICK))
+@pytest.mark.parametrize("line", QUICK)
 def test_without_them_there_is_an_answer_in_plain_text(
     run: Run,
     words: Callable[[str], list[str]],

@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from forefeel.common.causes.model import SCHEMA
@@ -51,8 +50,6 @@ def test_reflecting_the_delayed_force_is_unstable_and_the_predicted_force_is_not
     assert np.sqrt(np.mean(predicted["speed_m_s"][-4000:] ** 2)) < 0.015
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("source", ["zoh", "predicted"])
-def test_the_passivity_controller_keeps_the_hand_from_being_driven(source: str) -> None:
-    energy_j = _felt(source=source, max_damping_n_s_m=40.0)["energy_j"]
+def test_the_passivity_controller_keeps_the_hand_from_being_driven() -> None:
+    energy_j = _felt(source="zoh", max_damping_n_s_m=40.0)["energy_j"]
     assert energy_j.min() > -0.1

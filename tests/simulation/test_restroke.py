@@ -1,7 +1,5 @@
 """Grip, push, release, draw back, grip again: every stroke inserts the instrument further."""
 
-import pytest
-
 from forefeel.common.codec import decode
 from forefeel.common.messages import Grip
 from forefeel.common.topics import FORCE
@@ -10,7 +8,6 @@ from forefeel.loopback.virtual import VirtualLoopback
 from tests.simulation.pair import AXIS
 
 
-@pytest.mark.soak
 def test_a_commanded_restroke_inserts_further_and_each_grip_is_a_new_contact() -> None:
     plan = make_plan(LoopbackOptions(seed=1, impairment="lan", duration_s=9.5))
     plan.master["axes"][0]["handle"]["restroke"] = True

@@ -53,7 +53,6 @@ def test_the_stage_never_leaves_limits_that_the_operator_would() -> None:
     assert 0 <= pair.heard.messages(SLAVE_STATE)[-1].counters["limit_interventions"] - published < 400
 
 
-@pytest.mark.soak
 def test_a_load_cell_that_saturates_does_not_let_the_stage_go_on() -> None:
     """The force limit lies at the end of what the cell measures, and the stage brakes beyond it."""
     limits = {"max_force_n": 0.15}
@@ -155,7 +154,6 @@ def test_a_way_that_became_longer_for_good_stops_and_is_measured_anew_by_a_new_s
     assert delay_s == pytest.approx(2 * DELAY_S + 0.150, abs=3 * TICK_S)
 
 
-@pytest.mark.soak
 def test_a_delay_that_creeps_up_stops_the_stage_and_is_not_followed_for_ever() -> None:
     pair = Pair()
     pair.run(2.0)

@@ -26,7 +26,6 @@ from forefeel.common.topics import (
 from forefeel.common.transport.settings import PRESETS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
-from tests.second_forms import forms
 from tests.simulation.pair import OVERSHOOT, Heard, S, write_csv
 
 TICK_S = 0.001
@@ -65,7 +64,7 @@ def test_one_seed_repeats_bit_for_bit_and_another_differs() -> None:
 _QUICK = ["none", "lte", "paper"]
 
 
-@pytest.mark.parametrize("impairment", forms(PRESETS, quick=_QUICK))
+@pytest.mark.parametrize("impairment", _QUICK)
 def test_every_impairment_arms_and_stays_armed(impairment: str) -> None:
     heard = preset_run(impairment)
     assert [event for _, event in heard.events()][-2:] == ["release", "at_rest"]  # told to, at the end
@@ -74,7 +73,7 @@ def test_every_impairment_arms_and_stays_armed(impairment: str) -> None:
     assert heard.armed_share(until_s=1.0 + duration_s(impairment)) > 0.99
 
 
-@pytest.mark.parametrize("impairment", forms(PRESETS, quick=_QUICK))
+@pytest.mark.parametrize("impairment", _QUICK)
 def test_a_force_answers_the_command_that_the_stage_followed(impairment: str) -> None:
     heard, link = preset_run(impairment), PRESETS[impairment]
     sent = {command.sequence: command for command in heard.messages(COMMAND)}
@@ -95,7 +94,7 @@ def test_a_force_answers_the_command_that_the_stage_followed(impairment: str) ->
     assert delay_s == pytest.approx(2 * link.delay_s, abs=2 * link.jitter_s + 3 * TICK_S)
 
 
-@pytest.mark.parametrize("impairment", forms(PRESETS, quick=_QUICK))
+@pytest.mark.parametrize("impairment", _QUICK)
 def test_the_hand_feels_no_jump_and_no_nonsense(impairment: str) -> None:
     heard = preset_run(impairment)
     rendered_n = heard.column(HAPTICS, "rendered_n")
@@ -198,7 +197,7 @@ def check_playback(heard: Heard, recording: Recording) -> None:
     )
 
 
-@pytest.mark.parametrize("sign", forms([1, -1], quick=[1]))
+@pytest.mark.parametrize("sign", [1, -1])
 def test_a_recording_is_played_to_its_end_and_never_across_its_gap(tmp_path: Path, sign: int) -> None:
     path = gapped(tmp_path / "run.csv", sign)
     recording = load_recording(path)
@@ -224,9 +223,7 @@ def test_a_recording_is_played_to_its_end_and_never_across_its_gap(tmp_path: Pat
     assert np.ptp(heard.column(FORCE, "position_m")[still]) <= 2e-6
 
 
-@pytest.mark.parametrize(
-    "name", forms(["seal_o_ring_1bar", "presliding_friction", "human_motion"], quick=["human_motion"])
-)
+@pytest.mark.parametrize("name", ["human_motion"])
 def test_a_measured_recording_is_played(data_dir: Path, name: str) -> None:
     path = data_dir / f"{name}.csv"
     heard = run_with(recording=path, impairment="paper", duration_s=4.0)

@@ -9,7 +9,6 @@ import pytest
 from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import evaluate, prepare
-from tests.second_forms import forms
 
 DATA = os.environ.get("FOREFEEL_DATA")
 WITH_FORCE = (
@@ -24,7 +23,7 @@ WITH_FORCE = (
 
 
 @pytest.mark.skipif(not DATA, reason="FOREFEEL_DATA names no folder with measured recordings")
-@pytest.mark.parametrize("name", forms(WITH_FORCE, quick=["presliding_friction", "seal_o_ring_3bar"]))
+@pytest.mark.parametrize("name", ["presliding_friction", "seal_o_ring_3bar"])
 def test_every_method_has_a_finite_score_and_the_hold_is_numpys(name: str) -> None:
     recording = load_recording(Path(DATA or "") / f"{name}.csv")
     evaluated = evaluate(prepare(recording, DelayedLink(0.3)), None)

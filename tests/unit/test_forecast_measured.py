@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from forefeel.common.recording.tabular import load_recording
-from tests.second_forms import forms
 from tests.unit.forecast_samples import Sample, replayed, scored
 
 BOUNDS = {
@@ -21,7 +20,7 @@ BOUNDS = {
 """rms as a share of the hold's, at 0.3 s."""
 
 
-@pytest.mark.parametrize("delay_s", forms([0.02, 0.1, 0.3, 0.5], quick=[0.3]))
+@pytest.mark.parametrize("delay_s", [0.3])
 @pytest.mark.parametrize("name", BOUNDS)
 def test_error_and_band(name: str, delay_s: float, data_dir: Path) -> None:
     recording = load_recording(data_dir / f"{name}.csv")

@@ -7,7 +7,6 @@ without a clearing, a release and a press; and 60 ms after the last of them at m
 
 from typing import Any
 
-import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -308,9 +307,3 @@ def run(examples: int, steps: int) -> None:
 
 def test_whatever_happens_in_whatever_order_the_stage_moves_only_as_it_may() -> None:
     run(20, 25)
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(1200)
-def test_whatever_happens_for_long_the_stage_moves_only_as_it_may() -> None:
-    run(400, 60)
