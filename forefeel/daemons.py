@@ -15,7 +15,6 @@ from pathlib import Path
 from secrets import randbits
 from typing import TYPE_CHECKING, TypeVar
 
-from forefeel.calibrate.embedded import calibrations
 from forefeel.common.config import dump_yaml
 from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError
 from forefeel.common.events.console import ConsoleNotifier
@@ -33,7 +32,7 @@ from forefeel.interrupt import Stop, heeded
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterSettings
 from forefeel.parent import die_with_parent
-from forefeel.probe.configured import configured, import_drivers
+from forefeel.probe.configured import calibrations, configured, import_drivers
 from forefeel.reachability import AnswerWatch, Obstacles, unheard
 from forefeel.slave.settings import SlaveSettings
 from forefeel.terminal import say

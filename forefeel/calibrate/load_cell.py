@@ -1,6 +1,5 @@
 """`forefeel calibrate load-cell`: unloaded, every load up and down, unloaded again; the line through them."""
 
-from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import date
@@ -20,22 +19,17 @@ from forefeel.calibrate.measuring import (
     require_steady,
     walk_of,
 )
-from forefeel.calibrate.prompt import Prompt
-from forefeel.calibrate.target import check_target, write_calibration
+from forefeel.calibrate.procedure import about, ask_person, introduce, require_options, write
 from forefeel.common.clock import MonotonicClock, SleepingClock
-from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
+from forefeel.common.errors import ConfigurationError, DeviceError, RunError
 from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration
-from forefeel.common.hardware.link import DeviceLink
 from forefeel.interrupt import breakable, heeded
-from forefeel.probe.configured import ConfiguredDevice, device_of
+from forefeel.probe.configured import device_of
 from forefeel.slave.load_cell import NativeLoadCell, NativeReading
-from forefeel.terminal import answer, say
+from forefeel.terminal import say
 
-# ns between two looks for readings, which a queue keeps meanwhile; chosen, not measured: longer ends a level
-# later
-_POLL_NS = 5_000_000
-# s in which a level must be read; chosen, not measured: a cell of one reading a second needs some ten
-_SLOWEST_S = 30.0
+_POLL_NS = 5_000_000  # ns between two looks for readings, which a queue keeps meanwhile
+_SLOWEST_S = 30.0  # s in which a level must be read: a cell of one reading a second needs some ten
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,79 +63,65 @@ def run_load_cell(
         RunError: refused for what was measured, interrupted; nothing was written.
         DeviceError: the cell failed.
     """
-    forces = _checked(options)
+    forces = _loads(options)
     device = device_of(options.config, options.axis, "load_cell")
-    _require_range(forces, device)
-    cell: NativeLoadCell = device.driver.make(device.settings, clock or MonotonicClock())
-    person = Prompt(options.yes)
-    with heeded(), breakable(lambda: "calibration interrupted; nothing was written"), closing(cell):
-        cell.open_native()
-        serial = require_serial(cell.link.serial, device)
-        say(introduced(device, cell.link))
-        steps = _Walk(options, cell, person, clock or MonotonicClock()).run(forces)
-    low_n, high_n = range_of(forces)
-    found = fit(_signed(steps, device.settings.sign))
-    require_line(found, high_n - low_n, options.residual_share)
-    _require_scale(found, cell.scale, device.settings.sign)
-    _write(options, device, serial, found, steps, today or date.today())
-
-
-def require_serial(serial: str, device: ConfiguredDevice) -> str:
-    """The serial number that the calibration is bound to.
-
-    Raises:
-        DeviceSetupError: the device has none.
-    """
-    if not serial:
-        slot, settable = device.driver.slot, hasattr(device.settings, "serial")
-        raise DeviceSetupError(
-            f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to"
-            + (f": write {slot}.serial, the number on its label" if settable else "")
-        )
-    return serial
-
-
-def introduced(device: ConfiguredDevice, link: DeviceLink) -> str:
-    """Who has answered, in a line."""
-    who = link.identity or device.driver.name
-    return f"{device.name}: {who}" + ("" if link.serial in who else f", serial {link.serial}")
-
-
-def _checked(options: LoadCellCalibrationOptions) -> list[float]:
-    """The loads in N; everything that can be refused without a device is."""
-    check_target(options.out, options.overwrite)
-    if (options.weights is None) is (options.forces is None):
-        raise ConfigurationError("--weights, --forces: expected one of them")
-    _within("--average", options.average_s, 0.5, 60.0, "s")
-    _within("--settle", options.settle_s, 0.0, 60.0, "s")
-    _within("--steady", options.steady_share, 1e-6, 0.1, "of the range")
-    _within("--max-residual", options.residual_share, 1e-6, 0.1, "of the range")
-    _within("--valid-days", options.valid_days, 1, 3650, "days")
-    if options.forces is not None:
-        return forces_of(options.forces, 1.0, "--forces")
-    weights = options.weights or ""
-    forces = forces_of(weights, STANDARD_GRAVITY_M_S2, "--weights")
-    if min(forces) < 0.0:
-        raise ConfigurationError(f"--weights {weights}: a weight below 0; expected kg, or --forces in N")
-    return forces
-
-
-def _within(option: str, value: float, low: float, high: float, unit: str) -> None:
-    if not low <= value <= high:
-        raise ConfigurationError(f"{option} {value:g}: expected {low:g} to {high:g} {unit}")
-
-
-def _require_range(forces: Sequence[float], device: ConfiguredDevice) -> None:
     full_scale_n, largest_n = device.settings.full_scale_n, max(map(abs, forces))
     if largest_n > full_scale_n:
         raise ConfigurationError(
             f"load {largest_n:.4g} N: expected at most load_cell.full_scale_n = {full_scale_n:g} N"
         )
+    (low_n, high_n), sign, steps = range_of(forces), device.settings.sign, list[Step]()
+    time = clock or MonotonicClock()
+    cell: NativeLoadCell = device.driver.make(device.settings, time)
+    with heeded(), breakable(lambda: "calibration interrupted; nothing was written"), closing(cell):
+        cell.open_native()
+        serial = introduce(device, cell.link)
+        for force_n in walk_of(forces):
+            level = _level(cell, time, force_n, options)
+            newton = cell.scale.newton_per_native
+            require_steady(level, newton, high_n - low_n, _in_words(force_n), options.steady_share)
+            steps.append(Step(force_n, level))
+            say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
+    # the sign of the settings is applied after the calibration, so it is no part of the gain
+    found = fit([Step(sign * step.force_n, step.level) for step in steps])
+    require_line(found, high_n - low_n, options.residual_share)
+    _require_scale(found, cell.scale, sign)
+    write(
+        options.out,
+        LoadCellCalibration(
+            **about(device, serial, today or date.today(), options.valid_days),
+            **found._asdict(),
+            range_n=(low_n, high_n),
+            temperature_c=options.temperature_c,
+            points=tuple((step.level.mean, step.force_n) for step in steps),
+        ),
+        f"Gain        {found.gain_n:.6g} N per native unit, zero {found.zero:.6g}, {len(steps)} steps",
+        f"Residual    {found.residual_n:.3g} N rms, {found.residual_n / (high_n - low_n):.2%} of the range",
+        f"Hysteresis  {found.hysteresis_n:.3g} N, the largest difference between up and down",
+    )
 
 
-def _signed(steps: Sequence[Step], sign: int) -> list[Step]:
-    """The sign of the settings is applied after the calibration, so it is no part of the gain."""
-    return [Step(sign * step.force_n, step.level) for step in steps]
+def _loads(options: LoadCellCalibrationOptions) -> list[float]:
+    """The loads in N; everything that can be refused without a device is."""
+    share = (1e-6, 0.1, " of the range")
+    require_options(
+        options.out,
+        options.overwrite,
+        ("--average", options.average_s, 0.5, 60.0, " s"),
+        ("--settle", options.settle_s, 0.0, 60.0, " s"),
+        ("--steady", options.steady_share, *share),
+        ("--max-residual", options.residual_share, *share),
+        ("--valid-days", options.valid_days, 1, 3650, " days"),
+    )
+    weights = options.weights or ""
+    if (options.weights is None) is (options.forces is None):
+        raise ConfigurationError("--weights, --forces: expected one of them")
+    if options.forces is not None:
+        return forces_of(options.forces, 1.0, "--forces")
+    forces = forces_of(weights, STANDARD_GRAVITY_M_S2, "--weights")
+    if min(forces) < 0.0:
+        raise ConfigurationError(f"--weights {weights}: a weight below 0; expected kg, or --forces in N")
+    return forces
 
 
 def _require_scale(found: CalibrationFit, scale: CellScale, sign: int) -> None:
@@ -155,94 +135,31 @@ def _require_scale(found: CalibrationFit, scale: CellScale, sign: int) -> None:
         raise RunError(f"{flaw}; correct load_cell, or the weights; nothing was written")
 
 
-class _Walk:
-    """The loads one after the other; each is refused at once when its reading moves."""
-
-    def __init__(
-        self, options: LoadCellCalibrationOptions, cell: NativeLoadCell, person: Prompt, clock: SleepingClock
-    ) -> None:
-        self._options, self._cell, self._person, self._clock = options, cell, person, clock
-
-    def run(self, forces: Sequence[float]) -> list[Step]:
-        """Every step."""
-        low_n, high_n = range_of(forces)
-        newton_per_native = self._cell.scale.newton_per_native
-        steps: list[Step] = []
-        for force_n in walk_of(forces):
-            level = self._level(force_n)
-            require_steady(
-                level, newton_per_native, high_n - low_n, _load(force_n), self._options.steady_share
-            )
-            steps.append(Step(force_n, level))
-            say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
-        return steps
-
-    def _level(self, force_n: float) -> Level:
-        self._person.wait(f"{'Unload the cell' if force_n == 0.0 else f'Apply {_load(force_n)}'}")
-        self._sleep(self._options.settle_s)
-        self._cell.read_native(self._clock.now_ns())  # what was measured meanwhile
-        found: list[NativeReading] = []
-        start_ns = self._clock.now_ns()
-        while not self._enough(found, self._clock.now_ns() - start_ns):
-            self._clock.sleep_until_ns(self._clock.now_ns() + _POLL_NS)
-            found += self._cell.read_native(self._clock.now_ns())
-        if not all(reading.valid for reading in found):
-            raise RunError(
-                f"{_load(force_n)}: readings that are not valid; expected the cell within its range"
-            )
-        first_ns = found[0].stamp_ns
-        times_s = [(reading.stamp_ns - first_ns) * 1e-9 for reading in found]
-        return level_of(times_s, [reading.native for reading in found])
-
-    def _enough(self, found: list[NativeReading], passed_ns: int) -> bool:
-        if passed_ns > _SLOWEST_S * 1e9:
-            raise DeviceError(
-                f"{len(found)} readings within {_SLOWEST_S:g} s: expected at least {LEAST_READINGS}"
-            )
-        if len(found) < LEAST_READINGS:
-            return False
-        return found[-1].stamp_ns - found[0].stamp_ns >= self._options.average_s * 1e9
-
-    def _sleep(self, seconds: float) -> None:
-        """Reads on, so that a cell that fails is noticed and no queue runs over."""
-        until_ns = self._clock.now_ns() + round(seconds * 1e9)
-        while (now_ns := self._clock.now_ns()) < until_ns:
-            self._clock.sleep_until_ns(min(until_ns, now_ns + 50_000_000))
-            self._cell.read_native(self._clock.now_ns())
+def _level(
+    cell: NativeLoadCell, clock: SleepingClock, force_n: float, options: LoadCellCalibrationOptions
+) -> Level:
+    """Has the load applied and reads it, once it has settled."""
+    load = _in_words(force_n)
+    ask_person("Unload the cell" if not force_n else f"Apply {load}", ", then press Enter", options.yes)
+    settled_ns = clock.now_ns() + round(options.settle_s * 1e9)
+    found: list[NativeReading] = []
+    while not _enough(found, clock.now_ns() - settled_ns, options.average_s):
+        read = cell.read_native(clock.now_ns())  # meanwhile, too: a cell that fails is noticed
+        found += read if clock.now_ns() > settled_ns else ()
+        clock.sleep_until_ns(clock.now_ns() + _POLL_NS)
+    if not all(reading.valid for reading in found):
+        raise RunError(f"{load}: readings that are not valid; expected the cell within its range")
+    times_s = [(reading.stamp_ns - found[0].stamp_ns) * 1e-9 for reading in found]
+    return level_of(times_s, [reading.native for reading in found])
 
 
-def _load(force_n: float) -> str:
+def _enough(found: list[NativeReading], passed_ns: int, average_s: float) -> bool:
+    if passed_ns > _SLOWEST_S * 1e9:
+        raise DeviceError(
+            f"{len(found)} readings within {_SLOWEST_S:g} s: expected at least {LEAST_READINGS}"
+        )
+    return len(found) >= LEAST_READINGS and found[-1].stamp_ns - found[0].stamp_ns >= average_s * 1e9
+
+
+def _in_words(force_n: float) -> str:
     return f"{force_n:.5g} N ({force_n / STANDARD_GRAVITY_M_S2:.5g} kg)" if force_n else "no load"
-
-
-def _write(
-    options: LoadCellCalibrationOptions,
-    device: ConfiguredDevice,
-    serial: str,
-    found: CalibrationFit,
-    steps: Sequence[Step],
-    today: date,
-) -> None:
-    calibration = LoadCellCalibration(
-        format="forefeel.load_cell_calibration/1",
-        driver=device.driver.name,
-        serial=serial,
-        date=today,
-        valid_days=options.valid_days,
-        gain_n=found.gain_n,
-        zero=found.zero,
-        residual_n=found.residual_n,
-        hysteresis_n=found.hysteresis_n,
-        range_n=range_of([step.force_n for step in steps]),
-        temperature_c=options.temperature_c,
-        points=tuple((step.level.mean, step.force_n) for step in steps),
-    )
-    write_calibration(options.out, calibration)
-    share = found.residual_n / (calibration.range_n[1] - calibration.range_n[0])
-    answer(
-        f"Gain        {found.gain_n:.6g} N per native unit, zero {found.zero:.6g}, {len(steps)} steps",
-        f"Residual    {found.residual_n:.3g} N rms, {share:.2%} of the range",
-        f"Hysteresis  {found.hysteresis_n:.3g} N, the largest difference between up and down",
-        f"{options.out}: serial {serial}, {today}, valid {options.valid_days} days",
-        document=lambda: calibration.model_dump(mode="json"),
-    )

@@ -8,16 +8,10 @@ from typing import NamedTuple
 from forefeel.common.errors import ConfigurationError, RunError
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # m/s^2, exact by definition (3rd CGPM, 1901)
-LEAST_READINGS = 10  # readings of a level; chosen, not measured: fewer give a noisy slope and deviation
-# share of the range by which a level may drift while it is read, the default of `--steady`; chosen, not
-# measured: larger accepts a load that still swings or creeps
-STEADY_SHARE = 0.005
-# share of the range that the noise may have, rms; chosen, not measured: four times the drift, for noise is
-# averaged away
-NOISE_SHARE = 0.02
-# share of the range by which a level may lie off the line; chosen, not measured: larger accepts a cell that
-# is less linear, or a load that was misread
-RESIDUAL_SHARE = 0.01
+LEAST_READINGS = 10  # of a level
+STEADY_SHARE = 0.005  # of the range, by which a level may drift while it is read: the default of `--steady`
+NOISE_SHARE = 0.02  # of the range, rms: four times the drift, for noise is averaged away
+RESIDUAL_SHARE = 0.01  # of the range, by which a level may lie off the line
 _SHOWN = 3.0  # a drift of that many of its standard deviations is one
 
 

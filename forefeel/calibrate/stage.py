@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from forefeel.calibrate.load_cell import introduced, require_serial
-from forefeel.calibrate.measuring import Travel, require_travel, travel_of
-from forefeel.calibrate.prompt import Prompt
-from forefeel.calibrate.target import check_target, write_calibration
+from forefeel.calibrate.measuring import require_travel, travel_of
+from forefeel.calibrate.procedure import about, ask_person, introduce, require_options, write
 from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.hardware.calibration import StageCalibration
@@ -22,9 +20,8 @@ from forefeel.devices.cia402.protocol import HERE
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.interrupt import breakable, heeded
-from forefeel.probe.configured import ConfiguredDevice, device_of
-from forefeel.slave.stage import Homing
-from forefeel.terminal import answer, say
+from forefeel.probe.configured import device_of
+from forefeel.terminal import say
 
 _PRIORITY = 50  # of SCHED_FIFO, the default of `realtime.priority`
 
@@ -54,7 +51,13 @@ def run_stage(
             is stopped); nothing was written.
         DeviceError: the stage failed.
     """
-    _check(options)
+    require_options(
+        options.out,
+        options.overwrite,
+        ("--velocity", options.velocity_m_s, 1e-4, 0.05, ""),
+        ("--max-repeatability", options.repeatability_m, 1e-9, 0.01, ""),
+        ("--valid-days", options.valid_days, 1, 3650, ""),
+    )
     device = device_of(options.config, options.axis, "stage")
     settings = device.settings
     if options.velocity_m_s > settings.max_velocity_m_s:
@@ -62,92 +65,52 @@ def run_stage(
             f"--velocity {options.velocity_m_s:g}: expected at most stage.max_velocity_m_s = "
             f"{settings.max_velocity_m_s:g}"
         )
-    person = Prompt(options.yes)
     with (
         heeded(lambda: None),
         breakable(lambda: "calibration interrupted; the stage was stopped, nothing was written"),
         no_slave_beside(options.config),
         device.driver.make_homing(settings, clock or MonotonicClock()) as stage,
     ):
-        serial = require_serial(stage.link.serial, device)
-        say(introduced(device, stage.link))
-        person.agree(_intent(options, settings))
+        serial = introduce(device, stage.link)
+        if ask_person(_intent(options, settings), ". Type yes to go on", options.yes) not in ("yes", "y"):
+            raise RunError("not confirmed; nothing moved, nothing written")
         HOST.prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
-        zero, travel = _moved(stage, settings, options)
+        say("homing")
+        stage.home()
+        say("travelling from end to end")
+        ends = stage.travel_ends(options.velocity_m_s)
+        say("homing again")
+        again = stage.home()
+    travel = travel_of(again.native, ends, again.shift, settings.native_per_m, settings.sign)
     require_travel(travel, settings.travel_m, options.repeatability_m)
-    _write(options, device, serial, zero, travel, today or date.today())
-
-
-def _check(options: StageCalibrationOptions) -> None:
-    check_target(options.out, options.overwrite)
-    for option, value, low, high in (
-        ("--velocity", options.velocity_m_s, 1e-4, 0.05),
-        ("--max-repeatability", options.repeatability_m, 1e-9, 0.01),
-        ("--valid-days", options.valid_days, 1, 3650),
-    ):
-        if not low <= value <= high:
-            raise ConfigurationError(f"{option} {value:g}: expected {low:g} to {high:g}")
+    off_m, (low_mm, high_mm) = travel.repeatability_m, (1e3 * end_m for end_m in travel.ends_m)
+    write(
+        options.out,
+        StageCalibration(
+            **about(device, serial, today or date.today(), options.valid_days),
+            zero=again.native,
+            native_per_m=settings.native_per_m,
+            travel_m=travel.ends_m,
+            repeatability_m=off_m,
+        ),
+        f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm",
+        "Home        "
+        + ("not told by the device" if off_m is None else f"found again within {1e6 * off_m:.3g} um"),
+    )
 
 
 def _intent(options: StageCalibrationOptions, settings: ZaberSettings | Cia402Settings) -> str:
+    how = ""
+    if isinstance(settings, Cia402Settings):
+        homing = settings.homing
+        how = f" (method {homing.method}, at {1e3 * homing.search_velocity_m_s:g} mm/s)"
+        if homing.method in HERE:
+            how = f" (nothing moves for it: where it stands is taken for x = {1e3 * homing.home_m:g} mm)"
     length_m = settings.travel_m[1] - settings.travel_m[0]
     return (
-        f"The stage will home twice{_in_words(settings)} and go its whole travel, {1e3 * length_m:.4g} mm by "
-        f"its settings, at {1e3 * options.velocity_m_s:.3g} mm/s: take out the instrument, clear the way, "
-        "keep the stop at hand"
-    )
-
-
-def _in_words(settings: ZaberSettings | Cia402Settings) -> str:
-    if not isinstance(settings, Cia402Settings):
-        return ""
-    homing, home_mm = settings.homing, 1e3 * settings.homing.home_m
-    if homing.method in HERE:
-        return f" (nothing moves for it: where it stands is taken for x = {home_mm:g} mm)"
-    return f" (method {homing.method}, at {1e3 * homing.search_velocity_m_s:g} mm/s)"
-
-
-def _moved(
-    stage: Homing, settings: ZaberSettings | Cia402Settings, options: StageCalibrationOptions
-) -> tuple[float, Travel]:
-    """Zero in native units and the travel in m."""
-    say("homing")
-    stage.home()
-    say("travelling from end to end")
-    ends = stage.travel_ends(options.velocity_m_s)
-    say("homing again")
-    again = stage.home()
-    return again.native, travel_of(again.native, ends, again.shift, settings.native_per_m, settings.sign)
-
-
-def _write(
-    options: StageCalibrationOptions,
-    device: ConfiguredDevice,
-    serial: str,
-    zero: float,
-    travel: Travel,
-    today: date,
-) -> None:
-    calibration = StageCalibration(
-        format="forefeel.stage_calibration/1",
-        driver=device.driver.name,
-        serial=serial,
-        date=today,
-        valid_days=options.valid_days,
-        zero=zero,
-        native_per_m=device.settings.native_per_m,
-        travel_m=travel.ends_m,
-        repeatability_m=travel.repeatability_m,
-    )
-    write_calibration(options.out, calibration)
-    low_mm, high_mm = (1e3 * end_m for end_m in travel.ends_m)
-    again = travel.repeatability_m
-    home = "not told by the device" if again is None else f"found again within {1e6 * again:.3g} um"
-    answer(
-        f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm",
-        f"Home        {home}",
-        f"{options.out}: serial {serial}, {today}, valid {options.valid_days} days",
-        document=lambda: calibration.model_dump(mode="json"),
+        f"The stage will home twice{how} and go its whole travel, {1e3 * length_m:.4g} mm by its settings, "
+        f"at {1e3 * options.velocity_m_s:.3g} mm/s: take out the instrument, clear the way, keep the stop at "
+        "hand"
     )
 
 

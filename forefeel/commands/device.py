@@ -16,7 +16,7 @@ def probe(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.probe.probing import run_probe  # noqa: PLC0415
+    from forefeel.probe.probe import run_probe  # noqa: PLC0415
 
     with output(as_json, quiet):
         run_probe(config, seconds)

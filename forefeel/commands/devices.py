@@ -6,7 +6,7 @@ from forefeel.terminal import output
 
 @examples("forefeel devices", "forefeel devices --json")
 def devices(as_json: AsJson = False, quiet: Quiet = False) -> None:
-    from forefeel.probe.listing import run_devices  # noqa: PLC0415 - the help needs none of it
+    from forefeel.probe.ports import run_devices  # noqa: PLC0415 - the help needs none of it
 
     with output(as_json, quiet):
         run_devices()

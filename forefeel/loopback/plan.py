@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from forefeel.calibrate.embedded import calibrations
 from forefeel.common.config import checked, dump_yaml
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
@@ -16,6 +15,7 @@ from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
 from forefeel.master.settings import MasterSettings
+from forefeel.probe.configured import calibrations
 from forefeel.slave.plant.presets import PRESETS as WORLDS
 from forefeel.slave.settings import SlaveSettings
 

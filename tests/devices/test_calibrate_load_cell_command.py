@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from forefeel.calibrate.embedded import calibrations
 from forefeel.common.config import load_settings
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
@@ -19,6 +18,7 @@ from forefeel.common.settings import DaemonSettings
 from forefeel.common.yaml_file import load_yaml
 from forefeel.daemon_settings import load_daemon
 from forefeel.loopback.plan import LoopbackOptions, make_plan
+from forefeel.probe.configured import calibrations
 from tests.devices.calibrate_bench import CELL, configure, unwritten
 from tests.devices.fake_devices import FakeCell, Hands, SteppedClock
 
@@ -70,7 +70,7 @@ def test_weights_are_kilograms_and_with_yes_nobody_is_asked(
     run: Run, cell: FakeCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loads = iter([0.0, 0.980665, 0.0])
-    monkeypatch.setattr("forefeel.calibrate.prompt.Prompt.wait", lambda *_: cell.load(next(loads)))
+    monkeypatch.setattr("forefeel.calibrate.load_cell.ask_person", lambda *_: cell.load(next(loads)))
     assert run([*CELL, "--weights", "0,0.1", "--yes"]) == 0
     found = load_settings(LoadCellCalibration, Path("cell.yaml"))
     assert found.gain_n == pytest.approx(cell.gain_n, rel=1e-3)

@@ -55,7 +55,7 @@ class Bench:
 def bench(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Bench:
     bench = Bench()
     monkeypatch.setattr(InstalledDriver, "make", lambda driver, *_: bench.make(driver))
-    monkeypatch.setattr("forefeel.probe.probing.MonotonicClock", lambda: bench.clock)
+    monkeypatch.setattr("forefeel.probe.probe.MonotonicClock", lambda: bench.clock)
     monkeypatch.chdir(tmp_path)
     Path("slave.yaml").write_text(SLAVE)
     Path("master.yaml").write_text(MASTER)
@@ -75,7 +75,7 @@ def test_a_port_that_is_a_number_is_probed_and_is_no_serial_port(
     driver = InstalledDriver("load_cell", "network", "elsewhere", "1.0", Driver(NetworkCell, "a:b", "a cell"))
     device = ConfiguredDevice("insertion", NetworkCell(), driver)
     assert device.serial_port is None
-    monkeypatch.setattr("forefeel.probe.probing.configured", lambda _: [device])
+    monkeypatch.setattr("forefeel.probe.probe.configured", lambda _: [device])
     assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "0.5"]) == 0
     assert "insertion load_cell: network on 5000: ready; " in capsys.readouterr().out
 
