@@ -46,7 +46,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=50_000, help="first seed of the recordings")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--only", default="", help="only cases whose name contains this")
-    parser.add_argument("--quick", action="store_true", help="the 25 short recordings of make test")
+    parser.add_argument("--quick", action="store_true", help="the ten short recordings of make test")
     parser.add_argument("--methods", nargs="+", choices=TITLES, default=list(TITLES))
     return parser.parse_args(arguments)
 

@@ -170,6 +170,12 @@ def _estimates(hidden: Hidden, answer: Answer) -> tuple[Estimate, ...]:
     return tuple(found)
 
 
+ON_READINGS = frozenset({"bias", "sensor_saturation", "sensor_quantisation", "sensor_spikes", "mains_hum"})
+"""The baseline has a bias, too, and is compared on readings that are freed of the sensor's faults."""
+
+
 def gained(outcome: Outcome) -> bool:
-    """Whether the interval of the held-out gain lies above zero."""
+    """Whether the interval of the held-out gain lies above zero, or no gain is to be had."""
+    if set(outcome.truth) <= ON_READINGS:
+        return True
     return isfinite(outcome.answer.gain_low) and outcome.answer.gain_low > 0.0

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tests.hidden_effects.answers import Answer
-from tests.hidden_effects.bench import FAMILIES, LEAST_SHARE, Population, draw, draw_two, family_of
+from tests.hidden_effects.bench import FAMILIES, LEAST_SHARE, Population, draw, family_of
 from tests.hidden_effects.bench.effects import KNOWN, Effect, drive_play
 from tests.hidden_effects.bench.made import visibility
-from tests.hidden_effects.bench.measure import NOISES, Bench, Sensor, Take, noise, stamps
+from tests.hidden_effects.bench.measure import Bench, Sensor, Take
 from tests.hidden_effects.bench.rig import Body, Link, Rig, Wall, contact, simulated
-from tests.hidden_effects.bench.score import Outcome, elsewhere, scored
+from tests.hidden_effects.bench.score import Outcome, elsewhere
 from tests.hidden_effects.bench.stage import STEP_S, Array, Stage
 
 _CELL = Link(*contact(0.1, 400.0, 0.4))
@@ -54,22 +54,6 @@ def test_the_same_again_and_something_else(population: Population) -> None:
     assert all(np.all(np.isfinite(column)) for column in (first.time_s, first.position_m, first.force_n))
 
 
-@pytest.mark.parametrize(
-    ("population", "low_hz", "high_hz"),
-    [("known", 100, 2000), ("slow", 20, 100), ("nothing", 20, 2000), ("hum", 200, 2000)],
-)
-def test_rates_encoders_and_visibility(population: str, low_hz: float, high_hz: float) -> None:
-    for seed in (3, 8):
-        made = draw(Population(population), seed)
-        assert low_hz <= made.rate_hz <= high_hz
-        assert np.median(np.diff(made.time_s)) == pytest.approx(1.0 / made.rate_hz, rel=0.1)
-        assert np.all(np.diff(made.time_s) > 0.0)
-        counts = made.position_m / made.encoder_m
-        assert 1e-6 <= made.encoder_m <= 50e-6
-        assert np.allclose(counts, np.round(counts), atol=1e-6)
-        assert made.share >= LEAST_SHARE
-
-
 def test_every_known_effect_has_one_name_and_its_family() -> None:
     (bench, _), rng = a_bench(to_and_fro()), np.random.default_rng(1)
     made = [maker(rng, bench) for maker in KNOWN]
@@ -80,15 +64,6 @@ def test_every_known_effect_has_one_name_and_its_family() -> None:
     } - {"bias", "backlash"}
     assert family_of("backlash") == family_of("play") == "play"
     assert family_of("warp") == "warp"
-
-
-def test_populations_say_what_is_there() -> None:
-    nothing, play, hum = (draw(p, 2) for p in (Population.NOTHING, Population.PLAY, Population.HUM))
-    assert not nothing.hides and not nothing.names and not nothing.families
-    assert play.names == play.families == {"play"}
-    assert hum.names == {"mains_hum"} and hum.families == {"periodic"}
-    pushed = draw(Population.COMPOSITIONS, 1)
-    assert pushed.hides and not pushed.names and not pushed.families
 
 
 def test_static_friction_holds_without_any_slip() -> None:
@@ -161,22 +136,6 @@ def test_what_can_not_be_seen_is_not_shown() -> None:
     assert visibility(bench, take, [stiffer]) < LEAST_SHARE
 
 
-@pytest.mark.parametrize("colour", NOISES)
-def test_noise_has_its_size_and_colour(colour: str) -> None:
-    drawn = noise(np.random.default_rng(1), colour, 20_000, 500.0, 2e-3)
-    power = np.abs(np.fft.rfft(drawn)) ** 2
-    slow, fast = np.mean(power[1:200]), np.mean(power[5000:])
-    assert np.std(drawn) == pytest.approx(2e-3)
-    assert (slow < 2.0 * fast) if colour == "white" else (slow > 20.0 * fast)
-
-
-def test_stamps_are_lost_or_jitter() -> None:
-    rng = np.random.default_rng(1)
-    even, jittered, dropped = (stamps(rng, kind, 10.0, 500.0) for kind in ("even", "jittered", "dropped"))
-    assert len(even) == len(jittered) == 5000 > len(dropped) > 4000
-    assert np.ptp(np.diff(even)) < 2.1e-5 < np.ptp(np.diff(jittered)) < 2e-3
-
-
 def test_outcomes() -> None:
     truth = frozenset({"play"})
     outcome = Outcome(Population.PLAY, 0, truth, truth, True, "", Answer("cause_found", ("backlash",)))
@@ -189,21 +148,8 @@ def test_outcomes() -> None:
     assert replace(outcome, hides=False, answer=Answer("nothing_missing")).exact
 
 
-def test_a_cause_that_was_doubted_does_not_come_back() -> None:
-    """Friction that differs by direction became friction and a bias, the bias was doubted, and so on."""
-    assert not scored(Population.SLOW, 330).answer.error
-
-
-def test_another_motion_of_the_same_bench() -> None:
-    first, second = draw_two(Population.KNOWN, 5)
-    assert not np.allclose(first.position_m[: len(second.position_m)], second.position_m, atol=1e-4)
-    assert second.names == first.names
-    assert np.min(second.position_m) == pytest.approx(np.min(first.position_m), abs=1e-3)
-
-
-@pytest.mark.parametrize("seed", [304, 307])
-def test_the_gain_on_another_motion_is_where_it_was_expected(seed: int) -> None:
-    found = elsewhere(Population.KNOWN, seed)
+def test_gain_on_another_motion_is_within_its_interval() -> None:
+    found = elsewhere(Population.KNOWN, 304)
     assert found is not None
     assert found.holds
     assert found.expected.gain_high - found.expected.gain_low < 0.5
