@@ -53,3 +53,13 @@ class DeviceError(ForefeelError):
 
 class DeviceSetupError(DeviceError, InputError):
     """What the configuration names is no device that can be used: wrong port, wrong device, wrong setting."""
+
+
+def check_config_alone(*others: object) -> None:
+    """Refuses options that the file of `--config` settles; `others` are empty, None or False where not given.
+
+    Raises:
+        ConfigurationError: one was given.
+    """
+    if any(others):
+        raise ConfigurationError("--config: stands for every option about the network; expected it alone")

@@ -15,6 +15,7 @@ from pathlib import Path
 from secrets import randbits
 from typing import TYPE_CHECKING, TypeVar
 
+from forefeel.child_process import die_with_parent
 from forefeel.common.config import dump_yaml
 from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError
 from forefeel.common.events.console import ConsoleNotifier
@@ -31,7 +32,6 @@ from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import Stop, heeded
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterSettings
-from forefeel.parent import die_with_parent
 from forefeel.probe.configured import calibrations, configured, import_drivers
 from forefeel.reachability import AnswerWatch, Obstacles, unheard
 from forefeel.slave.settings import SlaveSettings

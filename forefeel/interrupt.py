@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -28,19 +28,19 @@ class Stop:
     """Whether the command is to end; `heeded` gives it."""
 
     def __init__(self) -> None:
-        self._heeded: list[Callable[[], object] | None] = []
-        self._last: list[Callable[[], object]] = []
-        self._words: list[Callable[[], str]] = []
-        self._begin()
+        self.heeded: list[Callable[[], object] | None] = []
+        self.last: list[Callable[[], object]] = []
+        self.texts: list[Callable[[], str]] = []
+        self.begin()
 
-    def _begin(self) -> None:
-        self._first_s: float | None = None
-        self._again = self._seen = self._breaks = False
+    def begin(self) -> None:
+        self.first_s: float | None = None
+        self.seen = self.breaks = self._again = False
 
     def wanted(self) -> bool:
         """Whether a signal came; whoever asks ends in order."""
-        self._seen = self._first_s is not None
-        return self._seen
+        self.seen = self.first_s is not None
+        return self.seen
 
     def again(self) -> bool:
         """Whether another one came later: what is waited for is waited for no longer."""
@@ -51,30 +51,31 @@ class Stop:
         if self.wanted():
             raise KeyboardInterrupt
 
-    def _hear(self, _number: int, _frame: FrameType | None) -> None:
+    def handle(self, _number: int, _frame: FrameType | None) -> None:
+        """The handler of the signals."""
         now_s = time.monotonic()
-        if self._first_s is None:
-            self._first_s = now_s
-        elif now_s - self._first_s < _ONE_S:
+        if self.first_s is None:
+            self.first_s = now_s
+        elif now_s - self.first_s < _ONE_S:
             return
         else:
             self._again = True
-        tell = self._heeded[-1] if self._heeded else None
-        self._seen = self._breaks or tell is not None
-        if self._breaks:
-            self._breaks = False
+        tell = self.heeded[-1] if self.heeded else None
+        self.seen = self.breaks or tell is not None
+        if self.breaks:
+            self.breaks = False
             raise KeyboardInterrupt
         if tell is not None:
             tell()
-        elif self._again or not self._heeded:
-            self._end()
+        elif self._again or not self.heeded:
+            self.end()
 
-    def _end(self) -> None:
+    def end(self) -> None:
         """Takes away what is half made, says so and leaves; the rest of the main thread does not happen."""
         for number in SIGNALS:
             signal.signal(number, signal.SIG_DFL)
-        text = self._words[-1]() if self._words else "interrupted"
-        for act in reversed(self._last):
+        text = self.texts[-1]() if self.texts else "interrupted"
+        for act in reversed(self.last):
             with suppress(Exception):
                 act()
         last_word(text)
@@ -95,64 +96,43 @@ def heeded(tell: Callable[[], object] | None = None) -> Iterator[Stop]:
             thread is, so it must not wait for anything.
     """
     with _handled():
-        _stop._heeded.append(tell)
+        _stop.heeded.append(tell)
         try:
             yield _stop
         finally:
-            _stop._heeded.pop()
-        if _stop._first_s is not None and not _stop._seen and not _stop._heeded:
-            _stop._end()
-
-
-@contextmanager
-def ends_at_once() -> Iterator[None]:
-    """A signal in the body ends the process with 0, wherever it is: for a server that keeps nothing and would
-    take seconds to come down in order on a busy machine.
-    """
-    with heeded(lambda: os._exit(0)):
-        yield
-
-
-def leave(code: int) -> NoReturn:
-    """Ends the process; once a signal came without taking Python apart, a second's work on a busy machine."""
-    if _stop._first_s is not None:
-        atexit._run_exitfuncs()
-        flush()
-        os._exit(code)
-    sys.exit(code)
+            _stop.heeded.pop()
+        if _stop.first_s is not None and not _stop.seen and not _stop.heeded:
+            _stop.end()
 
 
 @contextmanager
 def breakable(ended: Callable[[], str]) -> Iterator[None]:
     """The first signal raises KeyboardInterrupt in the body, inside of `heeded`: for devices and persons that
-    are waited for in plain Python, where nothing swallows it.
-
-    Args:
-        ended: what it ended, in words.
+    are waited for in plain Python, where nothing swallows it. `ended`: what it ended, in words.
 
     Raises:
         RunError: a signal came, here or before.
     """
-    _stop._breaks = True
+    _stop.breaks = True
     try:
-        if _stop._first_s is not None:
+        if _stop.first_s is not None:
             raise KeyboardInterrupt
         yield
     except KeyboardInterrupt:
         raise RunError(ended()) from None
     finally:
-        _stop._breaks = False
+        _stop.breaks = False
 
 
 @contextmanager
 def at_last(act: Callable[[], object]) -> Iterator[None]:
     """Does `act` at the end of the body, whatever ends it; a signal in between does it twice."""
-    _stop._last.append(act)
+    _stop.last.append(act)
     try:
         yield
     finally:
         act()
-        _stop._last.pop()
+        _stop.last.pop()
 
 
 @contextmanager
@@ -177,33 +157,41 @@ def ends_in_order(what: str, folder: Path | None = None) -> Iterator[list[str]]:
             f"{', '.join(written)}{where}" if written else "nothing was written"
         )
 
-    with _handled(), at_last(lambda: _remove_empty(made)):
-        _stop._words.append(left)
+    def remove_empty() -> None:
+        for path in made:
+            with suppress(OSError):  # not empty, or not made yet
+                path.rmdir()
+
+    with _handled(), at_last(remove_empty):
+        _stop.texts.append(left)
         try:
             yield written
         except KeyboardInterrupt:
             raise RunError(left()) from None
         finally:
-            _stop._words.pop()
+            _stop.texts.pop()
+
+
+def leave(code: int) -> NoReturn:
+    """Ends the process; once a signal came without taking Python apart, a second's work on a busy machine."""
+    if _stop.first_s is not None:
+        atexit._run_exitfuncs()
+        flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 @contextmanager
 def _handled() -> Iterator[None]:
     """Installs the handler; the outermost body begins without a signal. `nohup` is respected."""
-    if signal.getsignal(signal.SIGINT) == _stop._hear:
+    if signal.getsignal(signal.SIGINT) == _stop.handle:
         yield
         return
-    _stop._begin()
+    _stop.begin()
     heard = [each for each in SIGNALS if each != signal.SIGHUP or signal.getsignal(each) != signal.SIG_IGN]
-    before = {number: signal.signal(number, _stop._hear) for number in heard}
+    before = {number: signal.signal(number, _stop.handle) for number in heard}
     try:
         yield
     finally:
         for number, previous in before.items():
             signal.signal(number, previous)
-
-
-def _remove_empty(folders: Sequence[Path]) -> None:
-    for folder in folders:
-        with suppress(OSError):  # not empty, or not made yet
-            folder.rmdir()

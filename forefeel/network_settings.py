@@ -6,9 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from forefeel.alone import check_alone
 from forefeel.common.config import Settings, checked, load_settings
-from forefeel.common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError, check_config_alone
 from forefeel.common.settings import Segment
 from forefeel.common.topics import checked_segment
 from forefeel.common.transport.settings import TransportSettings
@@ -61,7 +60,7 @@ def observer(
         ConfigurationError: both, neither, or a value that can not be used.
     """
     if config is not None:
-        check_alone(cell is not None, connect, pki, through_router)
+        check_config_alone(cell is not None, connect, pki, through_router)
         return load_settings(ObserverSettings, config)
     if not connect:
         raise ConfigurationError("--connect: missing, expected at least one endpoint, or --config FILE")
@@ -80,7 +79,7 @@ def router_settings(
         ConfigurationError: both, neither, or a value that can not be used.
     """
     if config is not None:
-        check_alone(cells, listen, pki)
+        check_config_alone(cells, listen, pki)
         return load_settings(RouterSettings, config)
     if not cells:
         raise ConfigurationError("--cell: missing, expected the name of each cell, or --config FILE")

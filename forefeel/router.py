@@ -5,6 +5,7 @@ from itertools import count
 
 import zenoh
 
+from forefeel.child_process import die_with_parent
 from forefeel.common.runtime.real import HOST
 from forefeel.common.runtime.realtime import raise_descriptor_limit
 from forefeel.common.runtime.service_manager import service_watchdog
@@ -12,7 +13,6 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import open_session
 from forefeel.interrupt import Stop, heeded
 from forefeel.network_settings import RouterSettings
-from forefeel.parent import die_with_parent
 from forefeel.terminal import say
 
 _POLL_S = 0.2  # s between two looks for events and for an end; chosen, not measured: both are heeded as late

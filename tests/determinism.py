@@ -37,7 +37,6 @@ STILL_VIOLATING = frozenset(
         "unit/dashboard/test_finding.py",
         "unit/dashboard/test_server.py",
         "unit/test_driver_registry.py",
-        "unit/test_interrupt.py",
         "unit/test_metrics.py",
         "unit/test_recording_bombs.py",
     }

@@ -51,3 +51,15 @@ class Mapping:
         """(name, factor to SI) of time, position and, where mapped, force."""
         columns = [parse_column("time", self.time), parse_column("position", self.position)]
         return columns if self.force is None else [*columns, parse_column("force", self.force)]
+
+
+NamedColumns = tuple[str | None, str | None, str | None]
+"""Time, position, force on the command line, each as `unit:column`; None where the user named none."""
+
+
+def mapping_of(columns: NamedColumns) -> Mapping | None:
+    """A mapping when the user named any column; the others have their canonical names."""
+    time, position, force = columns
+    if columns == (None, None, None):
+        return None
+    return Mapping(time or "s:time_s", position or "m:position_m", force or "N:force_n")

@@ -14,8 +14,8 @@ from forefeel.commands.options import (
     ViewerConfig,
     ViewerPki,
     examples,
+    extra,
 )
-from forefeel.extras import extra
 from forefeel.terminal import output
 
 

@@ -1,10 +1,13 @@
 """Options that several commands have."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
+
+from forefeel.common.errors import ConfigurationError
 
 Command = TypeVar("Command", bound=Callable[..., None])
 _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {}
@@ -62,3 +65,18 @@ def examples(*lines: str) -> Callable[[Command], Command]:
 def examples_of(command: Callable[..., None]) -> tuple[str, ...]:
     """What `examples` noted."""
     return _EXAMPLES[command]
+
+
+@contextmanager
+def extra(name: str, *packages: str, command: str) -> Iterator[None]:
+    """Imports inside need the packages of the extra `forefeel[name]`; any other that is missing is our fault.
+
+    Raises:
+        ConfigurationError: one of `packages` is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in packages:
+            raise
+        raise ConfigurationError(f"{command}: needs an extra: pip install forefeel[{name}]") from error

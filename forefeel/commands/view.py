@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.dashboard import PACKAGES, Address, Open, Port
-from forefeel.commands.options import Duration, Quiet, examples
-from forefeel.extras import extra
+from forefeel.commands.options import Duration, Quiet, examples, extra
 from forefeel.terminal import output
 
 

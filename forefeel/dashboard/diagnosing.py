@@ -10,11 +10,11 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
+from forefeel.child_process import child_environment
 from forefeel.common.error_size import Floats
 from forefeel.common.events.console import printable
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.finding import LiveDiagnosis, wanted_s
-from forefeel.parent import child_environment
 
 # s after which a diagnosis is given up; chosen, not measured: it runs at the lowest priority, so shorter
 # gives up on a busy host

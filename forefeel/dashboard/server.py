@@ -14,6 +14,7 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
 
+from forefeel.child_process import die_with_parent, listening_at
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.transport.security import Party
@@ -23,10 +24,8 @@ from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.page import build, serve_files
 from forefeel.dashboard.sources import LiveCell, RecordedSource, Source
-from forefeel.interrupt import ends_at_once
-from forefeel.listening import listening_at
+from forefeel.interrupt import heeded
 from forefeel.network_settings import ObserverSettings
-from forefeel.parent import die_with_parent
 from forefeel.terminal import ask, say
 
 _POLL_S = 0.2  # s between two looks for an end; chosen, not measured: a duration is longer by up to it
@@ -59,7 +58,7 @@ def run_dashboard(
         live = LiveCell(settings.cell, where, clock)
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
-        with ends_at_once(), closing(transport):
+        with heeded(_exit), closing(transport):
             _step_back()
             transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)
             if transport.notice:
@@ -79,9 +78,14 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
     """
     recorded = RecordedSource(file)
     _step_back()
-    with ends_at_once(), listening_at(address, port) as listening:
+    with heeded(_exit), listening_at(address, port) as listening:
         page = Page(listening, recorded, str(file), [], address)
         page.serve(opens, [lambda: _until(duration_s, [])])
+
+
+def _exit() -> None:
+    """A server that keeps nothing would take seconds to come down in order on a busy machine."""
+    os._exit(0)
 
 
 def _step_back() -> None:

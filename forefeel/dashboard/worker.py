@@ -7,6 +7,7 @@ from io import BytesIO
 
 import numpy as np
 
+from forefeel.child_process import die_with_parent
 from forefeel.common.causes.catalogue import words
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import ForefeelError
@@ -14,7 +15,6 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.answer import headline
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.verdict import Diagnosis, Interval
-from forefeel.parent import die_with_parent
 from forefeel.report.wording import shown
 
 _LOWEST_NICE = 19  # niceness of the lowest priority (nice(2))

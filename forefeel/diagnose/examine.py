@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from threadpoolctl import threadpool_limits
 
-from forefeel.columns import Columns, mapping_of
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError, RunError
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.units import NamedColumns, mapping_of
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnose.answer import answer
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose, diagnose_together
@@ -39,7 +39,7 @@ class Task:
 
     file: Path
     beside: tuple[Path, ...] = ()
-    columns: Columns = (None, None, None)
+    columns: NamedColumns = (None, None, None)
     axis: str | None = None
     given: ContactModel | None = None
     replay: bool = True

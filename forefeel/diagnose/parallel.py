@@ -12,10 +12,10 @@ from importlib import import_module
 from itertools import islice
 from multiprocessing import active_children, get_context, resource_tracker
 
+from forefeel.child_process import die_with
 from forefeel.common.errors import ConfigurationError, EndpointError, InputError, RunError
 from forefeel.diagnose.examine import Result, Task, examine
 from forefeel.interrupt import SIGNALS
-from forefeel.parent import die_with
 
 _PATIENCE_S = 10  # s for the scheduler's answer; chosen, not measured: longer says later that it is gone
 _LOOK_S = 0.1  # s between two looks for an end; chosen, not measured: a signal is heeded as late

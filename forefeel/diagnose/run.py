@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from forefeel.columns import Columns
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
+from forefeel.common.recording.units import NamedColumns
 from forefeel.diagnose.examine import FILES, JSON, Task, examine
 from forefeel.diagnose.folder import EARLIER, recordings_in, run_folder, save
 from forefeel.files import results_folder
@@ -40,7 +40,7 @@ class DiagnosisOptions:
     jobs: int = 1
     scheduler: str | None = None
     overwrite: bool = False
-    columns: Columns = (None, None, None)
+    columns: NamedColumns = (None, None, None)
     axis: str | None = None
     replay: bool = True
     page: bool = True

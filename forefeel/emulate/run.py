@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from forefeel.child_process import die_with_parent
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.driver import (
     SLOTS,
@@ -26,7 +27,6 @@ from forefeel.devices.emulation.wire import Faults, Timetable
 from forefeel.emulate.orders import OrderReader, OrdersFromStdin
 from forefeel.interrupt import Stop, heeded
 from forefeel.master.settings import MasterSettings
-from forefeel.parent import die_with_parent
 from forefeel.probe.configured import configured
 from forefeel.slave.plant.settings import WorldSettings, preset
 from forefeel.slave.settings import SlaveSettings

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from rich.progress import BarColumn, TextColumn
 
-from forefeel.columns import Columns, mapping_of
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, InputError, RecordingError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.units import NamedColumns, mapping_of
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import (
     Evaluated,
@@ -40,7 +40,7 @@ class EvaluationOptions:
     loss: float = 0.0
     seed: int = 0
     model: Path | None = None
-    columns: Columns = (None, None, None)
+    columns: NamedColumns = (None, None, None)
 
 
 def run_evaluation(options: EvaluationOptions, out: Path, overwrite: bool) -> dict[str, Evaluated]:

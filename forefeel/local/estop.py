@@ -12,8 +12,7 @@ from optparse import IndentedHelpFormatter, OptionParser
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from forefeel.alone import check_alone
-from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.errors import ConfigurationError, RunError, check_config_alone
 from forefeel.common.events.console import printable
 from forefeel.common.state.folder import unnamed_path
 from forefeel.common.yaml_file import load_yaml
@@ -94,7 +93,7 @@ def estop(  # noqa: PLR0913 - one parameter per option
     """
     why = ""
     if config is not None:
-        check_alone(cell is not None, connect, pki, through_router)
+        check_config_alone(cell is not None, connect, pki, through_router)
         try:
             if _stopped_here(Path(config), reason):
                 return

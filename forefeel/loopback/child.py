@@ -6,8 +6,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from forefeel.child_process import child_environment
 from forefeel.common.errors import InputError, RunError
-from forefeel.parent import child_environment
 
 
 class Child:

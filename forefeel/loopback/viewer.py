@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from forefeel.extras import how_to_get
-from forefeel.listening import BACKLOG, INHERITED
+from forefeel.child_process import LISTENING, listening_at
+from forefeel.common.errors import EndpointError
 from forefeel.loopback.child import Child
 
 PORT = 8600  # TCP port of the page, the default of `forefeel dashboard --port`, where it is free
@@ -29,13 +29,13 @@ class Viewer:
 
     def start(self, cell: str, endpoints: Sequence[str], out: Path) -> None:
         if find_spec("nicegui") is None:
-            self._say(f"dashboard: {how_to_get('dashboard')}")
+            self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
             return
         try:
             with _listening() as listening:
                 port, fileno = listening.getsockname()[1], listening.fileno()
                 child = Child("dashboard", self._words(cell, endpoints, port), out, _BEHIND, _END_S)
-                child.start({INHERITED: str(fileno)}, [fileno])
+                child.start({LISTENING: str(fileno)}, [fileno])
         except OSError as error:
             self._say(f"dashboard: {error.strerror or error}")
             return
@@ -59,6 +59,6 @@ class Viewer:
 def _listening() -> socket.socket:
     """At the usual port, or at any; whoever opens the page before it is served waits and is not refused."""
     try:
-        return socket.create_server(("127.0.0.1", PORT), backlog=BACKLOG)
-    except OSError:
-        return socket.create_server(("127.0.0.1", 0), backlog=BACKLOG)
+        return listening_at("127.0.0.1", PORT)
+    except EndpointError:
+        return listening_at("127.0.0.1", 0)

@@ -1,146 +1,166 @@
-"""What a signal does to a process that is at work."""
+"""A signal while a command is at work, with the end of the process in place of it."""
 
+import ctypes
+import os
 import signal
-import subprocess
-import sys
-import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 
-SELF = """
-import os, signal
-signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which a test run under nohup ignores
-tell = lambda number: os.kill(os.getpid(), number)
-"""
+from forefeel.common.errors import RunError
+from forefeel.files import whole
+from forefeel.interrupt import SIGNALS, breakable, ends_in_order, heeded, leave
 
 
-def ended(script: str, *words: str) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr of a script in a process of its own; `tell` sends it a signal."""
-    done = subprocess.run(
-        [sys.executable, "-c", SELF + textwrap.dedent(script), *words],
-        capture_output=True,
-        text=True,
-        timeout=50,
-        check=False,
-    )
-    return done.returncode, done.stdout, done.stderr
+class ExitedError(BaseException):
+    """Stands for the end of the process."""
 
 
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_in_a_callback_that_swallows_what_is_raised_ends_the_process(number: str) -> None:
-    script = f"""
-        import ctypes
-        from forefeel.interrupt import ends_in_order
-        with ends_in_order("work"):
-            ctypes.CFUNCTYPE(None)(lambda: tell(signal.{number}))()
-            print("went on")
-    """
-    assert ended(script) == (1, "", "forefeel: work interrupted; nothing was written\n")
+@pytest.fixture(autouse=True)
+def exits(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    found: list[int] = []
+
+    def exit_now(code: int) -> None:
+        found.append(code)
+        raise ExitedError
+
+    monkeypatch.setattr(os, "_exit", exit_now)
+    return found
 
 
-def test_what_is_half_written_goes_with_the_folder_that_was_made_for_it(tmp_path: Path) -> None:
-    script = """
-        import sys
-        from pathlib import Path
-        from forefeel.files import whole
-        from forefeel.interrupt import ends_in_order
-        file = Path(sys.argv[1]) / "new" / "out" / "a.txt"
-        with ends_in_order("work", file.parent), whole(file, "the work") as part:
-            part.write_text("half")
-            tell(signal.SIGHUP)
-            print("went on")
-    """
-    assert ended(script, str(tmp_path)) == (1, "", "forefeel: work interrupted; nothing was written\n")
+@pytest.fixture(autouse=True)
+def signals_of_a_terminal() -> Iterator[None]:
+    """A test run under nohup ignores SIGHUP."""
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def clock_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time of the signals."""
+    at_s = [0.0]
+    monkeypatch.setattr("forefeel.interrupt.time.monotonic", lambda: at_s[0])
+    return at_s
+
+
+def come(number: signal.Signals = signal.SIGTERM) -> None:
+    signal.raise_signal(number)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_signal_in_a_callback_that_swallows_ends_the_process(
+    number: signal.Signals, exits: list[int], capfd: pytest.CaptureFixture[str]
+) -> None:
+    def callback() -> None:
+        try:
+            come(number)
+        except KeyboardInterrupt:
+            exits.append(-1)
+        except ExitedError:
+            pass
+
+    with ends_in_order("work"):
+        ctypes.CFUNCTYPE(None)(callback)()
+    assert exits == [1]
+    assert "nothing was written" in capfd.readouterr().err
+
+
+def test_signal_removes_what_is_half_written(tmp_path: Path, exits: list[int]) -> None:
+    file = tmp_path / "new" / "out" / "a.txt"
+    with (
+        pytest.raises(ExitedError),
+        ends_in_order("work", file.parent),
+        whole(file, "the work") as part,
+    ):
+        part.write_text("half")
+        come()
+    assert exits == [1]
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_body_that_heeds_signals_looks_and_ends_by_itself() -> None:
-    script = """
-        from forefeel.interrupt import heeded
-        with heeded() as stop:
-            assert not stop.wanted()
-            tell(signal.SIGHUP)
-            tell(signal.SIGHUP)  # a terminal that closes sends two
-            assert stop.wanted() and not stop.again()
-        print("in order")
-    """
-    assert ended(script) == (0, "in order\n", "")
+def test_body_that_looks_ends_by_itself(exits: list[int]) -> None:
+    with heeded() as stop:
+        assert not stop.wanted()
+        come(signal.SIGHUP)
+        come(signal.SIGHUP)  # a terminal that closes sends two
+        assert stop.wanted() and not stop.again()
+    assert exits == []
 
 
-def test_a_body_that_did_not_look_is_done_first() -> None:
-    script = """
-        from forefeel.interrupt import ends_in_order, heeded
-        with ends_in_order("work") as written:
-            with heeded():
-                tell(signal.SIGTERM)
-                written.append("both files")
-            print("went on")
-    """
-    assert ended(script) == (1, "", "forefeel: work interrupted; both files\n")
+def test_body_that_does_not_look_is_done_first(exits: list[int], capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(ExitedError), ends_in_order("work") as written:
+        with heeded():
+            come()
+            written.append("both files")
+        exits.append(-1)
+    assert exits == [1]
+    assert "both files" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("tell_it", "code"), [("", 1), ("lambda: print('told', flush=True)", 0)], ids=["at once", "never cut"]
-)
-def test_a_second_signal_ends_a_body_that_does_not_look(tell_it: str, code: int) -> None:
-    script = f"""
-        import time
-        from forefeel.interrupt import heeded
-        with heeded({tell_it}) as stop:
-            tell(signal.SIGINT)
-            while not stop.again():
-                time.sleep(0.1)
-                tell(signal.SIGTERM)
-    """
-    found = ended(script)
-    assert found[0] == code
-    assert found[2] == ("forefeel: interrupted\n" if code else "")
+@pytest.mark.parametrize("told", [False, True], ids=["at once", "never cut"])
+def test_second_signal_ends_a_body_that_does_not_look(
+    exits: list[int], clock_s: list[float], told: bool
+) -> None:
+    heard: list[int] = []
+    ends = nullcontext() if told else pytest.raises(ExitedError)
+    with ends, heeded((lambda: heard.append(1)) if told else None) as stop:
+        come(signal.SIGINT)
+        assert exits == []
+        clock_s[0] = 1.0
+        come()
+        assert stop.again()
+    assert (exits, heard) == (([], [1, 1]) if told else ([1], []))
 
 
-def test_a_command_under_nohup_stays() -> None:
-    script = """
-        from forefeel.interrupt import heeded
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
-        with heeded() as stop:
-            tell(signal.SIGHUP)
-            print(stop.wanted())
-    """
-    assert ended(script)[:2] == (0, "False\n")
+def test_command_under_nohup_stays(exits: list[int]) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with heeded() as stop:
+        come(signal.SIGHUP)
+        assert not stop.wanted()
+    assert exits == []
 
 
-@pytest.mark.parametrize("order", ["body", "before", "opening"])
-def test_a_wait_for_a_person_breaks_off_in_one_line(order: str) -> None:
-    """Also for a signal that comes before the wait, or while what it needs is opened."""
-    script = f"""
-        from contextlib import contextmanager
-        from forefeel.common.errors import RunError
-        from forefeel.interrupt import breakable, heeded
+@pytest.mark.parametrize("order", ["before", "opening", "body"])
+def test_wait_for_a_person_breaks_off(order: str) -> None:
+    went_on: list[int] = []
 
-        def come(when):
-            if when == {order!r}:
-                tell(signal.SIGHUP)
+    def when(place: str) -> None:
+        if place == order:
+            come(signal.SIGHUP)
 
-        @contextmanager
-        def device():
-            come("opening")
-            yield
+    @contextmanager
+    def device() -> Iterator[None]:
+        when("opening")
+        yield
 
-        try:
-            with heeded():
-                come("before")
-                with breakable(lambda: "broke off"), device():
-                    come("body")
-                    print("went on")
-        except RunError as error:
-            print(error)
-    """
-    assert ended(script) == (0, "broke off\n", "")
+    with pytest.raises(RunError, match="broke off"), heeded():
+        when("before")
+        with breakable(lambda: "broke off"), device():
+            when("body")
+            went_on.append(1)
+    assert went_on == []
 
 
-def test_python_shows_no_traceback_once_the_command_line_is_there() -> None:
-    script = """
-        import forefeel.__main__
-        tell(signal.SIGINT)
-    """
-    assert ended(script) == (-signal.SIGINT, "", "")
+def test_check_ends_a_loop_of_ours_as_a_failed_run() -> None:
+    with pytest.raises(RunError, match="work interrupted"), ends_in_order("work"), heeded() as stop:
+        stop.check()
+        come()
+        stop.check()
+
+
+def test_leave_after_a_signal_does_not_take_python_apart(
+    exits: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("atexit._run_exitfuncs", lambda: None)
+    with heeded() as stop:
+        with pytest.raises(SystemExit):
+            leave(3)
+        come()
+        assert stop.wanted()
+    with pytest.raises(ExitedError):
+        leave(3)
+    assert exits == [3]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from forefeel.child_process import listening_at
 from forefeel.common.errors import EndpointError
-from forefeel.listening import INHERITED, listening_at
 
 ROOT = Path(__file__).parents[3]
 BROKEN = """
@@ -16,7 +16,7 @@ from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.dashboard.server import Page
 from forefeel.dashboard.sources import LiveCell
-from forefeel.listening import listening_at
+from forefeel.child_process import listening_at
 
 async def breaks():
     raise OSError("no process can be started")
@@ -39,7 +39,7 @@ def test_a_part_of_the_page_that_fails_ends_it_and_is_said() -> None:
 
 def test_a_socket_of_the_parent_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as theirs:
-        monkeypatch.setenv(INHERITED, str(theirs.fileno()))
+        monkeypatch.setenv("FOREFEEL_LISTENING", str(theirs.fileno()))
         with listening_at("127.0.0.1", 8600) as ours:
             assert ours.getsockname() == theirs.getsockname()
             theirs.detach()
