@@ -18,10 +18,8 @@ STILL_VIOLATING = frozenset(
     {
         "commands/test_bad_lines.py",
         "commands/test_cli.py",
-        "commands/test_local_stop.py",
         "commands/test_output.py",
         "commands/test_results.py",
-        "commands/test_terminal.py",
         "devices/test_ascii_line_driver.py",
         "devices/test_bad_input.py",
         "devices/test_bota_serial.py",
@@ -37,7 +35,6 @@ STILL_VIOLATING = frozenset(
         "unit/dashboard/test_finding.py",
         "unit/dashboard/test_server.py",
         "unit/test_driver_registry.py",
-        "unit/test_metrics.py",
         "unit/test_recording_bombs.py",
     }
 )

@@ -1,12 +1,8 @@
 """What a terminal gets and what a pipe gets; markup from outside; completion by the shell."""
 
 import io
-import os
-import pty
 import re
-import subprocess
 import sys
-import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -29,79 +25,15 @@ class Terminal(io.StringIO):
         return True
 
 
-def in_a_process(words: list[str], stdout: int, stderr: int, **variables: str) -> int:
-    environment = {"TERM": "xterm-256color", "COLUMNS": "120", "PYTHONPATH": str(ROOT), **variables}
-    kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
-    command = [sys.executable, "-m", "forefeel", *words]
-    return subprocess.run(
-        command, stdout=stdout, stderr=stderr, env={**kept, **environment}, timeout=50, check=False
-    ).returncode
-
-
-def on_a_terminal(words: list[str], **variables: str) -> tuple[int, str, str]:
-    """Exit code, what a terminal on stderr gets, what a pipe on stdout gets."""
-    ours, theirs = pty.openpty()
-    read, write = os.pipe()
-    seen: list[bytes] = []
-
-    def drain() -> None:
-        try:
-            while data := os.read(ours, 65536):
-                seen.append(data)
-        except OSError:  # the other end is closed
-            return
-
-    thread = threading.Thread(target=drain)
-    thread.start()
-    try:
-        code = in_a_process(words, write, theirs, **variables)
-    finally:
-        os.close(theirs)
-        os.close(write)
-        thread.join()
-        os.close(ours)
-    with os.fdopen(read) as out:
-        return code, b"".join(seen).decode(), out.read()
-
-
-@pytest.fixture
-def simulation(tmp_path: Path) -> list[str]:
-    model = "schema: forefeel.model/1\nname: x\neffects:\n  - effect: mass_damper_spring\n"
-    (tmp_path / "model.yaml").write_text(model)
-    return f"simulate --model {tmp_path}/model.yaml --out {tmp_path}/run.csv --overwrite".split()
-
-
-def test_a_bar_is_for_a_terminal_and_the_answer_for_a_pipe(simulation: list[str]) -> None:
-    code, bar, answer = on_a_terminal(simulation)
-    assert code == 0
-    assert "simulating" in bar
-    assert "\x1b[" in bar
-    assert answer.endswith("seed 0\n")
-    assert "\x1b" not in answer
-    assert answer.count("\n") == 1
-    code, bar, answer = on_a_terminal([*simulation, "--quiet"])
-    assert (code, bar, answer) == (0, "", "")
-
-
-def test_an_answer_while_a_bar_is_shown_goes_to_stdout(monkeypatch: pytest.MonkeyPatch) -> None:
-    out, err = io.StringIO(), Terminal()
-    monkeypatch.setattr(sys, "stdout", out)
+@pytest.mark.parametrize("no_colour", ["", "1"])
+def test_error_on_a_terminal_is_one_coloured_line(monkeypatch: pytest.MonkeyPatch, no_colour: str) -> None:
+    err = Terminal()
     monkeypatch.setattr(sys, "stderr", err)
-    with terminal.stages("run") as tell:
-        tell("a")
-        terminal.answer("found", document=dict)
-        terminal.say("a remark")
-    assert out.getvalue() == "found\n"
-    assert "a remark" in err.getvalue()
-
-
-def test_an_error_on_a_terminal_is_one_line_and_coloured_unless_that_is_not_wanted() -> None:
-    for variables in ({}, {"NO_COLOR": "1"}):
-        code, shown, _ = on_a_terminal(["pki", "show", "/none"], **variables)
-        assert code == 2
-        assert shown.count("\n") == 1
-        assert "/none" in shown
-        assert any(start in shown for start in COLOUR) == (not variables)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("NO_COLOR", no_colour)
+    terminal.complain("/none: no such folder")
+    assert err.getvalue().count("\n") == 1 and "/none" in err.getvalue()
+    assert any(start in err.getvalue() for start in COLOUR) == (not no_colour)
 
 
 def test_an_amber_line_is_amber_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,17 +166,3 @@ def test_a_shell_completes_words(
     monkeypatch.setenv("COMP_CWORD", str(len(f"forefeel {line}x".split()) - 1))
     assert run([]) == 0
     assert set(capsys.readouterr().out.split()) == expected
-
-
-def test_bash_itself_completes_with_the_script_that_is_installed(tmp_path: Path) -> None:
-    command = tmp_path / "forefeel"
-    command.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m forefeel "$@"\n')
-    command.chmod(0o755)
-    script = f"""PATH={tmp_path}:$PATH
-    eval "$(forefeel --show-completion)"
-    COMP_WORDS=(forefeel loopback --impairment s) COMP_CWORD=3
-    _forefeel_completion forefeel
-    echo "${{COMPREPLY[@]}}"
-    """
-    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=50, check=True)
-    assert (done.stdout, done.stderr) == ("satellite\n", "")

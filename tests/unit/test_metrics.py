@@ -1,11 +1,11 @@
 """What Prometheus gets of a cell."""
 
-from collections.abc import Iterator
-from urllib.request import urlopen
+import socket
 
 import pytest
 
 pytest.importorskip("prometheus_client")
+from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
 from forefeel.common.clock import MonotonicClock
@@ -153,31 +153,22 @@ def test_what_a_stranger_says_stays_bounded() -> None:
     assert found["forefeel_malformed_total", ()] == 1
 
 
-@pytest.fixture
-def served() -> Iterator[tuple[CellCollector, str, int]]:
-    collector = CellCollector(MonotonicClock())
-    server, thread = serve(collector, "127.0.0.1", 0)
-    yield collector, "127.0.0.1", server.server_port
-    server.shutdown()
-    thread.join()
-    server.server_close()
-
-
-def test_prometheus_reads_it_with_hostile_names_as_text(served: tuple[CellCollector, str, int]) -> None:
-    collector, address, port = served
+def test_prometheus_reads_hostile_names_as_text() -> None:
+    collector, registry = CellCollector(MonotonicClock()), CollectorRegistry(auto_describe=False)
+    registry.register(collector)
     hostile = 'a"} 1\n# EOF <b>'
     for name in (hostile, "usual"):
         heard(collector.cell, SAFETY_EVENT, SafetyEvent.model_validate(
             HEAD | {"before": "armed", "event": "watchdog", "after": "ready", "reason": name}
         ))  # fmt: skip
     heard(collector.cell, SLAVE_STATE, slave_state(counters={"refused": 1}))
-    with urlopen(f"http://{address}:{port}/metrics", timeout=10) as answer:
-        text = answer.read().decode()
+    text = generate_latest(registry).decode()
     families = {family.name: family for family in text_string_to_metric_families(text)}
     assert {"forefeel_safety_state", "forefeel_messages", "forefeel_counter"} <= set(families)
 
 
-def test_a_busy_port_is_one_line(served: tuple[CellCollector, str, int]) -> None:
-    _, address, port = served
-    with pytest.raises(EndpointError, match="expected a free one"):
-        serve(CellCollector(MonotonicClock()), address, port)
+def test_busy_port_is_one_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(EndpointError, match=f"--port {port}"):
+            serve(CellCollector(MonotonicClock()), "127.0.0.1", port)
