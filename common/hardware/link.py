@@ -13,8 +13,7 @@ from threading import Lock
 from forefeel.common.errors import DeviceError
 from forefeel.common.slots import BoundedQueue
 
-# round trips that wait to be taken: 8.2 s at 1 kHz; chosen, not measured: beyond, the oldest are dropped
-_KEPT_ROUND_TRIPS = 8192
+_KEPT_ROUND_TRIPS = 8192  # round trips that wait to be taken: 8.2 s at 1 kHz
 
 
 class LinkState(IntEnum):

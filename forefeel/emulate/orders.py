@@ -10,10 +10,10 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.devices.emulation.bench import Load
 from forefeel.terminal import complain
 
-_LONGEST_LINE = 200  # characters of an order; chosen, not measured: the longest one has far fewer
-_SHOWN_CHARACTERS = 40  # characters of an unknown order that the complaint repeats; chosen, not measured
-_CHUNK_BYTES = 4096  # bytes of one read; chosen, not measured: the rest comes with the next one
-_MOST_N = 1e6  # N, largest load; chosen, not measured: far above the full scale of any cell here
+_LONGEST_LINE = 200  # characters of an order
+_SHOWN_CHARACTERS = 40  # characters of an unknown order that the complaint repeats
+_CHUNK_BYTES = 4096  # bytes of one read
+_MOST_N = 1e6  # N, largest load
 
 
 class OrderReader:

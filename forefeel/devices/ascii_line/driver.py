@@ -12,13 +12,10 @@ from forefeel.devices.shared.stuck import StuckWatch
 
 _BITS = 10  # start, eight data bits, stop
 # ns after a carriage return before the first request, and after an answer before the cell counts as one that
-# does not stream; chosen, not measured: shorter takes a slow stream for single answers
+# does not stream
 _QUIET_NS = 100_000_000
-# ns after which the first request is repeated; chosen, not measured: longer finds a lost request later
-_UNANSWERED_NS = 300_000_000
-# ns, least time that a cell has for its answer; chosen, not measured: shorter asks again while a slow adapter
-# still holds the answer back
-_LEAST_ANSWER_NS = 40_000_000
+_UNANSWERED_NS = 300_000_000  # ns after which the first request is repeated
+_LEAST_ANSWER_NS = 40_000_000  # ns, least time that a cell has for its answer
 _RETURN = b"\r"
 
 

@@ -16,10 +16,9 @@ from forefeel.devices.emulation.bench import (
 from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
 
 # Hz, conversions of the emulated cells where no other rate is asked for; 80 is the faster of the two output
-# rates in the HX711's data sheet, 150 is chosen, not measured
+# rates in the HX711's data sheet
 LOADSTAR_RATE_HZ, HX711_RATE_HZ = 150.0, 80.0
-# bytes of a command that are kept; chosen, not measured: the longest command known here has four
-_LONGEST_COMMAND_BYTES = 64
+_LONGEST_COMMAND_BYTES = 64  # bytes of a command that are kept
 
 
 class EmulatedLoadstar:

@@ -18,8 +18,7 @@ NEWTON_PER_UNIT = {"newton": 1.0, "millipound_force": 4.4482216152605e-3}
 COUNTS_RANGE = -(1 << 23), (1 << 23) - 1
 """Where the 24 bit of an HX711 end: at either end it is overrange."""
 
-# bytes of a line that may be a number: label, number and unit take at most 57 (`_LINE`), blanks not counted;
-# chosen, not measured: more keeps bytes without a line end for longer
+# bytes of a line that may be a number: label, number and unit take at most 57 (`_LINE`), blanks not counted
 _MAX_LINE_BYTES = 64
 _ENDS = re.compile(rb"[\r\n]+")
 _LINE = re.compile(

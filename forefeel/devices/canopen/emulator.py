@@ -24,8 +24,7 @@ _TYPES = {
 # largest transmission type of a PDO that waits for SYNC: 0 acyclic, 1 to 240 at every n-th SYNC (CiA 301)
 _MOST_SYNCHRONOUS = 240
 _PDO_OFF = 1 << 31  # bit of a PDO's COB-ID: the PDO is not valid (CiA 301)
-# frames that one round takes from the bus; chosen, not measured: more delays what the device itself sends
-_MOST_FRAMES = 200
+_MOST_FRAMES = 200  # frames that one round takes from the bus
 Contents = Mapping[ObjectEntry, float]
 
 

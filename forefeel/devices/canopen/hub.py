@@ -12,7 +12,7 @@ from forefeel.devices.emulation.pty import Pty
 from forefeel.devices.emulation.wire import Faults, Timetable, Wire
 
 _USB_BAUD = 12_000_000  # bit/s between adapter and host: full speed (USB 2.0)
-_WAIT_S = 0.002  # s that a round waits at most; chosen, not measured: longer passes frames on later
+_WAIT_S = 0.002  # s that a round waits at most
 _STATUS, _VERSION, _SERIAL = b"F00\r", b"V1013\r", b"NFF01\r"
 
 

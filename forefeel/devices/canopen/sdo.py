@@ -23,9 +23,7 @@ from forefeel.devices.canopen.cia301 import (
 from forefeel.devices.canopen.network import SharedNetwork, acquire, release
 from forefeel.devices.canopen.settings import CanSettings
 
-# attempts at an object before the device counts as silent; chosen, not measured: fewer give up for a lost
-# frame, more notice a silent device later
-_TRIES = 3
+_TRIES = 3  # attempts at an object before the device counts as silent
 
 
 @contextmanager

@@ -39,21 +39,13 @@ from forefeel.slave.stage import StageReading, require_finite
 # --- What one cycle of a CiA 402 drive decides: controlword and setpoint out of what was heard. Pure.
 SILENT_PERIODS, SILENT_S = 3, 0.05
 """So many SYNC in a row without a TPDO, and for so long, are a fault: a host pauses for more than 12 ms."""
-# s for the first TPDO and the first heartbeat; chosen, not measured: shorter fails on a slow drive
-_FIRST_TPDO_S = 0.5
-# s in which a reset or an enabling must be done; chosen, not measured: longer notices later that the drive
-# does not follow
-_ENABLE_S = 1.0
-# cycles in a row with a following error that are a fault; chosen, not measured: fewer stop for a late answer
-_BEHIND_CYCLES = 5
-# setpoints that a readback may belong to; chosen, not measured: a drive shows a setpoint one or two cycles
-# later, and more setpoints hide a drive that lags further behind
-_REMEMBERED_SETPOINTS = 4
+_FIRST_TPDO_S = 0.5  # s for the first TPDO and the first heartbeat
+_ENABLE_S = 1.0  # s in which a reset or an enabling must be done
+_BEHIND_CYCLES = 5  # cycles in a row with a following error that are a fault
+_REMEMBERED_SETPOINTS = 4  # setpoints that a readback may belong to
 # s after which a command is over and the setpoint comes to rest: the default of the slave's `watchdog_s`
 _STREAM_S = 0.060
-# s by which a command is carried on with its velocity: two periods at 1 kHz; chosen, not measured: longer
-# overshoots where the hand turns
-_CARRY_S = 0.002
+_CARRY_S = 0.002  # s by which a command is carried on with its velocity: two periods at 1 kHz
 
 
 class Readback(NamedTuple):
@@ -460,13 +452,10 @@ class DriveVoice:
 
 
 # --- A CiA 402 drive in cyclic synchronous position mode behind the stage port.
-# s for the handshake; chosen, not measured: some dozens of objects are written and read back, and each may
-# take several attempts
-_OPEN_S = 8.0
+_OPEN_S = 8.0  # s for the handshake
 # m/s^2 with which `hold` comes to rest: the default of the slave's `stop_deceleration_m_s2`
 _DECELERATION_M_S2 = 4.0
-# answers of a drive that was told to stand, before it is enabled; chosen, not measured: more start it later
-_STAND_CYCLES = 3
+_STAND_CYCLES = 3  # answers of a drive that was told to stand, before it is enabled
 
 
 class Cia402Stage:

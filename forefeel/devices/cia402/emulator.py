@@ -34,14 +34,11 @@ from forefeel.slave.plant.settings import StageSettings
 from forefeel.slave.plant.stage import PlantStage
 
 # --- The mode of homing of an emulated CiA 402 drive: onto a limit switch, off it again. Pure.
-# m from a limit switch to the end of the mechanics, and from the travel to its switch; chosen, not measured:
-# farther makes a search longer
-SWITCH_M = 0.5e-3
+SWITCH_M = 0.5e-3  # m from a limit switch to the end of the mechanics, and from the travel to its switch
 METHODS = frozenset({NEGATIVE_SWITCH, POSITIVE_SWITCH}) | HERE
 
 
-# m/s, below which a homing that stops is at rest; chosen, not measured
-_HOMED_AT_REST_M_S = 1e-6
+_HOMED_AT_REST_M_S = 1e-6  # m/s, below which a homing that stops is at rest
 
 
 class HomingPhase(Enum):
@@ -156,8 +153,7 @@ class DriveHoming:
 OVERCURRENT, HEARTBEAT_LOST, FOLLOWING = 0x2310, 0x8130, 0x8611
 # statusword (CiA 402): voltage enabled, no quick stop, remote, and in the cyclic mode: follows the target
 _VOLTAGE, _QUICK_STOP_OFF, _REMOTE, _FOLLOWS = 1 << 4, 1 << 5, 1 << 9, 1 << 12
-# m/s, below which the motor is at rest; chosen, not measured: above what rounding leaves
-_AT_REST_M_S = 1e-9
+_AT_REST_M_S = 1e-9  # m/s, below which the motor is at rest
 _POWERED = frozenset({DriveState.ENABLED, DriveState.QUICK_STOP, DriveState.FAULT_REACTION})
 
 Moved = Callable[[float, float, float, float], None]

@@ -37,9 +37,7 @@ from forefeel.slave.stage import Home
 # --- What one cycle of a CiA 402 drive that is being homed decides. Pure.
 # answers of a drive that was told to stand, before it is enabled, as `_STAND_CYCLES` of the driver
 _STAND_CYCLES = 3
-# readbacks after the start that are not judged, for they may be older than it; chosen, not measured: a drive
-# answers one or two cycles later, more notices an error later
-_ANSWER_CYCLES = 3
+_ANSWER_CYCLES = 3  # readbacks after the start that are not judged, for they may be older than it
 _STATUS = HOMING_ERROR | HOMING_ATTAINED | TARGET_REACHED
 
 
@@ -106,13 +104,9 @@ class HomingCycle:
 # --- What the calibration of a CiA 402 drive does: home it, and run over its travel. Blocks while it moves.
 _REACH_M = 20e-6
 """So far it is sent beyond an end of the travel, so that it has been there."""
-# s for which it must stay where it was sent; chosen, not measured: shorter takes a passage for the end
-_AT_REST_S = 0.1
-# s beyond twice the time of the motion itself before it is given up; chosen, not measured: shorter gives up a
-# drive that enables or settles slowly
-_EXTRA_S = 10.0
-# m, longest way off a switch at `zero_velocity_m_s`, for the time that homing may take; chosen, not measured
-_OFF_SWITCH_M = 0.01
+_AT_REST_S = 0.1  # s for which it must stay where it was sent
+_EXTRA_S = 10.0  # s beyond twice the time of the motion itself before it is given up
+_OFF_SWITCH_M = 0.01  # m, longest way off a switch at `zero_velocity_m_s`, for the time that homing may take
 
 
 class Cia402Homing:

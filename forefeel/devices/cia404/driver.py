@@ -19,11 +19,9 @@ from forefeel.devices.shared.conversation import Conversation, Pacer, Steps, Tim
 from forefeel.devices.shared.stuck import StuckWatch
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading, NativeReading
 
-# s for the handshake; chosen, not measured: shorter gives up on a bus where objects have to be tried again
-_OPEN_S = 5.0
+_OPEN_S = 5.0  # s for the handshake
 _RANK = 0  # of who sends SYNC on a shared bus: a drive, of rank 1, goes before
-# periods without a TPDO that are a fault, but at least so many s (docs/decisions/0014); the periods are
-# chosen, not measured: fewer make a fault of a short pause of the host
+# periods without a TPDO that are a fault, but at least so many s (docs/decisions/0014)
 _SILENT_PERIODS, _SILENT_S = 10, 0.05
 _MILLIONTHS_PER_UNIT = 1e6  # `raw_counts` in one unit of the device
 _MOST_MILLIONTHS = 2**62  # bound of `raw_counts`, which a message carries as a signed 64-bit number

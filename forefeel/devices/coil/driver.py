@@ -28,10 +28,8 @@ from forefeel.devices.shared.stream import ByteStream, SerialStream
 from forefeel.master.handle import HandleReading, Indication
 
 # --- The host's half of the exchange with a handle's microcontroller: handshake, then a command for a state.
-# ns between two requests for the identity; chosen, not measured: longer finds the device later
-_ASK_NS = 100_000_000
-# ns for the handshake, and the longest gap in the device's clock that is no restart; chosen, not measured:
-# shorter gives up a microcontroller that has just been powered
+_ASK_NS = 100_000_000  # ns between two requests for the identity
+# ns for the handshake, and the longest gap in the device's clock that is no restart
 _PATIENCE_NS = 1_000_000_000
 _WRAP_US = 2**32  # us after which the device's clock, a u32, begins anew
 _DRIFT = 1e-4  # two crystals of 50 ppm
@@ -262,10 +260,9 @@ def _in_words(flags: Flag) -> str:
 
 
 # --- The handle with a voice coil and an encoder behind a microcontroller on a serial port.
-# s until the link is ready: the second of `_PATIENCE_NS`, and two for opening the port; chosen, not measured
-_OPEN_S = 3.0
+_OPEN_S = 3.0  # s until the link is ready: the second of `_PATIENCE_NS`, and two for opening the port
 # s by which a state is carried on with its velocity: five periods at 1 kHz, after which the hand counts as
-# standing; chosen, not measured: longer overshoots where the hand turns
+# standing
 _CARRIED_S = 0.005
 _READ_S = 0.25  # of the watchdog's time: how long a read may wait for a byte
 

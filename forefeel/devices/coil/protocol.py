@@ -26,8 +26,7 @@ _CRC = struct.Struct("<H")
 _STATE = struct.Struct("<HIiiBBh")
 _COMMAND = struct.Struct("<HhBiB")
 _IDENTIFY = struct.Struct("<BHH")
-# bytes of a text in an identity; chosen, not measured: three of them keep a frame far below `MAX_BUFFER`
-_MOST_TEXT_BYTES = 32
+_MOST_TEXT_BYTES = 32  # bytes of a text in an identity
 _MOST_I16, _MOST_I32, _MOST_U16 = 2**15 - 1, 2**31 - 1, 2**16 - 1  # largest of i16, i32 and u16
 _NO_POSITION_UM = -(2**31)  # `stage_um` of an unknown position: a position is clamped to +-(2**31 - 1)
 

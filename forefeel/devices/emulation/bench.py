@@ -13,7 +13,7 @@ from forefeel.devices.emulation.contact import ContactSimulation, ForceReceiver,
 from forefeel.devices.emulation.device import EmulatedDevice
 from forefeel.slave.plant.settings import WorldSettings
 
-NOISE_N = 0.002  # N, standard deviation of an emulated cell's noise; chosen, not measured
+NOISE_N = 0.002  # N, standard deviation of an emulated cell's noise
 TRAVEL_M = (-0.004, 0.124)  # m, travel of an emulated stage without a YAML file
 
 

@@ -9,8 +9,7 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.slave.plant.contact import PlantFixture, plant_contact
 from forefeel.slave.plant.settings import WorldSettings
 
-# s, step of the simulated contact; chosen, not measured: shorter costs processor time, longer is less exact
-_STEP_S = 2.5e-4
+_STEP_S = 2.5e-4  # s, step of the simulated contact
 _FORCE = struct.Struct("<d")
 _LONGEST_PATH = 100  # of a Unix socket: 108 bytes
 

@@ -82,7 +82,7 @@ def _state(terminal: int) -> bytearray | None:
 
 # --- An emulated device on a pseudo terminal: what a serial port is to the host.
 _PERIOD_S = 0.001  # s that a round waits at most: the period of the devices that send at 1 kHz
-_CHUNK_BYTES = 4096  # bytes of one read; chosen, not measured: the rest comes with the next one
+_CHUNK_BYTES = 4096  # bytes of one read
 
 
 class Pty:

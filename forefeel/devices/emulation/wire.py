@@ -10,7 +10,7 @@ from forefeel.common.errors import ConfigurationError
 
 _BITS = 10  # start, eight data bits, stop
 _RATES = "drop", "corrupt", "split", "delay"
-_DELAY_S = 0.02  # s by which the fault `delay` delays; chosen, not measured: an adapter that collects bytes
+_DELAY_S = 0.02  # s by which the fault `delay` delays
 _AT = re.compile(r"([a-z_]+)@([0-9.]+)")
 
 

@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from forefeel.common.errors import DeviceError
 
 _WRAP_US = 1 << 32  # us after which a device's clock begins anew
-# us by which a reading may seem to come before it was made; further, the device was reset; chosen, not
-# measured: it must exceed any drift of the clocks between two readings
+# us by which a reading may seem to come before it was made; further, the device was reset
 _SLACK_US = 1_000_000
-# ns over which the least delay is sought, at least one and at most two of them; chosen, not measured: longer
-# adds drift, shorter may find no reading that was not delayed
-_WINDOW_NS = 1_000_000_000
+_WINDOW_NS = 1_000_000_000  # ns over which the least delay is sought, at least one and at most two of them
 
 
 class DeviceTime:

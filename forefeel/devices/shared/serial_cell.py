@@ -24,16 +24,11 @@ OpenStream = Callable[[SerialSettings, float], ByteStream]
 
 S = TypeVar("S", BotaSettings, AsciiLineSettings)
 
-# s for the first reading, beyond what the cell says of itself and two periods; chosen, not measured: shorter
-# fails on a slow adapter
-_IDENTIFY_S = 1.0
-# share by which the measured rate may differ from `rate_hz`; chosen, not measured: larger passes a wrong
-# setting, smaller refuses a cell whose clock is off
-_RATE_TOLERANCE = 0.1
+_IDENTIFY_S = 1.0  # s for the first reading, beyond what the cell says of itself and two periods
+_RATE_TOLERANCE = 0.1  # share by which the measured rate may differ from `rate_hz`
 # s of silence that are a fault where five periods are shorter (docs/decisions/0014)
 _LEAST_SILENCE_S = 0.05
-# readings that wait for the control loop: 5 s at 800 Hz; chosen, not measured: beyond, the oldest are dropped
-_QUEUED_READINGS = 4096
+_QUEUED_READINGS = 4096  # readings that wait for the control loop: 5 s at 800 Hz
 
 
 class Cell(Protocol):

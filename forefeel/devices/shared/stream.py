@@ -18,9 +18,8 @@ from forefeel.devices.shared.settings import SerialSettings
 
 _BROKEN = (serial.SerialException, OSError, termios.error, TypeError, ValueError)
 """The last two: closed while it reads."""
-_CHUNK_BYTES = 4096  # bytes of one read; chosen, not measured: the rest comes with the next one
-# s that a write waits for a port that takes no bytes; chosen, not measured: longer notices the fault later
-_WRITE_S = 0.5
+_CHUNK_BYTES = 4096  # bytes of one read
+_WRITE_S = 0.5  # s that a write waits for a port that takes no bytes
 _USUAL_LATENCY_MS = 1  # ms, the least that an FTDI adapter can be set to; what deploy/udev sets
 
 

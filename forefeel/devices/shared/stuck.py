@@ -1,14 +1,10 @@
 """A load cell that repeats itself though it has noise. Pure."""
 
-# s that one value may last; chosen, not measured: shorter suspects a cell of coarse resolution at rest
-_LONGEST_S = 1.0
-_FEWEST_REPEATS = 30  # repetitions that it takes at least, for slow cells; chosen, not measured
-# share of readings that turn from which a cell is noisy: about half of the 2/3 of white noise; chosen, not
-# measured: smaller takes motion for noise
+_LONGEST_S = 1.0  # s that one value may last
+_FEWEST_REPEATS = 30  # repetitions that it takes at least, for slow cells
+# share of readings that turn from which a cell is noisy: about half of the 2/3 of white noise
 _NOISY_SHARE = 0.3
-# weight of the newest reading in the share that turns: a memory of some fifty; chosen, not measured: longer
-# notices later that the noise has gone
-_NEWEST_WEIGHT = 1 / 50
+_NEWEST_WEIGHT = 1 / 50  # weight of the newest reading in the share that turns: a memory of some fifty
 
 
 class StuckWatch:

@@ -15,10 +15,8 @@ from forefeel.master.handle import HandleReading, Indication
 
 # --- How a person uses the deadman: waits for READY, presses, moves only when ARMED, re-arms after a stop
 
-REACTION_S = 0.5  # s from the light that allows it to the press; chosen, not measured: a person's reaction
-# s that the deadman is held while the slave does not arm; chosen, not measured: shorter lets go while a slow
-# slave still engages
-_PATIENCE_S = 3.0
+REACTION_S = 0.5  # s from the light that allows it to the press
+_PATIENCE_S = 3.0  # s that the deadman is held while the slave does not arm
 
 
 class Act(Enum):
@@ -80,9 +78,7 @@ class SimulatedOperatorPolicy:
 
 
 # --- What the simulated handles have in common: a person, what the person sees, the time between two reads.
-# s that the person moves at most between two reads; chosen, not measured: longer makes a jump of the hand out
-# of a stall of the host
-_MAX_STEP_S = 0.05
+_MAX_STEP_S = 0.05  # s that the person moves at most between two reads
 
 
 class SimulatedHandle:
@@ -197,8 +193,7 @@ class Arm:
 
 # --- The operator: inserts, dwells, withdraws, dwells; tremor; an arm that gives way to the rendered force
 
-# s in which the hand comes to where the stage is; chosen, not measured: shorter is a faster reach
-_ALIGN_S = 0.3
+_ALIGN_S = 0.3  # s in which the hand comes to where the stage is
 
 
 class Operator(SimulatedHandle):

@@ -39,12 +39,8 @@ from forefeel.slave.stage import StageReading, require_finite
 # --- Commands to a Zaber device and its replies, over a byte stream. One thread.
 _SLACK_S = 0.05  # of the device, the adapter and the host, beside the bytes' own time
 _BITS_PER_BYTE = 10  # bits of a byte on the wire: start, eight data bits, stop
-# bytes of a reply, for the time that it is waited for; chosen, not measured: a reply with a position and a
-# checksum has about 30
-_USUAL_REPLY_BYTES = 40
-# unanswered exchanges in a row that are a fault; chosen, not measured: fewer make a fault of a lost reply,
-# more notice a dead device later
-_MOST_SILENT = 3
+_USUAL_REPLY_BYTES = 40  # bytes of a reply, for the time that it is waited for
+_MOST_SILENT = 3  # unanswered exchanges in a row that are a fault
 # attempts at a command outside of the control loop: a second, as `_IDENTIFY_S` of a serial cell. Linux
 # carries a terminal's bytes by a worker of normal priority, which was seen 0.33 s late on a busy machine
 _MOST_ASKED = 20
@@ -353,13 +349,10 @@ def _ensure(talk: ZaberTalk, name: str, value: int, axis: int | None = None) -> 
 # --- Exchanges with a Zaber stage that is configured: targets out, positions in. One thread.
 # s by which a position is carried on with its velocity, as `_CARRIED_S` of `slave.stage`
 _CARRIED_S = 0.020
-# ns that a stage may take to rest after a stop; chosen, not measured: longer waits for one that never does
-_REST_NS = 2_000_000_000
+_REST_NS = 2_000_000_000  # ns that a stage may take to rest after a stop
 _SMOOTHED = 0.1  # weight of the newest exchange in the usual time of one
 _READINGS = 3  # a velocity is taken over: two exchanges
-# ns between two positions after which older ones give no velocity; chosen, not measured: longer takes a mean
-# over a stall for the velocity of now
-_GAP_NS = 100_000_000
+_GAP_NS = 100_000_000  # ns between two positions after which older ones give no velocity
 
 
 class ZaberExchange:
@@ -509,10 +502,8 @@ class ZaberExchange:
 
 
 # --- The driver of a Zaber stage that speaks ASCII.
-# s for the handshake; chosen, not measured: each of its commands may take several attempts
-_OPEN_S = 8.0
-# s between two readings while motion is inhibited; chosen, not measured: longer shows an older position
-_WATCH_S = 0.05
+_OPEN_S = 8.0  # s for the handshake
+_WATCH_S = 0.05  # s between two readings while motion is inhibited
 
 
 class ZaberStage:

@@ -26,9 +26,8 @@ from forefeel.devices.zaber.protocol import ACCELERATION_DATA, SPEED_DATA, WARNI
 from forefeel.devices.zaber.settings import ZaberSettings
 
 # --- The axis of an emulated Zaber stage: trapezoidal motion in steps of 1 ms, homing, stalls. Pure.
-# s, step of the emulated motion; chosen, not measured: shorter costs processor time
-STEP_S = 0.001
-_STALL_S = 0.05  # s for which the motor stands before it gives up with FS; chosen, not measured
+STEP_S = 0.001  # s, step of the emulated motion
+_STALL_S = 0.05  # s for which the motor stands before it gives up with FS
 _NEAR = 1e-6  # microsteps
 
 
@@ -175,8 +174,7 @@ class ZaberAxis:
 
 # --- The settings of an emulated Zaber stage, with their ranges, and what its axis takes from them. Pure.
 _WHOLE = re.compile(r"-?\d{1,12}")
-# microsteps, bound of the settings `limit.min` and `limit.max`; chosen, not measured
-_FAR_MICROSTEPS = 1_000_000_000
+_FAR_MICROSTEPS = 1_000_000_000  # microsteps, bound of the settings `limit.min` and `limit.max`
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,9 +295,7 @@ def whole(args: list[str]) -> int:
 # --- An emulated Zaber stage that speaks ASCII, at the level of its bytes. Pure in time.
 Moved = Callable[[float, float, float, float], None]
 _ENDS = re.compile(rb"[\r\n]")
-# bytes of a command without its end that are kept; chosen, not measured: more than the 80 of
-# `comm.packet.size.max`, which `ZaberRegister` shows
-_MAX_LINE_BYTES = 128
+_MAX_LINE_BYTES = 128  # bytes of a command without its end that are kept
 _GRAVITY = list(WARNINGS)
 
 

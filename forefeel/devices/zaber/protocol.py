@@ -52,9 +52,7 @@ WARNINGS = {
 UNHOMED = frozenset({"WR", "WH"})
 DRIVER_OFF = frozenset({"FD", "FO"})
 _ALSO_FAULTS = frozenset({"WL", "NC"}) | UNHOMED
-# bytes of a line that are kept; chosen, not measured: fewer would drop long replies, more keep bytes without
-# a line end for longer
-_MAX_LINE_BYTES = 256
+_MAX_LINE_BYTES = 256  # bytes of a line that are kept
 _MESSAGE_IDS = 100  # message ids: two digits, 00 to 99 (Zaber ASCII protocol manual)
 _ENDS = re.compile(rb"[\r\n]")
 _START = re.compile(rb"[@!#]")
