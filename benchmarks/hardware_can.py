@@ -20,7 +20,6 @@ from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.cia301 import HEARTBEAT, NMT, OPERATIONAL, START, SYNC
 from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork, acquire, release
-from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.driver import Cia402Stage, command_pdo, state_pdo
 from forefeel.devices.cia402.emulator import Drive402
@@ -29,6 +28,7 @@ from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
 from forefeel.devices.cia404.settings import Cia404Settings
 from forefeel.devices.shared.conversation import Pacer
+from forefeel.devices.shared.settings import CanSettings
 from forefeel.slave.plant.settings import preset
 
 _RATES_HZ = 250, 500  # Hz of SYNC: the default of `sync_hz`, and twice that

@@ -26,12 +26,10 @@ from forefeel.common.errors import DeviceError, DeviceSetupError, ForefeelError
 from forefeel.common.hardware.driver import DriverSettings, InstalledDriver, Slot, imported, installed_driver
 from forefeel.common.hardware.link import LinkState
 from forefeel.devices.canopen.network import SharedNetwork
-from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.emulation.bench import Emulation, SerialBench, Surroundings
-from forefeel.devices.emulation.device import EmulatedDevice
-from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.emulation.wire import EmulatedDevice, Faults, Wire
 from forefeel.devices.shared.conversation import Conversation
-from forefeel.devices.shared.settings import SerialSettings
+from forefeel.devices.shared.settings import CanSettings, SerialSettings
 from forefeel.devices.shared.stream import SerialStream
 from forefeel.slave.plant.settings import preset
 

@@ -1,10 +1,14 @@
 """One emulated device from its options to its end."""
 
 import json
+import os
+import select
+import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -20,18 +24,22 @@ from forefeel.common.hardware.driver import (
 from forefeel.common.runtime.real import HOST
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.canopen.hub import CanHub
-from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.emulation.bench import Emulation, Load, SerialBench, Surroundings
 from forefeel.devices.emulation.pty import Pty, PtyServer
 from forefeel.devices.emulation.wire import Faults, Timetable
-from forefeel.emulate.orders import OrderReader, OrdersFromStdin
+from forefeel.devices.shared.settings import CanSettings
 from forefeel.interrupt import Stop, heeded
 from forefeel.master.settings import MasterSettings
 from forefeel.probe.configured import configured
 from forefeel.slave.plant.settings import WorldSettings, preset
 from forefeel.slave.settings import SlaveSettings
+from forefeel.terminal import complain
 
 _PRIORITY = 60  # of SCHED_FIFO, above the daemons' loops: the device stands for hardware of its own
+_LONGEST_LINE = 200  # characters of an order
+_SHOWN_CHARACTERS = 40  # characters of an unknown order that the complaint repeats
+_CHUNK_BYTES = 4096  # bytes of one read
+_MOST_N = 1e6  # N, largest load
 CAN_HUB = "can_hub"
 
 
@@ -86,7 +94,7 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
             print(json.dumps({"device": options.device, **running.counts()}), flush=True)
 
 
-def _run(living: "Living", orders: OrdersFromStdin, duration_s: float | None, stop: Stop) -> None:
+def _run(living: "Living", orders: "OrdersFromStdin", duration_s: float | None, stop: Stop) -> None:
     end_s = None if duration_s is None else time.monotonic() + duration_s
     while not stop.wanted() and (end_s is None or time.monotonic() < end_s):
         orders.step()
@@ -215,3 +223,99 @@ def section(
 def _elsewhere(settings: Any, emulation: Emulation, port: str) -> dict[str, Any]:  # noqa: ANN401
     place = emulation.place(port)
     return {"can": CanSettings(**place["can"], bitrate=settings.can.bitrate)} if emulation.on_can else place
+
+
+# --- what a person or a script tells it while it runs ---
+
+
+class OrderReader:
+    """Obeys lines: `load 1.5` where there is a load cell, and the names of the device's faults.
+
+    Args:
+        faults: the names.
+        provoke: begins one of them.
+        load: what `load` changes; None: no load cell.
+    """
+
+    def __init__(self, faults: Sequence[str], provoke: Callable[[str], None], load: Load | None) -> None:
+        self._faults, self._provoke, self._load = tuple(faults), provoke, load
+
+    @property
+    def words(self) -> str:
+        """What there is to say."""
+        return ", ".join(([] if self._load is None else ["load N"]) + list(self._faults))
+
+    def obey(self, line: str) -> None:
+        """One line; an empty one is nothing.
+
+        Raises:
+            ConfigurationError: not one of the commands; nothing has changed.
+        """
+        words = line.split()
+        if not words:
+            return
+        if len(words) == 1 and words[0] in self._faults:
+            self._provoke(words[0])
+        elif words[0] == "load" and len(words) == 2 and self._load is not None and len(line) <= _LONGEST_LINE:
+            self._load.force_n = _force_n(words[1])
+        else:
+            raise ConfigurationError(f"{line.strip()[:_SHOWN_CHARACTERS]!r}: expected {self.words}")
+
+
+def _force_n(word: str) -> float:
+    try:
+        force_n = float(word)
+    except ValueError:
+        force_n = float("nan")
+    if not (isfinite(force_n) and abs(force_n) <= _MOST_N):
+        raise ConfigurationError(f"'load {word}': expected a force in N, such as load 1.5")
+    return force_n
+
+
+class OrdersFromStdin:
+    """Reads stdin as far as lines have come, without ever waiting. It need not be open, and may end.
+
+    A line that is wrong is answered on stderr. In the background of a terminal nothing is read: the system
+    would stop the process for it.
+    """
+
+    def __init__(self, orders: OrderReader) -> None:
+        self._orders = orders
+        self._end = _open_stdin()
+        self._partial = b""
+
+    def step(self) -> None:
+        """Obeys what has come."""
+        if self._end is None or not select.select([self._end], [], [], 0.0)[0] or _in_background(self._end):
+            return
+        try:
+            data = os.read(self._end, _CHUNK_BYTES)
+        except OSError:
+            data = b""
+        *lines, partial = (self._partial + data).split(b"\n")
+        if not data:
+            self._end, lines, partial = None, [*lines, partial], b""
+        self._partial = partial[: _LONGEST_LINE + 1]
+        for line in lines:
+            self._obey(line.decode("utf-8", "replace"))
+
+    def _obey(self, line: str) -> None:
+        try:
+            self._orders.obey(line)
+        except ConfigurationError as error:
+            complain(str(error))
+
+
+def _open_stdin() -> int | None:
+    """Its descriptor; None where there is none (a closed one may be another file by now)."""
+    try:
+        return None if sys.stdin is None else sys.stdin.fileno()
+    except (OSError, ValueError):
+        return None
+
+
+def _in_background(end: int) -> bool:
+    try:
+        return os.isatty(end) and os.tcgetpgrp(end) != os.getpgrp()
+    except OSError:
+        return True

@@ -9,13 +9,13 @@ from typing import Any
 import can
 
 from forefeel.common.hardware.link import LinkState
-from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.cia402.driver import Cia402Stage
 from forefeel.devices.cia402.emulator import Drive402
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
 from forefeel.devices.cia404.settings import Cia404Settings
+from forefeel.devices.shared.settings import CanSettings
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.plant.presets import PRESETS
 from forefeel.slave.plant.settings import StageSettings

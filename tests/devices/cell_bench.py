@@ -7,8 +7,7 @@ from typing import TypeVar
 
 from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
 from forefeel.devices.bota.driver import BotaSerialLoadCell
-from forefeel.devices.emulation.device import EmulatedDevice
-from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.emulation.wire import EmulatedDevice, Faults, Wire
 from forefeel.slave.load_cell import LoadCell, LoadCellReading
 from forefeel.testing import SerialLine, SteppedTime, stepped
 

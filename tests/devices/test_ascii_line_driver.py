@@ -11,10 +11,9 @@ from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
 from forefeel.devices.ascii_line.emulator import EmulatedHx711, EmulatedLoadstar
 from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
-from forefeel.devices.emulation.device import EmulatedDevice
 from forefeel.devices.emulation.sensing import Sensing
-from forefeel.devices.emulation.wire import Faults
-from forefeel.devices.shared.stuck import StuckWatch
+from forefeel.devices.emulation.wire import EmulatedDevice, Faults
+from forefeel.devices.shared.force_scale import StuckWatch
 from tests.devices.cell_bench import NAME, NOW_S, Port, stamp_s
 from tests.devices.test_bota_serial import CALIBRATION, Bytes, slope
 

@@ -9,14 +9,13 @@ from typing import Any
 import pytest
 import yaml
 
+from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
-from forefeel.common.hardware.calibration import CellScale
 from forefeel.common.hardware.link import LinkState
 from forefeel.devices.canopen.network import acquire, release
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import SERIAL
-from forefeel.devices.shared.conversation import Timed
 from tests.devices.can_rig import cell_settings, new_channel, rigged
 from tests.devices.test_cia402_stage import without
 
@@ -130,11 +129,17 @@ def test_bus_has_one_bitrate() -> None:
 
 
 def believed(driver: Cia404LoadCell, values: list[float], statuses: list[int]) -> list[bool]:
-    """Readings 4 ms apart in newtons, past the bus."""
-    driver.scale = CellScale(1.0, 10.0)
-    pairs = zip(values, statuses, strict=True)
-    timed = [Timed(n * 4_000_000, None, cia404.Measured(*pair)) for n, pair in enumerate(pairs)]
-    return [driver._reading(each).valid for each in timed]
+    """Readings in newtons, past the bus."""
+    driver.link.begin()
+    for state in (LinkState.OPEN, LinkState.IDENTIFIED, LinkState.CONFIGURED, LinkState.READY):
+        driver.link.advance(state)
+    driver._force = driver._scaled(1.0)
+    found = []
+    for n, pair in enumerate(zip(values, statuses, strict=True)):
+        driver._clock = VirtualClock(n * 4_000_000)
+        driver._on_reading(0, bytearray(driver._pdo.pack(*pair)), 0.0)
+        found += [reading.valid for reading in driver.read(0, None)]
+    return found
 
 
 def test_cell_that_repeats_itself_is_not_believed() -> None:
@@ -152,5 +157,5 @@ def test_each_flaw_of_a_reading_is_counted() -> None:
     assert believed(driver, [1.0, 10.0, -10.0, 1.1, 1.2, nan, 9.9], statuses) == [True, *[False] * 6]
     assert {name: count for name, count in driver.link.counters.items() if count} == {
         "not_valid": 3, "overrange": 1, "underrange": 1, "unknown_status": 1, "not_a_number": 1,
-        "beyond_full_scale": 3,
+        "beyond_full_scale": 3, "readings": 7, "tpdos": 7,
     }  # fmt: skip

@@ -96,7 +96,7 @@ def test_noise_without_an_end_is_not_kept_and_costs_no_frame_after_it(length: in
 def test_a_frame_of_another_length_or_kind_is_counted_though_its_checksum_is_right() -> None:
     from cobs import cobs
 
-    from forefeel.devices.shared.crc import crc_ccitt_false
+    from forefeel.devices.coil.protocol import crc_ccitt_false
 
     counters = Counter[str]()
     parser = CoilParser(counters)

@@ -9,7 +9,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.driver import DriveCycle, Readback, Tracker
 from forefeel.devices.cia402.protocol import DriveState, Phase
-from forefeel.devices.shared.setpoint import Setpoint, Wanted
+from forefeel.devices.shared.stage import Setpoint, Wanted
 
 PERIOD_S = 0.004
 PERIOD_NS = 4_000_000

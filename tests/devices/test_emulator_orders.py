@@ -9,7 +9,7 @@ import pytest
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.devices.emulation.bench import Load
-from forefeel.emulate.orders import OrderReader, OrdersFromStdin
+from forefeel.emulate.run import OrderReader, OrdersFromStdin
 
 Run = Callable[[Sequence[str]], int]
 

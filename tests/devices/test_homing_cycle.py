@@ -10,7 +10,7 @@ from forefeel.devices.cia402.driver import DriveCycle, Readback
 from forefeel.devices.cia402.emulator import DriveModel, HomingPhase
 from forefeel.devices.cia402.homing import HomingCycle
 from forefeel.devices.cia402.protocol import PATTERNS, DriveState, Phase
-from forefeel.devices.shared.setpoint import Setpoint
+from forefeel.devices.shared.stage import Setpoint
 from tests.devices.can_rig import COUNTS_PER_M, START_M, mechanics
 
 SYNC_S = 0.004

@@ -8,8 +8,8 @@ from forefeel.common.hardware.link import DeviceLink
 from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.hub import CanWire, SlcanAdapter, frame_s
 from forefeel.devices.canopen.network import SharedNetwork
-from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.canopen.slcan import SlcanBus, frame_of
+from forefeel.devices.shared.settings import CanSettings
 
 GOOD = b"t1232AABB"
 JUNK = {

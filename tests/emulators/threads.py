@@ -8,9 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
-from forefeel.devices.emulation.device import EmulatedDevice
 from forefeel.devices.emulation.pty import Pty, PtyServer
-from forefeel.devices.emulation.wire import Faults
+from forefeel.devices.emulation.wire import EmulatedDevice, Faults
 from tests.waiting import PATIENCE_S
 
 

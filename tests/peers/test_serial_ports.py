@@ -15,8 +15,8 @@ from forefeel.devices.ascii_line.emulator import EmulatedLoadstar
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.coil.driver import CoilHandle
 from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
-from forefeel.devices.emulation.device import EmulatedDevice
 from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.wire import EmulatedDevice
 from forefeel.devices.shared import stream as streams
 from forefeel.devices.shared.settings import SerialSettings
 from forefeel.devices.shared.stream import SerialStream

@@ -6,8 +6,8 @@ import can
 
 from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.hub import CanHub
-from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.emulation.wire import Faults
+from forefeel.devices.shared.settings import CanSettings
 from tests.emulators.threads import running
 from tests.waiting import PATIENCE_S, wait_until
 

@@ -6,9 +6,8 @@ from forefeel.common.errors import DeviceSetupError
 from forefeel.common.hardware.calibration import LoadCellCalibration
 from forefeel.devices.ascii_line.protocol import COUNTS_RANGE, NEWTON_PER_UNIT, AsciiReading, LineParser
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
-from forefeel.devices.shared.force_scale import ForceScale, Native
+from forefeel.devices.shared.force_scale import ForceScale, Native, StuckWatch
 from forefeel.devices.shared.serial_cell import Cell, SerialLoadCell
-from forefeel.devices.shared.stuck import StuckWatch
 
 _BITS = 10  # start, eight data bits, stop
 # ns after a carriage return before the first request, and after an answer before the cell counts as one that

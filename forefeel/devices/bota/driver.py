@@ -8,9 +8,8 @@ from forefeel.common.hardware.calibration import LoadCellCalibration
 from forefeel.devices.bota.protocol import FRAME_BYTES, BotaFrame, BotaParser
 from forefeel.devices.bota.settings import BotaSettings
 from forefeel.devices.shared.device_time import DeviceTime
-from forefeel.devices.shared.force_scale import ForceScale, Native
+from forefeel.devices.shared.force_scale import ForceScale, Native, StuckWatch
 from forefeel.devices.shared.serial_cell import Cell, SerialLoadCell
-from forefeel.devices.shared.stuck import StuckWatch
 
 _BITS = 10  # start, eight data bits, stop
 

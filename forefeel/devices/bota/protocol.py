@@ -9,8 +9,6 @@ from collections import Counter
 from math import isfinite
 from typing import NamedTuple
 
-from forefeel.devices.shared.crc import crc_x25
-
 BAUD = 460_800  # bit/s, the default of `BotaSettings.baud`
 HEADER = 0xAA  # first byte of a frame; it may stand within one, too
 # bits of the status word; names and order as in the maker's own drivers for ROS and Arduino (`DataStatus`)
@@ -27,6 +25,27 @@ _BODY = struct.Struct("<H6fIf")
 _CRC = struct.Struct("<H")
 FRAME_BYTES = 1 + _BODY.size + _CRC.size
 _FLAGS = sum(STATUS_BITS)
+
+
+def _table() -> tuple[int, ...]:
+    rows = []
+    for byte in range(256):
+        value = byte
+        for _ in range(8):
+            value = value >> 1 ^ (0x8408 if value & 1 else 0)
+        rows.append(value)
+    return tuple(rows)
+
+
+_X25 = _table()
+
+
+def crc_x25(data: bytes) -> int:
+    """CRC-16/X-25: polynomial 1021 reflected, start and end FFFF; of "123456789" it is 906E."""
+    crc = 0xFFFF
+    for byte in data:
+        crc = crc >> 8 ^ _X25[(crc ^ byte) & 0xFF]
+    return crc ^ 0xFFFF
 
 
 class BotaFrame(NamedTuple):

@@ -7,8 +7,8 @@ from typing import Any
 import can
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
-from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.canopen.slcan import SlcanBus
+from forefeel.devices.shared.settings import CanSettings
 
 for _name in ("can", "canopen"):  # what they log reaches the user as an error of ours, in one line
     logging.getLogger(_name).addHandler(logging.NullHandler())

@@ -10,8 +10,8 @@ import canopen
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.devices.canopen.bus import open_bus
-from forefeel.devices.canopen.settings import CanSettings
 from forefeel.devices.canopen.slcan import SlcanBus
+from forefeel.devices.shared.settings import CanSettings
 
 HOST_NODE = 127
 """The identifier of our heartbeat; no device may have it."""

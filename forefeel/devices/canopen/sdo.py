@@ -21,7 +21,7 @@ from forefeel.devices.canopen.cia301 import (
     profile,
 )
 from forefeel.devices.canopen.network import SharedNetwork, acquire, release
-from forefeel.devices.canopen.settings import CanSettings
+from forefeel.devices.shared.settings import CanSettings
 
 _TRIES = 3  # attempts at an object before the device counts as silent
 

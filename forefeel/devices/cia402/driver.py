@@ -32,8 +32,7 @@ from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.protocol import QUICK_STOP, DriveMachine, DriveState, Phase, drive_state
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.shared.conversation import Conversation, Pacer, Steps
-from forefeel.devices.shared.setpoint import Setpoint, Wanted
-from forefeel.devices.shared.stage_scale import PositionScale
+from forefeel.devices.shared.stage import PositionScale, Setpoint, Wanted
 from forefeel.slave.stage import StageReading, require_finite
 
 # --- What one cycle of a CiA 402 drive decides: controlword and setpoint out of what was heard. Pure.

@@ -30,8 +30,7 @@ from forefeel.devices.cia402.protocol import (
 )
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.shared.conversation import Pacer
-from forefeel.devices.shared.setpoint import Setpoint
-from forefeel.devices.shared.stage_scale import PositionScale
+from forefeel.devices.shared.stage import PositionScale, Setpoint
 from forefeel.slave.stage import Home
 
 # --- What one cycle of a CiA 402 drive that is being homed decides. Pure.

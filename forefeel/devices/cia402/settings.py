@@ -6,8 +6,7 @@ from pydantic import Field
 
 from forefeel.common.config import Settings
 from forefeel.common.settings import ExistingFile
-from forefeel.devices.canopen.settings import CanSettings
-from forefeel.devices.shared.settings import Sign
+from forefeel.devices.shared.settings import CanSettings, Sign
 from forefeel.slave.stage import StageDriverSettings, Travel
 
 

@@ -8,30 +8,29 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration, load_cell_calibration
 from forefeel.common.hardware.link import LinkState
-from forefeel.common.messages import within
 from forefeel.common.slots import BoundedQueue
 from forefeel.devices.canopen.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
 from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork
 from forefeel.devices.canopen.sdo import RemoteDevice, can_link, talking_to
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.settings import Cia404Settings
-from forefeel.devices.shared.conversation import Conversation, Pacer, Steps, Timed
-from forefeel.devices.shared.stuck import StuckWatch
-from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading, NativeReading
+from forefeel.devices.shared.conversation import Conversation, Pacer, Steps
+from forefeel.devices.shared.force_scale import ForceScale, Native, StuckWatch
+from forefeel.slave.load_cell import LoadCellReading, NativeReading
 
 _OPEN_S = 5.0  # s for the handshake
 _RANK = 0  # of who sends SYNC on a shared bus: a drive, of rank 1, goes before
 # periods without a TPDO that are a fault, but at least so many s (docs/decisions/0014)
 _SILENT_PERIODS, _SILENT_S = 10, 0.05
-_MILLIONTHS_PER_UNIT = 1e6  # `raw_counts` in one unit of the device
-_MOST_MILLIONTHS = 2**62  # bound of `raw_counts`, which a message carries as a signed 64-bit number
+_COUNTS_PER_UNIT = 1e6  # `raw_counts` of a unit that is no force
 
 
 class Cia404LoadCell:
     """Load-cell port on a CANopen transducer: one reading for each TPDO, at SYNC.
 
     SYNC comes from the stage's driver where one shares the bus, else from here. Tare and scale are of the
-    calibration; without one the unit of the device counts. `raw_counts`: its process value in millionths.
+    calibration; without one the unit of the device counts. `raw_counts`: micro-newtons, or millionths of a
+    unit that is no force.
 
     Attributes:
         scale: by the device's unit, else by the settings; None before it is open.
@@ -46,13 +45,13 @@ class Cia404LoadCell:
         self.link = can_link("load cell", settings.driver, settings.can, settings.node_id)
         self.stale_s = max(0.02, 5.0 / settings.rate_hz)
         self.full_scale_n = settings.full_scale_n
-        self._readings: BoundedQueue[Timed[cia404.Measured]] = BoundedQueue(1024)
+        self._readings: BoundedQueue[Native] = BoundedQueue(1024)
         self._pdo = cia404.reading_pdo(settings.node_id)
         self._conversation: Conversation | None = None
         self.calibration: LoadCellCalibration | None = None
         self.scale: CellScale | None = None
         self._native = False
-        self._stuck = StuckWatch(noisy=False)
+        self._force = self._scaled(None)
         self._tpdos, self._emergency = 0, 0
 
     def open(self) -> None:
@@ -86,49 +85,21 @@ class Cia404LoadCell:
         self.link.require_ready()
         if self._native:
             raise DeviceError(f"{self.link.name}: opened for its native readings")
-        return [self._reading(timed) for timed in self._readings.drain()]
+        return [self._force.reading(each) for each in self._checked()]
 
     def read_native(self, now_ns: int) -> Sequence[NativeReading]:
         """The readings since the last call of a cell that `open_native` opened: its process value."""
         del now_ns
         self.link.require_ready()
-        return [self._native_reading(timed) for timed in self._readings.drain()]
+        return [NativeReading(each.value, not each.flaws, each.stamp_ns) for each in self._checked()]
 
     @property
     def dropped(self) -> int:
         """The number of readings that were dropped because nobody took them in time."""
         return self._readings.dropped
 
-    def _native_reading(self, timed: Timed[cia404.Measured]) -> NativeReading:
-        assert self.scale is not None, "_scale finds it"
-        native = timed.value.value
-        if not isfinite(native):
-            return NativeReading(0.0, False, timed.host_ns)
-        within = abs(native) * self.scale.newton_per_native <= VALID_SHARE * self.scale.full_scale_n
-        return NativeReading(native, timed.value.valid and within, timed.host_ns)
-
-    def _reading(self, timed: Timed[cia404.Measured]) -> LoadCellReading:
-        native, flaws = timed.value.value, timed.value.flaws
-        if not isfinite(native):
-            return LoadCellReading(0.0, 0, self._flawless(flaws), timed.host_ns)
-        if self.calibration is not None:
-            force_n = self.calibration.force_n(native)
-        else:
-            assert self.scale is not None, "_scale finds it"
-            force_n = native * self.scale.newton_per_native
-        force_n *= self._settings.sign
-        raw = round(within(native * _MILLIONTHS_PER_UNIT, _MOST_MILLIONTHS))
-        if abs(force_n) > VALID_SHARE * self.full_scale_n:
-            flaws = (*flaws, "beyond_full_scale")
-        if self._stuck.take(native, timed.host_ns * 1e-9):
-            flaws = (*flaws, "stuck")
-        return LoadCellReading(within(force_n, self.full_scale_n), raw, self._flawless(flaws), timed.host_ns)
-
-    def _flawless(self, flaws: Sequence[str]) -> bool:
-        """Whether a reading may be believed; each of its flaws is counted."""
-        for flaw in flaws:
-            self.link.counters[flaw] += 1
-        return not flaws
+    def _checked(self) -> list[Native]:
+        return [self._force.checked(each) for each in self._readings.drain()]
 
     # --- the conversation ---
 
@@ -160,18 +131,35 @@ class Cia404LoadCell:
                 f"{device.name}: unit {code:08X} (6131) with full_scale_native = {native}; expected newtons "
                 f"({cia404.NEWTON:08X}) without it, or another unit and its number at full_scale_n"
             )
-        self.scale = given if unit_n is None else CellScale(unit_n, full_scale_n)
+        scale = self.scale = given if unit_n is None else CellScale(unit_n, full_scale_n)
+        assert scale is not None, "one of the two is there"
         path = self._settings.calibration
         if self._native:
+            self._force = self._scaled(scale.newton_per_native)
             return
         if path is not None:
-            about = self._settings.driver, serial, date.today(), self.scale
+            about = self._settings.driver, serial, date.today(), scale
             self.calibration = load_cell_calibration(path, *about)
         elif unit_n is None:
             raise DeviceSetupError(
                 f"{device.name}: unit {code:08X} (6131) without calibration; expected a file of "
                 "`forefeel calibrate load-cell`"
             )
+
+        self._force = self._scaled(unit_n)
+
+    def _scaled(self, newton_per_native: float | None) -> ForceScale:
+        s = self._settings
+        watch, calibration = StuckWatch(noisy=False), None if self._native else self.calibration
+        return ForceScale(
+            s.full_scale_n,
+            s.sign,
+            newton_per_native,
+            calibration,
+            watch,
+            self.link.counters,
+            _COUNTS_PER_UNIT,
+        )
 
     def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
         alarm = EMERGENCY + device.node
@@ -216,7 +204,8 @@ class Cia404LoadCell:
         self._tpdos += 1
         self.link.counters["tpdos"] += 1
         self.link.exchanged()
-        self._readings.put(Timed(self._clock.now_ns(), None, found))
+        value = found.value if isfinite(found.value) else 0.0
+        self._readings.put(Native(value, self._clock.now_ns(), tuple(found.flaws)))
         self.link.counters["unread"] = self._readings.dropped
 
     def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:

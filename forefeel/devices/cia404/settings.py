@@ -6,8 +6,7 @@ from pydantic import Field
 
 from forefeel.common.hardware.calibration import CellScale
 from forefeel.common.settings import ExistingFile
-from forefeel.devices.canopen.settings import CanSettings
-from forefeel.devices.shared.settings import Sign
+from forefeel.devices.shared.settings import CanSettings, Sign
 from forefeel.slave.load_cell import FullScale, LoadCellDriverSettings, Native
 
 

@@ -6,6 +6,7 @@ sides, so that a byte that is wrong anywhere, a delimiter included, costs one fr
 The device sends states at its own rate (1 kHz) once it has been identified; each is answered by a command.
 """
 
+import binascii
 import struct
 from collections import Counter
 from collections.abc import Callable
@@ -15,7 +16,6 @@ from typing import NamedTuple
 from cobs import cobs
 
 from forefeel.common.messages import SafetyState
-from forefeel.devices.shared.crc import crc_ccitt_false
 
 PROTOCOL = 1  # version of this protocol; a device of another one is refused
 NAME = "forefeel-coil"
@@ -138,6 +138,11 @@ def encode(frame: Frame) -> bytes:
     payload = bytes([kind]) + body
     stuffed: bytes = cobs.encode(payload + _CRC.pack(crc_ccitt_false(payload)))
     return b"\0" + stuffed + b"\0"
+
+
+def crc_ccitt_false(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE: polynomial 1021, start FFFF; of "123456789" it is 29B1."""
+    return binascii.crc_hqx(data, 0xFFFF)
 
 
 class CoilParser:

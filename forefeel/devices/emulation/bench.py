@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from forefeel.common.config import checked
 from forefeel.common.hardware.driver import DriverSettings, InstalledDriver
 from forefeel.devices.emulation.contact import ContactSimulation, ForceReceiver, ForceSender
-from forefeel.devices.emulation.device import EmulatedDevice
+from forefeel.devices.emulation.wire import EmulatedDevice
 from forefeel.slave.plant.settings import WorldSettings
 
 NOISE_N = 0.002  # N, standard deviation of an emulated cell's noise

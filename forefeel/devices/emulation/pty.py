@@ -13,8 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.devices.emulation.device import EmulatedDevice
-from forefeel.devices.emulation.wire import Faults, Timetable, Wire
+from forefeel.devices.emulation.wire import EmulatedDevice, Faults, Timetable, Wire
 
 # --- The baud rate that a host has set on a pseudo terminal, and what is heard at another than was spoken.
 _TCGETS2, _TCSETS2 = 0x802C_542A, 0x402C_542B  # of x86 and Arm

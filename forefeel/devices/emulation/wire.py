@@ -1,10 +1,11 @@
-"""Wire time and seeded faults of the bytes between host and emulated device. Pure."""
+"""An emulated device as bytes in and out, wire time and seeded faults between it and its host. Pure."""
 
 import re
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from random import Random
+from typing import Protocol
 
 from forefeel.common.errors import ConfigurationError
 
@@ -12,6 +13,31 @@ _BITS = 10  # start, eight data bits, stop
 _RATES = "drop", "corrupt", "split", "delay"
 _DELAY_S = 0.02  # s by which the fault `delay` delays
 _AT = re.compile(r"([a-z_]+)@([0-9.]+)")
+
+
+class EmulatedDevice(Protocol):
+    """A device behind a byte stream."""
+
+    @property
+    def faults(self) -> Sequence[str]:
+        """The faults that `provoke` takes."""
+        ...
+
+    def receive(self, data: bytes, t_s: float) -> None:
+        """Takes bytes of the host that have arrived at that time."""
+        ...
+
+    def advance(self, t_s: float) -> bytes:
+        """Lets the device live up to that time; the bytes that it sends now."""
+        ...
+
+    def provoke(self, fault: str) -> None:
+        """Begins a fault of the device itself: `stuck`, `overrange`, `drive_fault`; `free` ends some.
+
+        Raises:
+            ConfigurationError: it has no such fault.
+        """
+        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,15 @@ from typing import NamedTuple
 
 from forefeel.common.hardware.calibration import LoadCellCalibration
 from forefeel.common.messages import within
-from forefeel.devices.shared.stuck import StuckWatch
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading
 
 _MICRONEWTON_PER_N = 1_000_000  # uN in a N, for the raw counts
 _MAX_COUNTS = (1 << 63) - 1  # a message carries raw counts as a signed 64-bit number
+_LONGEST_S = 1.0  # s that one value may last
+_FEWEST_REPEATS = 30  # repetitions that it takes at least, for slow cells
+# share of readings that turn from which a cell is noisy: about half of the 2/3 of white noise
+_NOISY_SHARE = 0.3
+_NEWEST_WEIGHT = 1 / 50  # weight of the newest reading in the share that turns: a memory of some fifty
 
 
 class Native(NamedTuple):
@@ -18,6 +22,40 @@ class Native(NamedTuple):
     value: float
     stamp_ns: int
     flaws: tuple[str, ...] = ()
+
+
+class StuckWatch:
+    """Says when one and the same raw value came for a second from a cell that is known to be noisy.
+
+    Noise turns: of three values of white noise the middle one is the largest or the least in two of three
+    cases. Where less than 0.3 of the last readings (some fifty) turned, the cell may well repeat itself: its
+    noise is below its resolution. Motion alone hardly turns.
+    """
+
+    def __init__(self, noisy: bool) -> None:
+        """`noisy`: whether it is expected before it was seen."""
+        self._share = 1.0 if noisy else 0.0
+        self._noisy = noisy
+        self._raw: float | None = None
+        self._rising: bool | None = None
+        self._since_s, self._repeats = 0.0, 0
+
+    def take(self, raw: float, t_s: float) -> bool:
+        """Whether this reading only repeats those before it, for too long."""
+        if raw == self._raw:
+            self._repeats += 1
+            return self._noisy and self._repeats >= _FEWEST_REPEATS and t_s - self._since_s >= _LONGEST_S
+        if self._raw is not None:
+            self._changed(raw > self._raw)
+        self._raw, self._since_s, self._repeats = raw, t_s, 0
+        return False
+
+    def _changed(self, rising: bool) -> None:
+        turned = self._rising is not None and rising is not self._rising
+        self._rising = rising
+        self._share *= (1.0 - _NEWEST_WEIGHT) ** min(self._repeats, 10_000)
+        self._share += _NEWEST_WEIGHT * (turned - self._share)
+        self._noisy = self._share >= _NOISY_SHARE
 
 
 class ForceScale:
@@ -38,12 +76,15 @@ class ForceScale:
         calibration: LoadCellCalibration | None,
         stuck: StuckWatch,
         counters: Counter[str],
+        counts_per_native: float = 1.0,
     ) -> None:
-        """`newton_per_native`: None for counts; without a calibration these are no force, 0 N."""
+        """`newton_per_native`: None where the unit is no force: without a calibration 0 N, and the raw counts
+        are `counts_per_native` times the value.
+        """
         self.counters = counters
         self._full_scale_n, self._sign = full_scale_n, sign
         self._newton_per_native, self._calibration = newton_per_native, calibration
-        self._stuck = stuck
+        self._stuck, self._counts_per_native = stuck, counts_per_native
 
     def checked(self, native: Native) -> Native:
         """With the flaws that only show beside the full scale and the measurements before; each counted."""
@@ -60,7 +101,8 @@ class ForceScale:
     def reading(self, checked: Native) -> LoadCellReading:
         """What the control loop gets: finite, never more than the full scale."""
         force_n, raw_n = self._forces(checked.value)
-        counts = checked.value if self._newton_per_native is None else raw_n * _MICRONEWTON_PER_N
+        known = self._newton_per_native is not None
+        counts = raw_n * _MICRONEWTON_PER_N if known else checked.value * self._counts_per_native
         return LoadCellReading(
             within(force_n, self._full_scale_n),
             round(within(counts, _MAX_COUNTS)),

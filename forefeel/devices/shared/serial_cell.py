@@ -15,8 +15,7 @@ from forefeel.devices.bota.settings import BotaSettings
 from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.force_scale import ForceScale, Native
 from forefeel.devices.shared.settings import SerialSettings
-from forefeel.devices.shared.stream import ByteStream, SerialStream
-from forefeel.devices.shared.usb import port_serial
+from forefeel.devices.shared.stream import ByteStream, SerialStream, port_serial
 from forefeel.slave.load_cell import LoadCellReading, NativeReading
 
 OpenStream = Callable[[SerialSettings, float], ByteStream]

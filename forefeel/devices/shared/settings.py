@@ -1,4 +1,4 @@
-"""How a serial device is reached, and which way it counts."""
+"""How a device is reached, and which way it counts."""
 
 from typing import Annotated, Literal
 
@@ -15,3 +15,14 @@ class SerialSettings(Settings):
 
     port: Annotated[str, Field(min_length=1, max_length=4096)]
     baud: Annotated[int, Field(ge=300, le=12_000_000)] = 115_200
+
+
+class CanSettings(Settings):
+    """A CAN bus as python-can opens it: `slcan` with a serial port, `socketcan` with `can0`, `udp_multicast`
+    with an address, `virtual` within one process.
+    """
+
+    interface: Literal["slcan", "socketcan", "udp_multicast", "virtual"]
+    channel: Annotated[str, Field(min_length=1, max_length=4096)]
+    bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] = 1_000_000
+    port: Annotated[int, Field(ge=1024, le=65_535)] | None = None

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 import serial
+from serial.tools import list_ports
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.devices.shared.settings import SerialSettings
@@ -119,3 +120,12 @@ def _why_not(settings: SerialSettings, error: BaseException) -> str:
 
 def _short(error: BaseException) -> str:
     return " ".join(str(error).split())[:120] or type(error).__name__
+
+
+def port_serial(port: str) -> str:
+    """The serial number of the USB adapter or device behind a port; empty where it has none."""
+    device = os.path.realpath(port)
+    for each in list_ports.comports():
+        if each.device == device and each.serial_number:
+            return str(each.serial_number)
+    return ""

@@ -16,9 +16,8 @@ from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupE
 from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.devices.shared.conversation import Conversation, Steps, Timed
-from forefeel.devices.shared.setpoint import SetpointMailbox, Wanted
 from forefeel.devices.shared.settings import SerialSettings
-from forefeel.devices.shared.stage_scale import PositionScale
+from forefeel.devices.shared.stage import PositionScale, SetpointMailbox, Wanted
 from forefeel.devices.shared.stream import ByteStream, SerialStream
 from forefeel.devices.zaber.protocol import (
     ACCELERATION_DATA,

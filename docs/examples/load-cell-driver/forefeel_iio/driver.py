@@ -7,8 +7,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.slots import BoundedQueue
 from forefeel.devices.shared.conversation import Conversation, Steps
-from forefeel.devices.shared.force_scale import ForceScale, Native
-from forefeel.devices.shared.stuck import StuckWatch
+from forefeel.devices.shared.force_scale import ForceScale, Native, StuckWatch
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel_iio.settings import IioSettings
 

@@ -1,10 +1,29 @@
-"""What the control loop wants of a drive that another thread talks to."""
+"""What the stage drivers share: native units, setpoints, the way from the control loop to the thread."""
 
 from threading import Lock
 from typing import NamedTuple
 
 
-# --- What is wanted of a drive; the setpoint that one without a ramp of its own is sent each cycle. Pure.
+class PositionScale(NamedTuple):
+    """`native = zero + per_m * x`, in microsteps or counts; `per_m` has the sign of the axis."""
+
+    zero: float
+    per_m: float
+
+    def native(self, x_m: float) -> int:
+        """The nearest whole one."""
+        return round(self.zero + self.per_m * x_m)
+
+    def metres(self, native: float) -> float:
+        """The position in m."""
+        return (native - self.zero) / self.per_m
+
+    def ends(self, travel_m: tuple[float, float]) -> tuple[int, int]:
+        """A travel in native units, the smaller first."""
+        low, high = sorted(self.native(end_m) for end_m in travel_m)
+        return low, high
+
+
 class Wanted(NamedTuple):
     """Where the stage is to be at a stamp of the host's clock, and how fast it is to move there."""
 
@@ -61,7 +80,6 @@ class Setpoint:
         self.velocity_m_s = v if self.position_m == free_m else 0.0
 
 
-# --- What the control loop wants of a drive that another thread talks to.
 class SetpointMailbox:
     """The newest setpoint, or hold. A hold goes before every setpoint until the drive has acknowledged it.
 
