@@ -1,13 +1,12 @@
 """YAML -> frozen settings. Every mistake is one line: file, line, place, value, what was expected."""
 
 import re
-from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.yaml_file import KINDS, Place, dump_mapping, load_yaml, shown_key
@@ -22,14 +21,19 @@ class Settings(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _only_numbers_are_numbers(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
+    def _known_keys_and_true_numbers(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
         """YAML reads yes, no, on and off as truth values and quoted numbers as text; pydantic takes both for
         numbers.
         """
         for name, value in data.items() if isinstance(data, dict) else ():
-            field = cls.model_fields.get(name)
+            if name not in cls.model_fields:
+                known = sorted(cls.model_fields)
+                expected = get_close_matches(str(name), known, n=1) or ["one of " + ", ".join(known)]
+                raise PydanticCustomError(
+                    "unknown_key", "unknown key {key}", {"key": str(name), "expected": expected[0]}
+                )
             values = value if isinstance(value, list | tuple) else [value]
-            kinds = _leaves(field.annotation) if field else {bool, str}
+            kinds = _leaves(cls.model_fields[name].annotation)
             if bool not in kinds and any(isinstance(each, bool) for each in values):
                 raise ValueError(f"{name} = {value}: expected no truth value (YAML reads yes and on as true)")
             if kinds & {int, float} and str not in kinds and any(map(_is_quoted_number, values)):
@@ -46,7 +50,6 @@ def _is_quoted_number(value: object) -> bool:
 
 S = TypeVar("S", bound=BaseModel)
 _WHOLE = "(whole file)"
-_MOST_SHOWN_KEYS = 8  # keys named in an error
 
 
 def load_settings(kind: type[S], path: Path) -> S:
@@ -71,7 +74,7 @@ def checked(
         return kind.model_validate(data, context={"directory": directory})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        raise ConfigurationError(_describe(first, kind, where, lines or {}, data)) from error
+        raise ConfigurationError(_describe(first, where, lines or {})) from error
 
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
@@ -82,19 +85,18 @@ def beside_the_file(path: Path, info: ValidationInfo) -> Path:
     return (Path((info.context or {}).get("directory", "")) / path).absolute()
 
 
-def _describe(
-    problem: ErrorDetails, kind: type[BaseModel], where: str, lines: dict[Place, int], data: object
-) -> str:
-    place, value = _placed(problem["loc"], lines), problem["input"]
+def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str:
+    loc, value = problem["loc"], problem["input"]
+    if problem["type"] == "unknown_key":
+        loc = (*loc, problem["ctx"]["key"])
+    place = _placed(loc, lines)
     line = _line(place, lines)
     dotted = "".join(f"[{p}]" if isinstance(p, int) else f".{shown_key(p)}" for p in place).lstrip(".")
     dotted = dotted or _WHOLE
     expected = problem["msg"].removeprefix("Value error, ")
     match problem["type"]:
-        case "extra_forbidden":
-            return (
-                f"{where}{line}: {dotted}: unknown key, expected {_expected_keys(kind, problem['loc'], data)}"
-            )
+        case "unknown_key":
+            return f"{where}{line}: {dotted}: unknown key, expected {problem['ctx']['expected']}"
         case "missing":
             return f"{where}{line}: {dotted}: missing, a value is required"
         case "union_tag_invalid" | "union_tag_not_found":
@@ -122,53 +124,6 @@ def _leaves(annotation: Any) -> set[Any]:  # noqa: ANN401 - any type expression
     """The types and literals that an annotation is made of: `tuple[float, int] | None` has three."""
     inside = [leaf for part in get_args(annotation) for leaf in _leaves(part)]
     return set(inside) if inside else {annotation}
-
-
-def _expected_keys(kind: type[BaseModel], place: tuple[int | str, ...], data: object = None) -> str:
-    """What may stand where an unknown key does: the one that it resembles, or those there are.
-
-    `data`: what was read; its `driver` tells which settings are meant.
-    """
-    models: list[type[BaseModel]] = [kind]
-    for part in place[:-1]:
-        models = models if isinstance(part, int) else _below(models, part)
-        data = _inside(data, part)
-        if isinstance(data, dict) and "driver" in data:
-            models = [each for model in models for each in _derived(model, data["driver"])] or models
-    known = sorted({name for model in models for name in model.model_fields})
-    close = get_close_matches(str(place[-1]), known, n=1)
-    more = ", ..." if len(known) > _MOST_SHOWN_KEYS else ""
-    return close[0] if close else f"one of {', '.join(known[:_MOST_SHOWN_KEYS])}{more}"
-
-
-def _below(models: list[type[BaseModel]], name: str) -> list[type[BaseModel]]:
-    """The models that a field holds; `name` may be the tag of a union's member, too."""
-    found = [model.model_fields[name].annotation for model in models if name in model.model_fields]
-    if found:
-        return _models(found)
-    return [model for model in models if name in _literals(model)] or models
-
-
-def _inside(data: Any, part: int | str) -> Any:  # noqa: ANN401 - whatever was read
-    try:
-        return data[part]
-    except (KeyError, IndexError, TypeError):
-        return None
-
-
-def _derived(model: type[BaseModel], driver: object) -> list[type[BaseModel]]:
-    """The model and what derives from it, of those whose `driver` may be that name."""
-    below = [found for each in model.__subclasses__() for found in _derived(each, driver)]
-    return [*below, model] if driver in _literals(model) else below
-
-
-def _models(annotations: Iterable[Any]) -> list[type[BaseModel]]:
-    each = (leaf for annotation in annotations for leaf in _leaves(annotation))
-    return [leaf for leaf in each if isinstance(leaf, type) and issubclass(leaf, BaseModel)]
-
-
-def _literals(model: type[BaseModel]) -> set[Any]:
-    return {leaf for field in model.model_fields.values() for leaf in get_args(field.annotation)}
 
 
 def _line(place: Place, lines: dict[Place, int]) -> str:
