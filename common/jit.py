@@ -4,6 +4,10 @@ A kernel holds the interpreter lock from its first to its last instruction, so t
 one call is one indivisible step. With `FOREFEEL_JIT=0` in the environment (or numba's own
 `NUMBA_DISABLE_JIT=1`) every kernel is plain Python, which a debugger can enter. It gives the same results
 some 20 times as slowly.
+
+The state of kernels is one numpy record with named fields, which a kernel gets by one pointer. It is declared
+twice, as numpy and the type checker each want it: as a dtype by `record`, and as a Protocol whose members are
+the fields. Kernels read and write `state.field`; a field that is itself a record nests.
 """
 
 import hashlib
@@ -15,8 +19,10 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 F = TypeVar("F", bound=Callable[..., Any])
+Field = tuple[str, Any] | tuple[str, Any, tuple[int, ...]]
 
 COMPILED = os.environ.get("FOREFEEL_JIT", "1") != "0" and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 _KEPT = "*.nbi", "*.nbc"
@@ -78,3 +84,19 @@ def _forget_what_is_old() -> None:
             path.unlink(missing_ok=True)
         stamp.parent.mkdir(exist_ok=True)
         stamp.write_text(found, encoding="ascii")
+
+
+def record(scalars: str, *others: Field) -> np.dtype[np.void]:
+    """A record of the named float64 `scalars` (parted by blanks) and of `others`: (name, type, shape)."""
+    fields: list[Field] = [(name, np.float64) for name in scalars.split()]
+    return np.dtype([*fields, *others], align=True)
+
+
+def floats(name: str, *shape: int) -> Field:
+    """A field that is an array of float64."""
+    return name, np.float64, shape
+
+
+def zeros(dtype: np.dtype[np.void]) -> NDArray[np.void]:
+    """One record, all zero, as an array of length 1: kernels take that and index it."""
+    return np.zeros(1, dtype)

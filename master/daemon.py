@@ -8,9 +8,8 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.estimation.default_model import default_model
 from forefeel.common.estimation.forecast import compile_kernels
-from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
+from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings, default_model
 from forefeel.common.estimation.transfer import lasting
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import inf, isfinite, pi, sin, sqrt
 
 from forefeel.common.causes.base import ForceEffect
-from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.estimation.identifiability import (
     Array,
@@ -240,3 +240,29 @@ def linear_bounds(model: ContactModel, names: Sequence[str]) -> tuple[tuple[floa
 def _unnumbered(name: str) -> str:
     effect, _, parameter = name.rpartition(".")
     return f"{effect.rpartition('-')[0]}.{parameter}"
+
+
+_LINEAR = (
+    {
+        "effect": "mass_damper_spring",
+        "parameters": {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 0.0},
+    },
+    {"effect": "bias", "parameters": {"force_n": 0.0}},
+)
+_FRICTION = {"effect": "presliding_hysteresis", "parameters": {"force_n": 0.001, "stiffness_n_m": 4.0}}
+
+
+def default_model() -> ContactModel:
+    """`linear_model` and friction over 0.25 mm since a reversal, which saves a third of the error on the
+    simulated catheter. The values are where learning starts.
+    """
+    return _model("m, b, k, bias and friction", (*_LINEAR, _FRICTION))
+
+
+def linear_model() -> ContactModel:
+    """Equation (1) of the paper and the bias that every load cell has; learning starts at zero."""
+    return _model("m, b, k and bias", _LINEAR)
+
+
+def _model(name: str, effects: Sequence[object]) -> ContactModel:
+    return ContactModel.from_mapping({"schema": SCHEMA, "name": name, "effects": list(effects)})

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.estimation.default_model import linear_model
+from forefeel.common.estimation.identification import linear_model
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import prepare

@@ -21,7 +21,7 @@ from forefeel.common.estimation.forecast.bank import (
 )
 from forefeel.common.estimation.forecast.regression import LONG, SETS, SHORT, SHORT_SETS
 from forefeel.common.estimation.forecast.state import new_state
-from forefeel.common.estimation.record import zeros
+from forefeel.common.jit import zeros
 from tests.unit.forecast_samples import contact
 
 Array = NDArray[np.float64]

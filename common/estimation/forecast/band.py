@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.estimation.forecast.bank import Array
-from forefeel.common.estimation.record import floats, record
-from forefeel.common.jit import kernel
+from forefeel.common.jit import floats, kernel, record
 
 _MISSES = 0.05
 _MEMORY_S = 2.0

@@ -14,9 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.record import floats, record
 from forefeel.common.estimation.state_filter import GAP_S
-from forefeel.common.jit import kernel
+from forefeel.common.jit import floats, kernel, record
 
 Array = NDArray[np.float64]
 

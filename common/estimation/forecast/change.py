@@ -9,8 +9,7 @@ next kick is 10 s away at the earliest: one change is one kick, and what is mere
 import math
 from typing import Protocol
 
-from forefeel.common.estimation.record import record
-from forefeel.common.jit import kernel
+from forefeel.common.jit import kernel, record
 
 _USUAL_MEMORY_S = 30.0
 _NOW_MEMORY_S = 0.5

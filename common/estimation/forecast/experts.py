@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.estimation.forecast.bank import RING, Array, Bank
 from forefeel.common.estimation.forecast.regression import LONG, SETS, SHORT, SHORT_SETS, Regression
-from forefeel.common.estimation.record import floats, record
-from forefeel.common.jit import fast_kernel, kernel
+from forefeel.common.jit import fast_kernel, floats, kernel, record
 
 _WORDS = ("m-b-k", "friction", "relaxation", "differences", "nonlinear")
 

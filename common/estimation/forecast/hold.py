@@ -14,8 +14,7 @@ import math
 from typing import Protocol
 
 from forefeel.common.estimation.forecast.bank import Array
-from forefeel.common.estimation.record import floats, record
-from forefeel.common.jit import kernel
+from forefeel.common.jit import floats, kernel, record
 
 _BINS, _ZERO_BIN = 96, 60
 _MEMORY_S = 5.0

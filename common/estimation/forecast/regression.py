@@ -33,8 +33,7 @@ from forefeel.common.estimation.forecast.bank import (
     Array,
     Bank,
 )
-from forefeel.common.estimation.record import floats, record
-from forefeel.common.jit import fast_kernel, kernel
+from forefeel.common.jit import fast_kernel, floats, kernel, record
 
 SETS = (4, FIRST_RELAXATION, FIRST_DIFFERENCE, FIRST_NONLINEAR, COUNT)
 """m-b-k and bias; and friction; and relaxation; and differences; and what is not linear."""

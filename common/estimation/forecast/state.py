@@ -13,7 +13,7 @@ from forefeel.common.estimation.forecast import hold as holds
 from forefeel.common.estimation.forecast import regression as fits
 from forefeel.common.estimation.forecast import trial as trials
 from forefeel.common.estimation.forecast.bank import RING, Array
-from forefeel.common.estimation.record import floats, record, zeros
+from forefeel.common.jit import floats, record, zeros
 
 _RINGS = ("forces_n", "blends_n", "holds_n", "sayings_n", "halves_n", "scales_n")
 _MEMORY = record(

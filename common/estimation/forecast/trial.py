@@ -13,8 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.record import record
-from forefeel.common.jit import kernel
+from forefeel.common.jit import kernel, record
 
 TRIAL_S = 4.0
 _FURTHER = 2.0

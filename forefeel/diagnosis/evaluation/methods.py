@@ -8,12 +8,12 @@ from operator import mul
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.estimation.default_model import linear_model
 from forefeel.common.estimation.forecast import Forecaster
 from forefeel.common.estimation.identification import (
     ContactEstimate,
     ContactIdentifier,
     IdentificationSettings,
+    linear_model,
 )
 from forefeel.common.estimation.paper import PaperRls
 from forefeel.common.estimation.prediction import ContactPredictor
