@@ -1,24 +1,34 @@
-"""The recorder: a session of its own that hears everything of a cell and writes it; it can not slow a daemon
-down.
+"""The recorder: a session of its own that writes all of a cell to a file; it can not slow a daemon down.
+
+`forefeel record` runs it until Ctrl-C.
 """
 
 import threading
+import time
 from collections.abc import Mapping
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.runtime.threads import in_thread
 from forefeel.common.slots import BoundedQueue
 from forefeel.common.topics import parse_key
+from forefeel.common.transport.endpoints import address
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
+from forefeel.interrupt import Stop, at_last, ends_in_order, heeded
+from forefeel.network_settings import ObserverSettings
+from forefeel.reachability import AnswerWatch, Obstacles, unheard
+from forefeel.terminal import say
 
 _QUEUE_MESSAGES = 100_000  # messages that wait for the disk: half a minute of an axis, three streams at 1 kHz
-_WRITE_EVERY_S = 0.1  # s between two batches; chosen, not measured: shorter costs processor time
+_WRITE_EVERY_S = 0.1
+_POLL_S = 0.1
 _FLUSH_ROUNDS = 10  # batches between two flushes: a killed recorder loses a second
 
 
@@ -67,12 +77,10 @@ class Recorder:
 
     @property
     def hint(self) -> str:
-        """What is wrong with a connection that stands, or empty."""
         return self._transport.hint
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection to somebody."""
         return self._transport.peers() > 0
 
     @property
@@ -82,7 +90,6 @@ class Recorder:
 
     @property
     def written(self) -> int:
-        """Messages written so far."""
         return self._writer.written
 
     @property
@@ -92,7 +99,6 @@ class Recorder:
 
     @property
     def summary(self) -> str:
-        """What was recorded and what was missed, in words."""
         missed = [f"{count} {reason}" for reason, count in self.missed.items() if count]
         return ", ".join([f"{self.written} messages", *missed])
 
@@ -140,3 +146,59 @@ class Recorder:
             parsed = parse_key(key)
             if parsed is not None and parsed[2].recorded:
                 self._writer.write(key, payload, receive_ns)
+
+
+def run_record(
+    out: Path, settings: ObserverSettings, duration_s: float | None, insecure: bool = False
+) -> None:
+    """Records until SIGINT, SIGTERM, SIGHUP or the duration; says while nobody is heard, and what was missed.
+
+    Raises:
+        InputError: the file, an endpoint or a certificate can not be used; nothing was written.
+        RunError: recording failed, or nothing was recorded; then there is no file.
+    """
+    cell = settings.cell
+    party = Party(settings.role, (cell,))
+    where = ", ".join(map(address, settings.transport.connect + settings.transport.listen))
+    recorder: Recorder | None = None
+    there = out.exists()
+
+    def drop_empty() -> None:
+        if not there and not (recorder and recorder.written):
+            out.unlink(missing_ok=True)
+
+    with ends_in_order("recording"), at_last(drop_empty):
+        recorder = Recorder(out, cell, settings.transport, {"run": {"cell": cell}}, party, insecure)
+        with heeded() as stop, closing(recorder):
+            if recorder.notice:
+                say(recorder.notice)
+            say(f"recording cell {cell} to {out}; Ctrl-C ends")
+            _wait(recorder, settings, duration_s, stop)
+    if not recorder.written:
+        raise RunError(f"{out}: nothing was recorded, nobody of cell {cell} was heard at {where}")
+    say(f"{out}: closed, {recorder.summary}")
+
+
+def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | None, stop: Stop) -> None:
+    transport, cell = settings.transport, settings.cell
+
+    def nobody() -> str:
+        return unheard(transport, recorder.connected, f"nobody of cell {cell} is heard there")
+
+    other = "router" if transport.mode == "client" else "daemon"
+    obstacles = Obstacles(transport, Party(settings.role, (cell,)), other)
+    waiting = AnswerWatch(obstacles, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
+    clock, start_s = MonotonicClock(), time.monotonic()
+    attend = service_watchdog(
+        lambda: "recording" if recorder.newest else f"nobody heard yet: {waiting.found}",
+        lambda: recorder.rounds,
+    )
+    while not stop.wanted() and (duration_s is None or time.monotonic() - start_s < duration_s):
+        recorder.check()
+        attend()
+        if recorder.newest:
+            waiting.over()
+        else:
+            sure = recorder.connected and not transport.listen
+            waiting.look(clock.now_ns(), recorder.hint or (nobody() if sure else ""))
+        time.sleep(_POLL_S)

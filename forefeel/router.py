@@ -15,11 +15,10 @@ from forefeel.interrupt import Stop, heeded
 from forefeel.network_settings import RouterSettings
 from forefeel.terminal import say
 
-_POLL_S = 0.2  # s between two looks for events and for an end; chosen, not measured: both are heeded as late
+_POLL_S = 0.2
 _PRIORITY = 30
 """Of SCHED_FIFO where it is granted, as the daemons' own transports: a command waits for no other program."""
-# events of links that wait for a look; chosen, not measured: of more, the oldest are not told
-_KEPT_EVENTS = 1024
+_KEPT_EVENTS = 1024  # of links that wait for a look
 
 
 def run_router(settings: RouterSettings, duration_s: float | None = None, insecure: bool = False) -> None:

@@ -82,7 +82,6 @@ class WakeUp:
 
     # of the quantile: the lateness of a tick is judged at the 99th percentile
     _SHARE = 0.99
-    # ns; chosen, not measured: smaller follows a machine that has become busy later, larger wanders more
     _STEP_NS = 2000
 
     def __init__(self) -> None:

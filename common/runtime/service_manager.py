@@ -12,14 +12,12 @@ from typing import Protocol
 
 from forefeel.common.clock import MonotonicClock
 
-# characters of a status line; chosen, not measured: longer is cut off on a terminal anyway
-_LONGEST_LINE = 256
-# ns between two looks; chosen, not measured: shorter costs processor time, longer reports later
+_LONGEST_LINE = 256  # characters of a status line
 _LOOK_NS = 100_000_000
 
 
 class Manager(Protocol):
-    """Who is told."""
+    """Port to the service manager (systemd sd_notify)."""
 
     @property
     def watchdog_ns(self) -> int | None:

@@ -35,7 +35,7 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.network_settings import observer  # noqa: PLC0415 - the help needs none of it
 
     with extra("metrics", "prometheus_client", command="metrics"):
-        from forefeel.metrics.run import run_metrics  # noqa: PLC0415
+        from forefeel.metrics import run_metrics  # noqa: PLC0415
     found = observer(config, cell, connect or [], pki, through_router)
     with output(quiet=quiet):
         run_metrics(found, address, port, duration, insecure)

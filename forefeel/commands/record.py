@@ -30,7 +30,7 @@ def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     from forefeel.network_settings import observer  # noqa: PLC0415
-    from forefeel.record import run_record  # noqa: PLC0415 - the help needs none of it
+    from forefeel.recorder import run_record  # noqa: PLC0415 - the help needs none of it
 
     found = observer(config, cell, connect or [], pki, through_router)
     with output(quiet=quiet):

@@ -31,8 +31,7 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
     Topic,
 )
-from forefeel.metrics.cell import CellMetrics
-from forefeel.metrics.run import CellCollector, serve
+from forefeel.metrics import CellCollector, CellMetrics, serve
 
 HEAD = {"session_id": 1, "sequence": 1, "stamp_ns": 0}
 S = 1_000_000_000

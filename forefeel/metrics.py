@@ -1,18 +1,28 @@
-"""The newest of what a cell said, as metric families. Time is an argument; everything is bounded."""
+"""`forefeel metrics`: the newest of what a cell says, as metric families at a port for Prometheus.
 
+A viewer in a process of its own. Everything that a stranger may say is bounded.
+"""
+
+import threading
+import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from itertools import accumulate
+from wsgiref.simple_server import WSGIServer
 
+from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import (
     CounterMetricFamily,
     GaugeMetricFamily,
     HistogramMetricFamily,
     Metric,
 )
+from prometheus_client.registry import Collector
 
+from forefeel.common.clock import MonotonicClock
 from forefeel.common.codec import decode
-from forefeel.common.errors import CodecError
+from forefeel.common.errors import CodecError, EndpointError, RunError
 from forefeel.common.messages import (
     LimitEvent,
     LoopTiming,
@@ -36,13 +46,17 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
     parse_key,
 )
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.zenoh_bus import ZenohTransport
+from forefeel.interrupt import Stop, heeded
+from forefeel.network_settings import ObserverSettings
+from forefeel.terminal import say
 
+_POLL_S = 0.2
 _STATES = (SLAVE_STATE, MASTER_STATE, PARAMETERS, MASTER_TIMING, SLAVE_TIMING)
 _EVENTS = (LIMIT_EVENT, MASTER_LIMIT, SAFETY_EVENT, MASTER_EVENT)
 _READ = {topic.name: topic for topic in (*_STATES, *_EVENTS)}
-# axes, and names of each kind over all axes, that are counted apart; chosen, not measured: both come from
-# the network, so a bound is needed
-_MOST_AXES, _MOST_NAMES = 32, 64
+_MOST_AXES, _MOST_NAMES = 32, 64  # that are counted apart: both come from the network
 _OTHER = "other"
 
 
@@ -90,7 +104,6 @@ class CellMetrics:
                 self._newest[axis, name] = message, receive_ns
 
     def families(self, now_ns: int) -> Iterator[Metric]:
-        """What stands now."""
         messages = CounterMetricFamily("forefeel_messages", "heard here", labels=["axis", "topic"])
         for (axis, topic), count in sorted(self._counts.items()):
             messages.add_metric([axis, topic], count)
@@ -176,7 +189,6 @@ def _gauge(family: str, text: str, value: float, /, **labels: str) -> Metric:
 
 
 def _counter(family: str, text: str, value: float, /, **labels: str) -> Metric:
-    """As `_gauge`."""
     found = CounterMetricFamily(f"forefeel_{family}", text, labels=list(labels))
     found.add_metric(list(labels.values()), value)
     return found
@@ -205,3 +217,68 @@ def _joined(families: list[Metric]) -> Iterator[Metric]:
         if known is not family:
             known.samples += family.samples
     yield from found.values()
+
+
+class CellCollector(Collector):
+    """Asked by Prometheus' client at each scrape, from a thread of its own."""
+
+    def __init__(self, clock: MonotonicClock) -> None:
+        self.cell = CellMetrics()
+        self._clock, self._lock = clock, threading.Lock()
+
+    def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
+        with self._lock:
+            self.cell.hear(key, payload, receive_ns)
+
+    def collect(self) -> Iterator[Metric]:
+        with self._lock:
+            return iter(list(self.cell.families(self._clock.now_ns())))
+
+
+def serve(collector: Collector, address: str, port: int) -> tuple[WSGIServer, threading.Thread]:
+    """The port; `shutdown` of the server ends it.
+
+    Raises:
+        EndpointError: it can not be opened.
+    """
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(collector)
+    try:
+        return start_http_server(port, address, registry)
+    except OSError as error:
+        raise EndpointError(f"--port {port} at {address}: {error.strerror}; expected a free one") from error
+
+
+def run_metrics(
+    settings: ObserverSettings, address: str, port: int, duration_s: float | None, insecure: bool = False
+) -> None:
+    """Serves until SIGINT, SIGTERM, SIGHUP or the duration.
+
+    Raises:
+        InputError: an endpoint, a certificate or the port can not be used.
+        RunError: the network failed.
+    """
+    clock, failed = MonotonicClock(), list[Exception]()
+    collector = CellCollector(clock)
+    server, thread = serve(collector, address, port)
+    try:
+        party = Party("viewer", (settings.cell,))
+        transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
+        with heeded() as stop, closing(transport):
+            transport.subscribe_all(f"forefeel/{settings.cell}", collector.hear)
+            if transport.notice:
+                say(transport.notice)
+            say(f"metrics of cell {settings.cell} at http://{address}:{port}/metrics; Ctrl-C ends")
+            _wait(failed, duration_s, stop)
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def _wait(failed: list[Exception], duration_s: float | None, stop: Stop) -> None:
+    start_s = time.monotonic()
+    while not (failed or stop.wanted()) and (duration_s is None or time.monotonic() - start_s < duration_s):
+        time.sleep(_POLL_S)
+    if failed:
+        raise RunError(f"metrics: the network failed: {type(failed[0]).__name__}: {failed[0]}") from failed[0]
