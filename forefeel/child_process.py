@@ -9,7 +9,7 @@ from forefeel.common.errors import EndpointError, RunError
 
 _PR_SET_PDEATHSIG = 1  # option of prctl(2) (linux/prctl.h)
 _PARENT = "FOREFEEL_PARENT"
-LISTENING = "FOREFEELLISTENING"
+LISTENING = "FOREFEEL_LISTENING"
 _BACKLOG = 64  # connections that the kernel keeps before they are accepted: pages that open during the start
 
 

@@ -2,6 +2,7 @@
 
 import multiprocessing.process
 import os
+import re
 import subprocess
 import threading
 import time
@@ -11,8 +12,8 @@ from typing import NoReturn
 import pytest
 
 FOLDERS = frozenset({"unit", "property", "simulation", "devices", "commands"})
-EXECUTOR_OF_ASYNCIO = "asyncio_"
-"""Name of the threads that an event loop makes, for the resolver among others."""
+OF_ASYNCIO = re.compile(r"asyncio_|.*\(_do_shutdown\)")
+"""Names of the threads of an event loop's executor, and of that which ends it."""
 
 STILL_VIOLATING = frozenset(
     {
@@ -30,9 +31,6 @@ STILL_VIOLATING = frozenset(
         "devices/test_fault_counters.py",
         "devices/test_serial_stream.py",
         "devices/test_zaber_pty.py",
-        "unit/dashboard/test_admission.py",
-        "unit/dashboard/test_conversation.py",
-        "unit/dashboard/test_finding.py",
         "unit/dashboard/test_server.py",
         "unit/test_driver_registry.py",
         "unit/test_recording_bombs.py",
@@ -54,7 +52,7 @@ def deterministic(request: pytest.FixtureRequest) -> Iterator[None]:
         pytest.fail(f"{what}: use virtual or stepped time, or move the test to tests/process", pytrace=False)
 
     def start_thread(thread: threading.Thread) -> None:
-        if not thread.name.startswith(EXECUTOR_OF_ASYNCIO):
+        if not OF_ASYNCIO.match(thread.name):
             refuse(f"starts the thread {thread.name}")
         start(thread)
 

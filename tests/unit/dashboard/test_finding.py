@@ -2,12 +2,9 @@
 
 import asyncio
 import json
-import subprocess
-import sys
 from collections.abc import Callable
-from io import BytesIO
-from pathlib import Path
-from typing import Any, TypeVar
+from io import BytesIO, TextIOWrapper
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -22,7 +19,6 @@ from tests.unit.dashboard.said import AXIS, S, hear, heard, talk
 
 R = TypeVar("R")
 ALARM = Alarm(100.0, 3.2, 0.4)
-ROOT = Path(__file__).parents[3]
 
 
 def rows_with_friction(seconds: float = 20.0) -> Floats:
@@ -97,14 +93,17 @@ def test_the_worker_says_why_there_is_no_answer() -> None:
     assert "the position never changes" in str(found["headline"])
 
 
-def test_the_worker_is_a_process_of_its_own() -> None:
+def test_worker_reads_stdin_and_answers_on_stdout(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     packed = BytesIO()
     np.save(packed, rows_with_friction()[:500])
-    ended = subprocess.run(
-        [sys.executable, "-m", "forefeel.dashboard.worker"], input=packed.getvalue(), cwd=ROOT,
-        capture_output=True, check=True, timeout=60,
-    )  # fmt: skip
-    assert "expected at least" in json.loads(ended.stdout)["headline"]
+    packed.seek(0)
+    monkeypatch.setattr("sys.stdin", TextIOWrapper(packed))
+    monkeypatch.setattr(worker, "die_with_parent", lambda: None)
+    monkeypatch.setattr("os.nice", lambda _: 0)
+    worker.main()
+    assert "expected at least" in json.loads(capsys.readouterr().out)["headline"]
 
 
 class Watched:
@@ -144,23 +143,34 @@ def test_a_wrong_model_is_diagnosed_once_from_what_came_since(monkeypatch: pytes
     assert found.findings[AXIS].final
 
 
+class Ended:
+    """A worker that has ended without an answer."""
+
+    returncode = 1
+
+    def __init__(self, said: bytes) -> None:
+        self._said = said
+
+    async def communicate(self, _rows: bytes) -> tuple[bytes, bytes]:
+        return b"", self._said
+
+
 @pytest.mark.parametrize(
-    ("program", "headline"),
+    ("said", "headline"),
     [
-        ("/nowhere/python", "it could not be started (No such file or directory)"),
-        ("import sys; sys.exit('a library is broken')", "a library is broken"),
-        ("pass", "it ended without an answer"),
+        (None, "it could not be started (No such file or directory)"),
+        (b"Traceback\na library is broken\n", "a library is broken"),
+        (b"", "it ended without an answer"),
     ],
 )
-def test_a_worker_that_fails_says_why_and_nothing_ends(
-    monkeypatch: pytest.MonkeyPatch, program: str, headline: str
+def test_worker_that_fails_says_why(
+    monkeypatch: pytest.MonkeyPatch, said: bytes | None, headline: str
 ) -> None:
-    start = asyncio.create_subprocess_exec
+    async def start(*_: str, **__: object) -> Ended:
+        if said is None:
+            raise FileNotFoundError(2, "No such file or directory")
+        return Ended(said)
 
-    async def other(*_: str, **how: Any) -> asyncio.subprocess.Process:  # noqa: ANN401 - asyncio's own
-        words = [program] if program.startswith("/") else [sys.executable, "-c", program]
-        return await start(*words, **how)
-
-    monkeypatch.setattr(asyncio, "create_subprocess_exec", other)
-    said = asyncio.run(diagnosing._ask(np.zeros((3, 3))))
-    assert said == {"headline": f"The diagnosis failed: {headline}.", "causes": [], "final": False}
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", start)
+    answer = asyncio.run(diagnosing._ask(np.zeros((3, 3))))
+    assert answer == {"headline": f"The diagnosis failed: {headline}.", "causes": [], "final": False}
