@@ -182,7 +182,6 @@ def _of_model(axis: str, model: ModelParameters) -> Iterator[Metric]:
 
 
 def _gauge(family: str, text: str, value: float, /, **labels: str) -> Metric:
-    """One sample; `_joined` puts those of a family together."""
     found = GaugeMetricFamily(f"forefeel_{family}", text, labels=list(labels))
     found.add_metric(list(labels.values()), value)
     return found

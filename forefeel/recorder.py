@@ -85,7 +85,6 @@ class Recorder:
 
     @property
     def lost(self) -> int:
-        """Payloads dropped because the disk was too slow."""
         return self._queue.dropped
 
     @property

@@ -91,26 +91,21 @@ class RealRuntime:
 
     @property
     def scheduling(self) -> str:
-        """What the loops got from the operating system, in plain words."""
         return ", ".join([*sorted({loop.scheduling for loop in self._loops}), self._memory])
 
     @property
     def ticks(self) -> tuple[int, ...]:
-        """How often each loop has ticked."""
         return tuple(loop.lateness.ticks for loop in self._loops)
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        """Registers a hard-paced loop."""
         thread = self.host.loop(name, period_ns, tick, self.fault)
         self._loops.append(thread)
         return thread.lateness
 
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
-        """Registers a periodic asyncio task."""
         self._tasks.append((name, period_ns, tick))
 
     def on_fault(self, reaction: Callable[[BaseException], None]) -> None:
-        """Adds a safety reaction."""
         self._reactions.append(reaction)
 
     def fault(self, error: BaseException) -> None:
@@ -131,7 +126,6 @@ class RealRuntime:
         self.stopping.set()
 
     async def __aenter__(self) -> "RealRuntime":
-        """Starts every thread and task."""
         self._memory = self.host.prepare_process()
         self.timers.start()
         for loop in self._loops:
@@ -144,7 +138,6 @@ class RealRuntime:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        """Ends every task and thread, in that order."""
         for task in self._running:
             task.cancel()
         await self._group.__aexit__(None, None, None)

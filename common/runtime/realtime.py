@@ -88,7 +88,6 @@ class WakeUp:
         self.spin_ns: float = _MOST_SPIN_NS
 
     def note(self, late_ns: int) -> None:
-        """One wake-up."""
         wanted_ns = self.spin_ns + self._STEP_NS * (self._SHARE - (late_ns <= self.spin_ns))
         self.spin_ns = min(max(wanted_ns, _LEAST_SPIN_NS), _MOST_SPIN_NS)
 
@@ -120,7 +119,6 @@ class RealtimeThread:
         self._wake_up = WakeUp()
 
     def start(self, priority: int) -> None:
-        """Starts the thread; `priority` 0 asks for normal scheduling."""
         self._priority = priority
         self._thread.start()
 

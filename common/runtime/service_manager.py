@@ -41,7 +41,6 @@ class ServiceManager:
         self.watchdog_ns = _watchdog_ns(environment, pid) if self._address is not None else None
 
     def tell(self, text: str) -> None:
-        """See `Manager`. A manager that is gone or busy is no reason to stop."""
         if self._address is None:
             return
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:

@@ -137,7 +137,6 @@ class StateFolder:
         os.pwrite(self._lock, f"{os.getpid()}\n".encode(), 0)
 
     def close(self) -> None:
-        """Gives it free; idempotent."""
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1

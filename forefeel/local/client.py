@@ -58,8 +58,8 @@ def ask(folder: Path, request: Request, timeout_s: float = 5.0) -> Answer:
             asking.bind("")  # an abstract address, which the kernel chooses, for the answer
             asking.connect(path)
             asking.send(json.dumps(request._asdict()).encode())
-            said = json.loads(asking.recv(_LONGEST_ANSWER))
-        return Answer(said["done"] is True, tuple(map(str, said["text"])), str(said["role"]))
+            fields = json.loads(asking.recv(_LONGEST_ANSWER))
+        return Answer(fields["done"] is True, tuple(map(str, fields["text"])), str(fields["role"]))
     except PermissionError as error:
         raise RunError(
             f"{folder / SOCKET}: {error.strerror}; expected root or the daemon's own user"

@@ -44,7 +44,7 @@ class StopOutcome(NamedTuple):
 
 @dataclass
 class Stopper:
-    """Says the stop on the keys of the axes, of every axis that is heard where none is named.
+    """Publishes the stop for the named axes, or for every axis that is heard.
 
     `news`: an axis says another state than before.
     """
@@ -72,10 +72,10 @@ class Stopper:
         if parsed is None or parsed[2] is not SLAVE_STATE:
             return
         try:
-            said = decode(SlaveState, payload)
+            decoded = decode(SlaveState, payload)
         except CodecError:
             return
-        state = said.state.value + ("" if said.latch_persisted else ", NOT KEPT OVER A NEW START")
+        state = decoded.state.value + ("" if decoded.latch_persisted else ", NOT KEPT OVER A NEW START")
         if self.states.get(parsed[1]) != state:
             self.states[parsed[1]] = state
             self.news.set()
