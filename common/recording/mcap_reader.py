@@ -10,7 +10,7 @@ from types import NoneType
 from typing import Any, TypeVar
 
 import numpy as np
-from mcap.records import Attachment, Channel, Metadata, Statistics
+from mcap.records import Channel, Metadata, Statistics
 from mcap.records import Message as MessageRecord
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
@@ -49,7 +49,6 @@ class Contents:
     cell: str | None = None
     streams: dict[tuple[str, str], Stream] = field(default_factory=dict)
     metadata: dict[str, Mapping[str, str]] = field(default_factory=dict)
-    attachments: dict[str, bytes] = field(default_factory=dict)
 
     def stream_of(self, channel: Channel) -> Stream:
         """The stream that takes the messages of a channel; one that nobody reads for a foreign channel."""
@@ -84,8 +83,6 @@ def read_contents(path: Path) -> Contents:
                 channels[record.id] = contents.stream_of(record)
             elif isinstance(record, Metadata):
                 contents.metadata[record.name] = record.metadata
-            elif isinstance(record, Attachment):
-                contents.attachments[record.name] = record.data
             elif isinstance(record, Statistics) and record.message_count != count:
                 counts = f"it holds {count} messages, its statistics say {record.message_count}"
                 raise RecordingError(f"{path}: damaged, {counts}")
@@ -94,7 +91,7 @@ def read_contents(path: Path) -> Contents:
 
 
 class Run:
-    """One run: cell, axes, the messages of each topic in the order of their arrival, metadata, attachments.
+    """One run: cell, axes, the messages of each topic in the order of their arrival, metadata.
 
     Messages are decoded and validated when they are asked for; columns are kept after that. An axis that the
     run does not have raises RecordingError; a topic of which nothing was recorded is empty.
@@ -108,7 +105,6 @@ class Run:
         """None when nothing was recorded."""
         self.axes: tuple[str, ...] = tuple(sorted({axis for axis, _ in contents.streams}))
         self.metadata: Mapping[str, Mapping[str, str]] = contents.metadata
-        self.attachments: Mapping[str, bytes] = contents.attachments
         self._streams = contents.streams
         self._columns: dict[tuple[str, str], Columns] = {}
 

@@ -45,7 +45,6 @@ class RunWriter:
         self._path = path
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, _Channel] = {}
-        self._newest_ns = 0
         try:
             self._file = path.open("xb")  # a measurement is never overwritten
         except OSError as error:
@@ -82,7 +81,6 @@ class RunWriter:
         self._add(self._channels.get(key) or self._add_channel(key), message, receive_ns)
 
     def _add(self, channel: _Channel, message: Message, receive_ns: int) -> None:
-        self._newest_ns = max(self._newest_ns, receive_ns)
         with self._failing_as_run_error():
             self._mcap.add_message(
                 channel.id,
@@ -97,11 +95,6 @@ class RunWriter:
         """Adds a named table of texts, e.g. the settings or the software versions."""
         with self._failing_as_run_error():
             self._mcap.add_metadata(name, dict(values))
-
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Adds a whole file, e.g. the configuration, with the log time of the newest message."""
-        with self._failing_as_run_error():
-            self._mcap.add_attachment(0, self._newest_ns, name, media_type, data)
 
     def flush(self) -> None:
         """Ends the chunk and puts everything on the disk: it survives a kill and a loss of power."""

@@ -15,7 +15,7 @@ from forefeel.common.estimation.state_filter import GAP_S
 
 Array = NDArray[np.float64]
 
-_ROUNDING_S = 1e-6  # s, rounding of stamps that does not make a gap; 1 % of a sample interval at 10 kHz
+_ROUNDING_S = 1e-6  # s, rounding of stamps: a 10 Hz recording is no row of gaps of 0.1 s
 
 _LEAST_ROOM_BYTES = 16 * 2**20  # bytes that any compressed file may unpack to, see `room_of`
 _MOST_EXPANSION = 100  # unpacked bytes for each byte of a compressed file, see `room_of`
@@ -75,15 +75,9 @@ class Recording:
 
         Nothing may interpolate, differentiate or filter across their borders. A piece can be a single sample.
         """
-        after = np.flatnonzero(_gaps(self.time_s, gap_s)) + 1
+        after = np.flatnonzero(np.diff(self.time_s) > gap_s + _ROUNDING_S) + 1
         edges = [0, *after.tolist(), len(self)]
         return [slice(start, stop) for start, stop in pairwise(edges)]
-
-    def speed_max_m_s(self, gap_s: float = GAP_S) -> float:
-        """The largest speed between neighbours of one segment; 0 when every sample stands alone."""
-        inside = ~_gaps(self.time_s, gap_s)
-        speeds = np.abs(np.diff(self.position_m)[inside]) / np.diff(self.time_s)[inside]
-        return float(np.max(speeds, initial=0.0))
 
 
 def check_samples(columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> None:
@@ -140,8 +134,3 @@ def _frozen(values: ArrayLike) -> Array:
 def _fixed(values: Array) -> bool:
     writeable_below = isinstance(values.base, np.ndarray) and values.base.flags.writeable
     return values.flags.c_contiguous and not values.flags.writeable and not writeable_below
-
-
-def _gaps(time_s: Array, gap_s: float) -> NDArray[np.bool_]:
-    # stamps are rounded: a 10 Hz recording is no row of gaps of 0.1 s
-    return np.diff(time_s) > gap_s + _ROUNDING_S

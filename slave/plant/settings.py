@@ -10,7 +10,6 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.config import Settings, checked, deep_merge
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
-from forefeel.slave.load_cell import VALID_SHARE
 from forefeel.slave.plant.presets import PRESETS
 
 PresetName = Literal["catheter", "guidewire"]
@@ -68,11 +67,6 @@ class LoadCellSettings(Settings):
     noise_n: Annotated[float, Field(ge=0.0, le=10.0)]
     bias_n: Annotated[float, Field(ge=-100.0, le=100.0)]
     drift_n_s: Annotated[float, Field(ge=-1.0, le=1.0)]
-
-    @property
-    def most_valid_n(self) -> float:
-        """Beyond it a reading is not to be believed: the cell saturates soon."""
-        return VALID_SHARE * self.full_scale_n
 
 
 class HiddenSettings(Settings):

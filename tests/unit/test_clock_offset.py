@@ -56,9 +56,6 @@ def test_an_exchange_that_can_not_be_is_ignored(stamps: tuple[int, int, int, int
     assert end_ns
 
 
-INT64 = st.integers(-(2**63), 2**63 - 1)
-
-
 DELAY = st.integers(0, 300 * MS)
 TRUE_DELAY = st.integers(MS // 100, 300 * MS)  # no network is faster than a peer's answer can drift
 PAUSE, ANSWER = st.integers(1, 3 * S), st.integers(0, 50 * MS)

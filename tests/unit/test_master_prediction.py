@@ -1,6 +1,6 @@
 """The live prediction on a drive that lags and a contact that imports nothing of the predictor."""
 
-from math import nan, pi
+from math import pi
 
 import numpy as np
 import pytest
@@ -126,15 +126,3 @@ def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:
     for _ in range(600):
         present = Present(*bench.step(Grip.OPEN), True, None, bench.arrived)
         assert prediction.predict(present) is None
-
-
-def test_motion_that_is_no_number_leaves_the_prediction_finite() -> None:
-    bench, prediction = Bench(), ForcePrediction(LIMITS, None, 40.0)
-    for n in range(6000):
-        stamp_ns, command_m, velocity_m_s = bench.step()
-        asked_m = nan if 1000 <= n < 1050 else command_m
-        present = Present(stamp_ns, asked_m, velocity_m_s, True, None, bench.arrived)
-        said = prediction.predict(present)
-        assert said is None or np.isfinite(said.force_n)
-    assert said is not None
-    assert said.force_n == pytest.approx(bench.samples[-1].force_n, abs=0.1)

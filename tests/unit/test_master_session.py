@@ -54,12 +54,6 @@ def test_an_answer_to_an_older_session_is_heard_but_changes_nothing() -> None:
     assert (asking.state, asking.heard_ns) == (SessionState.ASKING, 6 * MS)
 
 
-def test_an_answer_to_no_handshake_opens_nothing() -> None:
-    asking = asked()
-    asking.answered(11, True, "", None, 5 * MS)
-    assert asking.state is SessionState.ASKING
-
-
 @pytest.mark.parametrize("accepted", [True, False])
 def test_an_answer_that_took_longer_is_none_and_later_ones_find_another_id(accepted: bool) -> None:
     asking = asked()
@@ -78,13 +72,6 @@ def test_a_refusal_that_passes_is_asked_again_with_the_same_id(reason: str) -> N
     assert (asking.state, asking.session_id) == (SessionState.ASKING, 11)
     assert asking.cause(20 * MS) == f"the slave refuses: {reason}"
     assert asking.should_ask(250 * MS)
-
-
-def test_settings_that_differ_do_not_come_right_by_asking() -> None:
-    asking = asked()
-    asking.answered(11, False, "settings differ: kind: insertion here, rotation there", 0, MS)
-    assert (asking.state, asking.session_id) == (SessionState.MISMATCH, 11)
-    assert asking.cause(9000 * MS) == "settings differ: kind: insertion here, rotation there"
 
 
 def test_an_id_that_was_used_is_replaced() -> None:

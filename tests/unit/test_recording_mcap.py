@@ -74,15 +74,12 @@ def test_columns_have_the_type_of_their_field_and_none_is_nan(tmp_path: Path) ->
     assert len(run.column(AXIS, COMMAND, "position_m")) == 0
 
 
-def test_metadata_and_attachments(tmp_path: Path) -> None:
+def test_run_metadata_is_read_back(tmp_path: Path) -> None:
     with RunWriter(tmp_path / "run.mcap") as writer:
         writer.add_metadata("versions", {"forefeel": "0.1.0", "größe": "µm"})
         put(writer, force(0))
-        writer.attach("master.yaml", "application/yaml", b"axes: \x00\xff")
-        writer.attach("empty", "text/plain", b"")
     run = read_run(tmp_path / "run.mcap")
     assert run.metadata == {"versions": {"forefeel": "0.1.0", "größe": "µm"}}
-    assert run.attachments == {"master.yaml": b"axes: \x00\xff", "empty": b""}
     assert run.count(AXIS, FORCE) == 1
 
 

@@ -160,33 +160,6 @@ def test_parquet_holds_the_same_recording(tmp_path: Path) -> None:
     assert mapped.position_m[-1] == pytest.approx(499e-6)
 
 
-@pytest.mark.parametrize(
-    ("columns", "expected"),
-    [
-        ({"t": [0, 1]}, ": no column 'time_s', it has 't'"),
-        (
-            {"time_s": [0, 1], "position_m": ["a", "b"]},
-            ", column 'position_m': holds string, expected numbers",
-        ),
-        ({"time_s": [True, False], "position_m": [0, 1]}, ", column 'time_s': holds bool, expected numbers"),
-        (
-            {"time_s": [0, 1], "position_m": [1, None]},
-            ": row 2, column 'position_m': nan, expected a finite number",
-        ),
-        (
-            {"time_s": [3, 2], "position_m": [1, 1]},
-            ": row 2, column 'time_s': 2.0 after 3.0, expected time to increase",
-        ),
-        ({"time_s": [3], "position_m": [1]}, ": 1 sample(s), expected at least 2"),
-    ],
-)
-def test_a_bad_parquet_column(tmp_path: Path, columns: dict[str, object], expected: str) -> None:
-    path = parquet(tmp_path / "trial.parquet", **columns)
-    with pytest.raises(RecordingError) as caught:
-        load_recording(path)
-    assert str(caught.value) == f"{path}{expected}"
-
-
 def test_what_is_no_parquet_file(tmp_path: Path) -> None:
     path = parquet(tmp_path / "trial.parquet", time_s=[0, 1], position_m=[0, 1])
     whole = path.read_bytes()
