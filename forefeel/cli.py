@@ -77,6 +77,10 @@ class _Group(TyperGroup):
         self.commands: Any = _Commands(attributes["name"] if attributes["name"] in GROUPS else "")
         self._in_help = False
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
+        """Without a command the help is what was asked for."""
+        return super().parse_args(ctx, args or ["--help"])
+
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
         """Whatever a command's module imports is not needed for its name."""
         self._in_help = True
@@ -112,9 +116,7 @@ def _made(words: str) -> Any:  # noqa: ANN401 - typer's own class
 
 
 def _group(name: str, words: str) -> typer.Typer:
-    made = typer.Typer(
-        name=name, cls=_Group, add_completion=False, no_args_is_help=True, rich_markup_mode=None
-    )
+    made = typer.Typer(name=name, cls=_Group, add_completion=False, rich_markup_mode=None)
     made.callback(help=words)(lambda: None)
     return made
 
@@ -128,7 +130,6 @@ def _version(wanted: bool) -> None:
 app = typer.Typer(
     name="forefeel",
     cls=_Group,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # help in boxes would take as long again
 )

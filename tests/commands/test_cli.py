@@ -146,6 +146,16 @@ def test_the_version_is_that_of_the_installed_package(
     assert capsys.readouterr().out == f"forefeel {metadata.version('forefeel')}\n"
 
 
+@pytest.mark.parametrize("group", [[], ["pki"]])
+def test_no_command_prints_the_help(
+    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], group: list[str]
+) -> None:
+    assert run(group) == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    assert len(shown.out.splitlines()) > 5
+
+
 def test_the_help_names_all_commands_and_imports_none() -> None:
     ask = "import sys, forefeel.cli as cli;cli.app(['--help'], standalone_mode=False); print(*sys.modules)"
     shown = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout
