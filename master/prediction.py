@@ -4,8 +4,7 @@ One stamp joins everything: that of the command. The forecaster moves with the s
 of the command, and learns from the force that the slave measured while it executed that command. So the
 delay, its jitter and the two clocks stay out of it, and it is asked for just what it has learned on: the
 drive's lag is part of what it learns. A model of a model.yaml was learned on positions of the stage: it gets
-those that are expected, see docs/decisions/0009, and takes part in two forms, see
-`forefeel.common.estimation.loaded`.
+those that are expected, and takes part in two forms, see `forefeel.common.estimation.loaded`.
 """
 
 from typing import NamedTuple, Protocol

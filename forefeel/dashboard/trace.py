@@ -8,8 +8,8 @@ import numpy as np
 from forefeel.common.error_size import Floats
 from forefeel.common.estimation.state_filter import GAP_S
 
-BIN_S = 0.02  # s, of which the lowest and the highest sample are kept (docs/decisions/0018)
-SPAN_S = 60.0  # s that a trace holds (docs/decisions/0018)
+BIN_S = 0.02  # s, of which the lowest and the highest sample are kept
+SPAN_S = 60.0  # s that a trace holds
 
 
 class Points(NamedTuple):
