@@ -84,7 +84,10 @@ class _Group(TyperGroup):
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
         """Whatever a command's module imports is not needed for its name."""
         self._in_help = True
-        super().format_help(ctx, formatter)
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._in_help = False
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401
         """In the order of `COMMANDS`; typer's own would make each of them."""

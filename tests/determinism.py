@@ -17,10 +17,6 @@ OF_ASYNCIO = re.compile(r"asyncio_|.*\(_do_shutdown\)")
 
 STILL_VIOLATING = frozenset(
     {
-        "commands/test_bad_lines.py",
-        "commands/test_cli.py",
-        "commands/test_output.py",
-        "commands/test_results.py",
         "devices/test_ascii_line_driver.py",
         "devices/test_bad_input.py",
         "devices/test_bota_serial.py",

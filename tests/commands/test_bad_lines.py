@@ -1,76 +1,102 @@
 """One line for whatever is wrong, exit code 2, and nothing left behind."""
 
-import socket
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
 from forefeel.common.recording.mcap_writer import RunWriter
-from tests.commands.bad_lines import BAD, Bad
-from tests.commands.command_line import contents
+from tests.commands.command_line import refused
 from tests.unit.recording_samples import force, put
 
+SLAVE = "role: slave\ntransport: {listen: ['tcp/127.0.0.1:0']}\n"
+RECORDING = "time_s,position_m,force_n\n0.0,0.0,0.1\n0.01,0.001,0.2\n0.02,0.002,0.3\n"
+LOOPBACK = "loopback --virtual-time --out @/out"
+PLAYED = f"{LOOPBACK} --recording @/run.csv"
+MODEL = "schema: forefeel.model/1\nname: x\neffects:\n"
+MAGIC, BIAS, CONTACT = (f"{MODEL}  - effect: {name}\n" for name in ("magic", "bias", "contact_loss"))
+AXIS = "role: slave\naxes:\n  - "
+NEAR = "--connect tcp/127.0.0.1:9"
 
-@pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
-def test_bad_input_is_one_line_and_leaves_nothing_behind(
-    bad: Bad, run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
+
+START, CHECK, MASTER = "slave --config", "config check", "role: master\naxes: "
+SETTINGS: list[tuple[str, str, tuple[str, ...], str]] = [
+    *((START, f"--duration {text}", ("--duration",), SLAVE) for text in ("soon", "-1", "nan")),
+    (START, "", ("f.yaml:2", "'slave'"), "cell: a\nrole: master\n"),
+    (CHECK, "", ("f.yaml", "expected a mapping"), ""),
+    (START, "", ("f.yaml:3", "YAML"), "role: slave\ncell: [a\n"),
+    (CHECK, "", ("f.yaml:1", "python/name"), "role: !!python/name:os.system\n"),
+    (START, "", ("f.yaml:3", "axes[0].gate.watchdog_ms"), f"{AXIS}gate: {{watchdog_ms: 60}}"),
+    (CHECK, "", ("f.yaml:3", "watchdog_s = 0.31"), f"{AXIS}gate: {{watchdog_s: 0.31}}"),
+    (CHECK, "", ("f.yaml:3", "driver = 'warp'"), f"{AXIS}stage: {{driver: warp}}"),
+    (CHECK, "", ("f.yaml:2", "mars", "satellite"), "role: slave\nimpairment: {inbound: mars}\n"),
+    (START, "", ("f.yaml:2", "no.mcap"), "role: slave\nimpairment: {replay: no.mcap}\n"),
+    ("master --config", "", ("no.csv",), f"{MASTER}[{{handle: {{driver: recording, recording: no.csv}}}}]"),
+]
+"""(command, options, words of the complaint, the file)"""
+
+BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
+    # --- the words of the command line ---
+    ("fly", ("No such command", "fly"), {}),
+    ("slave --konfig x", ("--konfig",), {}),
+    ("slave", ("--config",), {}),
+    ("config check", ("FILE",), {}),
+    ("slave --config @/none.yaml", ("none.yaml", "No such file"), {}),
+    ("slave --config @", ("Is a directory",), {}),
+    *(
+        (f"{command} @/f.yaml {options}".strip(), words, {"f.yaml": text})
+        for command, options, words, text in SETTINGS
+    ),
+    # --- record, view, report ---
+    (f"record --out @/r.mcap {NEAR} --cell a/*", ("--cell", "a/*"), {}),
+    (f"record --out @/r.mcap {NEAR} --duration -1", ("--duration",), {}),
+    ("dashboard", ("--connect", "missing"), {}),
+    (f"dashboard {NEAR} --port 99999", ("--port",), {}),
+    ("report @/none.mcap --out @/out", ("none.mcap", "No such file"), {}),
+    ("report @/run.csv --out @/out", ("run.csv", "MCAP"), {"run.csv": RECORDING}),
+    # --- loopback ---
+    (f"{LOOPBACK} --dashboard", ("--dashboard",), {}),
+    (f"{LOOPBACK} --impairment mars", ("--impairment", "mars", "satellite"), {}),
+    (f"{LOOPBACK} --preset mars", ("--preset", "mars", "guidewire"), {}),
+    *((f"{LOOPBACK} --duration {text}", ("--duration",), {}) for text in ("-1", "0.1", "nan")),
+    (f"{LOOPBACK} --seed -1", ("--seed",), {}),
+    (LOOPBACK, ("out", "is a file"), {"out": "precious"}),
+    (f"{LOOPBACK}/deep/er", ("out", "Not a directory"), {"out": "precious"}),
+    (LOOPBACK, ("out", "earlier run", "--overwrite"), {"out/recording.mcap": "precious"}),
+    (f"{LOOPBACK} --slave-model @/none.yaml", ("none.yaml", "No such file"), {}),
+    (f"{LOOPBACK} --slave-model @/m.yaml", ("m.yaml", "magic"), {"m.yaml": MAGIC}),
+    (f"{LOOPBACK} --hide-at 3", ("--hide-at 3", "--hide"), {}),
+    (f"{LOOPBACK} --hide @/m.yaml --hide-at -1", ("--hide-at -1", "0 to"), {"m.yaml": BIAS}),
+    (f"{LOOPBACK} --hide @/m.yaml", ("second contact effect",), {"m.yaml": CONTACT}),
+    (f"{LOOPBACK} --master-model @/m.yaml", ("m.yaml", "no linear parameter"), {"m.yaml": CONTACT}),
+    (f"{LOOPBACK} --force N:load", ("--force N:load", "--recording"), {}),
+    (f"{PLAYED} --preset guidewire", ("--preset guidewire", "has forces"), {"run.csv": RECORDING}),
+    (f"{PLAYED} --hide @/m.yaml", ("--hide", "has forces"), {"run.csv": RECORDING, "m.yaml": BIAS}),
+    (f"{LOOPBACK} --recording @/a.txt", ("a.txt", ".csv"), {"a.txt": "x"}),
+    (PLAYED, ("run.csv", "line 3", "far"), {"run.csv": "time_s,position_m\n0,0\n0.01,far\n"}),
+    (PLAYED, ("run.csv", "no two samples"), {"run.csv": "time_s,position_m\n0,0\n1,0\n2,0\n"}),
+    (PLAYED, ("run.csv", "workspace_m"), {"run.csv": "time_s,position_m\n0,0\n0.05,4000\n"}),
+    (f"{PLAYED} --position N:position_m", ("position = 'N:position_m'", "'N'"), {"run.csv": RECORDING}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("line", "words", "files"), BAD, ids=[line for line, *_ in BAD])
+def test_bad_input_is_one_line_and_leaves_nothing(
+    run: Callable[[Sequence[str]], int],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    line: str,
+    words: tuple[str, ...],
+    files: dict[str, str],
 ) -> None:
-    for name, text in bad.files.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        if text == "@an empty run":
-            with RunWriter(tmp_path / name) as writer:
-                put(writer, force(1))
-        else:
-            (tmp_path / name).write_text(text)
-    before = contents(tmp_path)
-    assert run(bad.arguments.replace("@", str(tmp_path)).split()) == 2
-    shown = capsys.readouterr()
-    assert shown.out == ""
-    assert shown.err.startswith("forefeel: ")
-    assert shown.err.count("\n") == 1
-    assert shown.err.endswith("\n")
-    for word in bad.words:
-        assert word in shown.err
-    assert contents(tmp_path) == before
+    refused(run, capsys, tmp_path, line, words, files)
 
 
-def test_an_endpoint_that_is_taken_is_named(
-    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
-        (tmp_path / "file.yaml").write_text(f"role: slave\ntransport: {{listen: ['{endpoint}']}}\n")
-        assert run(["slave", "--config", str(tmp_path / "file.yaml")]) == 2
-    assert capsys.readouterr().err == (
-        f"forefeel: endpoint '{endpoint}': taken by another program; end that one or listen on another port\n"
-    )
-
-
-def test_a_slave_that_does_not_answer_is_waited_for_as_long_as_was_said(
-    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        endpoint = f"tcp/127.0.0.1:{silent.getsockname()[1]}"
-    text = f"role: master\npeer_timeout_s: 0.3\ntransport: {{connect: ['{endpoint}']}}\n"
-    (tmp_path / "file.yaml").write_text(text)
-    assert run(["master", "--config", str(tmp_path / "file.yaml")]) == 2
-    *progress, last = capsys.readouterr().err.splitlines()
-    assert all(line.startswith("master: ") for line in progress)
-    assert last == (
-        "forefeel: no session with a slave within 0.3 s (peer_timeout_s): "
-        f"{endpoint.removeprefix('tcp/')} refuses the connection: start the slave there (0.3 s)"
-    )
-
-
-def test_an_mcap_of_two_axes_is_no_recording_to_play(
+def test_recording_of_two_axes_can_not_be_played(
     run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with RunWriter(tmp_path / "two.mcap") as writer:
         for name in ("insertion", "rotation"):
             for index in range(3):
                 put(writer, force(index), axis=name)
-    line = f"loopback --virtual-time --out {tmp_path}/out --recording {tmp_path}/two.mcap"
-    assert run(line.split()) == 2
-    assert "holds insertion, rotation, expected one axis" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    refused(run, capsys, tmp_path, f"{LOOPBACK} --recording @/two.mcap", ("insertion, rotation",), {})
