@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from forefeel.common.causes import registry
 from forefeel.common.causes.base import ForceEffect, MotionEffect, Parameter
 from forefeel.common.causes.candidate import Found
-from forefeel.common.causes.catalogue import CANDIDATES, fingerprint, refresh
+from forefeel.common.causes.catalogue import CANDIDATES, refresh
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
@@ -156,11 +156,3 @@ def test_what_can_not_be_searched_is_said_and_breaks_nothing(install: Install) -
     assert set(CANDIDATES) == known
     assert any("turned adds no force" in line for line in lines)
     assert any("missing" in line and "can not be loaded" in line for line in lines)
-
-
-def test_the_fingerprint_of_any_cause_is_told(install: Install, example: tuple[str, str]) -> None:
-    install(example)
-    refresh()
-    assert "ripple" in fingerprint("cogging")
-    assert "velocity" in fingerprint("coulomb_friction")
-    assert fingerprint("no such cause") == ""

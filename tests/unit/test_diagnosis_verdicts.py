@@ -5,8 +5,7 @@ import pytest
 
 from forefeel.common.causes.base import ForceEffect
 from forefeel.common.causes.catalogue import CANDIDATES, kin
-from forefeel.common.causes.damping import HuntCrossleyDamping, QuadraticDrag
-from forefeel.common.causes.friction import CoulombFriction, PositionDependentFriction, PreslidingHysteresis
+from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
 from forefeel.common.causes.generic import GenericForce
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.wall import StressRelaxation
@@ -75,15 +74,14 @@ def test_friction_along_the_shaft_multiplies_the_tip_s_force() -> None:
     assert kin("capstan") == {"capstan", "position_dependent_friction"}
 
 
-@pytest.mark.parametrize(("name", "wrap"), [("wrap_rad", 0.3), ("wrap_rad_m", 12.0)])
-def test_the_tip_of_a_bent_shaft_may_pull_as_well_as_push(name: str, wrap: float) -> None:
+def test_tip_of_a_bent_shaft_may_pull_and_push() -> None:
     """The tissue is relaxed amid the stroke; the model.yaml has its preload and gives the force."""
     preload = {**effect("bias", force_n=-0.4), "site": "wall"}
-    recording = recorded(body(0.0), preload, effect("capstan", **{name: wrap}), effect("bias", force_n=0.1))
+    recording = recorded(body(0.0), preload, effect("capstan", wrap_rad=0.3), effect("bias", force_n=0.1))
     found = diagnose(recording)
     (cause,) = (each for each in found.diagnosis.causes if each.name != "bias")
     assert cause.name == "capstan"
-    assert cause.parameters[name].value == pytest.approx(wrap, rel=0.03)
+    assert cause.parameters["wrap_rad"].value == pytest.approx(0.3, rel=0.03)
     said = extended_model(found.analysis, "made").runtime().forces_n(*motion())
     assert recording.force_n is not None
     assert np.std((said - recording.force_n)[200:-200]) < 4e-3
@@ -96,22 +94,11 @@ def test_without_a_cause_only_the_noise_decides_what_is_said() -> None:
     assert slow.suggested_motion
 
 
-def test_the_baseline_has_a_bias_and_a_bias_is_told_last() -> None:
-    found = diagnose(
-        recorded(body(0.03), effect("bias", force_n=3.0), effect("coulomb_friction", force_n=0.02))
-    )
-    assert [cause.name for cause in found.diagnosis.causes] == ["coulomb_friction", "bias"]
-    assert found.diagnosis.baseline.rmse_n < 0.03
-
-
 @pytest.mark.parametrize(
     ("kind", "values"),
     [
         (CoulombFriction, {"force_n": 0.05}),
         (PreslidingHysteresis, {"force_n": 0.05, "stiffness_n_m": 60.0}),
-        (HuntCrossleyDamping, {"damping_n_s_m2": 60.0}),
-        (PositionDependentFriction, {"force_per_length_n_m": 3.0}),
-        (QuadraticDrag, {"drag_n_s2_m2": 30.0}),
         (StressRelaxation, {"stiffness_n_m": 12.0, "time_constant_s": 0.4}),
     ],
 )

@@ -1,29 +1,12 @@
 """Models as data, their composition, and effects by name."""
 
-from collections.abc import Iterator
-from importlib.metadata import EntryPoint, EntryPoints
 from typing import Any
 
 import pytest
 
-from forefeel.common.causes import registry
-from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.friction import CoulombFriction
 from forefeel.common.causes.model import ContactModel
 
 DT = 1e-3
-
-
-class Drag(ForceEffect):
-    """An effect of a third party."""
-
-    name = "third_party_drag"
-    site = "shaft"
-    parameters = (Parameter("drag_n_s2_m2", "N s^2/m^2", 2.0, 0.0, 10.0),)
-    reference = "test"
-
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (v * abs(v),)
 
 
 def mapping(*effects: dict[str, Any]) -> dict[str, Any]:
@@ -160,44 +143,3 @@ def test_a_wrong_mapping_is_refused_in_one_line_that_names_the_place(wrong: obje
     with pytest.raises(ValueError) as caught:
         ContactModel.from_mapping(wrong)
     assert str(caught.value) == message
-
-
-def test_an_unknown_effect_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(
-        ValueError,
-        match=r"^effects\[0\]\.effect: unknown effect 'magic', expected one of asymmetric_damping, backlash,",
-    ):
-        model({"effect": "magic"})
-
-
-@pytest.fixture
-def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Installs entry points: an effect, one under a wrong name, one that takes a name of ours."""
-    group = registry.ENTRY_POINT_GROUP
-    points = EntryPoints(
-        EntryPoint(name, f"{__name__}:Drag", group)
-        for name in ("third_party_drag", "misnamed", "coulomb_friction")
-    )
-
-    def entry_points(group: str, name: str | None = None) -> EntryPoints:
-        return points.select(group=group) if name is None else points.select(group=group, name=name)
-
-    monkeypatch.setattr(registry, "entry_points", entry_points)
-    registry.effect_class.cache_clear()
-    yield
-    registry.effect_class.cache_clear()
-
-
-@pytest.mark.usefixtures("installed")
-def test_third_parties_add_effects_by_entry_point() -> None:
-    assert "third_party_drag" in registry.effect_names()
-    assert model({"effect": "third_party_drag"}).runtime().step(0.0, 0.0, 0.1, 0.0, DT) == pytest.approx(0.02)
-
-
-@pytest.mark.usefixtures("installed")
-def test_third_parties_can_not_take_our_names_or_misname_theirs() -> None:
-    assert registry.effect_class("coulomb_friction") is CoulombFriction
-    with pytest.raises(
-        ValueError, match=r"forefeel.effects:misnamed = .*: expected an effect named misnamed, its name"
-    ):
-        registry.effect_class("misnamed")

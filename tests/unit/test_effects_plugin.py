@@ -73,18 +73,6 @@ def test_the_example_package_takes_part_in_a_model(example: dict[str, str]) -> N
     np.testing.assert_allclose(runtime.forces_n(x, x, x, x), one_by_one, atol=1e-12)
 
 
-@pytest.mark.usefixtures("example")
-def test_the_example_package_says_what_its_effect_looks_like() -> None:
-    assert len(registry.effect_class("cogging").fingerprint) > 20
-
-
-@pytest.mark.usefixtures("example")
-def test_a_parameter_of_a_plugin_out_of_bounds_is_one_line() -> None:
-    wrong = [{"effect": "cogging", "parameters": {"pitch_m": 0}}]
-    with pytest.raises(ValueError, match=r"^effects\[0\]\.parameters\.pitch_m = 0: expected a number in "):
-        ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "motor", "effects": wrong})
-
-
 SIZE: tuple[Parameter, ...] = (Parameter("size_n", "N", 0.0, -1.0, 1.0),)
 
 
@@ -147,11 +135,6 @@ class Twice(Good):
     parameters = SIZE * 2
 
 
-class NoParameters(Good):
-    name = "no_parameters"
-    parameters = "size_n"  # type: ignore[assignment]
-
-
 class GoodMotion(MotionEffect):
     name = "good_motion"
     parameters = ()
@@ -177,13 +160,6 @@ class GoodSensor(SensorEffect):
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
         return -force_n
-
-
-class Words(GoodSensor):
-    name = "words"
-
-    def sense(self, t: float, force_n: float, dt: float) -> float:
-        return str(force_n)  # type: ignore[return-value]
 
 
 def raises() -> Any:  # noqa: ANN401
@@ -217,7 +193,6 @@ def test_every_kind_of_effect_can_be_added_with_no_more_than_it_needs(
         ("siteless", f"{__name__}:Siteless", "expected a site, one of wall, shaft, sensor"),
         ("unbounded", f"{__name__}:Unbounded", "size_n: expected finite bounds around its default 0.0"),
         ("twice", f"{__name__}:Twice", "expected parameters of different names, not size_n, size_n"),
-        ("no_parameters", f"{__name__}:NoParameters", "expected parameters to be a tuple of Parameter"),
         (
             "two_regressors",
             f"{__name__}:TwoRegressors",
@@ -225,7 +200,6 @@ def test_every_kind_of_effect_can_be_added_with_no_more_than_it_needs(
         ),
         ("divides", f"{__name__}:Divides", f"{FAILS} ZeroDivisionError: float division by zero"),
         ("endless", f"{__name__}:Endless", f"{FAILS} ValueError: it gives (nan,), expected 1 finite number"),
-        ("words", f"{__name__}:Words", f"{FAILS} ValueError: it gives ('0.0',), expected 1 finite number"),
     ],
 )
 def test_a_bad_plugin_is_one_line_that_names_it(
@@ -242,16 +216,6 @@ def test_a_bad_plugin_is_one_line_that_names_it(
     assert "\n" not in str(caught.value)
 
 
-def test_a_module_that_fails_on_import_is_one_line(
-    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "broken_plugin.py").write_text("raise OSError('no licence\\nfound')\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    install(("broken", "broken_plugin:Broken"))
-    with pytest.raises(ValueError, match=r"Broken: can not be loaded, OSError: no licence found$"):
-        registry.effect_class("broken")
-
-
 def test_two_plugins_of_one_name_are_refused(install: Install) -> None:
     install(("good", "other:Good"), ("good", f"{__name__}:Good"))
     with pytest.raises(ValueError, match=r"^entry point forefeel\.effects:good: other:Good and "):
@@ -259,6 +223,8 @@ def test_two_plugins_of_one_name_are_refused(install: Install) -> None:
 
 
 def test_a_bad_plugin_does_not_disturb_the_others(install: Install) -> None:
-    install(("gone", "no_such_module:Gone"), ("good", f"{__name__}:Good"))
+    points = ("gone", "no_such_module:Gone"), ("good", f"{__name__}:Good"), ("bias", f"{__name__}:Good")
+    install(*points)
     assert registry.effect_class("good") is Good
+    assert registry.effect_class("bias") is registry.OWN["bias"]
     assert {"gone", "good"} <= set(registry.effect_names())

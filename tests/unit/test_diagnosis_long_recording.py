@@ -68,16 +68,6 @@ def test_a_puncture_and_a_drift_far_from_the_liveliest_stretch_are_found_at_thei
     assert cause.parameters["rate_n_s"].value == pytest.approx(0.1 / SECONDS, rel=0.02)
 
 
-@pytest.mark.soak
-def test_the_frequency_of_pulses_is_that_of_the_whole() -> None:
-    t, x, _, force = strokes(3)
-    angle = 2.0 * np.pi * 1.2345 * t
-    pulses = 0.08 * np.sin(angle) + 0.03 * np.cos(2.0 * angle)
-    (cause,) = diagnose(recording(t, x, force + pulses)).diagnosis.causes
-    assert cause.name == "pulsation"
-    assert cause.parameters["frequency_hz"].value == pytest.approx(1.2345, abs=2e-5)
-
-
 def test_chunks_hold_every_sample_once_and_no_gap() -> None:
     t, x, _, force = strokes(5, 100.0)
     keep = (t < 30.0) | (t > 33.0)
@@ -100,16 +90,3 @@ def test_rare_spikes_are_counted_over_the_whole() -> None:
     assert faults[0].parameters["rate_hz"][0] == pytest.approx(12 / SECONDS, rel=0.2)
     assert np.max(np.abs(np.asarray(cleaned.force_n) - force)) < 0.05
     assert "sensor_spikes" in [cause.name for cause in diagnose(whole).diagnosis.causes]
-
-
-@pytest.mark.parametrize(("rate_hz", "seconds"), [(20.0, 60.0), (10_000.0, 5.0), (1000.0, 5.0)])
-def test_slow_fast_and_short_recordings_are_diagnosed(rate_hz: float, seconds: float) -> None:
-    t = np.arange(int(seconds * rate_hz)) / rate_hz
-    w, size = 2.0 * np.pi * np.array([0.37, 0.9, 2.3, 5.1]), np.array([6e-3, 2e-3, 1e-3, 2e-4])
-    phase = np.outer(t, w) + np.array([0.3, 2.0, 4.0, 1.0])
-    x, v = np.sin(phase) @ size, np.cos(phase) @ (size * w)
-    noise = 2e-3 * np.random.default_rng(7).standard_normal(len(t))
-    found = diagnose(recording(t, x, 0.8 * v + 25.0 * x + noise))
-    # at 20 Hz nothing tells how large the noise is
-    assert found.diagnosis.verdict == ("nothing_found" if rate_hz < 50.0 else "nothing_missing")
-    assert found.analysis.fit.coefficients[2] == pytest.approx(25.0, rel=0.02)

@@ -1,0 +1,353 @@
+"""Effects against closed forms."""
+
+from itertools import pairwise
+from math import cos, e, exp, pi, sin, sqrt
+
+import numpy as np
+import pytest
+
+from forefeel.common.causes.base import ForceEffect, SensorEffect
+from forefeel.common.causes.capstan import Capstan
+from forefeel.common.causes.damping import AsymmetricDamping, HuntCrossleyDamping, QuadraticDrag
+from forefeel.common.causes.friction import (
+    BAND_M_S,
+    CoulombFriction,
+    PositionDependentFriction,
+    PreslidingHysteresis,
+    StribeckFriction,
+)
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.numerics import Array
+from forefeel.common.causes.periodic import MainsHum, Pulsation
+from forefeel.common.causes.sensor import (
+    Bias,
+    SensorDrift,
+    SensorLag,
+    SensorQuantisation,
+    SensorSaturation,
+    SensorSpikes,
+    TimeDelay,
+)
+from forefeel.common.causes.transmission import Backlash
+from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
+from forefeel.common.causes.wall import (
+    ContactLoss,
+    ExponentialWall,
+    MassDamperSpring,
+    Stiffening,
+    StiffnessChange,
+    StressRelaxation,
+)
+
+DT = 1e-3
+STRIBECK = StribeckFriction(coulomb_n=0.1, static_n=0.3, stribeck_velocity_m_s=0.01)
+
+
+@pytest.mark.parametrize(
+    ("effect", "motion", "expected_n"),
+    [
+        (MassDamperSpring(mass_kg=0.01, damping_n_s_m=0.1, stiffness_n_m=1.0), (0.3, 0.2, 5.0), 0.37),
+        (CoulombFriction(forward_n=0.3, backward_n=0.1), (0.0, 0.02, 0.0), 0.3),
+        (CoulombFriction(forward_n=0.3, backward_n=0.1), (0.0, -0.02, 0.0), -0.1),
+        (CoulombFriction(forward_n=0.3, backward_n=0.1), (0.0, BAND_M_S / 2, 0.0), 0.15),
+        (CoulombFriction(force_n=0.2), (0.0, 0.0, 0.0), 0.0),
+        (STRIBECK, (0.0, 1e-6, 0.0), 0.03),
+        (STRIBECK, (0.0, 0.01, 0.0), 0.1 + 0.2 / e),
+        (STRIBECK, (0.0, -0.01, 0.0), -0.1 - 0.2 / e),
+        (STRIBECK, (0.0, 0.1, 0.0), 0.1),
+        (PositionDependentFriction(force_per_length_n_m=2.0), (0.05, 0.01, 0.0), 0.1),
+        (PositionDependentFriction(force_per_length_n_m=2.0), (0.05, -0.01, 0.0), -0.1),
+        (PositionDependentFriction(force_per_length_n_m=2.0), (-0.05, 0.01, 0.0), 0.0),
+        (HuntCrossleyDamping(damping_n_s_m2=40.0), (0.02, -0.05, 0.0), -0.04),
+        (HuntCrossleyDamping(damping_n_s_m2=40.0), (-0.02, 0.05, 0.0), 0.0),
+        (QuadraticDrag(drag_n_s2_m2=30.0), (0.0, 0.2, 0.0), 1.2),
+        (QuadraticDrag(drag_n_s2_m2=30.0), (0.0, -0.2, 0.0), -1.2),
+        (AsymmetricDamping(forward_n_s_m=2.0, backward_n_s_m=0.5), (0.0, 0.1, 0.0), 0.2),
+        (AsymmetricDamping(forward_n_s_m=2.0, backward_n_s_m=0.5), (0.0, -0.1, 0.0), -0.05),
+        (Stiffening(quadratic_n_m2=30.0, cubic_n_m3=400.0), (0.1, 0.0, 0.0), 0.7),
+        (Stiffening(quadratic_n_m2=30.0, cubic_n_m3=400.0), (-0.1, 0.0, 0.0), -0.1),
+        (ExponentialWall(exponential_n=1.0, length_m=1e-5), (10.0, 0.0, 0.0), exp(50.0) - 51.0),
+        (Bias(force_n=-0.04), (0.0, 0.0, 0.0), -0.04),
+        (SensorDrift(rate_n_s=1e-3), (0.0, 0.0, 0.0), 9e-3),
+    ],
+    ids=lambda value: value.name if isinstance(value, ForceEffect) else "",
+)
+def test_force_is_its_closed_form(
+    effect: ForceEffect, motion: tuple[float, float, float], expected_n: float
+) -> None:
+    assert effect.step(9.0, *motion, 1e-3) == pytest.approx(expected_n, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("effect", "readings_n"),
+    [
+        (SensorSaturation(limit_n=0.5), [(-2.0, -0.5), (-0.5, -0.5), (0.2, 0.2), (0.7, 0.5)]),
+        (SensorQuantisation(step_n=0.01), [(-0.0149, -0.01), (0.0049, 0.0), (0.0051, 0.01), (0.026, 0.03)]),
+        (TimeDelay(delay_s=0.0), [(1.0, 1.0), (3.0, 3.0)]),
+    ],
+    ids=lambda value: value.name if isinstance(value, SensorEffect) else "",
+)
+def test_reading_is_its_closed_form(effect: SensorEffect, readings_n: list[tuple[float, float]]) -> None:
+    found = [effect.sense(0.0, force_n, 1e-3) for force_n, _ in readings_n]
+    assert found == pytest.approx([reading_n for _, reading_n in readings_n])
+
+
+def glide(effect: ForceEffect, distance_m: float, speed_m_s: float, steps: int) -> float:
+    """The force after moving by `distance_m` at constant speed in so many steps."""
+    dt = abs(distance_m / speed_m_s) / steps
+    v = speed_m_s if distance_m > 0 else -speed_m_s
+    force = 0.0
+    for _ in range(steps):
+        force = effect.step(0.0, 0.0, v, 0.0, dt)
+    return force
+
+
+def test_with_a_breakaway_friction_turns_over_twice_that_distance() -> None:
+    effect = CoulombFriction(force_n=0.2, breakaway_m=1e-5)
+    assert glide(effect, 5e-6, 1e-3, 10) == pytest.approx(0.1)
+    assert glide(effect, 1e-3, 1e-3, 10) == pytest.approx(0.2)
+    assert glide(effect, -1e-5, 1e-3, 10) == pytest.approx(0.0, abs=1e-12)
+    assert glide(effect, -1e-4, 1e-3, 10) == pytest.approx(-0.2)
+    effect.reset()
+    assert effect.step(0.0, 0.0, 0.0, 0.0, 1e-3) == 0.0
+
+
+@pytest.mark.parametrize("steps", [1, 7, 1000])
+@pytest.mark.parametrize("speed", [1e-4, 0.02])
+def test_dahl_follows_its_closed_form_at_any_speed_and_step(steps: int, speed: float) -> None:
+    force_n, stiffness_n_m = 0.08, 250.0
+    effect = PreslidingHysteresis(force_n=force_n, stiffness_n_m=stiffness_n_m)
+    out, back = 5e-4, 2e-4
+    u = 1 - exp(-stiffness_n_m * out / force_n)
+    assert glide(effect, out, speed, steps) == pytest.approx(force_n * u, rel=1e-9)
+    reversed_u = (1 + u) * exp(-stiffness_n_m * back / force_n) - 1
+    assert glide(effect, -back, speed, steps) == pytest.approx(force_n * reversed_u, rel=1e-9)
+
+
+def test_dahl_starts_with_its_stiffness_and_holds_at_rest() -> None:
+    effect = PreslidingHysteresis(force_n=0.08, stiffness_n_m=250.0)
+    start = glide(effect, 1e-8, 1e-3, 1)
+    assert start == pytest.approx(250.0 * 1e-8, rel=1e-4)
+    assert effect.step(0.0, 0.0, 0.0, 0.0, 1.0) == start
+
+
+def test_dahl_loses_the_loop_area_of_the_steady_cycle() -> None:
+    force_n, stiffness_n_m, stroke_m, steps = 0.08, 250.0, 6e-4, 4000
+    effect = PreslidingHysteresis(force_n=force_n, stiffness_n_m=stiffness_n_m)
+    length = force_n / stiffness_n_m
+    for _ in range(10):
+        glide(effect, stroke_m, 0.01, 1)
+        glide(effect, -stroke_m, 0.01, 1)
+    dx, area = stroke_m / steps, 0.0
+    before = effect.step(0.0, 0.0, 0.0, 0.0, 1.0)
+    for sign in (1.0, -1.0):
+        for _ in range(steps):
+            after = effect.step(0.0, 0.0, sign, 0.0, dx)
+            area += 0.5 * (before + after) * sign * dx
+            before = after
+    decay = exp(-stroke_m / length)
+    turning = (1 - decay) / (1 + decay)
+    expected = 2 * force_n * (stroke_m - (1 + turning) * length * (1 - decay))
+    assert area == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("steps", [1, 13, 2000])
+def test_stress_relaxation_builds_up_and_fades_exponentially(steps: int) -> None:
+    k, tau, v, ramp_s, hold_s = 6.0, 0.6, 0.02, 0.5, 0.9
+    effect = StressRelaxation(stiffness_n_m=k, time_constant_s=tau)
+    ramp = [effect.step(0.0, 0.0, v, 0.0, ramp_s / steps) for _ in range(steps)][-1]
+    assert ramp == pytest.approx(k * v * tau * (1 - exp(-ramp_s / tau)), rel=1e-9)
+    hold = [effect.step(0.0, 0.0, 0.0, 0.0, hold_s / steps) for _ in range(steps)][-1]
+    assert hold == pytest.approx(ramp * exp(-hold_s / tau), rel=1e-9)
+
+
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf"), True, "0.1", None])
+def test_a_bad_value_is_refused_in_one_line(value: object) -> None:
+    with pytest.raises(
+        ValueError, match=r"^coulomb_friction\.force_n = .*: expected a number in \[0, 10000\] N$"
+    ):
+        CoulombFriction(force_n=value)  # type: ignore[arg-type]
+
+
+def test_backlash_loses_its_width_at_each_reversal() -> None:
+    effect = Backlash(width_m=0.002)
+    path = [0.0, 0.001, 0.002, 0.010, 0.009, 0.008, 0.007, 0.005]
+    instrument = [effect.transform(0.0, x, 1.0, 2.0, 1e-3) for x in path]
+    assert [y for y, _, _ in instrument] == pytest.approx(
+        [0.0, 0.0, 0.001, 0.009, 0.009, 0.009, 0.008, 0.006]
+    )
+    assert [v for _, v, _ in instrument] == [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    assert [a for _, _, a in instrument] == [2.0 * v for _, v, _ in instrument]
+
+
+def test_a_damped_wall_pushes_and_does_not_pull() -> None:
+    effect = ContactLoss(contact_position_m=0.01, release_s=0.1)
+    assert effect.penetration_m(0.013, -0.029) == pytest.approx(0.003)
+    assert effect.penetration_m(0.013, -0.031) is None, "spring and damper together would pull"
+    assert effect.penetration_m(0.009, 1.0) is None
+
+
+def test_a_shaft_whose_bends_grow_with_its_length_multiplies_more_the_deeper_it_is() -> None:
+    effect = Capstan(wrap_rad=0.1, wrap_rad_m=20.0)
+    assert effect.factor(0.01, 1.0, 1.0) == pytest.approx(exp(0.3))
+    assert effect.factor(0.01, -1.0, 1.0) == pytest.approx(exp(-0.3))
+    assert effect.factor(0.01, -1.0, -1.0) == pytest.approx(exp(0.3)), "a tip that pulls"
+    assert effect.factor(-0.01, 1.0, 1.0) == pytest.approx(exp(0.1))
+
+
+@pytest.mark.parametrize("steps", [1, 10, 1000])
+def test_sensor_lag_answers_a_step_exactly(steps: int) -> None:
+    effect = SensorLag(time_constant_s=0.02)
+    assert effect.sense(0.0, 1.0, 1e-3) == 1.0
+    readings = [effect.sense(0.0, 3.0, 0.05 / steps) for _ in range(steps)]
+    assert readings[-1] == pytest.approx(3.0 - 2.0 * exp(-0.05 / 0.02), rel=1e-9)
+
+
+def stamps(count: int, dt: float = DT) -> Array:
+    return np.arange(count, dtype=np.float64) * dt
+
+
+def test_exponential_wall_is_fungs_law_without_its_linear_part() -> None:
+    effect = ExponentialWall(exponential_n=0.05, length_m=0.004)
+    assert effect.step(0.0, 0.01, 0.0, 0.0, DT) == pytest.approx(0.05 * (exp(2.5) - 1 - 2.5))
+    assert effect.step(0.0, -0.01, 0.0, 0.0, DT) == pytest.approx(0.05 * (exp(-2.5) - 1 + 2.5))
+    shallow = 1e-5
+    square, cube = 0.05 / (2 * 0.004**2), 0.05 / (6 * 0.004**3)
+    polynomial = Stiffening(quadratic_n_m2=square, cubic_n_m3=cube)
+    assert effect.step(0.0, shallow, 0.0, 0.0, DT) == pytest.approx(
+        polynomial.step(0.0, shallow, 0.0, 0.0, DT), rel=1e-6
+    )
+
+
+def test_a_changed_stiffness_is_the_ratio_of_the_old_one() -> None:
+    wall = {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 8.0}
+    change = {"stiffness_n_m": 8.0, "time_s": 2.5, "ratio": 0.25, "rest_position_m": 0.01}
+    effects = [
+        {"effect": "mass_damper_spring", "parameters": wall},
+        {"effect": "bias", "parameters": {"force_n": -8.0 * 0.01}},
+        {"effect": "stiffness_change", "parameters": change},
+    ]
+    model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "puncture", "effects": effects})
+    runtime = model.runtime()
+    assert runtime.step(2.499, 0.03, 0.0, 0.0, DT) == pytest.approx(8.0 * 0.02)
+    assert runtime.step(2.5, 0.03, 0.0, 0.0, DT) == pytest.approx(0.25 * 8.0 * 0.02)
+
+
+def test_the_span_of_a_stiffness_change_leads_back_to_ratio_and_rest() -> None:
+    found = StiffnessChange(stiffness_n_m=8.0, time_s=2.5).from_span([-6.0, 0.06])
+    assert found == pytest.approx(
+        {"stiffness_n_m": 8.0, "time_s": 2.5, "ratio": 0.25, "rest_position_m": 0.01}
+    )
+
+
+@pytest.mark.parametrize("kind", [MainsHum, Pulsation])
+def test_a_periodic_force_has_three_harmonics_with_phases_of_their_own(
+    kind: type[MainsHum] | type[Pulsation],
+) -> None:
+    values = {
+        "amplitude_n": 0.02,
+        "frequency_hz": 49.7,
+        "phase_rad": 0.4,
+        "second_harmonic_ratio": 0.3,
+        "second_harmonic_phase_rad": -1.0,
+        "third_harmonic_ratio": 2.0,
+        "third_harmonic_phase_rad": 2.0,
+    }
+    p = 2 * pi * 49.7 * 1.234 + 0.4
+    force = 0.02 * (sin(p) + 0.3 * sin(2 * p - 1.0) + 2.0 * sin(3 * p + 2.0))
+    assert kind(**values).step(1.234, 0.0, 0.0, 0.0, DT) == pytest.approx(force)
+
+
+@pytest.mark.parametrize("kind", [MainsHum, Pulsation])
+def test_a_linear_fit_at_the_frequency_finds_phases_and_harmonics(
+    kind: type[MainsHum] | type[Pulsation],
+) -> None:
+    values = {
+        "amplitude_n": 0.02,
+        "frequency_hz": 47.3,
+        "phase_rad": -2.1,
+        "second_harmonic_ratio": 0.4,
+        "second_harmonic_phase_rad": 1.3,
+        "third_harmonic_ratio": 0.1,
+        "third_harmonic_phase_rad": -0.7,
+    }
+    t = stamps(2000)
+    rest = np.zeros_like(t)
+    force = 0.02 * kind(**values).columns(t, rest, rest, rest)[:, 0]
+    blank = kind(frequency_hz=47.3)
+    found = np.linalg.lstsq(blank.span(t, rest, rest, rest), force, rcond=None)[0]
+    assert blank.from_span(found.tolist()) == pytest.approx(values, rel=1e-6)
+
+
+def test_a_linear_fit_of_dahl_keeps_its_presliding_length() -> None:
+    found = PreslidingHysteresis(force_n=1.0, stiffness_n_m=2000.0).from_span([0.08])
+    assert found == pytest.approx({"force_n": 0.08, "stiffness_n_m": 160.0})
+
+
+def test_a_delay_gives_the_force_of_then() -> None:
+    effect = TimeDelay(delay_s=0.0255)
+    readings = [effect.sense(i * DT, sin(i * DT), DT) for i in range(200)]
+    assert readings[:26] == [0.0] * 26
+    expected = [sin(i * DT - 0.0255) for i in range(26, 200)]
+    assert readings[26:] == pytest.approx(expected, abs=2e-7)
+    effect.reset()
+    assert effect.sense(0.0, 0.7, DT) == 0.7
+
+
+def spikes(effect: SensorSpikes, duration_s: float, dt: float) -> list[float]:
+    return [effect.sense(i * dt, 0.0, dt) for i in range(round(duration_s / dt))]
+
+
+def test_spikes_come_at_their_rate_and_size_and_alone() -> None:
+    found = spikes(SensorSpikes(rate_hz=2.0, amplitude_n=0.4, seed=7), 200.0, DT)
+    sizes = [abs(force) for force in found if force]
+    assert 340 < len(sizes) < 460  # 400, the standard deviation is 19
+    assert all(0.2 <= size <= 0.6 for size in sizes)
+    assert sum(sizes) / len(sizes) == pytest.approx(0.4, rel=0.05)
+    assert 0.4 < sum(force > 0 for force in found) / len(sizes) < 0.6
+    assert sum(a != 0.0 and b != 0.0 for a, b in pairwise(found)) <= 4
+    gaps = np.diff(np.flatnonzero(found)) * DT
+    assert np.std(gaps) == pytest.approx(0.5, rel=0.2)  # irregular, as of a Poisson process
+
+
+def test_spikes_are_the_same_at_any_rate_of_steps_and_differ_by_seed() -> None:
+    values = {"rate_hz": 3.0, "amplitude_n": 0.4}
+    coarse = spikes(SensorSpikes(**values, seed=1), 20.0, 1e-3)
+    fine = spikes(SensorSpikes(**values, seed=1), 20.0, 1e-4)
+    assert fine[::10] == coarse
+    assert spikes(SensorSpikes(**values, seed=2), 20.0, 1e-3) != coarse
+    slow = spikes(SensorSpikes(**values, seed=1), 20.0, 0.02)
+    assert abs(np.count_nonzero(slow) - np.count_nonzero(coarse)) <= 3  # two may fall into one step
+
+
+@pytest.mark.parametrize("steps", [1, 7, 400])
+def test_a_resonance_rings_as_its_closed_form(steps: int) -> None:
+    frequency_hz, damping_ratio, accelerated_s, free_s, a = 8.0, 0.1, 0.05, 0.11, 2.0
+    effect = UnmodelledResonance(
+        stiffness_n_m=30.0, damping_n_s_m=0.2, frequency_hz=frequency_hz, damping_ratio=damping_ratio
+    )
+    for _ in range(steps):
+        effect.step(0.0, 0.0, 0.0, a, accelerated_s / steps)
+    for _ in range(steps):
+        force = effect.step(0.0, 0.0, 0.0, 0.0, free_s / steps)
+    w = 2 * pi * frequency_hz
+    swing, decay = w * sqrt(1 - damping_ratio**2), damping_ratio * w
+
+    def answer(t: float) -> tuple[float, float]:
+        """z and z' of the answer to a step of acceleration at 0."""
+        lag = 1 - exp(-decay * t) * (cos(swing * t) + decay / swing * sin(swing * t))
+        return a / w**2 * lag, a / swing * exp(-decay * t) * sin(swing * t)
+
+    (z1, v1), (z2, v2) = answer(accelerated_s + free_s), answer(free_s)
+    assert force == pytest.approx(30.0 * (z1 - z2) + 0.2 * (v1 - v2), rel=1e-9)
+
+
+def test_a_hanging_mass_far_above_the_motion_is_just_a_mass() -> None:
+    w = 2 * pi * 200.0
+    effect = UnmodelledResonance(
+        stiffness_n_m=0.05 * w**2, damping_n_s_m=2 * 0.5 * w * 0.05, frequency_hz=200.0, damping_ratio=0.5
+    )
+    t = stamps(20000, 1e-4)
+    a = np.sin(2 * pi * 1.0 * t)
+    force = [effect.step(0.0, 0.0, 0.0, float(now), 1e-4) for now in a]
+    np.testing.assert_allclose(force[5000:], 0.05 * a[5000:], atol=0.05 * 5e-3)
