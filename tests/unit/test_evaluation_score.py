@@ -64,7 +64,7 @@ def test_where_nothing_is_said_the_holds_force_counts() -> None:
     assert scored(trace(said_n)).size.rms_n == pytest.approx(0.5 * np.sqrt(0.5), rel=1e-3)
 
 
-@pytest.mark.parametrize("wild", [np.inf, -2 * RUNAWAY * 3.0, 1e300])
+@pytest.mark.parametrize("wild", [np.nan, np.inf, -2 * RUNAWAY * 3.0, 1e300])
 def test_a_method_that_ran_away_has_no_size_but_a_time(wild: float) -> None:
     said_n = FORCE_N.copy()
     said_n[600:] = wild
@@ -75,25 +75,11 @@ def test_a_method_that_ran_away_has_no_size_but_a_time(wild: float) -> None:
     assert found.band.coverage is None
 
 
-def test_nan_is_a_runaway_when_it_was_said() -> None:
-    said_n = FORCE_N.copy()
-    said_n[700] = np.nan
-    said = MethodTrace(np.ones(N, dtype=np.bool_), said_n, said_n, said_n, (None,) * N)
-    assert scored(said).diverged_at_s == pytest.approx(7.0)
-
-
 def test_what_ran_away_and_came_back_before_the_score_began_did_not_diverge() -> None:
     said_n = FORCE_N.copy()
     said_n[10] = 1e300
     assert scored(trace(said_n)).diverged_at_s is None
     assert scored(trace(said_n)).size.rms_n == 0.0
-
-
-def test_just_within_a_million_times_the_largest_force_is_no_runaway() -> None:
-    said_n = FORCE_N.copy()
-    said_n[600] = 0.99 * RUNAWAY * 3.0
-    assert scored(trace(said_n)).diverged_at_s is None
-    assert scored(trace(said_n), np.full(N, 2.9)).diverged_at_s == pytest.approx(6.0)
 
 
 def test_band_and_leading_expert_are_counted_where_it_is_scored() -> None:

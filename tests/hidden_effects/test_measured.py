@@ -30,25 +30,21 @@ def names(name: str) -> set[str]:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("name", ["emps_train"])
-def test_a_motor_axis_has_dry_friction_that_no_speed_lessens(name: str) -> None:
+def test_motor_axis_has_dry_friction() -> None:
     """Janot, Gautier and Brunot, 2019: Coulomb friction of 20.39 N and an offset; no Stribeck effect."""
-    found = names(name)
-    assert found <= {"coulomb_friction", "asymmetric_damping", "bias"}
-    causes = {cause.name: cause for cause in diagnosed(name).causes}
+    assert names("emps_train") <= {"coulomb_friction", "asymmetric_damping", "bias"}
+    causes = {cause.name: cause for cause in diagnosed("emps_train").causes}
     assert causes["coulomb_friction"].parameters["force_n"].value == pytest.approx(20.39, rel=0.05)
-    assert diagnosed(name).causes[0].name == "coulomb_friction"
+    assert diagnosed("emps_train").causes[0].name == "coulomb_friction"
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("name", ["seal_o_ring_1bar"])
-def test_a_seal_rubs_and_relaxes(name: str) -> None:
-    found = names(name)
+def test_seal_rubs_and_relaxes() -> None:
+    found = names("seal_o_ring_1bar")
     assert found & FRICTION
     assert "stress_relaxation" in found
 
 
-@pytest.mark.soak
 def test_short_strokes_show_friction_that_builds_up_with_distance() -> None:
     assert names("presliding_friction") == {"presliding_hysteresis"}
 

@@ -1,0 +1,305 @@
+"""The honest evaluation: arrivals, methods, scores and the document."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.recording.tabular import load_recording
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
+from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules, to_json
+from forefeel.diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, MethodEstimate, Pairs
+from forefeel.diagnosis.evaluation.replay import replay
+from tests.unit.evaluation_samples import Floats, hold_oracle, made_up, recording
+
+
+def arrived_at(time_s: np.ndarray, link: DelayedLink) -> dict[int, int]:
+    """The stamp (its index) at which each sample's force is new."""
+    batches = arrivals(time_s, link).batches()
+    assert len(batches) == len(time_s)
+    return {i: k for k, batch in enumerate(batches) for i in batch}
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.1, 0.3, 0.301, 100 / 7])
+@pytest.mark.parametrize("uneven", [0.0, 0.3])
+def test_without_jitter_a_force_is_there_at_the_first_stamp_of_the_definition(
+    delay_s: float, uneven: float
+) -> None:
+    time_s = made_up(duration_s=4.0, uneven=uneven).time_s
+    found = arrived_at(time_s, DelayedLink(delay_s))
+    for i, stamp in enumerate(time_s):
+        there = np.flatnonzero(stamp <= time_s - delay_s)
+        assert found.get(i) == (there[0] if len(there) else None)
+
+
+def test_jitter_spreads_and_reorders_within_its_bounds() -> None:
+    time_s = made_up(duration_s=30.0, gap_s=0.0).time_s
+    link = DelayedLink(0.3, jitter_s=0.05, seed=4)
+    batches = arrivals(time_s, link).batches()
+    sequence = [i for batch in batches for i in batch]
+    assert sequence != sorted(sequence)
+    late_s = np.array([time_s[k] - time_s[i] for k, batch in enumerate(batches) for i in batch])
+    assert late_s.min() >= 0.25
+    assert late_s.max() <= 0.35 + 0.02  # up to the next stamp
+    # uniform: its mean, and a third of the forces in the first third
+    assert late_s.mean() == pytest.approx(0.305, abs=0.004)
+    assert np.mean(late_s < 0.25 + 0.1 / 3 + 0.005) == pytest.approx(1 / 3, abs=0.04)
+
+
+def test_no_force_is_there_before_its_own_stamp() -> None:
+    time_s = made_up(duration_s=5.0).time_s
+    found = arrived_at(time_s, DelayedLink(0.01, jitter_s=0.5))
+    assert all(k >= i for i, k in found.items())
+    assert sum(k == i for i, k in found.items()) > 100  # those that would be early
+
+
+def test_loss_takes_its_share() -> None:
+    time_s = np.arange(20_000) * 1e-3
+    found = arrived_at(time_s, DelayedLink(0.0, loss=0.05, seed=1))
+    assert 1 - len(found) / len(time_s) == pytest.approx(0.05, abs=0.006)
+
+
+def test_the_seed_decides() -> None:
+    time_s = made_up().time_s
+    one, same, other = (arrivals(time_s, DelayedLink(0.3, 0.05, 0.1, seed)).order for seed in (3, 3, 4))
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"delay_s": -0.1}, "--delay -0.1"),
+        ({"delay_s": float("nan")}, "--delay nan"),
+        ({"delay_s": 31.0}, "0 to 30 s"),
+        ({"delay_s": 0.3, "jitter_s": float("inf")}, "--jitter inf"),
+        ({"delay_s": 0.3, "loss": 1.0}, "--loss 1"),
+        ({"delay_s": 0.3, "loss": float("nan")}, "--loss nan"),
+        ({"delay_s": 0.3, "seed": -1}, "--seed -1"),
+    ],
+)
+def test_a_link_that_can_not_be_is_refused(wrong: dict[str, float], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        DelayedLink(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.3, 0.5])
+@pytest.mark.parametrize("uneven", [0.0, 0.3])
+def test_the_hold_is_its_definition(delay_s: float, uneven: float) -> None:
+    sample = made_up(duration_s=5.0, uneven=uneven)
+    assert sample.force_n is not None
+    trace = replay(sample, arrivals(sample.time_s, DelayedLink(delay_s)), METHODS["zoh"](None))
+    expected = hold_oracle(sample.time_s, sample.force_n, delay_s)
+    np.testing.assert_array_equal(trace.force_n, expected)
+    np.testing.assert_array_equal(trace.answered, np.isfinite(expected))
+
+
+def test_the_hold_keeps_the_newest_stamp_whatever_the_order() -> None:
+    hold = METHODS["zoh"](None)
+    assert hold.predict() is None
+    for stamp_s, force_n in (1.0, 10.0), (3.0, 30.0), (2.0, 20.0):
+        hold.observe(stamp_s, force_n)
+    hold.restart()
+    hold.move(4.0, 0.0)
+    assert hold.predict() == MethodEstimate(30.0)
+
+
+def paper_oracle(time_s: Floats, x: Floats, force_n: Floats, delay_s: float) -> Floats:
+    """Weighted batch least squares at every stamp: equations (8) to (12) written out as one sum."""
+    lam, n = 0.96, len(time_s)
+    v = np.append(np.nan, np.diff(x) / np.diff(time_s))
+    a = np.append(np.nan, np.diff(v) / np.diff(time_s))
+    phi = np.column_stack((a, v, x))
+    said = np.full(n, np.nan)
+    for k in range(n):
+        known = np.flatnonzero((time_s <= time_s[k] - delay_s) & np.isfinite(a))
+        weights = np.sqrt(lam ** np.arange(len(known) - 1, -1, -1))
+        prior = np.sqrt(1e-6 * lam ** len(known)) * np.eye(3)
+        rows = np.vstack((prior, weights[:, None] * phi[known]))
+        y = np.append(np.zeros(3), weights * force_n[known])
+        said[k] = phi[k] @ np.linalg.lstsq(rows, y, rcond=None)[0]
+    return said
+
+
+def test_the_paper_is_weighted_least_squares_on_causal_differences() -> None:
+    sample = made_up(duration_s=3.0, gap_s=0.0)
+    assert sample.force_n is not None
+    trace = replay(sample, arrivals(sample.time_s, DelayedLink(0.3)), METHODS["paper"](None))
+    expected = paper_oracle(sample.time_s, sample.position_m, sample.force_n, 0.3)
+    late = sample.time_s > 1.0  # before, the prior and rounding matter
+    np.testing.assert_allclose(trace.force_n[late], expected[late], rtol=1e-4, atol=1e-4)
+
+
+def test_the_paper_does_not_differentiate_across_a_gap() -> None:
+    sample = made_up(duration_s=4.0)
+    trace = replay(sample, arrivals(sample.time_s, DelayedLink(0.3)), METHODS["paper"](None))
+    start = sample.segments()[1].start
+    assert trace.answered[2:start].all()
+    np.testing.assert_array_equal(trace.answered[start : start + 3], [False, False, True])
+
+
+@pytest.mark.parametrize("name", ["mbk_bias", "forefeel"])
+def test_on_a_contact_that_it_can_describe_a_model_beats_the_hold(name: str) -> None:
+    sample = made_up(duration_s=8.0)
+    assert sample.force_n is not None
+    late = arrivals(sample.time_s, DelayedLink(0.3))
+    trace = replay(sample, late, METHODS[name](None))
+    rows = (sample.time_s > 5.0) & trace.answered
+    assert np.mean(rows[sample.time_s > 5.0]) > 0.95
+    held = hold_oracle(sample.time_s, sample.force_n, 0.3)
+    error, hold_error = trace.force_n - sample.force_n, held - sample.force_n
+    assert np.std(error[rows]) < 0.4 * np.std(hold_error[rows])
+
+
+def test_late_forces_meet_the_motion_of_their_own_stamp() -> None:
+    pairs = Pairs[str]()
+    pairs.remember(1.0, "one")
+    pairs.remember(2.0, "two")
+    for stamp_s in 2.0, 1.5, 1.0:
+        pairs.arrived(stamp_s, 10 * stamp_s)
+    assert pairs.take() == [(1.0, "one", 10.0), (2.0, "two", 20.0)]
+    assert pairs.take() == []
+    pairs.remember(1.5 + LONGEST_LATENESS_S, "late")
+    for stamp_s in 1.0, 2.0:
+        pairs.arrived(stamp_s, 0.0)
+    assert pairs.take() == [(2.0, "two", 0.0)]
+
+
+LINK = DelayedLink(0.3)
+SAMPLE = made_up(duration_s=6.0)
+
+
+def test_the_hold_is_scored_as_numpy_does() -> None:
+    assert SAMPLE.force_n is not None
+    error = hold_oracle(SAMPLE.time_s, SAMPLE.force_n, 0.3) - SAMPLE.force_n
+    error = error[SAMPLE.time_s - SAMPLE.time_s[0] >= 3.3]
+    size = evaluate(prepare(SAMPLE, LINK), None).scores["zoh"].size
+    assert size.rms_n == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
+    assert size.p95_n == pytest.approx(np.quantile(np.abs(error), 0.95), rel=1e-12)
+    assert size.max_n == pytest.approx(np.max(np.abs(error)), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda: recording(SAMPLE.time_s, SAMPLE.position_m, None), "made-up.csv: no force"),
+        (lambda: made_up(duration_s=2.8, gap_s=0.0), r"2\.79 s long, expected at least 3\.3 s"),
+        (lambda: recording(np.array([0.0, 10.0]), np.zeros(2), np.zeros(2)), None),
+    ],
+    ids=["no force", "short", "two samples"],
+)
+def test_what_can_not_be_scored_is_refused(change: Callable[[], object], words: str | None) -> None:
+    sample = change()
+    if words is None:  # few samples, but there is one to score
+        assert prepare(sample, LINK).rows.sum() == 1  # type: ignore[arg-type]
+        return
+    with pytest.raises(RecordingError, match=words):
+        prepare(sample, LINK)  # type: ignore[arg-type]
+
+
+def test_when_nothing_arrives_nothing_is_scored() -> None:
+    time_s = np.append(np.arange(3.0), 40.0)
+    with pytest.raises(RecordingError, match="no force arrives before the end"):
+        prepare(recording(time_s, time_s, time_s), DelayedLink(0.0, loss=0.999, seed=1))
+
+
+def test_the_document_has_the_agreed_form_and_no_nan() -> None:
+    link = DelayedLink(0.3, 0.01, 0.02, 5)
+    evaluated = evaluate(prepare(SAMPLE, link), None)
+    text = to_json(link, rules(link, None), {"one": evaluated}, {"two": "a reason"})
+    document = json.loads(text, parse_constant=pytest.fail)
+    assert list(document) == [
+        "schema", "delay_s", "jitter_s", "loss", "seed", "rules", "recordings", "skipped",
+    ]  # fmt: skip
+    assert document["schema"] == "forefeel.evaluation/1"
+    assert [document[name] for name in ("delay_s", "jitter_s", "loss", "seed")] == [0.3, 0.01, 0.02, 5]
+    assert document["skipped"] == {"two": "a reason"}
+    one = document["recordings"]["one"]
+    assert list(one) == ["samples", "duration_s", "rate_hz", "gaps", "notes", "methods"]
+    assert (one["samples"], one["gaps"]) == (600, 1)
+    assert one["rate_hz"] == pytest.approx(100, rel=0.01)
+    assert list(one["methods"]) == list(METHODS) == ["zoh", "paper", "mbk_bias", "forefeel"]
+    for name in "zoh", "paper", "mbk_bias":
+        assert list(one["methods"][name]) == ["rms_n", "p95_n", "max_n"]
+    assert list(one["methods"]["forefeel"]) == [
+        "rms_n", "p95_n", "max_n", "coverage_95", "band_width_n", "leading_expert",
+    ]  # fmt: skip
+    assert any("2 % of them are lost" in rule for rule in document["rules"])
+
+
+def test_the_paper_overflows_on_a_long_pure_sine_at_1_khz_and_that_is_said() -> None:
+    """At 1 kHz and lambda 0.96 the covariance leaves the range of floats after 17 s."""
+    time_s = np.arange(0.0, 19.0, 1e-3)
+    position_m = np.sin(time_s)
+    sample = recording(time_s, position_m, position_m + 0.1 * np.cos(time_s))
+    found = evaluate(prepare(sample, LINK), None).scores["paper"]
+    assert found.diverged_at_s is not None
+    assert 15.0 < found.diverged_at_s < 18.0
+    assert found.size.rms_n is None
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, 1e-3])
+def test_motion_that_tells_nothing_still_has_numbers(speed_m_s: float) -> None:
+    time_s = np.arange(0.0, 8.0, 0.01)
+    force_n = 0.1 + 0.01 * np.sin(7 * time_s)
+    evaluated = evaluate(prepare(recording(time_s, speed_m_s * time_s, force_n), LINK), None)
+    assert any("motion tells nothing, expect hold" in note for note in evaluated.notes)
+    assert all(np.isfinite(evaluated.scores[name].size.rms_n or np.nan) for name in ("zoh", "mbk_bias"))
+
+
+def test_jitter_and_loss_are_repeatable_and_change_the_score() -> None:
+    links = [
+        DelayedLink(0.3),
+        DelayedLink(0.3, 0.05, 0.05, 1),
+        DelayedLink(0.3, 0.05, 0.05, 1),
+        DelayedLink(0.3, 0.05, 0.05, 2),
+    ]
+    plain, one, same, other = (evaluate(prepare(SAMPLE, link), None).scores for link in links)
+    assert one == same
+    assert all(one[name] != other[name] for name in METHODS)
+    assert all(one[name] != plain[name] for name in METHODS)
+
+
+def model(effects: list[object]) -> ContactModel:
+    return ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "mine", "effects": effects})
+
+
+def test_a_model_is_for_forefeel_alone_and_is_named() -> None:
+    stiff = model([{"effect": "mass_damper_spring"}])
+    own, given = (evaluate(prepare(SAMPLE, LINK), of).scores for of in (None, stiff))
+    assert [name for name in METHODS if own[name] != given[name]] == ["forefeel"]
+    with pytest.raises(ConfigurationError, match=r"m\.yaml: no linear parameter"):
+        checked_model(model([{"effect": "contact_loss"}]), "m.yaml")
+
+
+DATA = os.environ.get("FOREFEEL_DATA")
+WITH_FORCE = (
+    "emps_train",
+    "emps_test",
+    "silverbox_train",
+    "silverbox_test_arrow",
+    "seal_o_ring_1bar",
+    "seal_o_ring_3bar",
+    "presliding_friction",
+)
+
+
+@pytest.mark.skipif(not DATA, reason="FOREFEEL_DATA names no folder with measured recordings")
+@pytest.mark.parametrize("name", ["presliding_friction", "seal_o_ring_3bar"])
+def test_every_method_has_a_finite_score_and_the_hold_is_numpys(name: str) -> None:
+    recording = load_recording(Path(DATA or "") / f"{name}.csv")
+    evaluated = evaluate(prepare(recording, DelayedLink(0.3)), None)
+    time_s, force_n = recording.time_s, recording.force_n
+    assert force_n is not None
+    newest = np.searchsorted(time_s, time_s - 0.3, side="right") - 1
+    rows = time_s - time_s[0] >= 3.3
+    error = force_n[newest[rows]] - force_n[rows]
+    assert evaluated.scores["zoh"].size.rms_n == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
+    for score in evaluated.scores.values():
+        assert score.diverged_at_s is None
+        assert np.isfinite(score.size.rms_n or np.nan)
