@@ -1,7 +1,6 @@
 """Devices without hardware behind the ports, a clock that steps when it is waited for, a person at stdin."""
 
 from collections.abc import Iterator, Sequence
-from math import sin
 from random import Random
 from typing import Self
 
@@ -74,24 +73,21 @@ class FakeCell(Fake):
     """Reads `native = zero + force / gain` plus what the test adds, at `rate_hz`.
 
     Attributes:
-        force_n: the load now. lag: share of a change of load that stays until the next (hysteresis).
+        force_n: the load now.
     """
 
     scale = CellScale(2e-5, 10.0)
     rate_hz, gain_n, zero, noise = 80.0, 2e-5, 8_388.0, 3.0
     drift_per_s = 0.0
-    bend = 0.0
-    lag = 0.0
     valid = True
 
     def __init__(self, clock: SteppedClock, serial: str = "SN-7") -> None:
         super().__init__(clock, serial)
         self._random, self._read = Random(5), 0
-        self.force_n, self.lagged_n = 0.0, 0.0
+        self.force_n = 0.0
 
     def load(self, force_n: float) -> None:
         """Another load is applied."""
-        self.lagged_n = self.lag * self.force_n
         self.force_n = force_n
 
     open_native = Fake.open
@@ -113,8 +109,7 @@ class FakeCell(Fake):
         while self.rate_hz and (self._read + 1) * S <= self.rate_hz * now_ns:
             self._read += 1
             stamp_ns = round(self._read * S / self.rate_hz)
-            force_n = self.force_n + self.lagged_n + self.bend * sin(3.0 * self.force_n)
-            native = self.zero + force_n / self.gain_n + self._random.gauss(0.0, self.noise)
+            native = self.zero + self.force_n / self.gain_n + self._random.gauss(0.0, self.noise)
             yield NativeReading(native + self.drift_per_s * stamp_ns / S, self.valid, stamp_ns)
 
 

@@ -1,7 +1,5 @@
 """The emulated Zaber stage: what it answers, and that its motion keeps its own limits."""
 
-from math import sqrt
-
 import pytest
 
 from forefeel.common.errors import ConfigurationError
@@ -94,13 +92,6 @@ def test_a_motion_takes_the_time_of_its_trapezoid_and_keeps_speed_and_accelerati
     assert max(x) <= way + 1e-12 and sum(v) * 1e-3 == pytest.approx(x[-1])
 
 
-def test_a_short_motion_never_reaches_full_speed() -> None:
-    host = Host()
-    host.ask("move abs 1000", after_s=0.1)
-    assert host.ask("get pos").data == "1000"
-    assert max(step[2] for step in host.steps) == pytest.approx(sqrt(1e-4 * 1.0), rel=0.1)
-
-
 def test_targets_that_change_on_the_way_interrupt_and_are_reached_without_leaving_the_limits() -> None:
     host = Host()
     for goal in (900_000, 10, 500_000, 0, 1_000_000, 3):
@@ -134,34 +125,6 @@ def test_unhomed_it_says_so_until_it_is_homed() -> None:
     assert host.ask("warnings").data == "01 WR"
     host.ask("set pos 0")
     assert host.ask("warnings").data == "01 WH"
-
-
-def test_a_fault_of_the_drive_stops_it_until_it_is_enabled() -> None:
-    host = Host()
-    host.ask("move max", after_s=0.5)
-    host.device.provoke("drive_fault")
-    host.t_s += 0.2
-    host.raw(b"")
-    where = host.device.motion()
-    found = host.ask("move min", after_s=0.5)
-    assert (found.accepted, found.data, found.warning) == (False, "DRIVERDISABLED", "FD")
-    assert host.device.motion() == where and where[1] == 0.0
-    assert host.ask("warnings clear").warning == "FD"
-    host.ask("driver enable")
-    assert host.ask("move min").accepted
-
-
-def test_what_blocks_it_is_noticed_and_stays_until_it_is_gone() -> None:
-    host = Host()
-    host.device.provoke("stuck")
-    for _ in range(2):
-        host.ask("move max", after_s=0.2)
-        assert host.ask("").warning == "FS" and not host.ask("").busy
-        host.ask("warnings clear")
-    assert host.device.motion()[0] == 0.0
-    host.device.provoke("free")
-    host.ask("move abs 1000", after_s=0.5)
-    assert host.ask("get pos").data == "1000"
 
 
 def test_unknown_faults_are_refused() -> None:
