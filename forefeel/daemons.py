@@ -11,7 +11,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from secrets import randbits
 from typing import TYPE_CHECKING, TypeVar
 
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
 D = TypeVar("D", "SlaveDaemon", "MasterDaemon")
 Connect = Callable[..., ParallelTransport]
 """Opens the transport, as `ParallelTransport.open`."""
-_BOOT = Path("/proc/sys/kernel/random/boot_id")
 _POLL_S = 0.05
 _ROUTER_S = 0.5  # between two attempts to reach the router
 _NOTICES_NS = 100_000_000
@@ -443,7 +441,5 @@ def _facts(settings: DaemonSettings, role: str) -> dict[str, str]:
         "settings": hashlib.sha256(dump_yaml(settings).encode()).hexdigest()[:16],
         "listen": " ".join(settings.transport.listen),
         "connect": " ".join(settings.transport.connect),
-        "process": str(os.getpid()),
-        "boot": _BOOT.read_text(encoding="ascii").strip() if _BOOT.exists() else "",
         **devices,
     }

@@ -68,7 +68,9 @@ class EventLog:
         missing = {"count": lost - self._reported}
         losses = [lines[0]._replace(event="lines_lost", axis="", details=missing)] if missing["count"] else []
         try:
-            self._append(b"".join(json.dumps(each._asdict()).encode() + b"\n" for each in losses + lines))
+            self._append(
+                b"".join(json.dumps(each._asdict(), default=str).encode() + b"\n" for each in losses + lines)
+            )
             self._reported = lost
         except OSError:
             self._failed += len(lines)
