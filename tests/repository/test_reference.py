@@ -3,14 +3,11 @@
 import re
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Annotated, Literal
 
 import pytest
-from pydantic import BaseModel, Field
+from pydantic import BaseModel
 
 from docs.hooks import command_line, configuration, markdown, messages
-from docs.hooks.units import unit_of
-from docs.hooks.values import default, values
 from forefeel.common import messages as m
 from forefeel.common.config import Settings
 from forefeel.common.topics import BY_NAME
@@ -91,18 +88,6 @@ def test_a_number_has_a_unit_or_is_known_to_have_none() -> None:
                 assert unit, f"{kind.__name__}.{name}: no unit"
 
 
-def test_it_says_where_a_section_stands() -> None:
-    assert "### `axes[].gate` { #GateSettings }" in CONFIGURATION
-    assert "### `axes[].stage` with `driver: cia402` { #Cia402Settings }" in CONFIGURATION
-    assert "Also at `impairment.outbound`." in CONFIGURATION
-
-
-def test_presets_are_shown() -> None:
-    assert rows(CONFIGURATION, "presets-of-the-impairment")["paper"][:4] == ["0.15", "0.01", "0.2", "0.01"]
-    noise = rows(CONFIGURATION, "presets-of-the-simulated-world")["load_cell.noise_n"]
-    assert noise == ["`0.002`", "`0.0004`"]
-
-
 def test_every_topic_and_message_is_named() -> None:
     page = messages.page()
     head = page.split("## Service")[0]
@@ -128,40 +113,6 @@ def test_every_command_is_named_with_its_options(command: list[str]) -> None:
             shown = name if name.startswith("-") else f"| `{(each.metavar or name.upper()).split('|')[0]}"
             assert shown in section or name == "--help", name
     assert found.epilog.split("Example: ")[1].strip() in section
-
-
-class _Odd(BaseModel):
-    sides: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=2, max_length=5)]
-    kind: Literal["a", "b"] | None = None
-    low: Annotated[float, Field(lt=0)] = -1.0
-    step: Annotated[int, Field(ge=10, multiple_of=5)] = 10
-
-
-def test_values_are_put_into_words() -> None:
-    shown = {
-        name: (values(field.annotation, field.metadata, lambda kind: kind.__name__), default(field))
-        for name, field in _Odd.model_fields.items()
-    }
-    assert shown == {
-        "sides": ("list of integer, at least 1, at least 2, at most 5 long", "required"),
-        "kind": ("`a`, `b` or `null`", "`null`"),
-        "low": ("number, below 0", "`-1.0`"),
-        "step": ("integer, at least 10, a multiple of 5", "`10`"),
-    }
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("position_m", "m"),
-        ("stamp_ns", "ns"),
-        ("damping_n_s_m", "N s/m"),
-        ("max_jump_n_s", "N/s"),
-        ("name", ""),
-    ],
-)
-def test_the_end_of_a_name_is_its_unit(name: str, unit: str) -> None:
-    assert unit_of(name) == unit
 
 
 def test_a_cell_can_not_break_its_table() -> None:
