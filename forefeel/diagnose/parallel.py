@@ -17,8 +17,8 @@ from forefeel.common.errors import ConfigurationError, EndpointError, InputError
 from forefeel.diagnose.examine import Result, Task, examine
 from forefeel.interrupt import SIGNALS
 
-_PATIENCE_S = 10  # s for the scheduler's answer; chosen, not measured: longer says later that it is gone
-_LOOK_S = 0.1  # s between two looks for an end; chosen, not measured: a signal is heeded as late
+_PATIENCE_S = 10  # s for the scheduler's answer
+_LOOK_S = 0.1  # s between two looks for an end
 _AHEAD = 2
 """Tasks for each worker that are handed out; more would only fill the memory with results."""
 _ADDRESS = re.compile(r"(?:(?:tcp|tls)://)?(?P<host>[^/]+):(?P<port>\d+)")

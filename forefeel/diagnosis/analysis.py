@@ -19,10 +19,10 @@ from forefeel.diagnosis.signals import Signals
 _ROUNDS = 3
 _NARROWER = 0.7
 _TRIALS = 40
-_LEAST_ROWS = 50  # of the regression, several for each coefficient of the largest model; chosen
-_STILL = 0.05  # of the stage's step: an instrument that moves apart from it by less is carried; chosen
-_IMPACT_S = 0.06  # s around the end of a play, in which it rings; chosen
-_MOST_SPIKES = 0.6  # of the spikes; chosen
+_LEAST_ROWS = 50  # of the regression, several for each coefficient of the largest model
+_STILL = 0.05  # of the stage's step: an instrument that moves apart from it by less is carried
+_IMPACT_S = 0.06  # s around the end of a play, in which it rings
+_MOST_SPIKES = 0.6  # of the spikes
 _SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower is taken for structure
 
 

@@ -11,7 +11,7 @@ from forefeel.diagnosis.signals import Signals
 MotionKind = Literal["rich", "single_frequency", "constant_speed"]
 
 _LINE_SHARE = 0.985
-_ALIKE = 1.2  # ratio of frequencies and of sizes within which two lines are one; chosen
+_ALIKE = 1.2  # ratio of frequencies and of sizes within which two lines are one
 _STEADY = 0.06
 
 _FRICTION = {

@@ -14,8 +14,8 @@ from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 
-_APART_S = 10.0  # s between two recordings: more than any gap within which samples belong together; chosen
-_ALIKE = 1.1  # ratio of rates that one band and one grid do for; chosen
+_APART_S = 10.0  # s between two recordings: more than any gap within which samples belong together
+_ALIKE = 1.1  # ratio of rates that one band and one grid do for
 _CLOCKED = frozenset({"stiffness_change"})
 
 

@@ -50,10 +50,10 @@ _OF_FORCE = 0.02
 # of the variance that m, b, k and a bias leave, which the causes leave, too: then it has to be noise
 _MUCH_LEFT = 0.2
 _KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
-_STROKES = 4  # reversals on each side of a change; chosen
-_CLEAR_WAY, _LEAST_WAY = 0.5, 0.1  # of a direction: more is clear; least share of what moves in each; chosen
+_STROKES = 4  # reversals on each side of a change
+_CLEAR_WAY, _LEAST_WAY = 0.5, 0.1  # of a direction: more is clear; least share of what moves in each
 _TURNING = 0.1  # of the power of a force over the position: more that turns with the direction is friction
-_ALIKE = 1.3  # ratio of two sizes, chosen: what a cause may take over of what stands beside it
+_ALIKE = 1.3  # ratio of two sizes: what a cause may take over of what stands beside it
 _REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
 # share of the force's variance that the motion explains, above which nobody doubts that it drives the force
 _DRIVEN = 0.9

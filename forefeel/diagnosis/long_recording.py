@@ -105,17 +105,17 @@ def _together(values: list[tuple[float, float, float]], share: float) -> tuple[f
 
 
 FLAG = "searched_on_stretches"
-_LONG = 30_000  # samples; a shorter recording is searched whole unless its force is fast; chosen
-_STRETCH_S, _STRETCH_SAMPLES, _LEAST_S = 60.0, 20_000, 6.0  # searched at once, in s and samples; chosen
-_MORE_THAN_ONE = 1.5  # times that length: a recording of less is searched whole; chosen
-_MOST_ROWS = 9_000  # of the regression, at twice the cutoff: some 5 s of processor time; chosen
-_PROBE_S = 20.0  # s in the middle of a recording by which its cutoff is judged; chosen
-_CHUNKS, _CHUNK_S = 16.0, (10.0, 60.0)  # chunks of a recording, and bounds of their length in s; chosen
-_SPREAD, _WORST = 6, 3  # short stretches over the whole length, and in the worst chunks; chosen
-_MORE, _MUCH_MORE = 1.15, 1.5  # times the stretch's rms, of all chunks and of the worst; chosen
-_LEAST_ROWS = 50  # of a chunk that is compared; chosen
+_LONG = 30_000  # samples; a shorter recording is searched whole unless its force is fast
+_STRETCH_S, _STRETCH_SAMPLES, _LEAST_S = 60.0, 20_000, 6.0  # searched at once, in s and samples
+_MORE_THAN_ONE = 1.5  # times that length: a recording of less is searched whole
+_MOST_ROWS = 9_000  # of the regression, at twice the cutoff: some 5 s of processor time
+_PROBE_S = 20.0  # s in the middle of a recording by which its cutoff is judged
+_CHUNKS, _CHUNK_S = 16.0, (10.0, 60.0)  # chunks of a recording, and bounds of their length in s
+_SPREAD, _WORST = 6, 3  # short stretches over the whole length, and in the worst chunks
+_MORE, _MUCH_MORE = 1.15, 1.5  # times the stretch's rms, of all chunks and of the worst
+_LEAST_ROWS = 50  # of a chunk that is compared
 _CHANGE = "stiffness_change"
-_RARE_S = 300.0  # s in which faults are looked for at once, for some are rare; chosen
+_RARE_S = 300.0  # s in which faults are looked for at once, for some are rare
 
 Progress = Callable[[str], None]
 

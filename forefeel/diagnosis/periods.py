@@ -18,9 +18,9 @@ LEAST_WAVES = 2.5
 """Over the range of positions, of a force that belongs to the position; chosen: fewer are like any curve, of
 which a spring that stiffens, a wall that begins and friction make many.
 """
-_MOST_WAVES, _WAVE_STEP = 40.0, 0.2  # over the range: most of the same, and their step; chosen
-_APART = 0.8  # waves over the range: what is nearer is the same line; chosen
-_MOST_SAMPLES = 3000  # of a residual that is searched for such waves; chosen
+_MOST_WAVES, _WAVE_STEP = 40.0, 0.2  # over the range: most of the same, and their step
+_APART = 0.8  # waves over the range: what is nearer is the same line
+_MOST_SAMPLES = 3000  # of a residual that is searched for such waves
 _MANY = 9.0  # periods until harmonics stand apart
 _SEEN_FROM_BELOW = 2.5
 _LEAST_LINES = 3.0  # harmonics of a motion that repeats, in the width of a mode: fewer show no peak

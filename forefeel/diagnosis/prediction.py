@@ -14,7 +14,7 @@ from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.diagnosis.evaluation.score import completed
 
 DELAY_S = 0.3
-_LONGEST = 20_000  # samples that are replayed, chosen: 20 s at 1 kHz, some 50 us for each and model
+_LONGEST = 20_000  # samples that are replayed
 
 
 @dataclass(frozen=True, slots=True)

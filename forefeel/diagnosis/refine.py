@@ -9,8 +9,8 @@ from forefeel.common.error_size import Floats
 from forefeel.diagnosis.periods import LEAST_WAVES, Periods
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
-_BEYOND = 1.2  # of the logarithm of a shape: how far beyond its grid it is searched; chosen
-_BEYOND_LINEAR = 0.15  # of the grid's range: the same where the scale is linear; chosen
+_BEYOND = 1.2  # of the logarithm of a shape: how far beyond its grid it is searched
+_BEYOND_LINEAR = 0.15  # of the grid's range: the same where the scale is linear
 
 
 class Refiner:

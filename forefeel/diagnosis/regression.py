@@ -95,8 +95,8 @@ _KEPT_BYTES, _KEPT_SPECTRA_BYTES = 5e7, 2e7
 _WHITE = 2  # taps of no colour
 _FROM_THE_STAGE: tuple[Site, ...] = "sensor", "shaft"  # sites that a mass before the contact may have
 C = TypeVar("C", bound=Changing)
-_LEAST_SIDE = 0.03  # of the samples, on each side of a play; chosen
-_NEAR_ZERO = 0.1  # of the range of the force, by which its zero may be off: where it is small; chosen
+_LEAST_SIDE = 0.03  # of the samples, on each side of a play
+_NEAR_ZERO = 0.1  # of the range of the force, by which its zero may be off: where it is small
 _MOST_PRODUCTS = 40_000
 _CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
 

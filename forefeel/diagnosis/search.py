@@ -30,7 +30,7 @@ _CLEARLY = 0.01
 """Of the residual's power: less is within how columns are sampled and noise is coloured."""
 _SUBHARMONIC = 15.0
 """How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
-_MORE_THAN_NOISE = 1.2  # times the rms of the noise, which is known to about that; chosen
+_MORE_THAN_NOISE = 1.2  # times the rms of the noise, which is known to about that
 _PRACTICAL = 1.1
 """By how much the residual's rms must fall with several causes at once: less is within what is left
 unexplained."""

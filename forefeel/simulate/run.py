@@ -63,8 +63,8 @@ def _parquet(path: Path, columns: dict[str, Array]) -> None:
 MOTIONS = ("hand", "multisine", "sine")
 # Hz, lowest and highest rate; the highest is that of the physics, `world.PHYSICS_HZ`
 _RATES_HZ = (1.0, 10_000.0)
-_LONGEST_S = 86_400.0  # s, longest recording: a day; chosen, not measured: what is longer is taken for a slip
-# samples of a recording; chosen, not measured: each column takes 320 MB as float64, all are in memory
+_LONGEST_S = 86_400.0  # s, longest recording: a day
+# samples of a recording: each column takes 320 MB as float64, all are in memory
 _MOST_SAMPLES = 40_000_000
 
 

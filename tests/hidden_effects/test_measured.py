@@ -1,4 +1,4 @@
-"""The diagnosis on measured recordings with an answer in the literature."""
+"""Measured recordings with an answer in the literature, and long ones in which something is rare."""
 
 import os
 from functools import cache
@@ -8,17 +8,17 @@ import pytest
 
 from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.long_recording import liveliest
 from forefeel.diagnosis.verdict import Diagnosis
+from tests.unit.test_diagnosis_long_recording import SECONDS, recording, strokes
 
 FRICTION = {"coulomb_friction", "stribeck_friction", "presliding_hysteresis", "position_dependent_friction"}
-
-pytestmark = pytest.mark.skipif(
-    "FOREFEEL_DATA" not in os.environ, reason="FOREFEEL_DATA names no folder with recordings"
-)
 
 
 @cache
 def diagnosed(name: str) -> Diagnosis:
+    if "FOREFEEL_DATA" not in os.environ:
+        pytest.skip("FOREFEEL_DATA names no folder with recordings")
     return diagnose(load_recording(Path(os.environ["FOREFEEL_DATA"]) / f"{name}.csv")).diagnosis
 
 
@@ -55,3 +55,18 @@ def test_an_electronic_spring_stiffens() -> None:
     assert names("silverbox_train") <= {"stiffening", "bias"}
     causes = {cause.name: cause for cause in diagnosed("silverbox_train").causes}
     assert causes["stiffening"].parameters["cubic_n_m3"].value == pytest.approx(3.9, rel=0.05)
+
+
+@pytest.mark.soak
+def test_puncture_and_drift_of_long_recording_are_found() -> None:
+    t, x, _, force = strokes(2)
+    lively = liveliest(recording(t, x, force), 60.0)
+    at_s = 150.3 if t[lively.start] < 60.0 else 30.3
+    changed = recording(t, x, force - 0.4 * 25.0 * x * (t > at_s), start_s=50.0)
+    (cause,) = diagnose(changed).diagnosis.causes
+    assert cause.name == "stiffness_change"
+    assert cause.parameters["time_s"].value == pytest.approx(50.0 + at_s, abs=0.1)
+    assert cause.parameters["ratio"].value == pytest.approx(0.6, abs=0.01)
+    (cause,) = diagnose(recording(t, x, force + 0.1 * t / SECONDS)).diagnosis.causes
+    assert cause.name == "sensor_drift"
+    assert cause.parameters["rate_n_s"].value == pytest.approx(0.1 / SECONDS, rel=0.02)

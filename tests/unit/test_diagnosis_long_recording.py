@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.long_recording import FLAG, chunks_of, cleaned_everywhere, is_long, liveliest
+from forefeel.diagnosis.long_recording import FLAG, chunks_of, cleaned_everywhere, is_long
 
 RATE_HZ = 250.0
 SECONDS = 180.0
@@ -51,21 +51,6 @@ def test_a_cause_is_named_and_its_interval_is_that_of_the_whole() -> None:
     assert level.low < 0.06 < level.high
     assert found.flags == (FLAG,)
     assert found.held_out.gain_low > 0.8
-
-
-@pytest.mark.soak
-def test_a_puncture_and_a_drift_far_from_the_liveliest_stretch_are_found_at_their_own_times() -> None:
-    t, x, _, force = strokes(2)
-    lively = liveliest(recording(t, x, force), 60.0)
-    at_s = 150.3 if t[lively.start] < 60.0 else 30.3
-    changed = recording(t, x, force - 0.4 * 25.0 * x * (t > at_s), start_s=50.0)
-    (cause,) = diagnose(changed).diagnosis.causes
-    assert cause.name == "stiffness_change"
-    assert cause.parameters["time_s"].value == pytest.approx(50.0 + at_s, abs=0.1)
-    assert cause.parameters["ratio"].value == pytest.approx(0.6, abs=0.01)
-    (cause,) = diagnose(recording(t, x, force + 0.1 * t / SECONDS)).diagnosis.causes
-    assert cause.name == "sensor_drift"
-    assert cause.parameters["rate_n_s"].value == pytest.approx(0.1 / SECONDS, rel=0.02)
 
 
 def test_chunks_hold_every_sample_once_and_no_gap() -> None:

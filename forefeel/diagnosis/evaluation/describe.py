@@ -8,15 +8,13 @@ from forefeel.common.error_size import Floats
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.recording.recording import Recording
 
-# s, length of a window; chosen, not measured: longer misses short rests, shorter is ruled by the noise
+# s, length of a window
 _WINDOW_S = 0.5
-# share of the windows at rest, or at one speed, from which it is noted; chosen, not measured: larger lets
-# one short motion hide it
+# share of the windows at rest, or at one speed, from which it is noted
 _NOTED_SHARE = 0.95
-# share of the usual speed by which a steady window may differ; chosen, not measured: larger takes a changing
-# speed for a constant one
+# share of the usual speed by which a steady window may differ
 _STEADY_SHARE = 0.05
-_SHOWN_GAPS = 5  # gaps that are listed; chosen, not measured: the others are counted
+_SHOWN_GAPS = 5  # gaps that are listed
 
 
 def notes(recording: Recording) -> tuple[str, ...]:

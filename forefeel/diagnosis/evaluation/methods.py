@@ -25,8 +25,7 @@ LONGEST_LATENESS_S = 60.0
 # Hz, cutoff of the velocity's filter; the default of the master's `prediction.velocity_cutoff_hz`
 _VELOCITY_CUTOFF_HZ = 40.0
 _ESTIMATE_EVERY_S = 0.05  # s between two estimates: 20 a second, as the master publishes its parameters
-# s in which the stroke is measured; chosen, not measured: shorter misses a slow one, longer keeps the
-# default longer
+# s in which the stroke is measured
 _STROKE_S = 1.0
 _AMPLITUDE_M = 1e-6, 1e3  # beyond it the default is kept
 _IDENTIFICATION = IdentificationSettings(memory_s=2.0, cutoff_hz=15.0, bounded=False)

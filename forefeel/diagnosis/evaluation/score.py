@@ -9,10 +9,9 @@ from forefeel.common.error_size import ErrorSize, Floats, error_size
 from forefeel.diagnosis.evaluation.arrivals import Arrivals
 from forefeel.diagnosis.evaluation.replay import Mask, MethodTrace
 
-# s after the first stamp, and the delay, before scoring begins; chosen, not measured: all methods start cold
+# s after the first stamp, and the delay, before scoring begins
 SETTLING_S = 3.0
-# times the largest force seen, beyond which a method has diverged; chosen, not measured: smaller would hide
-# the rms of a method that is merely bad
+# times the largest force seen, beyond which a method has diverged
 RUNAWAY = 1e6
 
 
