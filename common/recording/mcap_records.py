@@ -28,13 +28,14 @@ class _WholeReads:
     """A file for the library, which would take what is left of a file as a whole record."""
 
     def __init__(self, file: BinaryIO, size: int) -> None:
-        self._file, self._size = file, size
+        self._file, self._left = file, size - file.tell()
 
     def read(self, length: int) -> bytes:
         if length < 0:
             raise ValueError("a record shorter than its head")
-        if length > self._size - self._file.tell():
+        if length > self._left:
             raise _CutError
+        self._left -= length
         return self._file.read(length)
 
 
