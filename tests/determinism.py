@@ -27,7 +27,6 @@ STILL_VIOLATING = frozenset(
         "devices/test_fault_counters.py",
         "devices/test_serial_stream.py",
         "devices/test_zaber_pty.py",
-        "unit/dashboard/test_server.py",
         "unit/test_driver_registry.py",
         "unit/test_recording_bombs.py",
     }

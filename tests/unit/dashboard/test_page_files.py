@@ -32,5 +32,4 @@ def test_without_the_extra_one_line_says_so(
     monkeypatch.setitem(sys.modules, "nicegui", None)
     monkeypatch.delitem(sys.modules, "forefeel.dashboard.server", raising=False)
     assert run(command.split()) == 2
-    name = command.partition(" ")[0]
-    assert capsys.readouterr().err == f"forefeel: {name}: needs an extra: pip install forefeel[dashboard]\n"
+    assert "pip install forefeel[dashboard]" in capsys.readouterr().err
