@@ -68,7 +68,7 @@ def test_no_service_has_more_rights_than_it_needs(services: dict[str, dict[str, 
         assert service["user"] != "0"
         assert not {"privileged", "cap_add", "ports", "network_mode", "pid"} & set(service)
     for name in ("slave", "master"):
-        assert services[name]["ulimits"] == {"rtprio": 90, "memlock": -1}
+        assert services[name]["ulimits"] == {"rtprio": 90, "memlock": -1, "nofile": 65536}
         assert services[name]["restart"] == "no"
 
 
