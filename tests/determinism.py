@@ -17,17 +17,6 @@ OF_ASYNCIO = re.compile(r"asyncio_|.*\(_do_shutdown\)")
 
 STILL_VIOLATING = frozenset(
     {
-        "devices/test_ascii_line_driver.py",
-        "devices/test_bad_input.py",
-        "devices/test_bota_serial.py",
-        "devices/test_cells_on_pty.py",
-        "devices/test_cia402_stage.py",
-        "devices/test_cia404_cell.py",
-        "devices/test_coil_pty.py",
-        "devices/test_fault_counters.py",
-        "devices/test_serial_stream.py",
-        "devices/test_zaber_pty.py",
-        "unit/test_driver_registry.py",
         "unit/test_recording_bombs.py",
     }
 )

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -27,3 +29,18 @@ def test_one_that_did_would_be_found(name: str) -> None:
 def test_three_links_lead_from_the_package_to_top_level_folders() -> None:
     links = {path.name: str(path.readlink()) for path in (ROOT / "forefeel").rglob("*") if path.is_symlink()}
     assert links == {name: f"../{name}" for name in ("common", "master", "slave")}
+
+
+def test_only_the_driver_that_is_named_is_imported() -> None:
+    code = (
+        "import sys; from forefeel.slave import daemon; from forefeel.slave.settings import SlaveSettings;"
+        "from forefeel.common.clock import MonotonicClock;"
+        "daemon._devices(SlaveSettings().axes[0], MonotonicClock());"
+        "print(sorted({'serial', 'can', 'canopen'} & set(sys.modules)),"
+        "[name for name in sys.modules if name.startswith('forefeel.devices.') and 'simulated' not in name])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    serial_modules, devices = done.stdout.split("] [")
+    assert serial_modules == "["
+    assert "zaber" not in devices
+    assert "cia40" not in devices

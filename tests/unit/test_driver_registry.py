@@ -1,7 +1,5 @@
 """Drivers are found by entry points; what is wrong with one is said in one line."""
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint, EntryPoints
 from typing import Any
@@ -68,19 +66,3 @@ def test_what_is_wrong_in_a_section_is_said_by_the_settings_of_its_driver(sectio
     with pytest.raises(ConfigurationError) as caught:
         checked(SlaveSettings, {"axes": [{"stage": section}]}, "slave.yaml")
     assert message in str(caught.value)
-
-
-def test_only_the_driver_that_is_named_is_imported() -> None:
-    code = (
-        "import sys; from forefeel.slave import daemon; from forefeel.slave.settings import SlaveSettings;"
-        "from forefeel.common.clock import MonotonicClock;"
-        "daemon._devices(SlaveSettings().axes[0], MonotonicClock());"
-        "print(sorted({'serial', 'can', 'canopen'} & set(sys.modules)),"
-        "[name for name in sys.modules if name.startswith('forefeel.devices.') and 'simulated' not in name])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    print(done.stdout)
-    serial_modules, devices = done.stdout.split("] [")
-    assert serial_modules == "["
-    assert "zaber" not in devices
-    assert "cia40" not in devices
