@@ -28,14 +28,14 @@ from forefeel.dashboard.trace import SPAN_S
 from forefeel.report.wording import micros, number, scale, split_unit
 
 Card = dict[str, Any]
-_BINS = 36  # bars of the histogram of the delay; chosen, not measured: more are thinner and noisier
-# s, least width of the histogram; chosen, not measured: narrower would show the jitter of the host
+_BINS = 36  # bars of the histogram of the delay
+# s, least width of the histogram
 _LEAST_SPREAD_S = 2e-3
 _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
 # s for which a loop's lateness is shown after it was heard: it comes once a second, three may be lost
 _TIMING_S = 3.5
 _ROLES = ("master", "slave")
-# rows of the table of parameters; chosen, not measured: further parameters are not shown
+# rows of the table of parameters
 _MOST_PARAMETERS = 12
 _LEADS = {
     "": "nobody yet",

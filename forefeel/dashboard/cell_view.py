@@ -9,7 +9,7 @@ from forefeel.common.topics import COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT, T
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.finding import Past
 
-MOST_AXES = 16  # axes that are shown; chosen, not measured: each holds a minute of traces in memory
+MOST_AXES = 16  # axes that are shown
 BEYOND = f"refused_beyond_{MOST_AXES}_axes"
 UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
 """What they hold is not shown, or stands in a message that is: decoding it would be in vain."""

@@ -8,8 +8,8 @@ from pydantic import ValidationError
 from forefeel.dashboard.sources import Ask, Source
 
 PATH = "/conversation"
-MOST_VIEWERS = 16  # open pages at once; chosen, not measured: each costs processor time of the dashboard
-# characters of a question; chosen, not measured: an axis of 256 characters and two numbers take less
+MOST_VIEWERS = 16  # open pages at once
+# characters of a question
 _MOST_ASKED_CHARACTERS = 2048
 # close codes: policy violation (RFC 6455, 7.4.1), try again later (IANA registry)
 _REFUSED, _FULL = 1008, 1013

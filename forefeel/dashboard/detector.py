@@ -9,20 +9,18 @@ from collections import deque
 from dataclasses import dataclass
 from statistics import fmean, median
 
-# s, length of a block that is judged; chosen, not measured: shorter is noisier, longer notices later
+# s, length of a block that is judged
 _BLOCK_S = 1.0
-_LEAST_BLOCKS = 6  # blocks before the usual is known; chosen, not measured: fewer give a noisy usual
-# blocks of which the usual is the median: 2 min; chosen, not measured: more follow a change later
+_LEAST_BLOCKS = 6  # blocks before the usual is known
+# blocks of which the usual is the median: 2 min
 _KEPT_BLOCKS = 120
-# forces in a block that is judged; chosen, not measured: fewer make the share outside coarser than 1 %
+# forces in a block that is judged
 _LEAST_FORCES = 100
-# innovation over its usual: bad above the first, fine below the second; chosen, not measured: larger notices
-# only worse models
+# innovation over its usual: bad above the first, fine below the second
 _RISE, _FALL = 2.0, 1.4
-# share outside of the band beyond its usual share: bad above the first, fine below the second; chosen, not
-# measured: larger notices only worse models
+# share outside of the band beyond its usual share: bad above the first, fine below the second
 _OUTSIDE_RISE, _OUTSIDE_FALL = 0.35, 0.15
-# bad blocks that raise the alarm, fine ones that end it; chosen, not measured: fewer raise it for an outlier
+# bad blocks that raise the alarm, fine ones that end it
 _RAISE_BLOCKS, _END_BLOCKS = 2, 5
 
 

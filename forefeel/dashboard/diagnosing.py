@@ -16,12 +16,11 @@ from forefeel.common.events.console import printable
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.finding import LiveDiagnosis, wanted_s
 
-# s after which a diagnosis is given up; chosen, not measured: it runs at the lowest priority, so shorter
-# gives up on a busy host
+# s after which a diagnosis is given up
 _TIMEOUT_S = 120.0
-# s between two looks for an alarm; chosen, not measured: far shorter than the stretch that is waited for
+# s between two looks for an alarm
 _LOOK_S = 0.5
-_LEAST_ROWS = 200  # samples of a stretch; chosen, not measured: fewer tell no cause
+_LEAST_ROWS = 200  # samples of a stretch
 
 
 class Stretch(NamedTuple):

@@ -9,7 +9,7 @@ from forefeel.common.events.text import event_text
 from forefeel.common.messages import EmergencyStop, Handshake, MasterEvent, Message, SafetyEvent, SafetyState
 from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level
 
-MOST = 200  # lines that are kept; chosen, not measured: older ones stand in a recording
+MOST = 200  # lines that are kept
 _AFTER: dict[str, Level] = {
     SafetyState.IDLE: OFF,
     SafetyState.READY: OFF,

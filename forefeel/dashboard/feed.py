@@ -17,11 +17,11 @@ from forefeel.dashboard.finding import LiveDiagnosis, watch_card
 from forefeel.dashboard.trace import Points
 
 Answer = dict[str, Any]
-# ns between two updates of a card that is watched; chosen, not measured: faster can not be read
+# ns between two updates of a card that is watched
 _QUICK_NS = 100_000_000
-# ns between two updates of the other cards; chosen, not measured: more often costs processor time
+# ns between two updates of the other cards
 _SLOW_NS = 500_000_000
-# digits behind the point that are sent, in s, m, N and J; chosen, not measured: 0.1 um is finer than a chart
+# digits behind the point that are sent, in s, m, N and J
 _DECIMALS = 7
 
 

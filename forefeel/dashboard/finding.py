@@ -13,8 +13,7 @@ from forefeel.report.wording import share
 LEAST_S = 12.0
 """A shorter stretch tells little of anything slow."""
 MOST_S = 60.0  # s, longest stretch that is diagnosed: what `samples` of an axis hold
-# s after the alarm's begin that are left out: a block and a half of the detector, in which the change took
-# place; chosen, not measured
+# s after the begin of the alarm that are left out: a block and a half of the detector
 _SETTLING_S = 1.5
 Past = Literal["live", "whole", "part"]
 _PART = {

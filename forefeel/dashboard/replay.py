@@ -4,7 +4,7 @@ from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.common.topics import BY_NAME
 from forefeel.dashboard.cell_view import UNREAD, CellView
 
-LEAD_S = 20.0  # s that are read before the place asked for; chosen, not measured: more reads longer
+LEAD_S = 20.0  # s that are read before the place asked for
 _TOPICS = [topic for name, topic in BY_NAME.items() if name not in UNREAD]
 
 

@@ -28,7 +28,7 @@ from forefeel.interrupt import heeded
 from forefeel.network_settings import ObserverSettings
 from forefeel.terminal import ask, say
 
-_POLL_S = 0.2  # s between two looks for an end; chosen, not measured: a duration is longer by up to it
+_POLL_S = 0.2  # s between two looks for an end
 # niceness that is added (nice(2)): behind the daemons and other programs, before a diagnosis at 19
 _NICE = 10
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all

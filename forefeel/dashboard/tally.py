@@ -14,7 +14,7 @@ _KINDS = (
     ("refused", ("refused", "malformed")),
 )
 KINDS = tuple(kind for kind, _ in _KINDS)
-MOST = 80  # counters that are shown; chosen, not measured: names come from the network, so a bound is needed
+MOST = 80  # counters that are shown
 NOTHING: Mapping[str, int] = MappingProxyType({})
 
 

@@ -59,7 +59,7 @@ REASONS = {
 _TRIM = 0.002
 """Share of the highest and of the lowest values of a trace that may lie outside of its picture."""
 
-# parameters that are drawn, in two columns; chosen, not measured: more make the picture longer than a page
+# parameters that are drawn, in two columns
 _MOST_PARAMETERS = 12
 _DETAIL_S = 4.0  # of the force that is drawn large
 _LONGEST = 99  # characters of a line in the terminal
