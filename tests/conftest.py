@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from itertools import count
 from pathlib import Path
 
@@ -50,20 +49,6 @@ def nothing_left_behind() -> Iterator[None]:
     left = _still_running(threads)
     if left or tasks:
         pytest.fail(f"left behind: threads {left}, asyncio tasks {tasks}", pytrace=False)
-
-
-@pytest.fixture
-def ahead_of_other_work() -> Iterator[None]:
-    """For tests with emulated devices: their threads inherit it, where it is granted."""
-    _schedule(os.SCHED_RR, 60)
-    yield
-    _schedule(os.SCHED_OTHER, 0)
-
-
-def _schedule(policy: int, priority: int) -> None:
-    for thread in Path("/proc/self/task").iterdir():
-        with suppress(PermissionError, ProcessLookupError):
-            os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
 
 
 def _still_running(before: set[threading.Thread]) -> list[str]:
