@@ -252,19 +252,6 @@ def test_motion_that_tells_nothing_still_has_numbers(speed_m_s: float) -> None:
     assert all(np.isfinite(evaluated.scores[name].size.rms_n or np.nan) for name in ("zoh", "mbk_bias"))
 
 
-def test_jitter_and_loss_are_repeatable_and_change_the_score() -> None:
-    links = [
-        DelayedLink(0.3),
-        DelayedLink(0.3, 0.05, 0.05, 1),
-        DelayedLink(0.3, 0.05, 0.05, 1),
-        DelayedLink(0.3, 0.05, 0.05, 2),
-    ]
-    plain, one, same, other = (evaluate(prepare(SAMPLE, link), None).scores for link in links)
-    assert one == same
-    assert all(one[name] != other[name] for name in METHODS)
-    assert all(one[name] != plain[name] for name in METHODS)
-
-
 def model(effects: list[object]) -> ContactModel:
     return ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "mine", "effects": effects})
 

@@ -4,7 +4,6 @@ The forces are made by formulas of this file.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from math import cos, exp, nan, pi, sin
 from typing import Any
 
@@ -18,7 +17,7 @@ from forefeel.common.estimation.identification import (
     IdentificationSettings,
 )
 from forefeel.common.estimation.loaded import NOTHING, LoadedContact
-from forefeel.common.estimation.transfer import SensorColumns, SensorModel, lasting
+from forefeel.common.estimation.transfer import SensorColumns, lasting
 
 MS = 1_000_000
 DELAY = 300
@@ -166,13 +165,6 @@ def test_the_identified_form_has_the_parameters_of_the_estimate() -> None:
     assert said.loaded_n == pytest.approx(12.0 * x + 0.8 * v, abs=2e-3)
 
 
-def test_an_estimate_of_another_model_is_refused() -> None:
-    loaded = LoadedContact(model(), 40.0)
-    loaded.move(0, 0.0, 0.0, None)
-    with pytest.raises(ValueError, match="estimate of"):
-        loaded.move(MS, 0.0, 0.0, replace(_estimate((0.1, 0.0, 0.8, 24.0)), names=("a",)))
-
-
 @pytest.mark.parametrize(("stamp", "x", "v"), [(5, nan, 0.0), (5, 0.0, nan), (0, 0.0, 0.0), (500, 0.0, 0.0)])
 def test_nothing_is_said_of_what_is_no_motion_or_follows_a_pause(stamp: int, x: float, v: float) -> None:
     loaded = LoadedContact(model(), 40.0)
@@ -231,15 +223,6 @@ def test_nothing_is_identified_from_readings_at_the_end_of_the_range() -> None:
     known, plain = (dict(zip(i.names, i.estimate().values, strict=True)) for i in identifiers)
     assert known["mass_damper_spring.stiffness_n_m"] == pytest.approx(12.0, rel=0.05)
     assert plain["mass_damper_spring.stiffness_n_m"] < 10.0
-
-
-def test_a_sensor_without_lag_has_empty_lines() -> None:
-    sensor = SensorModel(model({"effect": "sensor_quantisation", "parameters": {"step_n": 0.1}}))
-    assert not sensor.delays
-    (line,) = sensor.lines(1)
-    assert line(0.0, 0.123, 1e-3) == 0.123
-    assert sensor.limited(1e9) == 1e9
-    assert not sensor.at_limit(1e9)
 
 
 def _estimate(values: tuple[float, ...]) -> ContactEstimate:

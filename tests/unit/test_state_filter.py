@@ -32,13 +32,6 @@ def test_gain_and_phase_are_those_of_the_butterworth_filter_under_tustin(frequen
     assert phasors(frequency_hz, dt) == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.parametrize("frequency_hz", [1.0, 5.0, 20.0])
-def test_and_close_to_the_continuous_filter(frequency_hz: float) -> None:
-    s = 2j * pi * frequency_hz
-    expected = [butterworth(s), s * butterworth(s), s * s * butterworth(s)]
-    assert phasors(frequency_hz, 0.001) == pytest.approx(expected, rel=0.02)
-
-
 def test_a_ramp_passes_with_its_slope_and_the_stated_delay() -> None:
     state, dt, slope = StateFilter(CUTOFF_HZ), 0.001, 0.03
     for i in range(1001):
