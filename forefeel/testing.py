@@ -49,7 +49,7 @@ class SteppedTime(VirtualClock):
         self.devices: list[Callable[[float], object]] = []
         self.tick: Callable[[int], object] = lambda now_ns: None
         self.lines: dict[str, SerialLine] = {}
-        self.buses: list[MemoryBus] = []
+        self.buses: list[SteppedCanBus] = []
         self.networks: list[SharedNetwork] = []
         self._step_ns, self._due_ns = step_ns, dict[Conversation, int]()
         self._in_step = self._delivering = False
@@ -194,7 +194,7 @@ class SerialLine:
         self.to_device.send(data, self._time.t_s)
 
 
-class MemoryBus(can.BusABC):
+class SteppedCanBus(can.BusABC):
     """A participant of the CAN bus.
 
     Attributes:
@@ -257,14 +257,14 @@ def stepped(step_ns: int = 1_000_000) -> Iterator[SteppedTime]:
             raise DeviceSetupError(
                 f"{settings.channel}: no such port; expected one that `forefeel devices` lists"
             )
-        return MemoryBus(time, settings.channel)
+        return SteppedCanBus(time, settings.channel)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Conversation, "_begin", partialmethod(_call, time.begin))
         patch.setattr(Conversation, "_end", partialmethod(_call, time.end))
         patch.setattr(SharedNetwork, "start", partialmethod(_call, time.networks.append))
         patch.setattr("forefeel.devices.canopen.network.open_bus", open_bus)
-        patch.setattr("forefeel.devices.canopen.bus.open_bus", lambda can: MemoryBus(time, can.channel))
+        patch.setattr("forefeel.devices.canopen.bus.open_bus", lambda can: SteppedCanBus(time, can.channel))
         patch.setattr(canopen.sdo.client.SdoClient, "RESPONSE_TIMEOUT", 1e-3)
         patch.setattr(SerialStream, "__init__", open_serial)
         patch.setattr(SerialStream, "read", lambda stream: stream.line.read(stream.timeout_s))
@@ -347,7 +347,7 @@ def connect(time: SteppedTime, device: Any) -> None:  # noqa: ANN401 - what has 
 
     time.devices.append(step)
     bus = getattr(device, "_bus", None)
-    if isinstance(bus, MemoryBus):
+    if isinstance(bus, SteppedCanBus):
         bus.taken = step
 
 

@@ -19,7 +19,7 @@ from forefeel.devices.shared.settings import CanSettings
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.plant.presets import PRESETS
 from forefeel.slave.plant.settings import StageSettings
-from forefeel.testing import MemoryBus, SteppedTime, connect, stepped
+from forefeel.testing import SteppedCanBus, SteppedTime, connect, stepped
 
 COUNTS_PER_M = 1e6
 DRIVE, CELL = 5, 6
@@ -101,9 +101,9 @@ class Rig:
     ) -> None:
         self.time, self.bus = time, new_channel()
         now_s = lambda: time.t_s  # noqa: E731 - of both
-        self.drive = drive_on(MemoryBus(time, self.bus.channel), start_m, now_s)
+        self.drive = drive_on(SteppedCanBus(time, self.bus.channel), start_m, now_s)
         of_unit = {} if unit is None else {"unit": unit}
-        self.transducer = cell_on(MemoryBus(time, self.bus.channel), now_s, **of_unit)
+        self.transducer = cell_on(SteppedCanBus(time, self.bus.channel), now_s, **of_unit)
         for device in (self.drive, self.transducer):
             connect(time, device)
         self.stage = Cia402Stage(stage_settings(self.bus, **stage), time)
