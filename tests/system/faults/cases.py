@@ -347,11 +347,11 @@ def _silent_connections(scene: Scene) -> Incident:
     """
     slave = scene.service.processes["slave"]
     speed_m_s = scene.service.wait_moving()
-    at_s = time.monotonic()
     resource.prlimit(slave.pid, resource.RLIMIT_NOFILE, (1_024, 1_024))
     words = ("tests.system.attacks.silent", *SLAVE_AT.partition("/")[2].split(":"), "1100")
     strangers = scene.hosts.run(1, "silent.log", *words)
     scene.hosts.wait_until(lambda: scene.hosts.says("silent.log", "1100 connections"), 20.0, "connections")
+    at_s = time.monotonic()
     assert scene.service.stop() == 0, scene.hosts.last_words()
     scene.hosts.expected_ends.add(strangers.pid)
     strangers.kill()
@@ -535,7 +535,8 @@ def _of_slave() -> Iterable[Fault]:
     )  # fmt: skip
     yield Fault(
         "1100 silent connections, 1024 descriptors", _silent_connections, "started again, forefeel clear",
-        rest_s=r.BY_FAULT_S, faded_s=r.NEAR.faded_s, noticed="estop", events=_FOUND_LATCHED,
+        rest_s=r.COMMANDED_S + r.BY_FAULT_S, faded_s=r.COMMANDED_S + r.NEAR.faded_s, noticed="estop",
+        service=EMULATED, events=_FOUND_LATCHED,
     )  # fmt: skip
 
 
@@ -547,7 +548,7 @@ def _of_recorder_and_disk() -> Iterable[Fault]:
     yield Fault(
         "state folder full, stopped, slave SIGKILL", _stopped_on_a_full_disk,
         "room made, started again, forefeel clear",
-        rest_s=r.BY_FAULT_S, faded_s=r.NEAR.faded_s, noticed="estop",
+        rest_s=r.COMMANDED_S + r.BY_FAULT_S, faded_s=r.COMMANDED_S + r.NEAR.faded_s, noticed="estop",
         on_disk=True, service=on_disk,
         events=_FOUND_LATCHED,
         flights=("master",),

@@ -29,6 +29,8 @@ A delay changes nothing.
 """
 BY_FAULT_S = RAMP_S + SERVO_S + MARGIN_S
 """The slave notices by itself, at its next tick."""
+COMMANDED_S = 2.0
+"""`forefeel estop` has started and reached the slave by then; rest is timed from its arrival on."""
 BY_DRIVE_S = LEAD_S + FASTEST_M_S / HARDEST_M_S2 + MARGIN_S
 """The slave is gone: the drive runs to the end of the last setpoint's lead, and brakes."""
 BY_DEVICE_S = LEAD_S + FASTEST_M_S / HARDEST_M_S2 + RAMP_S + MARGIN_S
