@@ -60,8 +60,6 @@ class FlightRing:
 
 
 class Rings:
-    """All rings of a daemon by key."""
-
     def __init__(self) -> None:
         self._rings: dict[str, FlightRing] = {}
 

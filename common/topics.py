@@ -18,8 +18,6 @@ M_co = TypeVar("M_co", bound=m.Message, covariant=True)
 
 
 class Qos(Enum):
-    """How the transport treats a topic."""
-
     STREAM = "newest counts: real-time priority, express, dropped when congested"
     STATE = "periodic state: dropped when congested"
     EVENT = "rare and important: interactive priority, a queue of its own"

@@ -21,7 +21,6 @@ _STOP_PRIORITY = 25
 
 
 def run() -> None:
-    """The process."""
     try:
         main()
     except SystemExit as ended:
@@ -29,7 +28,6 @@ def run() -> None:
 
 
 def main() -> None:
-    """Runs the command line."""
     try:
         code = _stop() if sys.argv[1:2] == ["estop"] else _command()
     except InputError as error:
@@ -50,7 +48,6 @@ def _stop() -> int:
 
 
 def _command() -> int | None:
-    """Any command, by typer."""
     import typer  # noqa: PLC0415 - as in `_stop`
 
     from forefeel.cli import app  # noqa: PLC0415 - so that an import error of an extra is one line, too

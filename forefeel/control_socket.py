@@ -83,7 +83,6 @@ class ControlSocket:
 
     @asynccontextmanager
     async def serving(self, act: Act) -> AsyncIterator[None]:
-        """Answers with `act` meanwhile."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self._socket, self._receive, act)
         try:
@@ -237,7 +236,6 @@ class MasterRequests:
 
 
 async def _until(timeout_s: float, condition: Callable[[], bool]) -> bool:
-    """Whether it became true in time."""
     for _ in range(int(timeout_s / _POLL_S)):
         if condition():
             return True

@@ -82,7 +82,6 @@ async def slave(
     host: Host | None = None,
     connect: Connect = ParallelTransport.open,
 ) -> None:
-    """The slave on the running event loop."""
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
     import_drivers(settings)  # before real-time priority
@@ -119,7 +118,6 @@ async def master(
     host: Host | None = None,
     connect: Connect = ParallelTransport.open,
 ) -> None:
-    """The master on the running event loop."""
     from forefeel.common.estimation.forecast import compile_kernels  # noqa: PLC0415 - the slave does without it
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415
 

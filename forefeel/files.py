@@ -97,7 +97,6 @@ def _prove_writable(folder: Path) -> None:
 
 
 def write_whole(path: Path, text: str, what: str = "the report") -> None:
-    """See `whole`."""
     with whole(path, what) as part:
         part.write_text(text, encoding="utf-8")
 

@@ -52,7 +52,6 @@ class Stop:
             raise KeyboardInterrupt
 
     def handle(self, _number: int, _frame: FrameType | None) -> None:
-        """The handler of the signals."""
         now_s = time.monotonic()
         if self.first_s is None:
             self.first_s = now_s

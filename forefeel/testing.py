@@ -66,7 +66,6 @@ class SteppedTime(VirtualClock):
         self._live_until(deadline_ns)
 
     def run(self, seconds: float) -> None:
-        """Lets everything live for that time."""
         self.sleep_until_ns(self.now_ns() + round(seconds * 1e9))
 
     def run_until(self, true: Callable[[], object], within_s: float = 20.0) -> None:
@@ -174,7 +173,6 @@ class SerialLine:
             self.to_host.send(sent, t_s)
 
     def arrived(self, t_s: float) -> bytes:
-        """The bytes that the host finds then."""
         return self.to_host.arrived(t_s)
 
     def read(self, timeout_s: float) -> bytes:
@@ -211,7 +209,6 @@ class SteppedCanBus(can.BusABC):
         time.buses.append(self)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """The others have it at once."""
         if self.gone:
             raise can.CanOperationError(f"{self.channel}: gone while writing")
         for other in self._time.buses:

@@ -76,7 +76,6 @@ class MasterEvents(AxisEvents):
             )
 
     def check(self, handle_fault: str | None, now_ns: int) -> None:
-        """Logs a handle that has failed, once."""
         if handle_fault is not None and self._handle_fault is None:
             self._note("device_fault", now_ns, name="handle", reason=handle_fault)
             self._event_sink.flight(self._axis, "handle_fault", handle_fault, now_ns)

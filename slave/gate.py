@@ -33,8 +33,6 @@ class GateLimits:
 
 
 class _Window:
-    """What the gate remembers of one session."""
-
     def __init__(self, session_id: int) -> None:
         self.session_id = session_id
         self.sequence = 0

@@ -17,8 +17,6 @@ from forefeel.common.messages import FOLLOWING, SafetyState
 
 
 class SafetyEventName(StrEnum):
-    """What can happen to the machine."""
-
     SESSION_OPENED = "session_opened"
     SESSION_LOST = "session_lost"
     ENGAGE = "engage"

@@ -42,8 +42,6 @@ _SIMULATED: Any = {"driver": "simulated"}  # read as if it stood in the file
 
 
 class SlaveAxisSettings(Settings):
-    """One axis of the slave."""
-
     name: Segment = "insertion"
     limits: AxisLimits = AxisLimits()
     gate: GateSettings = GateSettings()

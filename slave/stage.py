@@ -52,9 +52,7 @@ class Stage(Protocol):
         """Connects and makes the drive ready; it holds its position."""
         ...
 
-    def close(self) -> None:
-        """Lets the device go, at rest; idempotent."""
-        ...
+    def close(self) -> None: ...
 
     def rearm(self) -> None:
         """After a fault of the drive: the explicit act without which it stays failed; it holds."""

@@ -117,7 +117,6 @@ def product_rls(rows: Array) -> RecursiveLeastSquares:
 
 
 def updated(rls: Rls, phi: Array, y: float, dt: float) -> Array:
-    """theta after one more sample."""
     if isinstance(rls, PaperRls):
         rls.update(phi, y)
         return rls.theta

@@ -135,7 +135,6 @@ class Candidate:
     costly: bool = False
 
     def named(self, found: Found) -> Values:
-        """Its parameters by name."""
         if self.naming is not None:
             return self.naming(found)
         linear = dict(zip(self.coefficients, found.coefficients, strict=False))

@@ -57,7 +57,6 @@ class Direction:
         self._s = 0.0
 
     def reset(self) -> None:
-        """Unloaded."""
         self._s = 0.0
 
     def after(self, v: float, dt: float) -> float:
@@ -92,7 +91,6 @@ class _AlongDirection(ForceEffect):
         self._direction = Direction(self.values["breakaway_m"])
 
     def reset(self) -> None:
-        """No friction until the next motion."""
         self._direction.reset()
 
 
@@ -336,7 +334,6 @@ class PreslidingHysteresis(ForceEffect):
         self._per_metre = self.values["stiffness_n_m"] / self.values["force_n"]
 
     def reset(self) -> None:
-        """Unloaded: no friction until the next motion."""
         self._u = 0.0
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:

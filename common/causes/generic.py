@@ -39,7 +39,6 @@ class GenericForce:
         return tuple(p for p in self.kind.parameters if p.name in wanted and not p.default == p.lower == 0.0)
 
     def candidate(self) -> ForceColumns:
-        """Of the effect's only form."""
         return ForceColumns(
             signs=self._signs(), columns=self.columns, grid=self.grid, at_wall=self.kind.site == "wall",
             naming=self.named,

@@ -20,7 +20,6 @@ class EffectEntry:
     site: Site | None = None
 
     def to_mapping(self) -> dict[str, object]:
-        """The entry as plain data."""
         site = {} if self.site is None else {"site": self.site}
         return {"effect": self.effect, **site, "parameters": dict(self.parameters)}
 

@@ -180,7 +180,6 @@ class ContactRuntime:
         self._touching = False
 
     def reset(self) -> None:
-        """Forgets every state."""
         self.reset_contact()
         for effect in self._sensors:
             effect.reset()

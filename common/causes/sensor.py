@@ -132,7 +132,6 @@ class SensorLag(SensorEffect):
     )  # fmt: skip
 
     def reset(self) -> None:
-        """The next force is taken as settled."""
         self._lag = FirstOrderLag(self.values["time_constant_s"])
         self._settled = False
 
@@ -172,7 +171,6 @@ class TimeDelay(SensorEffect):
         self._delay_s = self.values["delay_s"]
 
     def reset(self) -> None:
-        """Forgets the forces on their way."""
         self._past: deque[tuple[float, float]] = deque()
 
     def sense(self, t: float, force_n: float, dt: float) -> float:

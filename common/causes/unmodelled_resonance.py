@@ -104,7 +104,6 @@ class UnmodelledResonance(ForceEffect):
         self._zz, self._zw, self._wz, self._ww = 1.0, 0.0, 0.0, 1.0
 
     def reset(self) -> None:
-        """The mass hangs still."""
         self._z = self._w = 0.0
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:

@@ -223,7 +223,6 @@ class StressRelaxation(ForceEffect):
         self._tau = self.values["time_constant_s"]
 
     def reset(self) -> None:
-        """The branch is relaxed."""
         self._elongation = FirstOrderLag(self._tau)
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:

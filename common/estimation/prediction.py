@@ -32,7 +32,6 @@ class ContactPredictor:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the motion so far."""
         self._runtime.reset()
         self._velocity.reset()
         self._last_ns: int | None = None

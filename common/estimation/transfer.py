@@ -91,7 +91,6 @@ class SensorModel:
 
     @property
     def delays(self) -> bool:
-        """Whether a force passes lags or delays."""
         return bool(self._linear)
 
     def lines(self, count: int) -> list[Sense]:

@@ -89,7 +89,6 @@ class InstalledDriver(NamedTuple):
 
 
 def imported(place: str) -> Any:  # noqa: ANN401 - whatever stands there
-    """The object at `module:name`."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
@@ -111,12 +110,10 @@ def installed_drivers(slot: Slot) -> list[InstalledDriver]:
 
 
 def every_driver() -> list[InstalledDriver]:
-    """Every driver of every slot."""
     return [driver for slot in SLOTS for driver in installed_drivers(slot)]
 
 
 def driver_of(slot: Slot, settings: DriverSettings) -> InstalledDriver:
-    """The driver that reads these settings."""
     return installed_driver(slot, settings.driver)
 
 

@@ -51,7 +51,6 @@ class DeviceLink:
 
     @property
     def state(self) -> LinkState:
-        """How far the link has come."""
         return self._state
 
     @property
@@ -91,7 +90,6 @@ class DeviceLink:
             self._inhibited, self._state = None, LinkState.CLOSED
 
     def close(self) -> None:
-        """An orderly end."""
         with self._lock:
             self._state = LinkState.CLOSED
 

@@ -22,8 +22,6 @@ Fault = Callable[[BaseException], None]
 
 
 class Loop(Protocol):
-    """A hard-paced loop."""
-
     lateness: Lateness
     scheduling: str
 

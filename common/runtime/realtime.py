@@ -123,7 +123,6 @@ class RealtimeThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends after the tick that runs; idempotent."""
         self._stopped.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
             self._thread.join()

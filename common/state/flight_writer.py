@@ -73,7 +73,6 @@ class FlightWriter:
         self.worker.wake()
 
     def close(self) -> None:
-        """Writes what was asked for."""
         self.worker.close()
 
     def write(self, closing: bool) -> float | None:

@@ -146,7 +146,6 @@ class ParallelTransport:
 
     @property
     def handler_faults(self) -> int:
-        """Exceptions that handlers raised."""
         return sum(session.handler_faults for session in self._sessions)
 
     def close(self) -> None:

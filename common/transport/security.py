@@ -29,7 +29,6 @@ class Party:
 
     @property
     def name(self) -> str:
-        """The common name in its certificate."""
         return common_name(self.role, self.cells[0] if self.cells else "")
 
 

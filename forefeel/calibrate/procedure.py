@@ -73,7 +73,6 @@ def write(out: Path, calibration: LoadCellCalibration | StageCalibration, *lines
 
 
 def about(device: ConfiguredDevice, serial: str, today: object, valid_days: int) -> dict[str, Any]:
-    """The head of a calibration file."""
     form = f"forefeel.{device.driver.slot}_calibration/1"
     head = {"driver": device.driver.name, "serial": serial, "date": today}
     return {"format": form, **head, "valid_days": valid_days}

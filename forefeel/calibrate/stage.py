@@ -28,8 +28,6 @@ _PRIORITY = 50  # of SCHED_FIFO, the default of `realtime.priority`
 
 @dataclass(frozen=True, slots=True)
 class StageCalibrationOptions:
-    """What the user asked for."""
-
     config: Path
     axis: str
     out: Path

@@ -63,7 +63,6 @@ def examples(*lines: str) -> Callable[[Command], Command]:
 
 
 def examples_of(command: Callable[..., None]) -> tuple[str, ...]:
-    """What `examples` noted."""
     return _EXAMPLES[command]
 
 

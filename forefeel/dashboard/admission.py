@@ -32,7 +32,6 @@ class Admission:
         self._app, self._token, self._cookie = app, token, cookie
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """As ASGI has it."""
         answer = self._app if scope["type"] == "lifespan" else self._answer(HTTPConnection(scope))
         await answer(scope, receive, send)
 

@@ -66,7 +66,6 @@ def numbers(view: AxisView, now_ns: int) -> Card:
 
 
 def standing(view: AxisView, now_ns: int) -> list[Card]:
-    """The lights."""
     return [light._asdict() for light in lights(view, now_ns)]
 
 

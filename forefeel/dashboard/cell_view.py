@@ -32,7 +32,6 @@ class CellView:
         self.refused: Counter[str] = Counter()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """A payload from the network."""
         parsed = parse_key(key)
         if parsed is None:
             return
@@ -48,7 +47,6 @@ class CellView:
         self.take(axis, topic, message, receive_ns)
 
     def take(self, axis: str, topic: Topic[Message], message: Message, receive_ns: int) -> None:
-        """A message of an axis."""
         view = self.axes.get(axis)
         if view is None:
             if len(self.axes) == MOST_AXES:

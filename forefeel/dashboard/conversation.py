@@ -23,7 +23,6 @@ class Conversations:
         self._source = source
 
     async def serve(self, socket: WebSocket) -> None:
-        """One conversation, to its end."""
         await socket.accept()
         if self.open >= MOST_VIEWERS:
             await socket.close(_FULL, "too many viewers")

@@ -24,8 +24,6 @@ _LEAST_ROWS = 200  # samples of a stretch
 
 
 class Stretch(NamedTuple):
-    """What is to be diagnosed."""
-
     axis: str
     since_s: float
     span_s: float
@@ -81,8 +79,6 @@ Look = Callable[[Callable[[CellView, int], Stretch | None]], Stretch | None]
 
 
 class WorkerAnswer(TypedDict):
-    """What a worker answers."""
-
     headline: str
     causes: list[str]
     final: bool

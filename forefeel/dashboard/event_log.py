@@ -36,8 +36,6 @@ class EventLine(NamedTuple):
 
 
 class EventLog:
-    """The newest lines."""
-
     def __init__(self) -> None:
         self.count = 0
         self._lines: deque[EventLine] = deque(maxlen=MOST)

@@ -26,8 +26,6 @@ _DECIMALS = 7
 
 
 class Feed:
-    """One viewer's side of the conversation."""
-
     def __init__(self) -> None:
         self._of: tuple[AxisView, int] | None = None
         self._ends: dict[str, int] = {}

@@ -103,7 +103,6 @@ def _in_one(finding: LiveDiagnosis) -> str:
 
 
 def _signs(signs: Signs, how: str) -> str:
-    """The two signs in words."""
     parts = []
     if signs.innovation_ratio is not None:
         parts.append(f"errors of the model {how}{signs.innovation_ratio:.1f} × the usual")

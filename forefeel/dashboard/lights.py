@@ -95,7 +95,6 @@ def _safety(view: AxisView, now_ns: int) -> Light:
 
 
 def safety_word(slave: SlaveState) -> str:
-    """The safety state as it is shown."""
     return _SHOWN.get(slave.state, slave.state.value)
 
 

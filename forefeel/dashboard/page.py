@@ -33,7 +33,6 @@ def serve_files() -> None:
 
 
 def build() -> None:
-    """The page of one viewer."""
     ui.add_head_html(_HEAD)
     with _box("ff"):
         _head()

@@ -13,7 +13,6 @@ class SampleRing:
         self._count = 0
 
     def add(self, *row: float) -> None:
-        """One more; the oldest goes."""
         self._rows[self._count % len(self._rows)] = row
         self._count += 1
 

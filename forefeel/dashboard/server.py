@@ -95,8 +95,6 @@ def _step_back() -> None:
 
 
 class _Server(uvicorn.Server):
-    """Leaves signals to us."""
-
     capture_signals = nullcontext  # type: ignore[assignment]
 
 
@@ -162,7 +160,6 @@ class Page:
 
 
 def _dress(app: FastAPI) -> None:
-    """Gives the application its page."""
     serve_files()
     ui.run_with(
         app,

@@ -33,11 +33,7 @@ class Ask(BaseModel):
 
 
 class Viewer(Protocol):
-    """One open page."""
-
-    async def answer(self, ask: Ask) -> Answer:
-        """What it does not have yet."""
-        ...
+    async def answer(self, ask: Ask) -> Answer: ...
 
 
 class Source(Protocol):
@@ -47,9 +43,7 @@ class Source(Protocol):
         """What does not change: the cell, and whether it is a recording."""
         ...
 
-    def viewer(self) -> Viewer:
-        """For one more page."""
-        ...
+    def viewer(self) -> Viewer: ...
 
 
 class LiveCell:
@@ -66,7 +60,6 @@ class LiveCell:
         self._since_ns = clock.now_ns()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """A payload from the network."""
         with self._lock:
             self._cell.hear(key, payload, receive_ns)
 
@@ -76,11 +69,9 @@ class LiveCell:
             return at(self._cell, self._clock.now_ns())
 
     def facts(self) -> dict[str, Any]:
-        """See `Source`."""
         return {"cell": self._name, "file": None}
 
     def viewer(self) -> "LiveViewer":
-        """See `Source`."""
         return LiveViewer(self)
 
     def silence(self, cell: CellView, now_ns: int) -> dict[str, Any] | None:
@@ -98,13 +89,10 @@ class LiveCell:
 
 
 class LiveViewer:
-    """One page on a live cell."""
-
     def __init__(self, live: LiveCell) -> None:
         self._live, self._feed = live, Feed()
 
     async def answer(self, ask: Ask) -> Answer:
-        """See `Viewer`."""
         return self._live.look(lambda cell, now_ns: self._answer(cell, now_ns, ask))
 
     def _answer(self, cell: CellView, now_ns: int, ask: Ask) -> Answer:
@@ -119,7 +107,6 @@ class RecordedSource:
         self._spans = RunSpans(path)
 
     def facts(self) -> dict[str, Any]:
-        """See `Source`."""
         duration_s = (self._spans.end_ns - self._spans.start_ns) * 1e-9
         zero_s = self._spans.start_ns * 1e-9
         return {
@@ -130,13 +117,10 @@ class RecordedSource:
         }
 
     def viewer(self) -> "RecordedViewer":
-        """See `Source`."""
         return RecordedViewer(self._spans)
 
 
 class RecordedViewer:
-    """One page on a recording."""
-
     def __init__(self, spans: RunSpans) -> None:
         self._replay, self._feed = ReplayClock(spans), Feed()
 

@@ -40,7 +40,6 @@ def tallies(
 
 
 def totals(found: Iterable[CounterRow]) -> dict[str, int]:
-    """The sum of each kind."""
     sums = dict.fromkeys(KINDS, 0)
     for each in found:
         if each.kind:

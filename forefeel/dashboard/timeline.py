@@ -34,7 +34,6 @@ class Timeline:
         return anew
 
     def stamp_s(self, stamp_ns: int) -> float:
-        """Where a stamp of the master stands."""
         return (stamp_ns - (self._origin_ns or 0)) * 1e-9
 
     def now_s(self, now_ns: int) -> float:

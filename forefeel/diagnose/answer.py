@@ -49,12 +49,10 @@ _FEW = 3
 
 
 def caution(flag: str) -> str:
-    """What a flag means for the trust."""
     return FLAGS.get(flag, flag.replace("_", " "))
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """The verdict in one sentence."""
     if diagnosis.verdict == "cause_found":
         names = [words(cause.name) for cause in diagnosis.causes]
         return f"The simulation leaves out {_listed(names)}."
@@ -114,7 +112,6 @@ def noise_text(diagnosis: Diagnosis) -> str:
 
 
 def named(diagnosis: Diagnosis) -> str:
-    """For the summary of a folder."""
     names = [cause.name for cause in diagnosis.causes] or [" | ".join(group) for group in diagnosis.rivals]
     return f"{diagnosis.verdict}{': ' if names else ''}{', '.join(names)}"
 
@@ -206,10 +203,8 @@ def _predicted(across: "Across | None") -> list[str]:
 
 
 def _listed(names: list[str], word: str = "and") -> str:
-    """`a, b and c`."""
     return f" {word} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def _printable(text: str) -> str:
-    """Names of files may hold anything."""
     return "".join(c if c.isprintable() else "?" for c in text)

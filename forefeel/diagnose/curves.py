@@ -45,17 +45,14 @@ class Curves:
 
     @property
     def rows(self) -> Rows:
-        """As an index of the other columns."""
         return np.flatnonzero(self.analysis.regression.signals.rows)
 
     @property
     def before(self) -> Floats:
-        """What the simulation leaves."""
         return self.force - self.simulated
 
     @property
     def after(self) -> Floats:
-        """What the extended model leaves."""
         return self.force - self.extended
 
     @classmethod
@@ -140,5 +137,4 @@ def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[F
 
 
 def rms(values: Floats) -> float:
-    """Root mean square."""
     return float(np.sqrt(np.mean(values**2)))

@@ -216,7 +216,6 @@ def drawings(stem: str, curves: Curves, diagnosis: Diagnosis) -> list[Drawing]:
 
 
 def named(curves: Curves) -> str:
-    """What the simulation is."""
     return f"{_SIMULATION} ({'the given model' if curves.given else 'mass, damper, spring, bias'})"
 
 

@@ -28,8 +28,6 @@ _SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
-    """What was found before it is judged."""
-
     cleaned: Cleaned
     regression: RecordingRegression
     search: Search

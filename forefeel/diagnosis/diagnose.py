@@ -102,7 +102,6 @@ def _flags(flags: Sequence[str], gaps: bool, long: bool) -> tuple[str, ...]:
 
 
 def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagnosis:
-    """With the given simulation as the baseline."""
     regression = analysis.regression
     motion = regression.motion({})
     forces = [

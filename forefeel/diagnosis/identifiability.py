@@ -102,7 +102,6 @@ def _straight(signals: Signals) -> bool:
 
 
 def _core(v: Floats, signals: Signals, index: int) -> slice:
-    """Without padding and edges."""
     piece = signals.pieces[index]
     count = int(piece.samples * piece.period_s / piece.span_s * len(v))
     edge = min(int(len(v) * 4.0 / signals.cutoff_hz / piece.span_s), count // 10)

@@ -38,7 +38,6 @@ class Noise:
 
 
 def white() -> Noise:
-    """No colour at all."""
     return Noise(np.array([1.0, 0.0]), 1.0)
 
 

@@ -27,8 +27,6 @@ _LEAST_LINES = 3.0  # harmonics of a motion that repeats, in the width of a mode
 
 
 class Periods:
-    """Of one regression's recording."""
-
     def __init__(self, regression: RecordingRegression) -> None:
         self.regression = regression
 
@@ -134,7 +132,6 @@ def _two_waves(x: Floats, wave_1_m: float) -> Floats:
 
 
 def _beside(known: Floats, columns: Floats) -> Floats:
-    """What orthonormal columns leave of others."""
     return np.asarray(columns - known @ (known.T @ columns))
 
 

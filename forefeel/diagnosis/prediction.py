@@ -27,7 +27,6 @@ class Across:
     after_n: float
 
     def to_mapping(self) -> dict[str, object]:
-        """Plain data."""
         return asdict(self)
 
 

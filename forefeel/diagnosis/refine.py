@@ -21,7 +21,6 @@ class Refiner:
         self.evaluations = 0
 
     def fit(self, model: Model) -> ModelFit:
-        """One least squares."""
         self.evaluations += 1
         return self.regression.fit(model)
 
@@ -87,7 +86,6 @@ class Refiner:
         return best if best.score < lowest.score + 1.0 else lowest
 
     def _refine_alone(self, fit: ModelFit, name: str, wide: bool) -> ModelFit:
-        """The one shape of a cause."""
         low, high, logarithmic = self._bracket(CANDIDATES[name], fit.model[name][0], wide)
         best = fit
 

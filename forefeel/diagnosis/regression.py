@@ -123,7 +123,6 @@ class ModelFit:
         return self.n * float(np.log(self.rss / self.n)) + self.penalty
 
     def of(self, name: str) -> Floats:
-        """The coefficients of one cause."""
         return self.coefficients[[i for i, owner in enumerate(self.owners) if owner == name]]
 
 

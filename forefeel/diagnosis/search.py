@@ -130,7 +130,6 @@ class Search(Refiner):
         return None if best is None or not best.feasible else best
 
     def _scan(self, fit: ModelFit, name: str) -> ModelFit | None:
-        """The best shape on the grid."""
         found: ModelFit | None = None
         periodic = isinstance(CANDIDATES[name], Periodic)
         repeats = periodic or isinstance(CANDIDATES[name], PositionWave)
@@ -221,7 +220,6 @@ class Search(Refiner):
         return min(smaller, key=lambda trial: trial.score) if smaller else None
 
     def without(self, fit: ModelFit, name: str) -> ModelFit:
-        """The rest refitted."""
         rest = {n: shape for n, shape in fit.model.items() if n != name}
         return self.refined(self.fit(rest), sweeps=1)
 

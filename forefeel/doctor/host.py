@@ -100,8 +100,6 @@ class Versions:
 
 
 class Host:
-    """This host."""
-
     def now(self) -> datetime:
         return now_utc()
 

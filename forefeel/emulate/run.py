@@ -105,17 +105,13 @@ class Living(Protocol):
     """What lives by being stepped, and can be disturbed."""
 
     @property
-    def faults(self) -> Sequence[str]:
-        """What `provoke` takes."""
-        ...
+    def faults(self) -> Sequence[str]: ...
 
     def step(self) -> None:
         """A round of about a millisecond."""
         ...
 
-    def provoke(self, fault: str) -> None:
-        """Begins a fault now."""
-        ...
+    def provoke(self, fault: str) -> None: ...
 
 
 class Running(NamedTuple):
@@ -242,7 +238,6 @@ class OrderReader:
 
     @property
     def words(self) -> str:
-        """What there is to say."""
         return ", ".join(([] if self._load is None else ["load N"]) + list(self._faults))
 
     def obey(self, line: str) -> None:
@@ -285,7 +280,6 @@ class OrdersFromStdin:
         self._partial = b""
 
     def step(self) -> None:
-        """Obeys what has come."""
         if self._end is None or not select.select([self._end], [], [], 0.0)[0] or _in_background(self._end):
             return
         try:

@@ -142,7 +142,6 @@ def ratio_to_zoh(evaluated: Evaluated, name: str) -> float | None:
 
 
 def best(evaluated: Evaluated) -> str | None:
-    """The method with the smallest rms."""
     known = {name: score.size.rms_n for name, score in evaluated.scores.items()}
     finite = {name: rms_n for name, rms_n in known.items() if rms_n is not None}
     return min(finite, key=lambda name: finite[name]) if finite else None
@@ -151,7 +150,6 @@ def best(evaluated: Evaluated) -> str | None:
 def in_words(
     link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated]
 ) -> Iterator[RenderableType]:
-    """Table, notes and rules."""
     yield _table(link, recordings)
     for stem, evaluated in recordings.items():
         yield f"{stem}: {'; '.join(evaluated.notes)}"

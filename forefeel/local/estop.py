@@ -67,7 +67,6 @@ PARSER.add_option(
 
 
 def run(words: Sequence[str]) -> None:
-    """The command with these words."""
     options, others = PARSER.parse_args(list(words))
     if others:
         raise ConfigurationError(f"{others[0]}: unexpected, expected options only (forefeel estop --help)")

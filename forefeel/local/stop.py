@@ -81,7 +81,6 @@ class Stopper:
             self.news.set()
 
     def say(self, now_ns: int) -> None:
-        """Once on each axis."""
         for axis in self.axes or tuple(self.states):
             if axis not in self._publishers:
                 bus = Bus(self.transport, self.cell, axis, MonotonicClock())

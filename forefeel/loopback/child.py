@@ -45,7 +45,6 @@ class Child:
         return self._process is not None and self._process.poll() is None
 
     def ask_to_end(self) -> None:
-        """Sends SIGTERM."""
         if self._process is not None and self.running:
             self._process.send_signal(signal.SIGTERM)
 

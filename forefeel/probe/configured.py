@@ -21,15 +21,12 @@ from forefeel.devices.shared.settings import SerialSettings
 
 
 class ConfiguredDevice(NamedTuple):
-    """One device of one axis."""
-
     axis: str
     settings: Any
     driver: InstalledDriver
 
     @property
     def name(self) -> str:
-        """In words, for texts."""
         return f"{self.axis} {self.driver.slot}"
 
     @property
@@ -61,7 +58,6 @@ def configured(settings: DaemonSettings) -> list[ConfiguredDevice]:
 
 
 def import_drivers(settings: DaemonSettings) -> None:
-    """Imports the drivers that the settings name."""
     for device in configured(settings):
         imported(device.driver.driver.make)
 

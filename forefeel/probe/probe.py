@@ -25,8 +25,6 @@ Verdict = Literal["ready", "simulated", "refused", "failed"]
 
 @dataclass(frozen=True, slots=True)
 class Quantiles:
-    """Of a time in ms."""
-
     p50_ms: float
     p99_ms: float
 
@@ -85,8 +83,6 @@ def probe(device: ConfiguredDevice, seconds: float, clock: SleepingClock) -> Pro
 
 
 class _Tally:
-    """Counts while a device is read."""
-
     def __init__(self) -> None:
         self.state = "closed"
         self.rate_hz: float | None = None

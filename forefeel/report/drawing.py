@@ -87,7 +87,6 @@ def new_figure(height_in: float, width_in: float = _WIDTH_IN) -> Figure:
 
 
 def one_plot(height_in: float, width_in: float = _WIDTH_IN) -> tuple[Figure, Axes]:
-    """A figure with one pair of axes."""
     figure = new_figure(height_in, width_in)
     return figure, figure.subplots()
 
@@ -119,7 +118,6 @@ class AxisUnit:
         self.label = f"{label} in {prefixed}"
 
     def __call__(self, values: Floats | float) -> Floats:
-        """In the unit of the label."""
         return np.asarray(values, dtype=np.float64) * self._factor
 
 

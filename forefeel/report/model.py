@@ -56,8 +56,6 @@ class LoopFigures(_Part):
 
 
 class Loops(_Part):
-    """Both ends' 1 kHz loops."""
-
     master: LoopFigures = LoopFigures()
     slave: LoopFigures = LoopFigures()
 

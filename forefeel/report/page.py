@@ -382,7 +382,6 @@ def injected(counters: Mapping[str, int]) -> str:
 
 
 def calibration(found: CalibrationFigures) -> str:
-    """A calibration in one line."""
     who = f"{found.driver} {found.slot.replace('_', ' ')}, serial {found.serial}, calibrated {found.date}"
     if found.slot == "stage":
         scale = f"{number(found.native_per_m)} native units per m, zero at {number(found.zero)}"
@@ -393,7 +392,6 @@ def calibration(found: CalibrationFigures) -> str:
 
 
 def verdict(ratio_rms: float | None) -> str:
-    """What the ratio of the errors means."""
     if ratio_rms is None:
         return "nothing to compare"
     if ratio_rms > 1:

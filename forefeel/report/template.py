@@ -23,7 +23,6 @@ def environment() -> Environment:
 
 
 def render(template: str, **values: object) -> str:
-    """The page of a template."""
     return environment().get_template(template).render(**values)
 
 

@@ -50,7 +50,6 @@ def share(value: float | None) -> str:
 
 
 def ratio(value: float | None) -> str:
-    """A ratio with three digits."""
     return UNKNOWN if value is None else f"{value:#.3g}".rstrip(".")
 
 
@@ -70,8 +69,6 @@ def in_order(counts: Mapping[str, int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """One parameter in words."""
-
     label: str
     value: str
     interval: str

@@ -43,7 +43,6 @@ class Sines:
         self._sines = list(zip(frequencies_hz, phases, strict=True))
 
     def at(self, t: Array) -> Course:
-        """The sum of the sines."""
         x, v, a = np.full_like(t, self._centre_m), np.zeros_like(t), np.zeros_like(t)
         for frequency_hz, phase in self._sines:
             w = 2.0 * pi * frequency_hz

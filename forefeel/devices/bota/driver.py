@@ -55,7 +55,6 @@ class BotaCell:
         return 1e6 / step_us if step_us else inf
 
     def due(self, now_ns: int) -> bytes:
-        """Nothing: it streams."""
         return b""
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
@@ -70,7 +69,6 @@ class BotaCell:
         return [self._native(frame, stamp_ns) for frame, stamp_ns in zip(frames, stamps, strict=True)]
 
     def farewell(self) -> bytes:
-        """Nothing: it streams on."""
         return b""
 
     def _native(self, frame: BotaFrame, stamp_ns: int) -> Native:

@@ -53,7 +53,6 @@ class EmulatedBota:
         """Ignores the bytes: a cell in run mode does not listen."""
 
     def advance(self, t_s: float) -> bytes:
-        """The frames since the last call."""
         found = b""
         while (made_s := self.made_s(self.sent)) <= t_s:
             found += encode(self._frame(made_s))

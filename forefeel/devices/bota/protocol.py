@@ -78,7 +78,6 @@ class BotaFrame(NamedTuple):
 
 
 def encode(frame: BotaFrame) -> bytes:
-    """The 37 bytes of a frame."""
     body = _BODY.pack(*frame)
     return bytes([HEADER]) + body + _CRC.pack(crc_x25(body))
 

@@ -24,5 +24,4 @@ class BotaSettings(SerialSettings, LoadCellDriverSettings):
 
     @property
     def scale(self) -> CellScale:
-        """It gives newtons."""
         return CellScale(1.0, self.full_scale_n)

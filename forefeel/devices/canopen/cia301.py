@@ -26,7 +26,6 @@ class ObjectEntry:
 
     @property
     def size(self) -> int:
-        """Bytes."""
         return struct.calcsize("<" + self.kind)
 
     @property
@@ -78,7 +77,6 @@ class Pdo(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes."""
         return sum(entry.size for entry in self.entries)
 
     def parameters(self) -> list[tuple[ObjectEntry, int]]:

@@ -160,7 +160,6 @@ class CanopenDevice:
 
     @property
     def operational(self) -> bool:
-        """Whether PDOs are exchanged."""
         return bool(self._node.nmt.state == "OPERATIONAL")
 
     def provoke(self, fault: str) -> None:
@@ -170,7 +169,6 @@ class CanopenDevice:
         self._network.muted = fault == "unplug"
 
     def report(self, code: int) -> None:
-        """Sends an emergency."""
         self._network.send_message(cia301.EMERGENCY + self.node_id, cia301.emergency_frame(code))
 
     def enter_preoperational(self) -> None:
@@ -197,7 +195,6 @@ class CanopenDevice:
         self._network.send_due(t_s)
 
     def close(self) -> None:
-        """Leaves the bus."""
         self._bus.shutdown()
 
     def _now(self) -> float:
@@ -229,7 +226,6 @@ class CanopenDevice:
         return self.shown(index, subindex)
 
     def value(self, entry: ObjectEntry) -> float:
-        """The value that a client would read."""
         return entry.unpack(self._node.get_data(entry.index, entry.sub))
 
     # --- PDOs ---
@@ -292,5 +288,4 @@ class CanopenDevice:
 
 
 def unpacked(entry: ObjectEntry, data: bytes) -> int:
-    """An integer that was written."""
     return int(struct.unpack_from("<" + entry.kind, data)[0])

@@ -42,7 +42,6 @@ class CanWire:
         self.busy_s = 0.0
 
     def offer(self, sender: int, frame: bytes) -> None:
-        """An adapter wants to send."""
         self._count += 1
         extended = frame[:1] in b"TR"
         ident = int(frame[1:9], 16) if extended else int(frame[1:4], 16) << 18
@@ -128,8 +127,6 @@ class SlcanAdapter:
 
 
 class _Port:
-    """One adapter on its pseudo terminal."""
-
     def __init__(self, link: Path, bitrate: int, faults: Faults, seed: str) -> None:
         self.pty = Pty(link)
         self.adapter = SlcanAdapter(bitrate)
@@ -201,7 +198,6 @@ class CanHub:
             port.pty.write(port.to_host.arrived(self._now()))
 
     def close(self) -> None:
-        """Takes the adapters away."""
         for port in self._ports:
             port.pty.unplug()
 

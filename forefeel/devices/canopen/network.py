@@ -46,7 +46,6 @@ class SharedNetwork:
         self._thread = Thread(target=self._run, name=f"receiver of {self.name}", daemon=True)
 
     def start(self) -> None:
-        """Starts the receiving thread."""
         self._thread.start()
 
     def send(self, can_id: int, data: bytes) -> None:
@@ -63,7 +62,6 @@ class SharedNetwork:
             self.check()
 
     def check(self) -> None:
-        """Raises DeviceError when the bus has failed."""
         if self.failed is not None:
             where = "" if self.settings.channel in self.failed else f"{self.name}: "
             raise DeviceError(f"{where}{self.failed}")
@@ -85,7 +83,6 @@ class SharedNetwork:
             return self._sync[0] is owner
 
     def leave_sync(self, owner: object) -> None:
-        """Lets another driver send SYNC."""
         with self._sync_lock:
             if self._sync is not None and self._sync[0] is owner:
                 self._sync = None
@@ -104,7 +101,6 @@ class SharedNetwork:
             self._told[link] = counts
 
     def close(self) -> None:
-        """Ends the thread and the bus."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(5.0)

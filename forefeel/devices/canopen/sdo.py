@@ -62,7 +62,6 @@ class RemoteDevice:
         shared.network.add_node(self._remote)
 
     def forget(self) -> None:
-        """Takes the node off the network."""
         del self._shared.network[self.node]
 
     def introduce(self, expected: int) -> None:
@@ -73,7 +72,6 @@ class RemoteDevice:
         self._link.advance(LinkState.IDENTIFIED)
 
     def order(self, command: int) -> None:
-        """Sends an NMT command to this node."""
         self._shared.send(NMT, bytes([command, self.node]))
 
     def identify(self, expected: int) -> dict[str, int]:

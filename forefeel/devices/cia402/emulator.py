@@ -42,8 +42,6 @@ _HOMED_AT_REST_M_S = 1e-6  # m/s, below which a homing that stops is at rest
 
 
 class HomingPhase(Enum):
-    """How far homing has come."""
-
     IDLE = "not begun, or interrupted"
     SEARCHING = "towards the switch"
     LEAVING = "off the switch"
@@ -132,7 +130,6 @@ class DriveHoming:
         return -1 if self.method == NEGATIVE_SWITCH else 1
 
     def _active(self, position_m: float) -> bool:
-        """Whether the switch of this method answers."""
         low_m, high_m = self.switches_m
         on = position_m <= low_m if self._way < 0 else position_m >= high_m
         return on and not self.no_switch
@@ -232,7 +229,6 @@ class DriveModel:
 
     @property
     def statusword(self) -> int:
-        """The value of object 6041."""
         word = PATTERNS[self.state][1] | _VOLTAGE | _REMOTE
         if self.state is DriveState.DISABLED:
             word |= _QUICK_STOP_OFF
@@ -406,7 +402,6 @@ _SIGNED = frozenset(
 
 
 def contents(node: int) -> dict[ObjectEntry, float]:
-    """The object dictionary at the start."""
     return {
         cia301.DEVICE_TYPE: 0x0002_0000 | cia402.PROFILE,  # a servo drive
         cia301.ERROR_REGISTER: 0,

@@ -58,8 +58,6 @@ TARGET_REACHED, HOMING_ATTAINED, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 
 
 class DriveState(Enum):
-    """The states of a drive (CiA 402)."""
-
     NOT_READY = "not ready to switch on"
     DISABLED = "switch on disabled"
     READY = "ready to switch on"
@@ -103,8 +101,6 @@ def interpolation_period(rate_hz: int) -> tuple[int, int] | None:
 
 
 class Phase(Enum):
-    """What the host does with the drive."""
-
     PASSIVE = "passive"
     RESETTING = "resetting"
     ENABLING = "enabling"
@@ -138,7 +134,6 @@ class DriveMachine:
         self._bit_7_was_low = False
 
     def enable(self) -> None:
-        """Begins to enable, from PASSIVE."""
         self._begin(Phase.ENABLING)
 
     def rearm(self) -> None:

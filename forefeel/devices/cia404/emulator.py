@@ -29,7 +29,6 @@ _REFUSED = 0x0800_0020  # data can not be transferred
 
 
 def contents(node: int, unit: int, digits: int) -> dict[ObjectEntry, float]:
-    """The object dictionary at the start."""
     return {
         cia301.DEVICE_TYPE: 0x0002_0000 | cia404.PROFILE,  # analogue inputs
         cia301.ERROR_REGISTER: 0,

@@ -48,12 +48,10 @@ class ForceSender:
         self._socket.setblocking(False)
 
     def send(self, force_n: float) -> None:
-        """Sends the newest force, in N."""
         with suppress(OSError):  # nobody listens yet, or does not keep up: the next one counts
             self._socket.sendto(_FORCE.pack(force_n), self._path)
 
     def close(self) -> None:
-        """Closes the socket; idempotent."""
         self._socket.close()
 
 
@@ -77,7 +75,6 @@ class ForceReceiver:
         return self._force_n
 
     def close(self) -> None:
-        """Closes the socket; idempotent."""
         self._socket.close()
         with suppress(FileNotFoundError):
             self._path.unlink()

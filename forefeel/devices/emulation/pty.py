@@ -205,7 +205,6 @@ class PtyServer:
 
     @property
     def faults(self) -> Sequence[str]:
-        """The faults that `provoke` takes."""
         return ("unplug", "plug", *self._device.faults)
 
     def provoke(self, fault: str) -> None:

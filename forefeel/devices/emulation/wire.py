@@ -16,12 +16,8 @@ _AT = re.compile(r"([a-z_]+)@([0-9.]+)")
 
 
 class EmulatedDevice(Protocol):
-    """A device behind a byte stream."""
-
     @property
-    def faults(self) -> Sequence[str]:
-        """The faults that `provoke` takes."""
-        ...
+    def faults(self) -> Sequence[str]: ...
 
     def receive(self, data: bytes, t_s: float) -> None:
         """Takes bytes of the host that have arrived at that time."""

@@ -50,9 +50,7 @@ class Cell(Protocol):
         """Its rate; None until there are enough measurements."""
         ...
 
-    def due(self, now_ns: int) -> bytes:
-        """What is to be sent now."""
-        ...
+    def due(self, now_ns: int) -> bytes: ...
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
         """The measurements in what came, oldest first.
@@ -62,9 +60,7 @@ class Cell(Protocol):
         """
         ...
 
-    def farewell(self) -> bytes:
-        """What leaves it as it was found."""
-        ...
+    def farewell(self) -> bytes: ...
 
 
 class SerialLoadCell(Generic[S]):
@@ -132,7 +128,6 @@ class SerialLoadCell(Generic[S]):
         self.open()
 
     def close(self) -> None:
-        """Ends the conversation; idempotent."""
         if self._conversation is not None:
             self._conversation.stop()
             self._conversation = None
@@ -207,7 +202,6 @@ class SerialLoadCell(Generic[S]):
         return found or given or ""
 
     def _identified(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> Steps:
-        """Waits for the first measurement."""
         start_ns, came = self._clock.now_ns(), 0
         patience_s = _identify_s(cell, self._settings.rate_hz)
         while self.link.state < LinkState.IDENTIFIED and not conversation.stopping:

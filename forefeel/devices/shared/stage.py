@@ -11,11 +11,9 @@ class PositionScale(NamedTuple):
     per_m: float
 
     def native(self, x_m: float) -> int:
-        """The nearest whole one."""
         return round(self.zero + self.per_m * x_m)
 
     def metres(self, native: float) -> float:
-        """The position in m."""
         return (native - self.zero) / self.per_m
 
     def ends(self, travel_m: tuple[float, float]) -> tuple[int, int]:
@@ -56,15 +54,12 @@ class Setpoint:
         self.position_m = self.velocity_m_s = 0.0
 
     def within_travel(self, position_m: float) -> float:
-        """The nearest position of the travel."""
         return max(self._low_m, min(self._high_m, position_m))
 
     def restart(self, actual_m: float) -> None:
-        """Begins at rest where the drive is."""
         self.position_m, self.velocity_m_s = actual_m, 0.0
 
     def follow(self, wanted_m: float) -> None:
-        """One cycle towards a position."""
         step_m = self.within_travel(wanted_m) - self.position_m
         step_m = max(-self._most_m, min(self._most_m, step_m))
         self.position_m += step_m
@@ -94,7 +89,6 @@ class SetpointMailbox:
         self.superseded = 0
 
     def command(self, setpoint: Wanted) -> None:
-        """The newest setpoint."""
         with self._lock:
             self.superseded += self._new
             self._setpoint, self._new = setpoint, True

@@ -39,9 +39,7 @@ class ByteStream(Protocol):
         """Sends all of it or raises DeviceError; waits no longer than the write timeout."""
         ...
 
-    def close(self) -> None:
-        """Closes the stream; idempotent."""
-        ...
+    def close(self) -> None: ...
 
 
 class SerialStream:

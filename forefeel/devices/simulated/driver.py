@@ -26,15 +26,12 @@ class SimulatedDevice:
         self._opened = False
 
     def open(self) -> None:
-        """Connects."""
         self._opened = True
 
     def close(self) -> None:
-        """Lets the device go; idempotent."""
         self._opened = False
 
-    def rearm(self) -> None:
-        """A simulated device does not fail."""
+    def rearm(self) -> None: ...
 
     def _opened_world(self) -> SimulatedWorld:
         if not self._opened:
@@ -48,8 +45,6 @@ class SimulatedDevice:
 
 
 class SimulatedStage(SimulatedDevice):
-    """Stage port on a `SimulatedWorld`."""
-
     def __init__(self, world: SimulatedWorld) -> None:
         super().__init__(world)
         world.observed = True
@@ -64,13 +59,10 @@ class SimulatedStage(SimulatedDevice):
         self._opened_world().hold()
 
     def read(self, now_ns: int) -> StageReading:
-        """The readback at `now_ns`."""
         return StageReading(*self._world_at(now_ns).stage_readback())
 
 
 class SimulatedLoadCell(SimulatedDevice):
-    """Load-cell port on a `SimulatedWorld`."""
-
     stale_s = inf
 
     def __init__(self, world: SimulatedWorld) -> None:
@@ -79,7 +71,6 @@ class SimulatedLoadCell(SimulatedDevice):
         self.full_scale_n = world.load_cell_full_scale_n
 
     def read(self, now_ns: int, recording_time_s: float | None) -> tuple[LoadCellReading]:
-        """The newest conversion at `now_ns`."""
         return (self._world_at(now_ns).load_cell_reading(),)
 
 
@@ -90,7 +81,6 @@ class SimulatedGripper(SimulatedDevice):
     """
 
     def set(self, grip: Grip, now_ns: int) -> Grip:
-        """Closes or opens the fixture at `now_ns`."""
         observed = self._opened_world().observed
         return self._world_at(now_ns).grip(grip) if observed else grip
 

@@ -20,8 +20,6 @@ _PATIENCE_S = 3.0  # s that the deadman is held while the slave does not arm
 
 
 class Act(Enum):
-    """What the person is doing."""
-
     WAITING = "hand off the deadman"
     PRESSING = "pressed, waiting for the slave to arm"
     MOVING = "armed, moving"
@@ -46,7 +44,6 @@ class SimulatedOperatorPolicy:
 
     @property
     def pressed(self) -> bool:
-        """Whether the deadman is held."""
         return self.act is not Act.WAITING
 
     def look(self, now_s: float, state: SafetyState | None, aligned: bool = True) -> None:
@@ -69,7 +66,6 @@ class SimulatedOperatorPolicy:
                 self._enter(Act.WAITING, now_s)
 
     def release(self, now_s: float) -> None:
-        """Opens the clutch by choice."""
         self._chosen = True
         self._enter(Act.WAITING, now_s)
 
@@ -100,14 +96,11 @@ class SimulatedHandle:
         """Time that the person chose to spend with the clutch open."""
         return self.person.clutched_out_s
 
-    def open(self) -> None:
-        """Nothing to open."""
+    def open(self) -> None: ...
 
-    def close(self) -> None:
-        """Nothing to close."""
+    def close(self) -> None: ...
 
-    def rearm(self) -> None:
-        """Nothing to re-arm."""
+    def rearm(self) -> None: ...
 
     @property
     def pressed_anew(self) -> bool:
@@ -178,7 +171,6 @@ class Arm:
         self.velocity_m_s = 0.0
 
     def place(self, position_m: float) -> None:
-        """Puts the hand somewhere, at rest."""
         self.position_m, self.velocity_m_s = position_m, 0.0
 
     def advance(self, reference_m: float, reference_m_s: float, force_n: float, dt_s: float) -> None:

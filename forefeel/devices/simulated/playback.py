@@ -77,7 +77,6 @@ class MultiSine:
         self._omega = [2.0 * pi * frequency_hz for frequency_hz in frequencies_hz]
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """Position and velocity."""
         position_m = self._centre_m - sum(self._a_m * cos(w * t_s) for w in self._omega)
         return position_m, sum(self._a_m * w * sin(w * t_s) for w in self._omega)
 
@@ -98,12 +97,10 @@ class Playback(SimulatedHandle):
         self._position_m = 0.0
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """The hand is rigid."""
         del now_ns
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
-        """Plays on up to now."""
         dt_s = self._step_s(now_ns)
         self.person.look(now_ns * 1e-9, self._indication.state)
         if self.finished or self.person.act is not Act.MOVING:

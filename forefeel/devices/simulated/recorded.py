@@ -48,14 +48,11 @@ class RecordedLoadCell:
 
     stale_s = inf
 
-    def open(self) -> None:
-        """Nothing to connect."""
+    def open(self) -> None: ...
 
-    def close(self) -> None:
-        """Nothing to let go."""
+    def close(self) -> None: ...
 
-    def rearm(self) -> None:
-        """A recording does not fail."""
+    def rearm(self) -> None: ...
 
     def read(self, now_ns: int, recording_time_s: float | None) -> tuple[LoadCellReading]:
         """The recorded force at `recording_time_s`, whatever the time is now."""

@@ -13,8 +13,6 @@ from forefeel.slave.stage import StageDriverSettings
 
 
 class SimulatedStageSettings(StageDriverSettings):
-    """The stage of the axis' simulated world."""
-
     hardware: ClassVar[bool] = False
     driver: Literal["simulated"] = "simulated"
 
@@ -39,8 +37,6 @@ class RecordedLoadCellSettings(LoadCellDriverSettings):
 
 
 class SimulatedGripperSettings(GripperDriverSettings):
-    """Which driver closes the fixture."""
-
     hardware: ClassVar[bool] = False
     driver: Literal["simulated"] = "simulated"
 
@@ -67,8 +63,6 @@ class OperatorSettings(HandleDriverSettings):
 
 
 class RecordedHandleSettings(HandleDriverSettings):
-    """Plays the position of a recording."""
-
     hardware: ClassVar[bool] = False
     driver: Literal["recording"]
     recording: ExistingFile

@@ -389,7 +389,6 @@ class ZaberExchange:
         self.watch()
 
     def watch(self) -> None:
-        """Reads the position and commands nothing."""
         asked_ns = self._clock.now_ns()
         x_m = self._scale.metres(self._talk.number("get pos"))
         self._took((asked_ns + self._clock.now_ns()) // 2, x_m)

@@ -32,8 +32,6 @@ _NEAR = 1e-6  # microsteps
 
 
 class AxisMode(Enum):
-    """The motion that the axis makes."""
-
     IDLE = "idle"
     POSITION = "position"
     VELOCITY = "velocity"
@@ -70,12 +68,10 @@ class ZaberAxis:
 
     @property
     def reported(self) -> float:
-        """The position as the axis knows it."""
         return self.position - self._reference
 
     @property
     def busy(self) -> bool:
-        """Whether it moves or is to move."""
         return self.motion is not AxisMode.IDLE
 
     def lose_reference(self) -> None:
@@ -201,8 +197,6 @@ class SettingRejectedError(Exception):
 
 
 class ZaberRegister:
-    """The settings that `get` and `set` reach."""
-
     def __init__(self, model: ZaberModel, axis: ZaberAxis) -> None:
         self._model, self._axis = model, axis
         low, high = (round(limit) for limit in axis.limits)
@@ -507,7 +501,6 @@ class ZaberDevice:
 
 
 def _number(words: list[str]) -> int | None:
-    """Takes a leading number off the words."""
     return int(words.pop(0)) if words and words[0].isdecimal() else None
 
 

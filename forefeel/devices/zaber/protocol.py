@@ -111,7 +111,6 @@ def is_fault(flag: str) -> bool:
 
 
 def in_words(flag: str) -> str:
-    """A warning flag as text."""
     return f"{flag} ({WARNINGS[flag]})" if flag in WARNINGS else flag
 
 
@@ -150,7 +149,6 @@ class Parser:
         self._partial = b""
 
     def feed(self, data: bytes) -> list[Message]:
-        """The messages that these bytes complete."""
         *lines, partial = _ENDS.split(self._partial + data)
         if len(partial) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1

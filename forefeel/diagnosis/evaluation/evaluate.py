@@ -54,7 +54,6 @@ class Evaluated:
 
     @property
     def gaps(self) -> int:
-        """Pauses over 0.1 s."""
         return gap_count(self.prepared.recording)
 
 

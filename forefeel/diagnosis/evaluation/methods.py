@@ -87,7 +87,6 @@ class Pairs(Generic[T]):
             del self._known[self._stamps.popleft()]
 
     def arrived(self, stamp_s: float, force_n: float) -> None:
-        """A late force."""
         self._late.append((stamp_s, force_n))
 
     def take(self) -> list[tuple[float, T, float]]:
@@ -109,20 +108,16 @@ class ZeroOrderHold:
         self._stamp_s = -inf
         self._force_n: float | None = None
 
-    def move(self, t_s: float, position_m: float) -> None:
-        """Tells a hold nothing."""
+    def move(self, t_s: float, position_m: float) -> None: ...
 
     def observe(self, stamp_s: float, force_n: float) -> None:
-        """Keeps it when it is the newest."""
         if stamp_s > self._stamp_s:
             self._stamp_s, self._force_n = stamp_s, force_n
 
     def predict(self) -> MethodEstimate | None:
-        """The force that is held."""
         return None if self._force_n is None else MethodEstimate(self._force_n)
 
-    def restart(self) -> None:
-        """A force is held across a gap."""
+    def restart(self) -> None: ...
 
 
 class PaperMethod:
@@ -141,7 +136,6 @@ class PaperMethod:
         self.restart()
 
     def restart(self) -> None:
-        """The differences start anew."""
         self._t_s: float | None = None
         self._x = 0.0
         self._v: float | None = None
@@ -168,7 +162,6 @@ class PaperMethod:
         return None if v is None or a is None else (a, v, x)
 
     def observe(self, stamp_s: float, force_n: float) -> None:
-        """Waits for the next `move`."""
         self._pairs.arrived(stamp_s, force_n)
 
     def predict(self) -> MethodEstimate | None:
@@ -240,7 +233,6 @@ class ContactMethod:
             self._estimate, self._estimated_s = self._identifier.estimate(), t_s
 
     def observe(self, stamp_s: float, force_n: float) -> None:
-        """Waits for the next `move`."""
         self._pairs.arrived(stamp_s, force_n)
 
     def predict(self) -> MethodEstimate | None:
@@ -271,7 +263,6 @@ class Forefeel:
         self._forecaster.move(t_s, position_m, model_n)
 
     def observe(self, stamp_s: float, force_n: float) -> None:
-        """Learns."""
         if self._model is not None:
             self._model.observe(stamp_s, force_n)
         self._forecaster.observe(stamp_s, force_n)
