@@ -4,14 +4,12 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from forefeel.common.recording.recording import Recording
 from tests.commands.command_line import contents, refused
 from tests.unit.evaluation_samples import csv_text, made_up, recording
 from tests.unit.page_checks import check_page
-from tests.unit.recording_samples import force, write_forces
 
 Run = Callable[[Sequence[str]], int]
 MODEL = "schema: forefeel.model/1\nname: spring only\neffects:\n  - effect: mass_damper_spring\n"
@@ -101,31 +99,6 @@ def test_the_same_command_gives_the_same_bytes_and_overwrites_only_when_asked(
     assert contents(out)[out / "evaluation.json"] != before[out / "evaluation.json"]
 
 
-def test_columns_are_mapped_with_their_units(run: Run, tmp_path: Path) -> None:
-    whole = made_up(duration_s=5.0)
-    assert whole.force_n is not None
-    canonical = put(tmp_path, "canonical.csv", whole)
-    rows = np.column_stack((1e3 * whole.time_s, 1e3 * whole.position_m, 1e3 * whole.force_n)).tolist()
-    text = "\n".join(["t,laser,load", *(",".join(map(repr, row)) for row in rows)])
-    (tmp_path / "other.csv").write_text(text)
-    assert run(["evaluate", canonical, "--out", str(tmp_path / "one")]) == 0
-    mapping = ["--time", "ms:t", "--position", "mm:laser", "--force", "mN:load"]
-    assert run(["evaluate", str(tmp_path / "other.csv"), *mapping, "--out", str(tmp_path / "two")]) == 0
-    one = document(tmp_path / "one")["recordings"]["canonical"]["methods"]  # type: ignore[index]
-    two = document(tmp_path / "two")["recordings"]["other"]["methods"]  # type: ignore[index]
-    for name in one:
-        # a stamp that rounding moves across an arrival may shift a single sample
-        assert two[name]["rms_n"] == pytest.approx(one[name]["rms_n"], rel=0.02)
-
-
-def test_an_mcap_of_forces_is_a_recording(run: Run, tmp_path: Path) -> None:
-    write_forces(tmp_path / "run.mcap", [force(10 * k) for k in range(400)])
-    assert (
-        run(["evaluate", str(tmp_path / "run.mcap"), "--delay", "0.1", "--out", str(tmp_path / "out")]) == 0
-    )
-    assert list(document(tmp_path / "out")["recordings"]) == ["run"]  # type: ignore[call-overload]
-
-
 GOOD, SHORT = csv_text(made_up(duration_s=4.0)), csv_text(made_up(duration_s=1.0))
 BAD = {
     "nothing to evaluate": ("@/a.csv", ("a.csv", "at least 3.3 s"), {"a.csv": SHORT}),
@@ -136,6 +109,8 @@ BAD = {
     "one stem twice": ("@/a.csv @/b/a.csv", ("2 files", "'a'"), {"a.csv": GOOD, "b/a.csv": GOOD}),
     "delay negative": ("@/a.csv --delay -1", ("--delay",), {"a.csv": GOOD}),
     "delay no number": ("@/a.csv --delay soon", ("--delay",), {"a.csv": GOOD}),
+    "unit of time": ("@/a.csv --time min:t", ("time = 'min:t'",), {"a.csv": GOOD}),
+    "unit of position": ("@/a.csv --position N:x", ("position = 'N:x'",), {"a.csv": GOOD}),
     "unit": ("@/a.csv --force V:load", ("force = 'V:load'",), {"a.csv": GOOD}),
     "column": ("@/a.csv --force N:load", ("'load'",), {"a.csv": GOOD}),
     "model missing": ("@/a.csv --model @/m.yaml", ("m.yaml", "No such file"), {"a.csv": GOOD}),
@@ -161,18 +136,3 @@ def test_bad_input_is_one_line_and_leaves_nothing_behind(
     files: dict[str, str],
 ) -> None:
     refused(run, capsys, tmp_path, f"evaluate {arguments} --out @/out", words, files)
-
-
-def test_each_file_that_can_not_be_evaluated_has_one_line(
-    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    (tmp_path / "a.csv").write_text(SHORT)
-    assert (
-        run(["evaluate", str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), "--out", str(tmp_path / "out")])
-        == 2
-    )
-    lines = capsys.readouterr().err.splitlines()
-    assert [line.startswith("forefeel: ") for line in lines] == [True, True]
-    assert "a.csv" in lines[0]
-    assert "b.csv" in lines[1]
-    assert not (tmp_path / "out").exists()

@@ -1,7 +1,6 @@
 """What a terminal gets and what a pipe gets; markup from outside; completion by the shell."""
 
 import io
-import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,7 +10,6 @@ import pytest
 from forefeel import terminal
 from forefeel.emulate.run import emulated_names
 from forefeel.loopback.hardware import HARDWARE
-from tests.commands.command_line import ROOT
 from tests.secured import make_pki
 
 Run = Callable[[Sequence[str]], int]
@@ -108,26 +106,6 @@ def test_a_person_is_asked_even_quietly(capsys: pytest.CaptureFixture[str]) -> N
         terminal.say("a remark")
         terminal.ask("unload the cell, then press Enter")
     assert capsys.readouterr().err == "unload the cell, then press Enter\n"
-
-
-SPEAKS_ITSELF = {
-    "emulate/run.py",  # its first line is for whoever started it
-    "dashboard/worker.py",  # as well
-    "commands/clear.py",  # what the daemon answers, line by line
-    "local/estop.py",  # a stop waits for no library
-    "terminal.py",
-}
-
-
-_SPEAKS = re.compile(
-    r"(?<![\w.])(?:print|Console|Progress)\((?!disable=True)|typer\.echo\(|sys\.std(?:out|err)\b"
-)
-
-
-def test_nobody_else_makes_a_console_or_prints() -> None:
-    package = ROOT / "forefeel"
-    found = [path for path in package.rglob("*.py") if _SPEAKS.search(path.read_text())]
-    assert {str(path.relative_to(package)) for path in found} == SPEAKS_ITSELF
 
 
 def test_a_number_that_does_not_fit_shows_that(monkeypatch: pytest.MonkeyPatch) -> None:
