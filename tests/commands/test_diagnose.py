@@ -167,7 +167,6 @@ HEADER, *LINES = GOOD.splitlines()
 SLOW = "\n".join([HEADER, *LINES[::2]])
 BAD = {
     "too short": ("@/a.csv", ("a.csv: 2.89 s long", "at least 3 s"), {"a.csv": csv_text(made(2.9))}),
-    "no number": ("@/a.csv", ("a.csv: line 3", "'much'"), {"a.csv": f"{HEADER}\n0,0,0\n1,1,much\n"}),
     "no force": ("@/a.csv", ("a.csv: no force",), {"a.csv": GOOD.replace("force_n", "current_a", 1)}),
     "missing column": ("@/a.csv --force N:load", ("a.csv: no column 'load'", "'force_n'"), {"a.csv": GOOD}),
     "no file": ("@/none.csv", ("none.csv", "No such file"), {}),

@@ -12,13 +12,7 @@ import pytest
 
 from forefeel import terminal
 from tests.commands.command_line import ROOT
-
-
-class Terminal(io.StringIO):
-    """A stream that is a terminal."""
-
-    def isatty(self) -> bool:
-        return True
+from tests.commands.test_terminal import Terminal
 
 
 def in_a_process(words: list[str], stdout: int, stderr: int, **variables: str) -> int:

@@ -7,23 +7,10 @@ from pathlib import Path
 from forefeel.common.bus import Header
 from forefeel.common.codec import encode
 from forefeel.common.lateness import EDGES_US
-from forefeel.common.messages import (
-    Calibration,
-    ForceSample,
-    Handshake,
-    HapticSample,
-    ImpairmentTrace,
-    LimitEvent,
-    LoopTiming,
-    MasterState,
-    Message,
-    ModelParameters,
-    SafetyEvent,
-    SafetyState,
-    SlaveState,
-)
+from forefeel.common.messages import Calibration, Handshake, ImpairmentTrace, Message, SafetyState
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import BY_NAME
+from tests.unit.dashboard import said
 
 MS = 1_000_000
 START_NS = 5_000 * MS
@@ -59,51 +46,30 @@ class RunBuilder:
         delay_s: float | None = None,
         session_id: int = SESSION,
     ) -> None:
-        message = HapticSample(
-            session_id=session_id,
-            sequence=sequence,
-            stamp_ns=START_NS + t_ms * MS,
-            handle_position_m=0.0,
-            command_position_m=0.001 * sequence,
-            predicted_n=predicted_n,
-            zoh_n=zoh_n,
-            rendered_n=0.0 if predicted_n is None else predicted_n,
-            force_age_s=None if delay_s is None else delay_s / 2,
-            delay_s=delay_s,
-            answered_sequence=answered,
-            limited=False,
-        )
+        message = said.haptics(
+            sequence, START_NS + t_ms * MS, session_id=session_id, handle_position_m=0.0,
+            command_position_m=0.001 * sequence, predicted_n=predicted_n, low_n=None, high_n=None,
+            leading="", zoh_n=zoh_n, rendered_n=predicted_n or 0.0, delay_s=delay_s,
+            force_age_s=None if delay_s is None else delay_s / 2, answered_sequence=answered, energy_j=0.0,
+        )  # fmt: skip
         self.put("master/haptics", message, t_ms)
 
     def force(
         self, t_ms: int, force_n: float, answers: int | None, valid: bool = True, session_id: int = SESSION
     ) -> None:
-        message = ForceSample(
-            **self.header(t_ms, session_id),
-            position_m=0.001,
-            velocity_m_s=0.0,
-            force_n=force_n,
-            raw_counts=0,
-            valid=valid,
-            answers_sequence=answers,
-            answers_stamp_ns=None if answers is None else START_NS,
-        )
+        answered = None if answers is None else (answers, START_NS)
+        header = self.header(t_ms, session_id)
+        message = said.force(
+            header["sequence"], header["stamp_ns"], answered, session_id=session_id, position_m=0.001,
+            force_n=force_n, raw_counts=0, valid=valid,
+        )  # fmt: skip
         self.put("slave/force", message, t_ms)
 
     def slave_state(
         self, t_ms: int, state: SafetyState, stops: int = 0, counters: dict[str, int] | None = None
     ) -> None:
-        message = SlaveState(
-            **self.header(t_ms),
-            state=state,
-            reason="",
-            position_m=0.0,
-            velocity_m_s=0.0,
-            gripper="closed",  # type: ignore[arg-type]
-            stops=stops,
-            clock_offset_ns=None,
-            clock_bound_ns=None,
-            counters=counters or {},
+        message = said.slave_state(
+            **self.header(t_ms), state=state, reason="", position_m=0.0, stops=stops, counters=counters or {}
         )
         self.put("slave/state", message, t_ms)
 
@@ -116,54 +82,30 @@ class RunBuilder:
         deadman: bool = True,
         indication: str = "armed",
     ) -> None:
-        message = MasterState(
-            **self.header(t_ms),
-            indication=indication,
-            reason="",
-            deadman=deadman,
-            clutched_s=clutched_s,
-            clock_offset_ns=offset_ns,
-            clock_bound_ns=bound_ns,
-            counters={"forces_unused": 3},
-        )
+        message = said.master_state(
+            **self.header(t_ms), indication=indication, reason="", deadman=deadman, clutched_s=clutched_s,
+            clock_offset_ns=offset_ns, clock_bound_ns=bound_ns, counters={"forces_unused": 3},
+        )  # fmt: skip
         self.put("master/state", message, t_ms)
 
     def timing(self, t_ms: int, role: str, scheduling: str = "SCHED_FIFO 50") -> None:
         counts = [0] * (len(EDGES_US) + 1)
         counts[10] = t_ms
-        message = LoopTiming(
-            **self.header(t_ms),
-            loop=role,
-            ticks=t_ms,
-            missed=2,
-            p50_us=70.0,
-            p99_us=110.5,
-            max_us=900.0,
-            edges_us=EDGES_US,
-            counts=tuple(counts),
-            scheduling=scheduling,
-        )
+        message = said.timing(
+            **self.header(t_ms), loop=role, ticks=t_ms, p50_us=70.0, p99_us=110.5, edges_us=EDGES_US,
+            counts=tuple(counts), scheduling=scheduling,
+        )  # fmt: skip
         self.put(f"{role}/timing", message, t_ms)
 
     def parameters(self, t_ms: int, value: float, *identifiable: str) -> None:
-        message = ModelParameters(
-            **self.header(t_ms),
-            names=("bias.force_n", "spring.stiffness_n_m"),
-            values=(0.5, value),
-            standard_deviations=(0.25, 0.125),
-            identifiable=identifiable,
-            valid=True,
-            samples=100,
-            updates=90,
-            resets=1,
-            innovation_rms_n=0.002,
-        )
+        message = said.parameters(
+            **self.header(t_ms), names=("bias.force_n", "spring.stiffness_n_m"), values=(0.5, value),
+            standard_deviations=(0.25, 0.125), identifiable=identifiable,
+        )  # fmt: skip
         self.put("master/parameters", message, t_ms)
 
     def limit(self, t_ms: int, rule: str, count: int) -> None:
-        message = LimitEvent(
-            **self.header(t_ms), rule=rule, requested=2.0, applied=1.0, unit="m/s", count=count
-        )
+        message = said.limit(**self.header(t_ms), rule=rule, requested=2.0, applied=1.0, count=count)
         self.put("slave/limit", message, t_ms)
 
     def safety(
@@ -174,7 +116,7 @@ class RunBuilder:
         before: SafetyState = S.READY,
         after: SafetyState = S.ENGAGING,
     ) -> None:
-        message = SafetyEvent(**self.header(t_ms), before=before, event=event, after=after, reason=reason)
+        message = said.safety(**self.header(t_ms), before=before, event=event, after=after, reason=reason)
         self.put("slave/safety", message, t_ms)
 
     def calibration(self, t_ms: int, **fields: str | float | None) -> None:
@@ -186,15 +128,9 @@ class RunBuilder:
 
     def handshake(self, t_ms: int, settings: str, accepted: bool = True, reason: str = "") -> None:
         message = Handshake(
-            **self.header(t_ms),
-            role="slave",
-            instance_id=1,
-            software="forefeel",
-            settings_hash="0",
-            settings=settings,
-            accepted=accepted,
-            reason=reason,
-        )
+            **self.header(t_ms), role="slave", instance_id=1, software="forefeel", settings_hash="0",
+            settings=settings, accepted=accepted, reason=reason,
+        )  # fmt: skip
         self.put("slave/handshake", message, t_ms)
 
 

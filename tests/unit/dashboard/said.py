@@ -45,21 +45,13 @@ def header(sequence: int, stamp_ns: int) -> dict[str, Any]:
 def haptics(sequence: int, stamp_ns: int, **changes: object) -> HapticSample:
     force_n = wave_n(stamp_ns)
     fields: dict[str, Any] = {
-        **header(sequence, stamp_ns),
-        "handle_position_m": 0.01,
+        **header(sequence, stamp_ns), "handle_position_m": 0.01,
         "command_position_m": 0.01 + 0.002 * sin(stamp_ns * 1e-9),
-        "predicted_n": force_n,
-        "low_n": force_n - 0.02,
-        "high_n": force_n + 0.03,
-        "leading": "friction, recent",
-        "zoh_n": 0.1,
-        "rendered_n": 0.5 * force_n,
-        "force_age_s": 0.15,
-        "delay_s": 0.3,
-        "answered_sequence": sequence - 300 if sequence > 300 else None,
-        "limited": False,
+        "predicted_n": force_n, "low_n": force_n - 0.02, "high_n": force_n + 0.03,
+        "leading": "friction, recent", "zoh_n": 0.1, "rendered_n": 0.5 * force_n, "force_age_s": 0.15,
+        "delay_s": 0.3, "answered_sequence": sequence - 300 if sequence > 300 else None, "limited": False,
         "energy_j": 0.004,
-    }
+    }  # fmt: skip
     return HapticSample(**fields | changes)
 
 
@@ -103,17 +95,10 @@ def master_state(stamp_ns: int = 0, **changes: object) -> MasterState:
 
 def parameters(stamp_ns: int = 0, **changes: object) -> ModelParameters:
     fields: dict[str, Any] = {
-        **header(1, stamp_ns),
-        "names": ("mass_damper_spring.stiffness_n_m", "bias.force_n"),
-        "values": (12.0, 0.01),
-        "standard_deviations": (0.3, 0.02),
-        "identifiable": (),
-        "valid": True,
-        "samples": 900,
-        "updates": 800,
-        "resets": 0,
-        "innovation_rms_n": 0.005,
-    }
+        **header(1, stamp_ns), "names": ("mass_damper_spring.stiffness_n_m", "bias.force_n"),
+        "values": (12.0, 0.01), "standard_deviations": (0.3, 0.02), "identifiable": (), "valid": True,
+        "samples": 900, "updates": 800, "resets": 0, "innovation_rms_n": 0.005,
+    }  # fmt: skip
     return ModelParameters(**fields | changes)
 
 
