@@ -20,15 +20,9 @@ def header(index: int) -> dict[str, Any]:
 
 def force(index: int, **changes: object) -> ForceSample:
     fields: dict[str, Any] = {
-        **header(index),
-        "position_m": 1e-3 * index,
-        "velocity_m_s": 0.25,
-        "force_n": index / 3,
-        "raw_counts": index,
-        "valid": True,
-        "answers_sequence": index,
-        "answers_stamp_ns": START_NS,
-    }
+        **header(index), "position_m": 1e-3 * index, "velocity_m_s": 0.25, "force_n": index / 3,
+        "raw_counts": index, "valid": True, "answers_sequence": index, "answers_stamp_ns": START_NS,
+    }  # fmt: skip
     return ForceSample(**fields | changes)
 
 

@@ -133,13 +133,10 @@ def test_a_message_that_is_not_of_its_topic_is_named(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     good = force(0).model_dump_json().encode()
     cases = [
-        (
-            good.replace(b'"force_n":0.0', b'"force_n":"x"'),
-            "ForceSample.force_n: Input should be a valid number",
-        ),
-        (good.replace(b'"force_n":0.0,', b""), "ForceSample.force_n: Field required"),
-        (good[:-1], "ForceSample: Invalid JSON: EOF while parsing an object at line 1 column 319"),
-        (good + b"," + good, "ForceSample: Invalid JSON: trailing characters"),
+        (good.replace(b'"force_n":0.0', b'"force_n":"x"'), "ForceSample.force_n: "),
+        (good.replace(b'"force_n":0.0,', b""), "ForceSample.force_n: "),
+        (good[:-1], "ForceSample: Invalid JSON"),
+        (good + b"," + good, "ForceSample: Invalid JSON"),
     ]
     for bad, reason in cases:
         with path.open("wb") as file:
@@ -152,7 +149,7 @@ def test_a_message_that_is_not_of_its_topic_is_named(tmp_path: Path) -> None:
         with pytest.raises(RecordingError) as caught:
             read_run(path).column(AXIS, FORCE, "force_n")
         where = f"{path}: axis {AXIS}, slave/force, message 5000: "
-        assert str(caught.value).startswith(where + reason.split(" at line")[0])
+        assert str(caught.value).startswith(where + reason)
 
 
 def test_a_recording_is_made_of_the_valid_samples_in_the_order_of_their_stamps(tmp_path: Path) -> None:
@@ -175,13 +172,10 @@ def test_which_axis_and_which_mapping(tmp_path: Path) -> None:
     with RunWriter(path) as writer:
         for index, axis in enumerate(["rotation", AXIS] * 2):
             put(writer, force(index), axis=axis)
-    with pytest.raises(RecordingError) as caught:
+    with pytest.raises(RecordingError, match=f"holds {AXIS}, rotation"):
         load_recording(path)
-    assert str(caught.value) == f"{path}: holds {AXIS}, rotation, expected one axis to be named"
     assert load_recording(path, axis="rotation").position_m.tolist() == [0.0, 2e-3]
-    with pytest.raises(
-        RecordingError, match=r"a column mapping was given, expected one for \.csv or \.parquet only"
-    ):
+    with pytest.raises(RecordingError, match="column mapping"):
         load_recording(path, Mapping())
 
 
@@ -202,9 +196,7 @@ def test_an_impairment_trace_is_put_together_or_refused(tmp_path: Path) -> None:
     path.unlink()
     with RunWriter(path) as writer:
         put(writer, parts[0], MASTER_IMPAIRMENT)
-    with pytest.raises(
-        RecordingError, match=r"master/impairment of inbound: index 2 follows -1, expected all"
-    ):
+    with pytest.raises(RecordingError, match="master/impairment of inbound: index 2 follows -1"):
         read_run(path).impairment_trace("master/impairment", "inbound")
 
 
@@ -213,21 +205,16 @@ def test_two_cells_are_no_run(tmp_path: Path) -> None:
     with RunWriter(path) as writer:
         for cell in ("a", "b"):
             writer.write(FORCE.key(cell, AXIS), encode(force(0)), START_NS)
-    with pytest.raises(RecordingError) as caught:
+    with pytest.raises(RecordingError, match="cells 'a' and 'b'"):
         read_run(path)
-    assert str(caught.value) == f"{path}: cells 'a' and 'b', expected one cell"
 
 
 def test_a_measurement_is_never_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(b"precious")
-    for target, reason in (
-        (path, "File exists"),
-        (tmp_path / "none" / "run.mcap", "No such file or directory"),
-    ):
-        with pytest.raises(RecordingError) as caught:
+    for target, reason in ((path, "File exists"), (tmp_path / "none" / "run.mcap", "No such file")):
+        with pytest.raises(RecordingError, match=f"{target}: {reason}"):
             RunWriter(target)
-        assert str(caught.value) == f"{target}: {reason}, expected a new file in an existing folder"
     assert path.read_bytes() == b"precious"
 
 
@@ -239,9 +226,6 @@ def test_a_full_disk_fails_the_run_with_one_line(tmp_path: Path, monkeypatch: py
     put(writer, force(0))
     monkeypatch.setattr(os, "fsync", full)
     for act in (writer.flush, writer.close):
-        with pytest.raises(RunError) as caught:
+        with pytest.raises(RunError, match=f"{writer._path}: No space left on device"):
             act()
-        assert (
-            str(caught.value) == f"{writer._path}: No space left on device, the run is not recorded any more"
-        )
     writer.close()

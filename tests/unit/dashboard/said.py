@@ -63,15 +63,11 @@ def wave_n(stamp_ns: int) -> float:
 def force(sequence: int, stamp_ns: int, answers: tuple[int, int] | None, **changes: object) -> ForceSample:
     """`answers`: sequence and stamp of the command."""
     fields: dict[str, Any] = {
-        **header(sequence, stamp_ns),
-        "position_m": 0.0099,
-        "velocity_m_s": 0.0,
-        "force_n": 0.0 if answers is None else wave_n(answers[1]),
-        "raw_counts": 1,
-        "valid": True,
+        **header(sequence, stamp_ns), "position_m": 0.0099, "velocity_m_s": 0.0, "raw_counts": 1,
+        "force_n": 0.0 if answers is None else wave_n(answers[1]), "valid": True,
         "answers_sequence": None if answers is None else answers[0],
         "answers_stamp_ns": None if answers is None else answers[1],
-    }
+    }  # fmt: skip
     return ForceSample(**fields | changes)
 
 
