@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from forefeel.common.recording.tabular import load_recording
@@ -46,15 +45,6 @@ def test_a_recording_made_is_replaced_only_when_asked(run: Run, tmp_path: Path) 
     assert (tmp_path / "run.csv").read_bytes() != first
     assert run([*words, "--overwrite"]) == 0
     assert (tmp_path / "run.csv").read_bytes() == first
-
-
-def test_a_recording_made_can_be_followed(run: Run, tmp_path: Path) -> None:
-    words = ["simulate", "--model", "model.yaml", "--noise", "0"]
-    assert run([*words, "--duration", "2", "--motion", "multisine", "--out", "first.csv"]) == 0
-    assert run([*words, "--motion", "first.csv", "--out", "second.csv"]) == 0
-    first, second = (load_recording(tmp_path / name) for name in ("first.csv", "second.csv"))
-    np.testing.assert_array_equal(first.time_s, second.time_s)
-    assert float(np.corrcoef(first.position_m[8:-8], second.position_m[16:])[0, 1]) > 0.999
 
 
 @pytest.mark.parametrize(
