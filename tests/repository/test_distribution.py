@@ -1,29 +1,8 @@
 import subprocess
 import sys
-from importlib.metadata import packages_distributions
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[2]
-OURS = ("forefeel", "common", "master", "slave", "devices", "diagnosis")
-
-
-def foreign(installed: dict[str, list[str]]) -> list[str]:
-    """Installed distributions that ship one of our top-level names."""
-    others = {name: set(installed.get(name, ())) - {"forefeel"} for name in OURS}
-    return sorted(f"{owner} ships {name}" for name, owners in others.items() for owner in owners)
-
-
-def test_no_installed_distribution_ships_one_of_our_names() -> None:
-    installed = {name: list(owners) for name, owners in packages_distributions().items()}
-    assert "pytest" in installed, "the list of what is installed can be read"
-    assert foreign(installed) == []
-
-
-@pytest.mark.parametrize("name", OURS)
-def test_one_that_did_would_be_found(name: str) -> None:
-    assert foreign({name: ["forefeel", "other-robot"]}) == [f"other-robot ships {name}"]
 
 
 def test_three_links_lead_from_the_package_to_top_level_folders() -> None:
