@@ -87,6 +87,9 @@ def test_what_is_no_run_is_one_line(tmp_path: Path, content: bytes | None, word:
         path.write_bytes(content)
     with pytest.raises(RecordingError, match=word):
         RunSpans(path)
+    path.unlink()
+    with pytest.raises(RecordingError, match="No such file"):
+        RunSpans(path)
 
 
 def test_any_time_shows_what_was_known_then(run_file: Path) -> None:
