@@ -186,7 +186,9 @@ def _router_killed(scene: Scene) -> Incident:
 
 
 def _clock_set(role: str, scene: Scene) -> Incident:
-    """A daemon whose clock goes back ends; it is started again, as a service manager does."""
+    """A daemon whose clock goes back ends; it is started again, as a service manager does. The slave then
+    finds its fault latched.
+    """
     speed_m_s = scene.service.wait_moving()
     at_s = scene.strike(role, signal.SIGUSR1)
     process = scene.service.processes[role]
@@ -197,6 +199,9 @@ def _clock_set(role: str, scene: Scene) -> Incident:
     if process.poll() is not None:
         assert process.returncode == 1, scene.hosts.last_words()
         over_s, recovery = time.monotonic(), "ended by the fault; started again"
+        if role == "slave":
+            found = _found_latched(scene, at_s, speed_m_s)
+            return replace(found, over_s=over_s, recovery=f"{recovery}, forefeel clear")
         _start(role, scene)
     elif scene.service.state() == "fault":
         over_s, recovery = scene.cleared(), "forefeel clear"
@@ -421,8 +426,10 @@ def _emulated(
     )
 
 
-def _recorder(what: str, act: Callable[[Scene], Incident], recovery: str) -> Fault:
-    return Fault(f"recorder {what}", act, recovery, strikes=True)
+def _recorder(
+    what: str, act: Callable[[Scene], Incident], recovery: str, lost_s: float = r.RECORDER_FLUSH_S
+) -> Fault:
+    return Fault(f"recorder {what}", act, recovery, lost_s=lost_s)
 
 
 def _clock_step(role: str, step_s: float, route: Route) -> Fault:
@@ -543,7 +550,7 @@ def _of_slave() -> Iterable[Fault]:
 def _of_recorder_and_disk() -> Iterable[Fault]:
     yield _recorder("SIGKILL", partial(_recorder_struck, signal.SIGKILL), "nobody waits for it")
     yield _recorder("SIGSTOP 2 s", partial(_recorder_struck, signal.SIGSTOP), "nobody waits for it")
-    yield _recorder("disk full", _recorder_disk_full, "ends and says so; the others go on")
+    yield _recorder("disk full", _recorder_disk_full, "ends and says so; the others go on", r.DISK_FULL_S)
     on_disk: dict[str, Any] = {**EMULATED, "extra": {"slave": {"state": {"directory": "disk/state"}}}}
     yield Fault(
         "state folder full, stopped, slave SIGKILL", _stopped_on_a_full_disk,

@@ -61,8 +61,12 @@ STILL_M = 20e-6
 ENDS_AFTER_S = 0.030
 """A slave that ends by itself waits for 50 ms once the stage is at rest; some readings may be missing."""
 
+DISK_FULL_S = 2.0
+"""What a recorder loses whose disk becomes full: the second that was being written, and the one after it."""
+
 FLOWN = 20
-"""Ticks in a flight record, at least: its daemon may have begun, or stood still, just before."""
+"""Ticks in a flight record, at least: its daemon may have begun just before. One that stood still for longer
+than a record reaches back has those since."""
 
 
 @dataclass(frozen=True, slots=True)

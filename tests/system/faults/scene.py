@@ -70,7 +70,7 @@ class Fault:
         noticed: the event by which the slave notices it, to be measured from there where it goes on until
             then, which `rest_s` and `faded_s` have in them.
         on_disk: the slave's state folder is on the small disk.
-        strikes: the second recorder, whose recording has to be readable.
+        lost_s: the second recorder is struck: its recording has to be readable, and lose no more than that.
         events: those that have to be in the event logs.
         flights: the daemons of whom a flight record is due.
         finding: what else is read from the evidence.
@@ -89,7 +89,7 @@ class Fault:
     ends: bool = False
     noticed: str | None = None
     on_disk: bool = False
-    strikes: bool = False
+    lost_s: float | None = None
     events: tuple[Expected, ...] = ()
     flights: tuple[str, ...] = ()
     finding: Finding | None = None
@@ -205,7 +205,7 @@ def judge(row: Row, fault: Fault, incident: Incident, folder: Path) -> None:
     if row.stale:
         row.failures.append(f"{row.stale} stale commands executed, {row.excess_s * 1e3:.0f} ms too old")
     _judge_force(row, fault, incident, found)
-    row.recording = _recordings(row, found, at_s, folder / f"{SECOND}.mcap" if fault.strikes else None)
+    row.recording = _recordings(row, found, at_s, folder / f"{SECOND}.mcap", fault.lost_s)
     _judge_log(row, fault, incident, found, folder)
     if fault.finding is not None:
         said, failures = fault.finding(found, incident)
@@ -274,21 +274,22 @@ def _noticed_s(fault: Fault, at_s: float, found: Evidence) -> float:
 
 
 def _judge_log(row: Row, fault: Fault, incident: Incident, found: Evidence, folder: Path) -> None:
-    kept = logged(folder, fault.events, fault.flights, incident.injected_s)
+    stood = {role for role, still in (("master", incident.frozen), ("slave", incident.stood)) if still}
+    kept = logged(folder, fault.events, fault.flights, incident.injected_s, stood)
     row.logged, row.recovery = str(kept), incident.recovery or fault.recovery
     row.failures += kept.failures
 
 
-def _recordings(row: Row, found: Evidence, at_s: float, struck: Path | None) -> str:
+def _recordings(row: Row, found: Evidence, at_s: float, struck: Path, bound_s: float | None) -> str:
     """Whether both are whole, for they were closed in order; what a recorder left that was struck."""
     cut_off = [run.path.name for run in (found.slave, found.master) if run.truncated]
     if cut_off:
         row.failures.append(f"truncated: {', '.join(cut_off)}")
         return "truncated"
-    if struck is None:
+    if bound_s is None:
         return "whole"
     run = read_run(struck)
     lost_s = max(0.0, at_s - float(run.log_ns(AXIS, FORCE)[-1]) * 1e-9)
-    if lost_s > required.RECORDER_FLUSH_S:
-        row.failures.append(f"{lost_s:.1f} s lost, required {required.RECORDER_FLUSH_S} s")
+    if lost_s > bound_s:
+        row.failures.append(f"{lost_s:.1f} s lost, required {bound_s} s")
     return f"whole; the struck one readable, {lost_s:.1f} s lost"
