@@ -19,7 +19,7 @@ from forefeel.devices.coil.emulator import CoilDevice
 from forefeel.devices.coil.protocol import PROTOCOL, CoilCommand, Identify, encode
 from forefeel.devices.coil.settings import CoilSettings
 from forefeel.devices.emulation.pty import Pty, PtyServer
-from forefeel.devices.emulation.wire import Faults, Wire
+from tests.emulators.damage import DamagedWire, Faults
 
 _TRIALS = 1000  # round trips
 _CPU_S = 10.0  # s over which processor time is counted
@@ -76,7 +76,7 @@ def _device(port: Path) -> Iterator[None]:
 
 def _serve(port: Path) -> None:
     with Pty(port) as pty:
-        server = PtyServer(CoilDevice(), pty, _BAUD, Faults())
+        server = PtyServer(CoilDevice(), pty, _BAUD)
         while True:
             server.step()
 
@@ -132,7 +132,7 @@ def _lost_frames() -> None:
     faults = Faults(corrupt=0.01)
     device, link = CoilDevice(), DeviceLink("handle")
     talk = CoilTalk(_settings(Path("memory")), link)
-    clean, broken = Wire(_BAUD, Faults(), ""), [Wire(_BAUD, faults, way) for way in ("out", "in")]
+    clean, broken = DamagedWire(_BAUD, Faults()), [DamagedWire(_BAUD, faults, way) for way in ("out", "in")]
     link.advance(LinkState.OPEN)
     question, tick = talk.begin(0), 0
     while link.counters["frames"] + link.counters["frames_lost"] < _FRAMES:

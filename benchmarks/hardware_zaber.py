@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from forefeel.devices.emulation.pty import Pty, PtyServer
-from forefeel.devices.emulation.wire import Faults
 from forefeel.devices.shared.settings import SerialSettings
 from forefeel.devices.shared.stream import SerialStream
 from forefeel.devices.zaber.driver import ZaberExchange, ZaberStage
@@ -120,7 +119,7 @@ def _echo(link: Path) -> None:
 
 
 def _emulate(link: Path, baud: int) -> None:
-    server = PtyServer(ZaberDevice(_MODEL), Pty(link), baud, Faults())
+    server = PtyServer(ZaberDevice(_MODEL), Pty(link), baud)
     while True:
         server.step()
 

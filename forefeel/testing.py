@@ -27,7 +27,7 @@ from forefeel.common.hardware.driver import DriverSettings, InstalledDriver, Slo
 from forefeel.common.hardware.link import LinkState
 from forefeel.devices.canopen.network import SharedNetwork
 from forefeel.devices.emulation.bench import Emulation, SerialBench, Surroundings
-from forefeel.devices.emulation.wire import EmulatedDevice, Faults, Wire
+from forefeel.devices.emulation.wire import EmulatedDevice, Wire
 from forefeel.devices.shared.conversation import Conversation
 from forefeel.devices.shared.settings import CanSettings, SerialSettings
 from forefeel.devices.shared.stream import SerialStream
@@ -145,21 +145,11 @@ class SerialLine:
         sent: what the driver wrote, with its time in s.
     """
 
-    def __init__(
-        self,
-        time: SteppedTime,
-        device: EmulatedDevice,
-        baud: int,
-        port: str = "memory",
-        faults: Faults | None = None,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, time: SteppedTime, device: EmulatedDevice, baud: int, port: str = "memory") -> None:
         self.device, self.port = device, port
         self.plugged, self.silent, self.opened = True, False, False
         self.sent: list[tuple[float, bytes]] = []
-        self.to_device, self.to_host = (
-            Wire(baud, faults or Faults(), f"{way} {seed}") for way in ("in", "out")
-        )
+        self.to_device, self.to_host = Wire(baud), Wire(baud)
         self._time = time
         time.lines[port] = self
         time.devices.append(self.live)

@@ -17,10 +17,10 @@ def _devices() -> Iterable[str]:
 
 @examples(
     "forefeel emulate zaber_ascii --port /tmp/stage",
-    "forefeel emulate bota_serial --config slave.yaml --faults corrupt=0.01,unplug@5,plug@7",
+    "forefeel emulate bota_serial --config slave.yaml --duration 60",
     "forefeel emulate can_hub --port /tmp/can-a,/tmp/can-b",
 )
-def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
+def emulate(
     device: Annotated[
         str,
         typer.Argument(
@@ -39,11 +39,7 @@ def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     feel: Annotated[
         Path | None, typer.Option(metavar="SOCKET", help="Joins an emulated stage and load cell.")
     ] = None,
-    faults: Annotated[
-        str,
-        typer.Option(metavar="LIST", help="drop=P,corrupt=P,split=P,delay=P,unplug@S,plug@S,stuck@S, ..."),
-    ] = "",
-    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of noise, operator and faults.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of noise and operator.")] = 0,
     duration: Annotated[float | None, typer.Option(min=0.0, metavar="S", help="End after it.")] = None,
 ) -> None:
     """While it runs it obeys lines on stdin, from a terminal or a script: `load 1.5` hangs 1.5 N on a load
@@ -53,4 +49,4 @@ def emulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     """
     from forefeel.emulate.run import EmulatorOptions, run_emulator  # noqa: PLC0415 - the help needs none of it
 
-    run_emulator(EmulatorOptions(device, port, config, axis, feel, faults, seed), duration)
+    run_emulator(EmulatorOptions(device, port, config, axis, feel, seed), duration)

@@ -26,7 +26,6 @@ from forefeel.daemon_settings import load_daemon
 from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.emulation.bench import Emulation, Load, SerialBench, Surroundings
 from forefeel.devices.emulation.pty import Pty, PtyServer
-from forefeel.devices.emulation.wire import Faults, Timetable
 from forefeel.devices.shared.settings import CanSettings
 from forefeel.interrupt import Stop, heeded
 from forefeel.master.settings import MasterSettings
@@ -67,26 +66,22 @@ class EmulatorOptions:
     config: Path | None
     axis: str | None
     feel: Path | None
-    faults: str
     seed: int
 
 
 def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> None:
-    """Runs until SIGINT, SIGTERM, SIGHUP or the end of the duration; then says what befell the bytes.
+    """Runs until SIGINT, SIGTERM, SIGHUP or the end of the duration; then prints counts as JSON.
 
     Raises:
-        InputError: an unknown device or fault, a file or a place for the port that can not be used.
+        InputError: an unknown device, a file or a place for the port that can not be used.
     """
     driver = emulated_driver(options.device)
     if driver is None and options.device != CAN_HUB:
         raise ConfigurationError(f"{options.device!r}: expected one of {', '.join(emulated_names())}")
     die_with_parent()
     HOST.prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
-    faults = Faults.parse(options.faults)
     with heeded() as stop, ExitStack() as leave:
-        running = (
-            _hub(options, faults, leave) if driver is None else _emulated(driver, options, faults, leave)
-        )
+        running = _hub(options, leave) if driver is None else _emulated(driver, options, leave)
         orders = OrdersFromStdin(OrderReader(running.living.faults, running.living.provoke, running.load))
         HOST.prepare_process()  # nor for its own collector of garbage
         _run(running.living, orders, duration_s, stop)
@@ -122,15 +117,14 @@ class Running(NamedTuple):
     load: Load | None = None
 
 
-def _emulated(driver: InstalledDriver, options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
+def _emulated(driver: InstalledDriver, options: EmulatorOptions, leave: ExitStack) -> Running:
     emulation: Emulation = imported(str(driver.driver.emulator))
     settings, world = section(driver, emulation, options)
     around = Surroundings(world, options.feel, options.seed)
     load = around.load if driver.slot == "load_cell" else None
     bench = emulation.build(settings, around, leave)
     if isinstance(bench, SerialBench):
-        return _serial(bench, options, faults, load, leave)
-    faults.require_known(bench.faults)
+        return _serial(bench, options, load, leave)
     about: dict[str, Any]
     if emulation.on_can:
         about = {"node": settings.node_id}
@@ -139,46 +133,27 @@ def _emulated(driver: InstalledDriver, options: EmulatorOptions, faults: Faults,
         about = {"where": str(getattr(settings, emulation.port_key))}
         where = f"on {about['where']}"
     print(f"{options.device} {where}", flush=True)
-    return Running(_OnTimetable(bench, faults), lambda: about, load)
+    return Running(bench, lambda: about, load)
 
 
-def _serial(
-    bench: SerialBench, options: EmulatorOptions, faults: Faults, load: Load | None, leave: ExitStack
-) -> Running:
-    faults.require_known(("unplug", "plug", *bench.device.faults))
+def _serial(bench: SerialBench, options: EmulatorOptions, load: Load | None, leave: ExitStack) -> Running:
     port = leave.enter_context(Pty(bench.port))
-    server = PtyServer(bench.device, port, bench.baud, faults, options.seed)
+    server = PtyServer(bench.device, port, bench.baud)
     print(f"{options.device} on {bench.port} at {bench.baud} baud", flush=True)
 
     def counts() -> dict[str, Any]:
-        ways = {"from_host": server.to_device, "to_host": server.to_host}
-        return {**{way: dict(wire.counts) for way, wire in ways.items()}, "lost": port.lost}
+        return {"from_host": server.to_device.bytes, "to_host": server.to_host.bytes, "lost": port.lost}
 
     return Running(server, counts, load)
 
 
-def _hub(options: EmulatorOptions, faults: Faults, leave: ExitStack) -> Running:
+def _hub(options: EmulatorOptions, leave: ExitStack) -> Running:
     if options.port is None:
         raise ConfigurationError("emulate can_hub: expected --port LINK,LINK")
-    faults.require_known(CanHub.faults)
-    hub = CanHub([Path(link) for link in options.port.split(",")], faults=faults, seed=options.seed)
+    hub = CanHub([Path(link) for link in options.port.split(",")])
     leave.callback(hub.close)
     print(f"can_hub on {options.port}", flush=True)
     return Running(hub, hub.counts)
-
-
-class _OnTimetable:
-    """A device that is stepped, and what is to happen to it."""
-
-    def __init__(self, device: Living, faults: Faults) -> None:
-        self._device, self._timetable = device, Timetable(faults)
-        self._start_s = time.monotonic()
-        self.faults, self.provoke = device.faults, device.provoke
-
-    def step(self) -> None:
-        for fault in self._timetable.due(time.monotonic() - self._start_s):
-            self.provoke(fault)
-        self._device.step()
 
 
 def section(

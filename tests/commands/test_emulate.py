@@ -29,7 +29,6 @@ SLAVE = {
         ("emulate warp --port @/p", ("'warp'", "bota_serial")),
         ("emulate zaber_ascii", ("--port LINK",)),
         ("emulate can_hub", ("--port LINK,LINK",)),
-        ("emulate bota_serial --port @/p --faults drop=2", ("--faults 'drop=2'", "corrupt")),
         ("emulate bota_serial --port @/taken", ("exists and is no link",)),
         ("emulate bota_serial --config @/slave.yaml", ("insertion", "'bota_serial'")),
         ("emulate zaber_ascii --config @/slave.yaml --axis wrist", ("--axis wrist", "insertion")),
@@ -55,7 +54,7 @@ def test_a_device_appears_where_it_was_told_and_says_what_befell_its_bytes(
     assert run(["emulate", "bota_serial", "--port", str(link), "--duration", "0.2"]) == 0
     first, *_, last = capsys.readouterr().out.splitlines()
     assert first == f"bota_serial on {link} at 460800 baud"
-    assert json.loads(last)["to_host"]["chunks"] > 50
+    assert json.loads(last)["to_host"] > 50 * 37
     assert not link.is_symlink()
 
 

@@ -7,9 +7,10 @@ from typing import TypeVar
 
 from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
 from forefeel.devices.bota.driver import BotaSerialLoadCell
-from forefeel.devices.emulation.wire import EmulatedDevice, Faults, Wire
+from forefeel.devices.emulation.wire import EmulatedDevice
 from forefeel.slave.load_cell import LoadCell, LoadCellReading
 from forefeel.testing import SerialLine, SteppedTime, stepped
+from tests.emulators.damage import DamagedWire, Faults
 
 NAME = "/dev/serial/by-id/cell"
 NOW_S = 1.0  # the host's clock when the device is switched on
@@ -26,8 +27,8 @@ class UsbLine(SerialLine):
         self._every, self._random = round(hub_s * 1e9 / STEP_NS), Random(3)
         self._ticks, self._due = 0, 0
         self._coming, self._collected = b"", b""
-        super().__init__(time, device, baud, NAME, faults, seed=1)
-        self.to_device = Wire(baud, Faults(), "in")
+        super().__init__(time, device, baud, NAME)
+        self.to_host = self.damaged = DamagedWire(baud, faults or Faults(), "out 1")
 
     def live(self, t_s: float) -> None:
         super().live(t_s)
@@ -51,7 +52,7 @@ class Port:
     """A device behind an adapter; `time` and `line` are there while a driver is open."""
 
     time: SteppedTime
-    line: SerialLine
+    line: "UsbLine"
 
     def __init__(
         self, device: EmulatedDevice, baud: int, faults: Faults | None = None, hub_s: float = 0.0

@@ -12,10 +12,10 @@ from forefeel.common.messages import Grip, SafetyState
 from forefeel.devices.coil.driver import CoilHandle
 from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
 from forefeel.devices.coil.settings import CoilSettings
-from forefeel.devices.emulation.wire import Faults
 from forefeel.devices.simulated.operator import SimulatedHandle
 from forefeel.master.handle import HandleReading, Indication
 from forefeel.testing import SerialLine, SteppedTime, stepped
+from tests.emulators.damage import Faults, damaged
 
 
 def coil_settings(**changes: Any) -> CoilSettings:  # noqa: ANN401 - any field
@@ -71,7 +71,8 @@ class Bench:
         self.time = time
         self.hand = Hand()
         self.device = CoilDevice(hardware, self.hand)
-        self.line = SerialLine(time, self.device, 2_000_000, faults=faults)
+        self.line = SerialLine(time, self.device, 2_000_000)
+        self.wires = self.line.to_device, self.line.to_host = damaged(2_000_000, faults)
         self.handle = CoilHandle(coil_settings(**changes), time)
         self.force_n = 0.0
         self.readings = list[HandleReading | None]()

@@ -12,10 +12,11 @@ from forefeel.devices.ascii_line.emulator import EmulatedHx711, EmulatedLoadstar
 from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.emulation.sensing import Sensing
-from forefeel.devices.emulation.wire import EmulatedDevice, Faults
+from forefeel.devices.emulation.wire import EmulatedDevice
 from forefeel.devices.shared.force_scale import StuckWatch
 from tests.devices.cell_bench import NAME, NOW_S, Port, stamp_s
 from tests.devices.test_bota_serial import CALIBRATION, Bytes, slope
+from tests.emulators.damage import Faults
 
 MILLIPOUND_N = NEWTON_PER_UNIT["millipound_force"]
 COUNTS = {"unit": "counts", "full_scale_native": 2_000_000}
@@ -76,12 +77,12 @@ def test_a_loadstar_that_streams_is_asked_once_and_left_quiet() -> None:
 def test_an_unanswered_request_is_counted_and_asked_again() -> None:
     bench = port(EmulatedLoadstar(slope, QUIET), faults=Faults(drop=0.05))
     with opened(bench, settings(request="O0W1", rate_hz=20)) as driver:
-        dropped, asked = bench.line.to_host.counts["dropped"], driver.link.counters["unanswered"]
+        dropped, asked = bench.line.damaged.counts["dropped"], driver.link.counters["unanswered"]
         bench.time.run(10.0)
         assert driver.link.inhibited is None
-        assert bench.line.to_host.counts["dropped"] - dropped > 3
+        assert bench.line.damaged.counts["dropped"] - dropped > 3
         missed = driver.link.counters["unanswered"] - asked
-        assert missed == pytest.approx(bench.line.to_host.counts["dropped"] - dropped, abs=1)
+        assert missed == pytest.approx(bench.line.damaged.counts["dropped"] - dropped, abs=1)
 
 
 def calibration(folder: Path) -> Path:
@@ -150,18 +151,18 @@ def test_damaged_lines_are_counted_or_numbers() -> None:
         bench.time.run(30.0)
         counters = driver.link.counters
         assert counters["junk_lines"] > 20
-        lost = bench.line.to_host.counts["chunks"] - counters["lines"]
+        lost = bench.line.damaged.counts["chunks"] - counters["lines"]
         assert lost <= 2 * counters["junk_lines"], "where the end of a line is damaged, two are lost"
-        assert counters["junk_lines"] <= 2 * bench.line.to_host.counts["corrupted"] + 1
+        assert counters["junk_lines"] <= 2 * bench.line.damaged.counts["corrupted"] + 1
 
 
 def test_lines_that_are_late_or_in_parts_are_whole() -> None:
     bench = port(EmulatedHx711(slope, Sensing(80.0)), faults=Faults(split=0.5, delay=0.05))
     with opened(bench, settings(unit="newton", full_scale_n=1e4)) as driver:
         before, junk = driver.link.counters["lines"], driver.link.counters["junk_lines"]
-        sent = bench.line.to_host.counts.copy()
+        sent = bench.line.damaged.counts.copy()
         bench.time.run(5.0)
-        wire = bench.line.to_host.counts - sent
+        wire = bench.line.damaged.counts - sent
         assert wire["split"] > 100 and wire["delayed"] > 10
         assert driver.link.counters["lines"] - before == pytest.approx(wire["chunks"], abs=2)  # under way
         assert junk <= 1 and driver.link.counters["junk_lines"] == junk  # the first one is cut

@@ -16,9 +16,9 @@ from forefeel.devices.bota.emulator import EmulatedBota
 from forefeel.devices.bota.protocol import BAUD, BotaFrame, encode
 from forefeel.devices.bota.settings import BotaSettings
 from forefeel.devices.emulation.sensing import Sensing
-from forefeel.devices.emulation.wire import Faults
 from forefeel.devices.shared.device_time import DeviceTime
 from tests.devices.cell_bench import NAME, Port, stamp_s
+from tests.emulators.damage import Faults
 
 SETTINGS = BotaSettings(driver="bota_serial", port=NAME, full_scale_n=10.0, serial="B-17")
 CALIBRATION = """
@@ -96,9 +96,9 @@ def test_of_damaged_frames_exactly_those_are_missing() -> None:
     faults = Faults(corrupt=0.01, split=0.05)
     port = Port(device(noise_n=0.002), BAUD, faults)
     with opened(port) as driver:
-        before, befallen = driver.link.counters.copy(), port.line.to_host.counts.copy()
+        before, befallen = driver.link.counters.copy(), port.line.damaged.counts.copy()
         got = [reading for _ in range(10) for reading in port.played(driver, 1.0)]
-        damaged = port.line.to_host.counts["corrupted"] - befallen["corrupted"]
+        damaged = port.line.damaged.counts["corrupted"] - befallen["corrupted"]
         counters = driver.link.counters - before
         periods = round((stamp_s(got[-1]) - stamp_s(got[0])) * 800)
         assert damaged > 50
@@ -273,10 +273,10 @@ def test_a_calibration_needs_a_serial_number_and_the_ports_own_counts(
 def test_dropped_frame_is_missing_and_late_one_is_not(faults: Faults) -> None:
     port = Port(device(noise_n=0.002), BAUD, faults)
     with opened(port) as driver:
-        before, befallen = driver.link.counters.copy(), port.line.to_host.counts.copy()
+        before, befallen = driver.link.counters.copy(), port.line.damaged.counts.copy()
         got = [reading for _ in range(3) for reading in port.played(driver, 1.0)]
         port.time.run(0.1)
-        counters, wire = driver.link.counters - before, port.line.to_host.counts - befallen
+        counters, wire = driver.link.counters - before, port.line.damaged.counts - befallen
         assert wire["dropped" if faults.drop else "delayed"] > 2
         assert counters["missing"] == wire["dropped"]
         assert counters["junk_bytes"] == counters["bad_checksum"] == counters["faults"] == 0

@@ -11,9 +11,10 @@ from forefeel.common.hardware.link import LinkState
 from forefeel.common.messages import Grip, SafetyState
 from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
 from forefeel.devices.coil.protocol import Flag
-from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.emulation.wire import Wire
 from forefeel.master.handle import Indication
 from tests.devices.coil_rig import Bench, Hand, closed, opened
+from tests.emulators.damage import DamagedWire, Faults
 
 RETRY_MS = 500
 WATCHDOG_MS = 20
@@ -116,8 +117,8 @@ def test_silence_and_noise_are_told_apart(says: bytes, reason: str) -> None:
 
 def test_lost_question_is_asked_again() -> None:
     with closed() as bench:
-        whole, bench.line.to_device = bench.line.to_device, Wire(2_000_000, Faults(drop=1.0), "")
-        lossy = bench.line.to_device
+        whole, lossy = bench.line.to_device, DamagedWire(2_000_000, Faults(drop=1.0))
+        bench.line.to_device = lossy
 
         def heal(now_ns: int) -> None:
             if bench.time.t_s >= 0.45:
@@ -278,25 +279,25 @@ def test_of_frames_with_a_wrong_byte_exactly_those_are_lost_and_nothing_fails() 
     with opened(faults=Faults(corrupt=0.01)) as bench:
         bench.hand.course = lambda t: 0.02 * sin(3 * t)
         bench.run(5000)
-        befallen = bench.line.to_host.counts["corrupted"]
+        befallen = bench.wires[1].counts["corrupted"]
         assert befallen > 30
         assert bench.counters["frames_lost"] == befallen
         assert bench.state is LinkState.READY
-        assert bench.device.counters["commands_lost"] == bench.line.to_device.counts["corrupted"] > 30
+        assert bench.device.counters["commands_lost"] == bench.wires[0].counts["corrupted"] > 30
         assert None not in bench.readings
 
 
 def test_frames_that_come_in_parts_lose_nothing() -> None:
     with opened(faults=Faults(split=0.5)) as bench:
         bench.run(1000)
-        assert bench.line.to_host.counts["split"] > 400
+        assert bench.wires[1].counts["split"] > 400
         assert (bench.counters["frames_lost"], bench.device.counters["commands_lost"]) == (0, 0)
 
 
 def test_a_wire_that_drops_for_less_than_the_watchdogs_time_goes_on_and_counts() -> None:
     with opened(faults=Faults(drop=0.1)) as bench:
         bench.run(3000)
-        lost = bench.line.to_host.counts["dropped"]
+        lost = bench.wires[1].counts["dropped"]
         assert lost > 200
         assert bench.counters["frames_lost"] == pytest.approx(lost, abs=2)
         assert bench.state is LinkState.READY
@@ -304,7 +305,7 @@ def test_a_wire_that_drops_for_less_than_the_watchdogs_time_goes_on_and_counts()
 
 def test_states_that_come_later_and_later_are_as_none_though_they_come_all_the_time() -> None:
     with opened() as bench:
-        bench.line.to_host = Wire(220_000, Faults(), "")  # 24 bytes in 1.09 ms
+        bench.line.to_host = Wire(220_000)  # 24 bytes in 1.09 ms
         bench.run(190)
         assert bench.state is LinkState.READY
         bench.run(60)  # 20 ms late after 220 ms

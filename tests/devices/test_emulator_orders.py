@@ -2,16 +2,13 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.devices.emulation.bench import Load
 from forefeel.emulate.run import OrderReader, OrdersFromStdin
-
-Run = Callable[[Sequence[str]], int]
 
 
 @pytest.fixture
@@ -79,12 +76,3 @@ def test_a_stage_has_no_load_and_a_closed_stdin_is_fine(monkeypatch: pytest.Monk
         orders.obey("load 1")
     monkeypatch.setattr(sys, "stdin", None)
     OrdersFromStdin(orders).step()
-
-
-def test_a_fault_of_another_device_is_refused_at_the_start(
-    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    assert run(["emulate", "bota_serial", "--port", str(tmp_path / "p"), "--faults", "drive_fault@3"]) == 2
-    assert capsys.readouterr().err == (
-        "forefeel: --faults 'drive_fault@3': expected one of unplug, plug, stuck, overrange, free, nan\n"
-    )

@@ -16,6 +16,7 @@ from forefeel.devices.zaber.driver import ZaberStage
 from forefeel.devices.zaber.emulator import ZaberModel
 from forefeel.devices.zaber.homing import ZaberHoming
 from tests.devices.zaber_rig import MODEL, Rig, rigged
+from tests.emulators.damage import Faults
 
 MS = 1_000_000
 
@@ -381,9 +382,9 @@ def test_alert_of_a_fault_is_one() -> None:
 
 @pytest.mark.parametrize(
     "faults",
-    ["drop=0.02", "corrupt=0.02", "split=0.3", "delay=0.05", "drop=0.01,corrupt=0.01,split=0.1,delay=0.02"],
+    [Faults(0.02), Faults(0, 0.02), Faults(0, 0, 0.3), Faults(0, 0, 0, 0.05), Faults(0.01, 0.01, 0.1, 0.02)],
 )
-def test_damaged_bytes_cost_counted_replies_and_it_still_follows(faults: str) -> None:
+def test_damaged_bytes_cost_counted_replies_and_it_still_follows(faults: Faults) -> None:
     with rigged(faults=faults, seed=3) as rig:
         target_m, worst_m = 0.01, 0.0
 
@@ -397,7 +398,7 @@ def test_damaged_bytes_cost_counted_replies_and_it_still_follows(faults: str) ->
         rig.time.run(3.5)
         rig.stage.close()
         counters = rig.link.counters
-        befallen = rig.line.to_device.counts + rig.line.to_host.counts
+        befallen = rig.wires[0].counts + rig.wires[1].counts
         lost = befallen["dropped"] + befallen["corrupted"]
         if rig.link.inhibited is None:
             assert rig.x_m == pytest.approx(0.06, abs=1e-6) and worst_m < 3e-3
@@ -408,7 +409,7 @@ def test_damaged_bytes_cost_counted_replies_and_it_still_follows(faults: str) ->
 
 
 def test_damaged_position_never_reaches_the_readback() -> None:
-    with rigged(faults="corrupt=0.08", seed=1) as rig:
+    with rigged(faults=Faults(corrupt=0.08), seed=1) as rig:
         seen = list[float]()
         rig.loop = lambda now_ns: seen.append(rig.stage.read(now_ns).position_m)
         rig.time.run(3.0)

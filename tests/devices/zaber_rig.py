@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from forefeel.common.hardware.link import LinkState
-from forefeel.devices.emulation.wire import Faults
 from forefeel.devices.zaber.driver import ZaberStage
 from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
 from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.testing import SerialLine, SteppedTime, stepped
+from tests.emulators.damage import Faults, damaged
 
 MODEL = ZaberModel(limits_m=(-0.005, 0.1), start_m=0.01)
 
@@ -27,9 +27,11 @@ class Rig:
     """A stage, its driver, and the control loop: `loop` is called with the stamp while the link is ready."""
 
     def __init__(
-        self, time: SteppedTime, line: SerialLine, device: ZaberDevice, chosen: ZaberSettings
+        self, time: SteppedTime, device: ZaberDevice, chosen: ZaberSettings, faults: Faults | None, seed: int
     ) -> None:
-        self.time, self.line, self.device, self.settings = time, line, device, chosen
+        self.time, self.device, self.settings = time, device, chosen
+        self.line = SerialLine(time, device, 115_200)
+        self.wires = self.line.to_device, self.line.to_host = damaged(115_200, faults, seed)
         self.stage = ZaberStage(chosen, time)
         self.link = self.stage.link
         self.loop: Callable[[int], object] = lambda now_ns: None
@@ -71,12 +73,14 @@ class Rig:
 
 @contextmanager
 def rigged(
-    model: ZaberModel = MODEL, faults: str = "", seed: int = 0, opened: bool = True, **changes: object
+    model: ZaberModel = MODEL,
+    faults: Faults | None = None,
+    seed: int = 0,
+    opened: bool = True,
+    **changes: object,
 ) -> Iterator[Rig]:
     with stepped() as time:
-        device = ZaberDevice(model)
-        line = SerialLine(time, device, 115_200, faults=Faults.parse(faults), seed=seed)
-        rig = Rig(time, line, device, settings(**changes))
+        rig = Rig(time, ZaberDevice(model), settings(**changes), faults, seed)
         try:
             if opened:
                 rig.stage.open()

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Protocol
 
 from forefeel.devices.emulation.pty import Pty, PtyServer
-from forefeel.devices.emulation.wire import EmulatedDevice, Faults
+from forefeel.devices.emulation.wire import EmulatedDevice
 from tests.waiting import PATIENCE_S
 
 
@@ -68,9 +68,9 @@ def running(*living: Steps) -> Iterator[Callable[[Callable[[], object]], None]]:
 class PtyThread:
     """Use: `with PtyThread(device, folder) as port:`; `port.path` is the serial port."""
 
-    def __init__(self, device: EmulatedDevice, folder: Path, baud: int = 115_200, faults: str = "") -> None:
+    def __init__(self, device: EmulatedDevice, folder: Path, baud: int = 115_200) -> None:
         self.pty = Pty(folder / "port")
-        self._server = PtyServer(device, self.pty, baud, Faults.parse(faults))
+        self._server = PtyServer(device, self.pty, baud)
         self._left = ExitStack()
 
     @property

@@ -6,7 +6,6 @@ import can
 
 from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.hub import CanHub
-from forefeel.devices.emulation.wire import Faults
 from forefeel.devices.shared.settings import CanSettings
 from tests.emulators.threads import running
 from tests.waiting import PATIENCE_S, wait_until
@@ -14,7 +13,7 @@ from tests.waiting import PATIENCE_S, wait_until
 
 def test_slcan_frames_pass_both_ways_between_python_can_and_ours(tmp_path: Path) -> None:
     links = [tmp_path / "ours", tmp_path / "theirs"]
-    hub = CanHub(links, bitrate=500_000, faults=Faults())
+    hub = CanHub(links, bitrate=500_000)
     with running(hub):
         ours = open_bus(CanSettings(interface="slcan", channel=str(links[0]), bitrate=500_000))
         theirs = can.Bus(interface="slcan", channel=str(links[1]), bitrate=500_000, sleep_after_open=0)

@@ -10,7 +10,7 @@ from forefeel.common.topics import COMMAND, FORCE, HAPTICS, MASTER_STATE, SLAVE_
 from forefeel.devices.coil.driver import CoilHandle
 from forefeel.devices.coil.emulator import CoilDevice
 from forefeel.devices.coil.settings import CoilSettings
-from forefeel.devices.emulation.wire import Faults, Wire
+from forefeel.devices.emulation.wire import Wire
 from forefeel.devices.shared.conversation import Conversation
 from tests.devices.coil_rig import coil_settings
 from tests.simulation.pair import Pair, S
@@ -24,7 +24,7 @@ class Line:
     def __init__(self, device: CoilDevice, clock: Clock) -> None:
         self.ahead_s = 0.0
         self._device, self._clock = device, clock
-        self._to_device, self._to_host = (Wire(2_000_000, Faults(), way) for way in ("in", "out"))
+        self._to_device, self._to_host = Wire(2_000_000), Wire(2_000_000)
 
     def read(self) -> bytes:
         t_s = self._clock.now_ns() * 1e-9 + self.ahead_s

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from forefeel.devices.canopen.slcan import BELL, BITRATES, OK, Lines, frame_of
 from forefeel.devices.emulation.pty import Pty
-from forefeel.devices.emulation.wire import Faults, Timetable, Wire
+from forefeel.devices.emulation.wire import Wire
 
 _USB_BAUD = 12_000_000  # bit/s between adapter and host: full speed (USB 2.0)
 _WAIT_S = 0.002  # s that a round waits at most
@@ -127,17 +127,16 @@ class SlcanAdapter:
 
 
 class _Port:
-    def __init__(self, link: Path, bitrate: int, faults: Faults, seed: str) -> None:
+    def __init__(self, link: Path, bitrate: int) -> None:
         self.pty = Pty(link)
         self.adapter = SlcanAdapter(bitrate)
-        self.to_host = Wire(_USB_BAUD, faults, f"out {seed}")
-        self.to_adapter = Wire(_USB_BAUD, faults, f"in {seed}")
+        self.to_host, self.to_adapter = Wire(_USB_BAUD), Wire(_USB_BAUD)
 
 
 class CanHub:
     """As many adapters as links, one bus; frames of one go to all others. `step` it over and over.
 
-    Faults befall the lines between the first adapter and its host, `unplug` and `plug` that adapter.
+    `unplug` and `plug` befall the first adapter.
 
     Attributes:
         wire: the bus.
@@ -145,15 +144,9 @@ class CanHub:
 
     faults = "unplug", "plug"
 
-    def __init__(
-        self, links: Sequence[Path], bitrate: int = 1_000_000, faults: Faults | None = None, seed: int = 0
-    ) -> None:
-        faults = faults or Faults()
-        self._ports = [
-            _Port(link, bitrate, Faults() if i else faults, f"{i} {seed}") for i, link in enumerate(links)
-        ]
+    def __init__(self, links: Sequence[Path], bitrate: int = 1_000_000) -> None:
+        self._ports = [_Port(link, bitrate) for link in links]
         self.wire = CanWire(bitrate)
-        self._timetable = Timetable(faults)
         self._start_s = time.monotonic()
 
     @property
@@ -162,14 +155,9 @@ class CanHub:
         return self.wire.busy_s / max(1e-9, self._now())
 
     def counts(self) -> dict[str, int]:
-        """What happened at the first adapter: faults of its lines, lines that it refused, bytes not read."""
+        """What happened at the first adapter: frames, lines that it refused, bytes not read."""
         port = self._ports[0]
-        return {
-            **{f"to_host_{name}": count for name, count in port.to_host.counts.items()},
-            **{f"to_adapter_{name}": count for name, count in port.to_adapter.counts.items()},
-            **port.adapter.counts,
-            "unread_bytes": port.pty.lost,
-        }
+        return {**port.adapter.counts, "unread_bytes": port.pty.lost}
 
     def provoke(self, fault: str) -> None:
         """`unplug` or `plug` the first adapter now."""
@@ -185,8 +173,6 @@ class CanHub:
         for port in self._readable():
             port.to_adapter.send(port.pty.read(0.0), self._now())
         t_s = self._now()
-        for fault in self._timetable.due(t_s):
-            self.provoke(fault)
         for i, port in enumerate(self._ports):
             frames, answers = port.adapter.receive(port.to_adapter.arrived(t_s))
             for frame in frames:

@@ -16,24 +16,25 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from forefeel.__main__ import main as run_command_line
-from forefeel.devices.emulation import bench, pty
+from forefeel.devices.emulation import bench
 from forefeel.devices.emulation.bench import Surroundings
-from forefeel.devices.emulation.wire import Timetable
 from forefeel.devices.zaber import emulator
+from forefeel.emulate import run
+from forefeel.emulate.run import OrdersFromStdin
 
 ROW = struct.Struct("<qdd")
 OnMotion = Callable[[float, float, float, float], None]
 
 
-class Provocation(Timetable):
-    """What is to happen, when the signal has come."""
+class Provocation(OrdersFromStdin):
+    """Orders that come with a signal, besides."""
 
     waiting: list[str] = []  # noqa: RUF012 - of the process, as its signals are
 
-    def due(self, t_s: float) -> list[str]:
-        """See `Timetable`."""
-        came, Provocation.waiting = Provocation.waiting, []
-        return super().due(t_s) + came
+    def step(self) -> None:
+        while Provocation.waiting:
+            self._obey(Provocation.waiting.pop(0))
+        super().step()
 
 
 @contextmanager
@@ -64,7 +65,7 @@ def main() -> None:
     """See the module."""
     faults = sys.argv.pop(1).split(",")
     sys.argv.insert(1, "emulate")
-    setattr(pty, "Timetable", Provocation)  # noqa: B010 - what the server looks up
+    setattr(run, "OrdersFromStdin", Provocation)  # noqa: B010 - what the emulator looks up
     signal.signal(signal.SIGUSR1, lambda *_: Provocation.waiting.append(faults.pop(0)))
     with told(Path(os.environ["FOREFEEL_MOTION"])):
         run_command_line()
