@@ -8,7 +8,7 @@ import pytest
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
-from forefeel.devices.ascii_line.emulator import EmulatedHx711, EmulatedLoadstar
+from forefeel.devices.ascii_line.emulator import EmulatedLineCell
 from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.emulation.sensing import Sensing
@@ -20,7 +20,14 @@ from tests.emulators.damage import Faults
 
 MILLIPOUND_N = NEWTON_PER_UNIT["millipound_force"]
 COUNTS = {"unit": "counts", "full_scale_native": 2_000_000}
-QUIET = Sensing(150.0, noise_n=0.0, resolution_n=MILLIPOUND_N)
+
+
+def loadstar(request: str = "O0W1") -> EmulatedLineCell:
+    return EmulatedLineCell(slope, Sensing(150.0, noise_n=0.0), "millipound_force", request)
+
+
+def hx711(noise_n: float = 0.002) -> EmulatedLineCell:
+    return EmulatedLineCell(slope, Sensing(80.0, noise_n=noise_n), "counts")
 
 
 def settings(**more: object) -> AsciiLineSettings:
@@ -45,7 +52,7 @@ def port(device: EmulatedDevice, hub_s: float = 0.0, faults: Faults | None = Non
 
 @pytest.mark.parametrize("hub_s", [0.0, 0.016])
 def test_a_loadstar_that_is_asked_answers_once_a_period(hub_s: float) -> None:
-    bench = port(EmulatedLoadstar(slope, QUIET), hub_s=hub_s)
+    bench = port(loadstar(), hub_s=hub_s)
     with opened(bench, settings(request="O0W1", rate_hz=20)) as driver:
         got = [reading for _ in range(3) for reading in bench.played(driver, 1.0)]
         assert len(got) == pytest.approx(60, abs=1)
@@ -58,7 +65,7 @@ def test_a_loadstar_that_is_asked_answers_once_a_period(hub_s: float) -> None:
 
 
 def test_a_loadstar_that_streams_is_asked_once_and_left_quiet() -> None:
-    device = EmulatedLoadstar(slope, QUIET)
+    device = loadstar("O0W0")
     bench = port(device, hub_s=0.016)
     with opened(bench, settings(request="O0W0", rate_hz=150)) as driver:
         got = bench.played(driver, 1.0)
@@ -75,7 +82,7 @@ def test_a_loadstar_that_streams_is_asked_once_and_left_quiet() -> None:
 
 
 def test_an_unanswered_request_is_counted_and_asked_again() -> None:
-    bench = port(EmulatedLoadstar(slope, QUIET), faults=Faults(drop=0.05))
+    bench = port(loadstar(), faults=Faults(drop=0.05))
     with opened(bench, settings(request="O0W1", rate_hz=20)) as driver:
         dropped, asked = bench.line.damaged.counts["dropped"], driver.link.counters["unanswered"]
         bench.time.run(10.0)
@@ -96,9 +103,8 @@ def calibration(folder: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("label", ["", "HX711 reading: "])
-def test_counts_of_an_hx711_with_its_calibration(tmp_path: Path, label: str) -> None:
-    device = EmulatedHx711(slope, Sensing(80.0, noise_n=0.0), label=label)
+def test_counts_of_an_hx711_with_its_calibration(tmp_path: Path) -> None:
+    device = hx711(noise_n=0.0)
     bench = port(device)
     with opened(bench, settings(**COUNTS, calibration=calibration(tmp_path))) as driver:
         driver.read(0, None)
@@ -113,7 +119,7 @@ def test_counts_of_an_hx711_with_its_calibration(tmp_path: Path, label: str) -> 
 
 
 def test_counts_without_a_calibration_are_no_force_but_can_be_calibrated() -> None:
-    bench = port(EmulatedHx711(slope, Sensing(80.0)))
+    bench = port(hx711())
     with bench.made(lambda time: AsciiLineLoadCell(settings(**COUNTS), time)) as driver:
         with pytest.raises(DeviceSetupError, match="'counts' without calibration"):
             driver.open()
@@ -135,8 +141,8 @@ def test_what_is_no_cell_is_said_in_one_line() -> None:
             settings(),
             "but nothing of the expected lines of numbers at 115200 baud",
         ),
-        (EmulatedLoadstar(slope, QUIET), settings(request="SSX"), "lines of numbers, asked by 'SSX'"),
-        (EmulatedHx711(slope), settings(rate_hz=10), "rate_hz = 10: 80"),
+        (loadstar(), settings(request="SSX"), "lines of numbers, asked by 'SSX'"),
+        (hx711(), settings(rate_hz=10), "rate_hz = 10: 80"),
     ):
         with pytest.raises(DeviceSetupError) as refused, opened(port(device), chosen):
             pass
@@ -145,8 +151,7 @@ def test_what_is_no_cell_is_said_in_one_line() -> None:
 
 
 def test_damaged_lines_are_counted_or_numbers() -> None:
-    device = EmulatedHx711(slope, Sensing(80.0))
-    bench = port(device, faults=Faults(corrupt=0.05))
+    bench = port(hx711(), faults=Faults(corrupt=0.05))
     with opened(bench, settings(unit="newton", full_scale_n=10_000.0)) as driver:
         bench.time.run(30.0)
         counters = driver.link.counters
@@ -157,7 +162,7 @@ def test_damaged_lines_are_counted_or_numbers() -> None:
 
 
 def test_lines_that_are_late_or_in_parts_are_whole() -> None:
-    bench = port(EmulatedHx711(slope, Sensing(80.0)), faults=Faults(split=0.5, delay=0.05))
+    bench = port(hx711(), faults=Faults(split=0.5, delay=0.05))
     with opened(bench, settings(unit="newton", full_scale_n=1e4)) as driver:
         before, junk = driver.link.counters["lines"], driver.link.counters["junk_lines"]
         sent = bench.line.damaged.counts.copy()

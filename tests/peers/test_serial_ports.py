@@ -11,7 +11,7 @@ import pytest
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
 from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
-from forefeel.devices.ascii_line.emulator import EmulatedLoadstar
+from forefeel.devices.ascii_line.emulator import EmulatedLineCell
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.coil.driver import CoilHandle
 from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
@@ -50,7 +50,7 @@ def read(device: Any) -> object:  # noqa: ANN401 - of any slot
     ("emulated", "make", "baud"),
     [
         (ZaberDevice(MODEL), lambda port: ZaberStage(settings(port=port)), 115_200),
-        (EmulatedLoadstar(lambda _: 1.0, Sensing(150.0)), loadstar, 115_200),
+        (EmulatedLineCell(lambda _: 1.0, Sensing(150.0), "millipound_force", "O0W1"), loadstar, 115_200),
         (CoilDevice(CoilHardware(longest_watchdog_ms=round(1e3 * CALM_S))), coil, 2_000_000),
     ],
     ids=["zaber", "ascii_line", "coil"],
