@@ -1,6 +1,6 @@
 """One answer against what was hidden."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
 
@@ -63,7 +63,6 @@ class Outcome:
     truth: tuple[str, ...]
     labels: tuple[str, ...]
     motion: str
-    drawn: Mapping[str, float]
     samples: int
     flags: Flags
     answer: Answer
@@ -90,7 +89,6 @@ def scored(case: Case, method: Callable[[Hidden], Answer]) -> Outcome:
         truth=truth.names,
         labels=truth.labels,
         motion=truth.motion,
-        drawn=_drawn(hidden),
         samples=len(hidden.time_s),
         flags=flags,
         answer=answer,
@@ -99,24 +97,6 @@ def scored(case: Case, method: Callable[[Hidden], Answer]) -> Outcome:
         right=_right(case.group, hidden, answer, flags, exact),
         estimates=_estimates(hidden, answer) if case.group in ("single", "quarter", "pair") else (),
     )
-
-
-def _drawn(hidden: Hidden) -> dict[str, float]:
-    """The numbers behind the recording, for the table of ranges."""
-    truth = hidden.truth
-    numbers = {
-        "record.duration_s": truth.duration_s,
-        "record.rate_hz": truth.rate_hz,
-        "record.uneven_stamps": float(not truth.uniform),
-        "noise.corner_hz": truth.noise.corner_hz,
-        "base.mass_kg": truth.base.mass_kg,
-        "base.damping_n_s_m": truth.base.damping_n_s_m,
-        "base.stiffness_n_m": truth.base.stiffness_n_m,
-    }
-    for part, share in zip(truth.parts, truth.shares, strict=True):
-        numbers[f"{part.form.name}.share"] = share
-        numbers.update({f"{part.form.name}.{name}": value for name, value in part.parameters.items()})
-    return numbers
 
 
 def flags_of(hidden: Hidden) -> Flags:

@@ -1,4 +1,4 @@
-"""The confusion table, the rates and what was drawn, as text."""
+"""The confusion table and the rates, as text."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -191,15 +191,3 @@ def far_off(outcomes: Iterable[Outcome]) -> str:
         if not e.good
     ]
     return "\n".join([f"parameters of exact sets that are off: {len(lines)}", *lines])
-
-
-def drawn(outcomes: Sequence[Outcome]) -> str:
-    """The ranges that were drawn: motions, and the smallest and largest size of each number."""
-    motions = Counter(outcome.motion for outcome in outcomes)
-    lines = ["drawn: " + ", ".join(f"{count} {motion}" for motion, count in motions.most_common())]
-    sizes: dict[str, list[float]] = {}
-    for outcome in outcomes:
-        for name, value in outcome.drawn.items():
-            sizes.setdefault(name, []).append(abs(value))
-    lines += [f"  {name:<52s} {min(column):10.4g} .. {max(column):.4g}" for name, column in sizes.items()]
-    return "\n".join(lines)

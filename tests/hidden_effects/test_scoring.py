@@ -4,7 +4,7 @@ from functools import partial
 
 import pytest
 
-from tests.hidden_effects.answers import Answer, Interval, from_document
+from tests.hidden_effects.answers import Answer, Interval
 from tests.hidden_effects.cases import Case
 from tests.hidden_effects.equivalences import comparable, right_first, same_names
 from tests.hidden_effects.generator import Hidden, Truth, draw
@@ -110,18 +110,3 @@ def test_no_credit_for_silence_about_an_outside_effect() -> None:
     assert not scored(case, partial(_said, "nothing_missing")).right
     assert scored(case, lambda _: Answer("cause_found", ("unmodelled_resonance",))).right
     assert not scored(case, lambda _: Answer("cause_found", ("mains_hum",))).right
-
-
-def test_document_of_the_product() -> None:
-    cause = {"name": "bias", "parameters": {"force_n": {"value": 0.1, "low": 0.0, "high": 0.2}}}
-    document = {
-        "schema": "forefeel.diagnosis/1", "verdict": "cause_found", "causes": [cause],
-        "rivals": [["bias", "sensor_drift"]], "held_out": {"gain_low": None},
-    }  # fmt: skip
-    answer = from_document(document, 1.5)
-    assert answer.names == ("bias",)
-    assert answer.parameters["bias"]["force_n"] == (0.1, 0.0, 0.2)
-    assert answer.rivals == (("bias", "sensor_drift"),)
-    assert answer.gain_low != answer.gain_low
-    with pytest.raises(KeyError, match="diagnosis/2', expected"):
-        from_document({**document, "schema": "forefeel.diagnosis/2"}, 1.5)

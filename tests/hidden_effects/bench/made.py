@@ -47,8 +47,7 @@ class Population(Enum):
 class Made:
     """A recording and its truth. `names` are those of the vocabulary, `families` all that are really there.
 
-    `hides` is False only where mass, damper, spring and bias are everything. `share` is the smallest of the
-    effects' shares of the force by the noise's rms.
+    `hides` is False only where mass, damper, spring and bias are everything.
     """
 
     time_s: Array
@@ -58,9 +57,6 @@ class Made:
     families: frozenset[str]
     description: str
     hides: bool
-    share: float
-    encoder_m: float
-    rate_hz: float
 
 
 class _Plan(NamedTuple):
@@ -152,9 +148,6 @@ def _recorded(bench: Bench, take: Take, found: Sequence[Effect], share: float) -
         families=frozenset[str]().union(*(effect.families for effect in found)),
         description=f"{said} [{share:.1f} x noise] in {take.words}",
         hides=bool(found),
-        share=share,
-        encoder_m=take.encoder_m,
-        rate_hz=take.rate_hz,
     )
 
 

@@ -17,16 +17,8 @@ from tests.hidden_effects.generator.parts import (
     added,
     inverse,
     proportional,
-)
+)  # fmt: skip
 from tests.hidden_effects.generator.scan import Array, one_pole, smoothed
-
-
-def _draw_bias(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"force_n": 0.05 if rng.random() < 0.5 else -0.05}
-
-
-def _bias(signal: Signal, values: Values) -> Array:
-    return np.full_like(signal.t, values["force_n"])
 
 
 def _harmonics(rng: np.random.Generator, count: int, strongest: float) -> dict[str, float]:
@@ -68,10 +60,6 @@ def _draw_drift(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
     }
 
 
-def _drift(signal: Signal, values: Values) -> Array:
-    return values["rate_n_s"] * signal.t
-
-
 def _creep(signal: Signal, values: Values) -> Array:
     """Creep that slows down; `rate_n_s` is its first rate."""
     settling = values["settling_s"]
@@ -105,10 +93,6 @@ def _flexible_mass(signal: Signal, values: Values) -> Array:
     return -values["mass_kg"] * (omega * omega * q + 2.0 * values["damping_ratio"] * omega * rate)
 
 
-def _draw_fixture(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"frequency_hz": 8.0, "damping_ratio": log_uniform(rng, 0.03, 0.2)}
-
-
 def _fixture(signal: Signal, values: Values) -> None:
     """The load cell's own mode between force and reading."""
     omega = 2.0 * pi * values["frequency_hz"]
@@ -117,16 +101,8 @@ def _fixture(signal: Signal, values: Values) -> None:
     signal.force = start + omega * omega * q
 
 
-def _draw_delay(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"delay_s": rng.uniform(0.02, 0.08)}
-
-
 def _delay(signal: Signal, values: Values) -> None:
     signal.force = np.interp(signal.t - values["delay_s"], signal.t, signal.force)
-
-
-def _draw_lag(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"time_constant_s": rng.uniform(0.02, 0.08)}
 
 
 def _lag(signal: Signal, values: Values) -> None:
@@ -138,16 +114,8 @@ def _lag(signal: Signal, values: Values) -> None:
     signal.force = start + smoothed((1.0 - half) / (1.0 + half), 2.0 * half / (1.0 + half) * mean)
 
 
-def _draw_limit(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"limit_n": 0.8 * float(np.max(np.abs(scene.force)))}
-
-
 def _clip(signal: Signal, values: Values) -> None:
     signal.force = np.clip(signal.force, -values["limit_n"], values["limit_n"])
-
-
-def _draw_comb(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"step_n": 0.3 * float(np.std(scene.force))}
 
 
 def _comb(signal: Signal, values: Values) -> None:
@@ -170,27 +138,34 @@ def _spikes(signal: Signal, values: Values) -> None:
 
 
 CHAIN = (
-    Form("bias", "constant", Place.FORCE, _draw_bias, added(_bias), proportional("force_n"), ("force_n",)),
+    Form("bias", "constant", Place.FORCE,
+         lambda rng, scene: {"force_n": 0.05 if rng.random() < 0.5 else -0.05},
+         added(lambda signal, values: np.full_like(signal.t, values["force_n"])), proportional("force_n"),
+         ("force_n",)),
     Form("pulsation", "heart or breath", Place.FORCE, _draw_pulsation, added(_periodic),
          proportional("amplitude_n"), ("frequency_hz", "amplitude_n")),
-    Form("mains_hum", "50 or 60 Hz", Place.CHAIN, _draw_hum, added(_periodic),
-         proportional("amplitude_n"), ("frequency_hz", "amplitude_n"), shares=(0.08, 0.3),
-         lowest_rate_hz=300.0),
-    Form("sensor_drift", "ramp", Place.CHAIN, _draw_drift, added(_drift), proportional("rate_n_s"),
+    Form("mains_hum", "50 or 60 Hz", Place.CHAIN, _draw_hum, added(_periodic), proportional("amplitude_n"),
+         ("frequency_hz", "amplitude_n"), shares=(0.08, 0.3), lowest_rate_hz=300.0),
+    Form("sensor_drift", "ramp", Place.CHAIN, _draw_drift,
+         added(lambda signal, values: values["rate_n_s"] * signal.t), proportional("rate_n_s"),
          ("rate_n_s",)),
     Form("sensor_drift", "creep", Place.CHAIN, _draw_drift, added(_creep), proportional("rate_n_s")),
     Form("unmodelled_resonance", "flexible mass", Place.FORCE, _draw_mode, added(_flexible_mass),
          proportional("mass_kg"), ("frequency_hz", "damping_ratio"), lowest_rate_hz=100.0),
-    Form("unmodelled_resonance", "fixture", Place.CHAIN, _draw_fixture, _fixture,
+    Form("unmodelled_resonance", "fixture", Place.CHAIN,
+         lambda rng, scene: {"frequency_hz": 8.0, "damping_ratio": log_uniform(rng, 0.03, 0.2)}, _fixture,
          inverse("frequency_hz"), ("frequency_hz", "damping_ratio"), linear=False, lowest_rate_hz=100.0),
-    Form("time_delay", "delay", Place.CHAIN, _draw_delay, _delay, proportional("delay_s"), ("delay_s",),
-         own_size=True),
-    Form("sensor_lag", "first order", Place.CHAIN, _draw_lag, _lag, proportional("time_constant_s"),
-         ("time_constant_s",), own_size=True),
-    Form("sensor_saturation", "symmetric", Place.READING, _draw_limit, _clip, inverse("limit_n"),
+    Form("time_delay", "delay", Place.CHAIN, lambda rng, scene: {"delay_s": rng.uniform(0.02, 0.08)}, _delay,
+         proportional("delay_s"), ("delay_s",), own_size=True),
+    Form("sensor_lag", "first order", Place.CHAIN,
+         lambda rng, scene: {"time_constant_s": rng.uniform(0.02, 0.08)}, _lag,
+         proportional("time_constant_s"), ("time_constant_s",), own_size=True),
+    Form("sensor_saturation", "symmetric", Place.READING,
+         lambda rng, scene: {"limit_n": 0.8 * float(np.max(np.abs(scene.force)))}, _clip, inverse("limit_n"),
          ("limit_n",), linear=False, kinked=True),
-    Form("sensor_quantisation", "mid-tread", Place.READING, _draw_comb, _comb, proportional("step_n"),
+    Form("sensor_quantisation", "mid-tread", Place.READING,
+         lambda rng, scene: {"step_n": 0.3 * float(np.std(scene.force))}, _comb, proportional("step_n"),
          ("step_n",), linear=False, shares=(0.08, 0.25)),
-    Form("sensor_spikes", "single samples", Place.READING, _draw_spikes, _spikes,
-         proportional("amplitude_n"), ("rate_hz", "amplitude_n")),
+    Form("sensor_spikes", "single samples", Place.READING, _draw_spikes, _spikes, proportional("amplitude_n"),
+         ("rate_hz", "amplitude_n")),
 )  # fmt: skip

@@ -68,7 +68,7 @@ def draw(
     """
     rng = np.random.default_rng((crc32(kind.encode()), seed))
     forms = _drawn_forms(rng, kind)
-    motion_kind = kind if kind in SPECIAL else _drawn_motion_kind(rng, forms)
+    motion_kind = kind if kind in SPECIAL else str(rng.choice(RICH, p=WEIGHTS))
     inserted = next((form.inserted for form in forms if form.inserted is not None), bool(rng.random() < 0.5))
     duration_s, rate_hz = float(rng.uniform(10.0, longest_s)), min(fastest_hz, _drawn_rate(rng, forms))
     stage = drawn_motion(rng, motion_kind, duration_s, inserted)
@@ -80,9 +80,7 @@ def draw(
     time_s = _stamps(rng, duration_s, rate_hz, uniform)
     force_n = reading(stage, base, parts, time_s, _drawn_noise(rng, noise, stage, time_s))
     position_m = np.round(np.interp(time_s, stage.t, stage.x) / noise.encoder_m) * noise.encoder_m
-    truth = Truth(
-        kind, seed, size, parts, shares, motion_kind, inserted, duration_s, rate_hz, uniform, base, noise
-    )
+    truth = Truth(parts, shares, motion_kind, duration_s, rate_hz, base, noise)
     return Hidden(time_s, position_m, force_n, truth, stage)
 
 
@@ -113,10 +111,6 @@ def _drawn_form(rng: np.random.Generator, name: str) -> Form:
     if not forms:
         raise KeyError(f"no kind {name!r}")
     return forms[int(rng.integers(len(forms)))]
-
-
-def _drawn_motion_kind(rng: np.random.Generator, forms: list[Form]) -> str:
-    return str(rng.choice(RICH, p=WEIGHTS))
 
 
 def _drawn_rate(rng: np.random.Generator, forms: list[Form]) -> float:

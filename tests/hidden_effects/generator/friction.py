@@ -5,15 +5,7 @@ position_dependent_friction.
 import numpy as np
 
 from tests.hidden_effects.generator.motion import log_uniform
-from tests.hidden_effects.generator.parts import (
-    Form,
-    Place,
-    Scene,
-    Signal,
-    Values,
-    added,
-    proportional,
-)
+from tests.hidden_effects.generator.parts import Form, Place, Scene, Signal, Values, added, proportional
 from tests.hidden_effects.generator.scan import Array, play, varying_pole
 
 
@@ -24,14 +16,6 @@ def _sense(v: Array, blur_m_s: float) -> Array:
 
 def _blur(rng: np.random.Generator) -> float:
     return log_uniform(rng, 5e-6, 100e-6)
-
-
-def _draw_coulomb(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"force_n": 0.05, "blur_m_s": _blur(rng)}
-
-
-def _coulomb(signal: Signal, values: Values) -> Array:
-    return values["force_n"] * _sense(signal.v, values["blur_m_s"])
 
 
 def _draw_asymmetric(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
@@ -83,10 +67,6 @@ def _lugre(signal: Signal, values: Values) -> Array:
     return s0 * z + values["bristle_n_s_m"] * (signal.v - rate * z)
 
 
-def _draw_backlash(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"width_m": 0.05 * float(np.ptp(scene.motion.x))}
-
-
 def _backlash(signal: Signal, values: Values) -> None:
     """The instrument rests while the stage crosses the gap."""
     y = play(signal.x, values["width_m"])
@@ -94,32 +74,29 @@ def _backlash(signal: Signal, values: Values) -> None:
     signal.x, signal.v, signal.a = y, signal.v * carried, signal.a * carried
 
 
-def _draw_capstan(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"force_per_length_n_m": 3.0, "blur_m_s": _blur(rng)}
-
-
-def _capstan(signal: Signal, values: Values) -> Array:
-    return values["force_per_length_n_m"] * np.maximum(signal.x, 0.0) * _sense(signal.v, values["blur_m_s"])
-
-
 FRICTION = (
-    Form("coulomb_friction", "symmetric", Place.FORCE, _draw_coulomb, added(_coulomb),
+    Form("coulomb_friction", "symmetric", Place.FORCE,
+         lambda rng, scene: {"force_n": 0.05, "blur_m_s": _blur(rng)},
+         added(lambda signal, values: values["force_n"] * _sense(signal.v, values["blur_m_s"])),
          proportional("force_n"), ("force_n",)),
     Form("coulomb_friction", "asymmetric", Place.FORCE, _draw_asymmetric, added(_asymmetric),
          proportional("forward_n", "backward_n"), ("forward_n", "backward_n")),
     Form("stribeck_friction", "gaussian", Place.FORCE, _draw_stribeck,
-         added(lambda signal, values: _stribeck(signal, values, 2.0)),
-         proportional("coulomb_n", "static_n"), ("coulomb_n", "static_n", "stribeck_velocity_m_s"),
-         motions=("hand", "sweep", "multisine")),
+         added(lambda signal, values: _stribeck(signal, values, 2.0)), proportional("coulomb_n", "static_n"),
+         ("coulomb_n", "static_n", "stribeck_velocity_m_s")),
     Form("stribeck_friction", "exponential", Place.FORCE, _draw_stribeck,
-         added(lambda signal, values: _stribeck(signal, values, 1.0)),
-         proportional("coulomb_n", "static_n"), ("coulomb_n", "static_n")),
+         added(lambda signal, values: _stribeck(signal, values, 1.0)), proportional("coulomb_n", "static_n"),
+         ("coulomb_n", "static_n")),
     Form("presliding_hysteresis", "Dahl", Place.FORCE, _draw_presliding, added(_dahl),
          proportional("force_n", "stiffness_n_m"), ("force_n", "stiffness_n_m")),
     Form("presliding_hysteresis", "LuGre", Place.FORCE, _draw_presliding, added(_lugre),
          proportional("force_n", "stiffness_n_m", "bristle_n_s_m"), ("force_n", "stiffness_n_m")),
-    Form("backlash", "play", Place.STAGE, _draw_backlash, _backlash, proportional("width_m"),
-         ("width_m",), linear=False, kinked=True, light=True),
-    Form("position_dependent_friction", "capstan", Place.FORCE, _draw_capstan, added(_capstan),
+    Form("backlash", "play", Place.STAGE,
+         lambda rng, scene: {"width_m": 0.05 * float(np.ptp(scene.motion.x))}, _backlash,
+         proportional("width_m"), ("width_m",), linear=False, kinked=True, light=True),
+    Form("position_dependent_friction", "capstan", Place.FORCE,
+         lambda rng, scene: {"force_per_length_n_m": 3.0, "blur_m_s": _blur(rng)},
+         added(lambda signal, values: values["force_per_length_n_m"] * np.maximum(signal.x, 0.0)
+               * _sense(signal.v, values["blur_m_s"])),
          proportional("force_per_length_n_m"), ("force_per_length_n_m",), inserted=True),
 )  # fmt: skip

@@ -6,48 +6,47 @@ from math import pi
 import numpy as np
 
 from tests.hidden_effects.generator.motion import log_uniform
-from tests.hidden_effects.generator.parts import (
-    Draw,
-    Form,
-    Place,
-    Scene,
-    Signal,
-    Values,
-    added,
-    proportional,
-)
+from tests.hidden_effects.generator.parts import Draw, Form, Place, Scene, Signal, Values, added, proportional
 from tests.hidden_effects.generator.scan import Array
+
+Force = Callable[[Signal, Values], Array]
+_FORMS: list[Form] = []
+
+
+def _outside(draw: Draw, inserted: bool | None = None) -> Callable[[Force], Force]:
+    """Makes a form of a force, which has the function's name and is scaled by its `size`."""
+
+    def register(force: Force) -> Force:
+        scale = proportional("size")
+        name = force.__name__
+        _FORMS.append(Form(name, "outside", Place.FORCE, draw, added(force), scale, inserted=inserted))
+        return force
+
+    return register
 
 
 def _spread(values: Array) -> float:
     return float(np.std(values))
 
 
-def _draw_ripple(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"size": 0.05, "lead_m": _spread(scene.motion.x) * rng.uniform(0.25, 0.7)}
+def _seed(rng: np.random.Generator) -> float:
+    return float(rng.integers(1, 2**31))
 
 
-def _ripple(signal: Signal, values: Values) -> Array:
+@_outside(lambda rng, scene: {"size": 0.05, "lead_m": _spread(scene.motion.x) * rng.uniform(0.25, 0.7)})
+def position_ripple(signal: Signal, values: Values) -> Array:
     """Ball screw: periodic in position, with a second harmonic."""
     angle = 2.0 * pi * signal.x / values["lead_m"]
     return values["size"] * (np.sin(angle) + 0.4 * np.sin(2.0 * angle + 1.0))
 
 
-def _draw_kick(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"size": 0.05, "scale": _spread(scene.motion.a) * rng.uniform(0.03, 0.15)}
-
-
-def _kick(signal: Signal, values: Values) -> Array:
-    """Sign of the acceleration."""
+@_outside(lambda rng, scene: {"size": 0.05, "scale": _spread(scene.motion.a) * rng.uniform(0.03, 0.15)})
+def acceleration_sign(signal: Signal, values: Values) -> Array:
     return values["size"] * np.tanh(signal.a / values["scale"])
 
 
-def _draw_seed(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {
-        "size": 0.05,
-        "seed": float(rng.integers(1, 2**31)),
-        "period_s": scene.duration_s / rng.uniform(3, 9),
-    }
+def _draw_wandering(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
+    return {"size": 0.05, "seed": _seed(rng), "period_s": scene.duration_s / rng.uniform(3, 9)}
 
 
 def _wandering(signal: Signal, values: Values) -> Array:
@@ -62,23 +61,22 @@ def _wandering(signal: Signal, values: Values) -> Array:
     return np.asarray(waves * np.sqrt(2.0 / count))
 
 
-def _wandering_friction(signal: Signal, values: Values) -> Array:
+@_outside(_draw_wandering)
+def wandering_friction(signal: Signal, values: Values) -> Array:
     """Friction whose level comes and goes and changes its sign: a memory that time rewrites."""
     return values["size"] * _wandering(signal, values) * np.tanh(signal.v / 2e-5)
 
 
-def _temperature(signal: Signal, values: Values) -> Array:
+@_outside(_draw_wandering)
+def temperature_wander(signal: Signal, values: Values) -> Array:
     """Zero that wanders up and down several times."""
     return values["size"] * _wandering(signal, values)
 
 
-def _gain_drift(signal: Signal, values: Values) -> Array:
+@_outside(_draw_wandering)
+def gain_drift(signal: Signal, values: Values) -> Array:
     """Sensitivity that wanders."""
     return values["size"] * _wandering(signal, values) * signal.base.force(signal.x, signal.v, signal.a)
-
-
-def _draw_chaos(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"size": 0.01, "start": rng.uniform(5.0, 15.0), "speed": log_uniform(rng, 0.7, 2.5)}
 
 
 def _lorenz(state: Array) -> Array:
@@ -86,7 +84,8 @@ def _lorenz(state: Array) -> Array:
     return np.array([10.0 * (y - x), x * (28.0 - z) - y, x * y - 8.0 / 3.0 * z])
 
 
-def _chaos(signal: Signal, values: Values) -> Array:
+@_outside(lambda rng, _: {"size": 0.01, "start": rng.uniform(5.0, 15.0), "speed": log_uniform(rng, 0.7, 2.5)})
+def chaos(signal: Signal, values: Values) -> Array:
     """The first coordinate of Lorenz' attractor (1963), Runge-Kutta at 5 ms of its own time."""
     step = 5e-3
     span = float(signal.t[-1] - signal.t[0]) * values["speed"]
@@ -101,32 +100,23 @@ def _chaos(signal: Signal, values: Values) -> Array:
     return np.asarray(values["size"] * np.interp(own, step * np.arange(len(first)), np.array(first)))
 
 
-def _draw_one_way(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"size": 10.0 if rng.random() < 0.5 else -10.0}
-
-
-def _one_way_spring(signal: Signal, values: Values) -> Array:
+@_outside(lambda rng, _: {"size": 10.0 if rng.random() < 0.5 else -10.0}, inserted=False)
+def one_way_spring(signal: Signal, values: Values) -> Array:
     """Stiffer in one direction of motion, on both sides of zero."""
     return values["size"] * signal.x * (signal.v > 0.0)
 
 
-def _draw_jerk(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"size": 0.01}
-
-
-def _jerk(signal: Signal, values: Values) -> Array:
+@_outside(lambda *_: {"size": 0.01})
+def jerk(signal: Signal, values: Values) -> Array:
     return values["size"] * np.gradient(signal.a, signal.t)
 
 
-def _draw_stick_slip(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {
-        "size": 50.0,
-        "length_m": _spread(scene.motion.x) * rng.uniform(0.15, 0.4),
-        "seed": float(rng.integers(1, 2**31)),
+@_outside(
+    lambda rng, scene: {
+        "size": 50.0, "length_m": _spread(scene.motion.x) * rng.uniform(0.15, 0.4), "seed": _seed(rng),
     }
-
-
-def _stick_slip(signal: Signal, values: Values) -> Array:
+)  # fmt: skip
+def stick_slip(signal: Signal, values: Values) -> Array:
     """A spring that is dragged along and lets go completely at random elongations."""
     rng = np.random.default_rng(int(values["seed"]))
     every = max(1, round(1e-3 / signal.step_s))
@@ -139,16 +129,14 @@ def _stick_slip(signal: Signal, values: Values) -> Array:
     return values["size"] * np.interp(signal.t, signal.t[::every], pulls)
 
 
-def _draw_moving_mode(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {
-        "size": 0.05,
-        "frequency_hz": log_uniform(rng, 4.0, 9.0),
+@_outside(
+    lambda rng, scene: {
+        "size": 0.05, "frequency_hz": log_uniform(rng, 4.0, 9.0),
         "per_m": rng.uniform(0.5, 0.8) / float(np.max(np.abs(scene.motion.x))),
         "damping_ratio": rng.uniform(0.03, 0.1),
     }
-
-
-def _moving_mode(signal: Signal, values: Values) -> Array:
+)  # fmt: skip
+def position_dependent_resonance(signal: Signal, values: Values) -> Array:
     """A flexible mass whose frequency depends on the position, semi-implicit Euler at 2 kHz."""
     every = max(1, round(5e-4 / signal.step_s))
     omega = 2.0 * pi * values["frequency_hz"] * (1.0 + values["per_m"] * signal.x[::every])
@@ -161,25 +149,22 @@ def _moving_mode(signal: Signal, values: Values) -> Array:
     return -values["size"] * np.interp(signal.t, signal.t[::every], forces)
 
 
-def _draw_bump(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    low, high = np.percentile(scene.motion.x, (30, 70))
-    return {
-        "size": 0.1,
-        "centre_m": float(rng.uniform(low, high)),
+@_outside(
+    lambda rng, scene: {
+        "size": 0.1, "centre_m": float(rng.uniform(*np.percentile(scene.motion.x, (30, 70)))),
         "width_m": _spread(scene.motion.x) * rng.uniform(0.1, 0.25),
     }
-
-
-def _bump(signal: Signal, values: Values) -> Array:
+)  # fmt: skip
+def local_bump(signal: Signal, values: Values) -> Array:
     """A narrow place."""
     return values["size"] * np.exp(-0.5 * ((signal.x - values["centre_m"]) / values["width_m"]) ** 2)
 
 
-def _draw_ring(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"size": 1.0, "neutral_m": _spread(scene.motion.x) * rng.uniform(0.5, 1.0)}
-
-
-def _van_der_pol(signal: Signal, values: Values) -> Array:
+@_outside(
+    lambda rng, scene: {"size": 1.0, "neutral_m": _spread(scene.motion.x) * rng.uniform(0.5, 1.0)},
+    inserted=False,
+)
+def van_der_pol(signal: Signal, values: Values) -> Array:
     """Damping that is negative near zero."""
     return values["size"] * ((signal.x / values["neutral_m"]) ** 2 - 1.0) * signal.v
 
@@ -189,52 +174,24 @@ def _draw_chirp(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
     return {"size": 0.05, "slow_hz": slow, "rate_hz_s": slow * rng.uniform(2.0, 5.0) / scene.duration_s}
 
 
-def _chirp(signal: Signal, values: Values) -> Array:
+@_outside(_draw_chirp)
+def chirp(signal: Signal, values: Values) -> Array:
     """A disturbance whose frequency rises."""
     turns = values["slow_hz"] * signal.t + 0.5 * values["rate_hz_s"] * signal.t**2
     return values["size"] * np.sin(2.0 * pi * turns)
 
 
-def _draw_breathing(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"size": 10.0, "frequency_hz": rng.uniform(0.3, 2.0), "phase": rng.uniform(-pi, pi)}
-
-
-def _breathing_spring(signal: Signal, values: Values) -> Array:
+@_outside(lambda rng, _: {"size": 10.0, "frequency_hz": rng.uniform(0.3, 2.0), "phase": rng.uniform(-pi, pi)})
+def breathing_spring(signal: Signal, values: Values) -> Array:
     """Stiffness that oscillates in time."""
     angle = 2.0 * pi * values["frequency_hz"] * signal.t + values["phase"]
     return values["size"] * signal.x * np.sin(angle)
 
 
-def _draw_cogging(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"size": 0.05, "speed_m_s": _spread(scene.motion.v) * rng.uniform(0.5, 1.0)}
-
-
-def _cogging(signal: Signal, values: Values) -> Array:
-    """Periodic in velocity."""
+@_outside(lambda rng, scene: {"size": 0.05, "speed_m_s": _spread(scene.motion.v) * rng.uniform(0.5, 1.0)})
+def velocity_ripple(signal: Signal, values: Values) -> Array:
+    """Cogging: periodic in velocity."""
     return values["size"] * np.sin(2.0 * pi * signal.v / values["speed_m_s"])
 
 
-def _form(
-    name: str, draw: Draw, force: Callable[[Signal, Values], Array], inserted: bool | None = None
-) -> Form:
-    return Form(name, "outside", Place.FORCE, draw, added(force), proportional("size"),
-                inserted=inserted)  # fmt: skip
-
-
-OUTSIDE = (
-    _form("position_ripple", _draw_ripple, _ripple),
-    _form("acceleration_sign", _draw_kick, _kick),
-    _form("wandering_friction", _draw_seed, _wandering_friction),
-    _form("temperature_wander", _draw_seed, _temperature),
-    _form("gain_drift", _draw_seed, _gain_drift),
-    _form("chaos", _draw_chaos, _chaos),
-    _form("one_way_spring", _draw_one_way, _one_way_spring, inserted=False),
-    _form("jerk", _draw_jerk, _jerk),
-    _form("stick_slip", _draw_stick_slip, _stick_slip),
-    _form("position_dependent_resonance", _draw_moving_mode, _moving_mode),
-    _form("local_bump", _draw_bump, _bump),
-    _form("van_der_pol", _draw_ring, _van_der_pol, inserted=False),
-    _form("chirp", _draw_chirp, _chirp),
-    _form("breathing_spring", _draw_breathing, _breathing_spring),
-    _form("velocity_ripple", _draw_cogging, _cogging),
-)
+OUTSIDE: tuple[Form, ...] = tuple(_FORMS)

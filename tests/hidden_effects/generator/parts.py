@@ -91,7 +91,6 @@ class Form:
     light: bool = False
     shares: tuple[float, float] = (0.15, 0.5)
     inserted: bool | None = None
-    motions: tuple[str, ...] = ()
     lowest_rate_hz: float = 50.0
 
 
@@ -143,8 +142,8 @@ def added(force: Callable[[Signal, Values], Array]) -> Act:
     return act
 
 
-def transmit(motion: Motion, base: Base, parts: tuple[Part, ...], until: Place = Place.CHAIN) -> Array:
-    """The force on the motion's grid after all parts up to that place, without noise.
+def transmit(motion: Motion, base: Base, parts: tuple[Part, ...]) -> Array:
+    """The force on the motion's grid before it is read, without noise.
 
     The wall's force is computed between the stage's parts and the others.
     """
@@ -155,6 +154,6 @@ def transmit(motion: Motion, base: Base, parts: tuple[Part, ...], until: Place =
             part.form.act(signal, part.values)
     signal.force = base.force(signal.x, signal.v, signal.a)
     for part in ordered:
-        if Place.STAGE < part.form.place <= until:
+        if Place.STAGE < part.form.place <= Place.CHAIN:
             part.form.act(signal, part.values)
     return signal.force

@@ -23,16 +23,11 @@ class Noise:
 class Truth:
     """What was hidden, with everything that was drawn. `shares` in the order of `parts`."""
 
-    kind: str
-    seed: int
-    size: float
     parts: tuple[Part, ...]
     shares: tuple[float, ...]
     motion: str
-    inserted: bool
     duration_s: float
     rate_hz: float
-    uniform: bool
     base: Base
     noise: Noise
 

@@ -5,15 +5,7 @@ contact_loss, stiffness_change.
 import numpy as np
 
 from tests.hidden_effects.generator.motion import log_uniform
-from tests.hidden_effects.generator.parts import (
-    Form,
-    Place,
-    Scene,
-    Signal,
-    Values,
-    added,
-    proportional,
-)
+from tests.hidden_effects.generator.parts import Form, Place, Scene, Signal, Values, added, proportional
 from tests.hidden_effects.generator.scan import Array, smoothed
 
 
@@ -39,22 +31,6 @@ def _fung(signal: Signal, values: Values) -> Array:
     return values["level_n"] * np.expm1(signal.x / values["length_m"])
 
 
-def _draw_hunt_crossley(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"damping_n_s_m2": 100.0}
-
-
-def _hunt_crossley(signal: Signal, values: Values) -> Array:
-    return values["damping_n_s_m2"] * np.maximum(signal.x, 0.0) * signal.v
-
-
-def _draw_drag(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"drag_n_s2_m2": 50.0}
-
-
-def _drag(signal: Signal, values: Values) -> Array:
-    return values["drag_n_s2_m2"] * signal.v * np.abs(signal.v)
-
-
 def _draw_asymmetric(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
     """Forward minus backward coefficient; the base's damper is the smaller of the two."""
     return {"difference_n_s_m": 1.0 if rng.random() < 0.5 else -1.0}
@@ -63,10 +39,6 @@ def _draw_asymmetric(rng: np.random.Generator, scene: Scene) -> dict[str, float]
 def _asymmetric(signal: Signal, values: Values) -> Array:
     difference = values["difference_n_s_m"]
     return difference * (np.maximum(signal.v, 0.0) if difference > 0.0 else -np.minimum(signal.v, 0.0))
-
-
-def _draw_branch(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"stiffness_n_m": 10.0, "time_constant_s": log_uniform(rng, 0.15, 3.0)}
 
 
 def _draw_two_branches(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
@@ -82,10 +54,6 @@ def _maxwell(v: Array, step_s: float, time_constant_s: float) -> Array:
     half = 0.5 * step_s / time_constant_s
     mean = 0.5 * (v + np.concatenate((v[:1], v[:-1])))
     return smoothed((1.0 - half) / (1.0 + half), mean * step_s / (1.0 + half))
-
-
-def _branch(signal: Signal, values: Values) -> Array:
-    return values["stiffness_n_m"] * _maxwell(signal.v, signal.step_s, values["time_constant_s"])
 
 
 def _two_branches(signal: Signal, values: Values) -> Array:
@@ -135,16 +103,22 @@ def _change(signal: Signal, values: Values) -> Array:
 
 
 WALL = (
-    Form("stiffening", "polynomial", Place.FORCE, _draw_polynomial, added(_polynomial),
+    Form("stiffening", "polynomial", Place.FORCE, _draw_polynomial,
+         added(_polynomial),
          proportional("quadratic_n_m2", "cubic_n_m3"), ("quadratic_n_m2", "cubic_n_m3")),
     Form("stiffening", "Fung", Place.FORCE, _draw_fung, added(_fung), proportional("level_n")),
-    Form("hunt_crossley_damping", "x v", Place.FORCE, _draw_hunt_crossley, added(_hunt_crossley),
+    Form("hunt_crossley_damping", "x v", Place.FORCE, lambda rng, scene: {"damping_n_s_m2": 100.0},
+         added(lambda signal, values: values["damping_n_s_m2"] * np.maximum(signal.x, 0.0) * signal.v),
          proportional("damping_n_s_m2"), ("damping_n_s_m2",), inserted=True),
-    Form("quadratic_drag", "v |v|", Place.FORCE, _draw_drag, added(_drag),
+    Form("quadratic_drag", "v |v|", Place.FORCE, lambda rng, scene: {"drag_n_s2_m2": 50.0},
+         added(lambda signal, values: values["drag_n_s2_m2"] * signal.v * np.abs(signal.v)),
          proportional("drag_n_s2_m2"), ("drag_n_s2_m2",)),
     Form("asymmetric_damping", "two slopes", Place.FORCE, _draw_asymmetric, added(_asymmetric),
          proportional("difference_n_s_m"), ("difference_n_s_m",)),
-    Form("stress_relaxation", "one branch", Place.FORCE, _draw_branch, added(_branch),
+    Form("stress_relaxation", "one branch", Place.FORCE,
+         lambda rng, scene: {"stiffness_n_m": 10.0, "time_constant_s": log_uniform(rng, 0.15, 3.0)},
+         added(lambda signal, values:
+               values["stiffness_n_m"] * _maxwell(signal.v, signal.step_s, values["time_constant_s"])),
          proportional("stiffness_n_m"), ("stiffness_n_m", "time_constant_s")),
     Form("stress_relaxation", "two branches", Place.FORCE, _draw_two_branches, added(_two_branches),
          proportional("fast_n_m", "slow_n_m")),
