@@ -43,18 +43,6 @@ def test_a_step_is_reached_exactly_without_overshoot_and_at_the_limits() -> None
     )  # at full speed, plus one ramp up and down
 
 
-@pytest.mark.parametrize(("asked_m", "end_m"), [(0.5, 0.1), (-3.0, -0.01)])
-def test_beyond_the_workspace_it_comes_to_rest_at_the_end_of_it(asked_m: float, end_m: float) -> None:
-    motion = limiter()
-    for _ in range(2000):
-        before_m_s = motion.velocity_m_s
-        hits = motion.follow(asked_m, 0.2, 0.0, DT_S)
-        assert abs(motion.velocity_m_s - before_m_s) <= 8.0 * DT_S + 1e-12
-        assert LimitHit("workspace", asked_m, end_m, "m") in hits
-    assert motion.position_m == pytest.approx(end_m, abs=1e-9)
-    assert -0.01 <= motion.position_m <= 0.1
-
-
 def test_speed_is_limited_and_said() -> None:
     motion = limiter(0.0)
     hits = [hit for i in range(200) for hit in motion.follow(0.5e-3 * i, 0.5, 0.0, DT_S)]

@@ -171,31 +171,6 @@ def test_a_handle_that_fails_is_let_go_in_the_same_tick_and_the_slave_hears_of_i
     ]
 
 
-def test_a_handle_that_answers_again_stays_let_go_until_the_deadman_is_pressed_anew(rig: Rig) -> None:
-    rig.compare_clocks()
-    break_handle(rig)
-    rig.step(500)
-    rig.handle.broken = False
-    rig.handle.reading = HandleReading(0.030, 0.0, True)
-    felt = len(rig.handle.felt_n)
-    rig.step(100)
-    assert not any(command.deadman for command in rig.commands[-600:])
-    assert (rig.handle.rearmed, set(rig.handle.felt_n[felt:])) == (0, {0.0})
-    rig.handle.pressed_anew = True
-    rig.step(1)
-    assert (rig.handle.rearmed, rig.commands[-1].deadman) == (1, False)
-    assert rig.commands[-1].position_m == pytest.approx(0.05)  # the stage's, wherever the hand has gone
-    rig.step(1)
-    assert rig.commands[-1].deadman
-    assert rig.commands[-1].position_m == pytest.approx(0.05)
-    rig.step(300)
-    steps = [abs(b - a) for a, b in pairwise(rig.handle.felt_n[felt:])]
-    assert max(steps) <= 0.04 + 1e-12
-    assert rig.handle.felt_n[-1] > 0.5
-    rig.axis.report(rig.now_ns)
-    assert rig.states[-1].indication == "armed"
-
-
 def test_a_re_arming_that_fails_leaves_the_handle_let_go(rig: Rig) -> None:
     break_handle(rig)
     rig.step(10)

@@ -74,18 +74,6 @@ def test_the_rendered_force_pushes_the_hand_back() -> None:
     assert yielded_m == pytest.approx(2.0 / STILL.arm_stiffness_n_m, rel=1e-3)
 
 
-def test_a_stop_cuts_the_stroke_off_and_after_it_the_next_one_begins_where_the_hand_is() -> None:
-    session = Session()
-    session.run(0.9)
-    assert session.readings[-1].velocity_m_s > 0.005
-    stopped = session.run(0.4, S.STOPPING)
-    assert not any(reading.deadman for reading in stopped)
-    assert session.operator.person.stops == 1
-    resumed = session.run(3.0)
-    assert any(reading.deadman for reading in resumed)
-    assert all(abs(b.position_m - a.position_m) < 2e-4 for a, b in pairwise(session.readings))
-
-
 METRE = st.floats(-0.5, 0.5)
 DURATION = st.floats(0.05, 60.0)
 

@@ -91,35 +91,6 @@ def test_a_wall_is_no_stiffer_than_the_bound() -> None:
     assert force_n == pytest.approx(1.6, rel=0.05)
 
 
-def test_the_energy_is_the_work_that_the_hand_has_done() -> None:
-    """1 N over 10 mm against the motion, then 1 N over 4 mm with it."""
-    hand = Hand(RenderingSettings())
-    hand.feel(1.0, ticks=500)
-    hand.feel(1.0, ticks=100, speed_m_s=0.1)
-    hand.feel(1.0, ticks=1)
-    assert hand.energy_j == pytest.approx(0.010, rel=1e-3)
-    hand.feel(1.0, ticks=100, speed_m_s=-0.04)
-    hand.feel(1.0, ticks=1)
-    assert hand.energy_j == pytest.approx(0.006, rel=1e-3)
-
-
-def _push_with_the_motion(controller: bool) -> tuple[float, float]:
-    """(energy in J, force in N) after a force of 1 N has driven the hand over 10 mm at 50 mm/s."""
-    hand = Hand(RenderingSettings(passivity_controller=controller, max_damping_n_s_m=50.0))
-    hand.feel(-1.0, ticks=500)
-    hand.feel(-1.0, ticks=200, speed_m_s=0.05)
-    return hand.energy_j, hand.renderer.force_n
-
-
-def test_a_force_that_drives_the_hand_is_damped_by_the_controller_and_only_seen_without_it() -> None:
-    energy_j, force_n = _push_with_the_motion(controller=False)
-    assert energy_j == pytest.approx(-0.010, rel=0.02)
-    assert force_n == pytest.approx(-1.0)
-    damped_j, damped_n = _push_with_the_motion(controller=True)
-    assert abs(damped_n) < 0.5  # it goes to and fro around nothing, as fast as it may
-    assert damped_j > -0.001
-
-
 def test_what_is_passive_is_not_damped() -> None:
     """A spring of 200 N/m is felt as it is, 10 mm in and out to 1.2 mm.
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from math import cos, exp, nan, pi, sin, sqrt
-from pathlib import Path
 from statistics import fmean
 from typing import Any
 
@@ -12,20 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forefeel.common.causes.model import SCHEMA
-from forefeel.common.clock import MonotonicClock
-from forefeel.common.config import Settings, checked
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.messages import Grip
 from forefeel.common.recording.recording import Array
-from forefeel.devices.simulated.driver import (
-    SimulatedGripper,
-    SimulatedLoadCell,
-    SimulatedStage,
-)
 from forefeel.devices.simulated.recorded import RecordedLoadCell
-from forefeel.slave.daemon import _devices
-from forefeel.slave.gripper import Gripper
-from forefeel.slave.load_cell import LoadCell, LoadCellReading
+from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.plant.settings import (
     LoadCellSettings,
     PresetName,
@@ -36,8 +26,6 @@ from forefeel.slave.plant.settings import (
 )
 from forefeel.slave.plant.stage import PlantStage
 from forefeel.slave.plant.world import PlantLoadCell, SimulatedWorld
-from forefeel.slave.settings import SlaveAxisSettings
-from forefeel.slave.stage import Stage
 
 MS = 1_000_000
 QUIET = {"noise_n": 0.0, "bias_n": 0.0, "drift_n_s": 0.0, "bits": 32}
@@ -127,15 +115,6 @@ def test_the_force_agrees_with_a_fine_integration_of_the_equations(name: PresetN
     assert sorted(errors)[int(0.99 * len(errors))] < 5e-3 * peak
 
 
-def test_equal_seeds_and_calls_repeat_bit_for_bit() -> None:
-    motion = stroke(0.03, 1.0)
-    first, again, other = (
-        drive(SimulatedWorld(preset("guidewire"), seed), motion, 0.5) for seed in (7, 7, 8)
-    )
-    assert first == again
-    assert first != other
-
-
 def test_strokes_add_up_when_the_fixture_regrips() -> None:
     world = SimulatedWorld(world_settings({"load_cell": QUIET}), 0)
     world.advance(0)
@@ -173,26 +152,6 @@ def test_a_stalled_host_finds_the_stage_at_rest_after_a_bounded_catch_up() -> No
 def velocity_stop_m() -> float:
     stage = preset("catheter").stage
     return stage.velocity_limit_m_s**2 / (2 * stage.acceleration_limit_m_s2) + 1e-4
-
-
-MODEL = """\
-schema: forefeel.model/1
-name: a spring
-effects:
-  - {effect: mass_damper_spring, parameters: {mass_kg: 0, damping_n_s_m: 0, stiffness_n_m: 30}}
-"""
-
-
-def test_a_model_file_beside_the_settings_is_the_contact(tmp_path: Path) -> None:
-    class Axis(Settings):
-        simulation: WorldSettings
-
-    (tmp_path / "spring.yaml").write_text(MODEL)
-    axis = checked(Axis, {"simulation": {"model": "spring.yaml"}}, "slave.yaml", directory=tmp_path)
-    contact = axis.simulation.contact
-    assert [entry.effect for entry in contact.effects] == ["mass_damper_spring"]
-    assert contact.runtime().linear_values == (0.0, 0.0, 30.0)
-    assert world_settings(axis.simulation.model_dump()) == axis.simulation
 
 
 DT = 1e-4
@@ -336,45 +295,6 @@ def test_a_recorded_force_is_interpolated_between_its_samples(at_s: float, force
 @pytest.mark.parametrize("at_s", [None, nan, -0.001, 1.06, 0.021, 0.5, 0.999])
 def test_there_is_no_force_outside_the_recording_nor_across_a_gap(at_s: float | None) -> None:
     assert RecordedLoadCell(TIMES, FORCES).read_at(at_s) == LoadCellReading(0.0, 0, False)
-
-
-def test_three_devices_share_one_world() -> None:
-    world = SimulatedWorld(preset("catheter"), 0)
-    stage: Stage = SimulatedStage(world)
-    load_cell: LoadCell = SimulatedLoadCell(world)
-    gripper: Gripper = SimulatedGripper(world)
-    for device in (stage, load_cell, gripper):
-        device.open()
-    assert stage.read(0).position_m == 0.0
-    assert stage.command(0.03, 0.0, 0) == 0.03
-    for tick in range(1, 600):
-        stage.command(0.03, 0.0, tick * MS)
-    assert stage.read(600 * MS).position_m == pytest.approx(0.03, abs=1e-5)
-    loaded_n = load_cell.read(600 * MS, None)[-1].force_n
-    assert gripper.set(Grip.OPEN, 600 * MS) is Grip.OPEN
-    unloaded_n = load_cell.read(700 * MS, 3.0)[-1].force_n
-    assert loaded_n > 0.1 > unloaded_n
-    stage.command(0.0, 0.0, 700 * MS)
-    stage.read(720 * MS)
-    stage.hold(720 * MS)
-    assert stage.read(900 * MS).velocity_m_s == 0.0
-
-
-def test_beside_real_devices_no_world_is_integrated() -> None:
-    """What nobody sees must not cost the control loop a twentieth of a millisecond each tick."""
-    axis = {"limits": {"max_force_n": 0.5}}
-    cell = {"driver": "bota_serial", "port": "/dev/null", "full_scale_n": 10.0}
-    stage = {"driver": "zaber_ascii", "port": "/dev/null", "microstep_m": 1e-7, "travel_m": [-0.01, 0.13]}
-    clock = MonotonicClock()
-    for devices, observed in (
-        ({"stage": stage, "load_cell": cell}, False),
-        ({"stage": stage}, True),
-        ({"load_cell": cell}, True),
-        ({}, True),
-    ):
-        made = _devices(SlaveAxisSettings.model_validate({**axis, **devices}), clock)
-        assert isinstance(made.gripper, SimulatedGripper)
-        assert made.gripper._world.observed is observed
 
 
 WALL = {"effect": "mass_damper_spring", "parameters": {"damping_n_s_m": 0.5, "stiffness_n_m": 10.0}}

@@ -32,14 +32,6 @@ def test_the_first_heartbeat_may_take_a_round_trip_more_than_the_next() -> None:
     assert (lease.renewed, lease.live(6999 * MS)) == (False, True)
 
 
-def test_heartbeats_of_the_holder_renew_it_and_no_others() -> None:
-    lease = held(7)
-    assert lease.renew(7, 900 * MS)
-    assert lease.live(900 * MS + LEASE_NS - 1)
-    assert not lease.renew(8, 1000 * MS)
-    assert not lease.live(900 * MS + LEASE_NS)
-
-
 def test_a_lease_that_was_let_go_is_over_and_free_and_its_id_used_up() -> None:
     lease = held(7)
     lease.release(500 * MS)
@@ -47,12 +39,6 @@ def test_a_lease_that_was_let_go_is_over_and_free_and_its_id_used_up() -> None:
     assert not lease.renew(7, 500 * MS)
     assert lease.request(7, 500 * MS, at_rest=True) == "this session id was used before"
     assert lease.request(8, 500 * MS, at_rest=True) is None
-
-
-def test_a_repeated_request_of_the_holder_is_harmless_and_does_not_renew() -> None:
-    lease = held(7)
-    assert lease.request(7, 500 * MS, at_rest=False) is None
-    assert not lease.live(LEASE_NS)
 
 
 def test_an_id_is_never_accepted_twice_however_many_follow() -> None:

@@ -143,6 +143,10 @@ STAGE = StageCalibration(
     zero=5000.0, native_per_m=1e7, travel_m=(0.0, 0.12), repeatability_m=None,
 )  # fmt: skip
 
+ANNOUNCED = (
+    "driver", "serial", "zero", "native_per_m", "repeatability_m", "gain_n", "residual_n", "hysteresis_n",
+)  # fmt: skip
+
 
 @pytest.fixture
 def rig() -> SlaveRig:
@@ -160,18 +164,12 @@ def announced(rig: SlaveRig) -> list[Calibration]:
 def test_what_the_drivers_have_loaded_is_said_every_time(rig: SlaveRig) -> None:
     rig.load_cell.calibration, rig.stage.calibration = CELL, STAGE  # type: ignore[attr-defined]
     for _ in range(2):
-        stage, cell = announced(rig)
-        assert (stage.slot, stage.driver, stage.serial, stage.date) == (
-            "stage", "zaber_ascii", "4711", "2026-03-02",
-        )  # fmt: skip
-        assert (stage.native_per_m, stage.zero, stage.repeatability_m) == (1e7, 5000.0, None)
-        assert (stage.gain_n, stage.residual_n, stage.hysteresis_n) == (None, None, None)
-        assert (cell.slot, cell.driver, cell.serial, cell.date) == (
-            "load_cell", "bota_serial", "SN-7", "2026-03-01",
-        )  # fmt: skip
-        assert (cell.gain_n, cell.zero, cell.residual_n, cell.hysteresis_n) == (1.02, -0.25, 0.001, 0.002)
-        assert (cell.native_per_m, cell.repeatability_m) == (None, None)
-        assert {stage.session_id, cell.session_id} == {SESSION}
+        heard = announced(rig)
+        assert [(said.slot, said.date, said.session_id) for said in heard] == [
+            ("stage", "2026-03-02", SESSION), ("load_cell", "2026-03-01", SESSION),
+        ]  # fmt: skip
+        for name in ANNOUNCED:
+            assert [getattr(said, name) for said in heard] == [getattr(c, name, None) for c in (STAGE, CELL)]
 
 
 def test_what_the_drivers_counted_stands_among_the_counters_of_the_slave(rig: SlaveRig) -> None:
