@@ -73,20 +73,16 @@ def test_units(quantity: Quantity, unit: str, expected: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mapping", "expected"),
+    "mapping",
     [
-        ({"time": "min:t"}, "time = 'min:t': unknown unit 'min', expected s, ms, us, ns"),
-        ({"position": "N:x"}, "position = 'N:x': unknown unit 'N', expected m, cm, mm, um"),
-        ({"force": "V:load"}, "force = 'V:load': unknown unit 'V', expected N, mN, kN, gf, kgf, lbf"),
-        ({"force": "load"}, "force = 'load': expected unit:column, e.g. N:name"),
-        ({"time": "s: "}, "time = 's: ': expected unit:column, e.g. s:name"),
-        ({"position": ":x"}, "position = ':x': unknown unit '', expected m, cm, mm, um"),
+        {"time": "min:t"}, {"position": "N:x"}, {"force": "V:load"}, {"force": "load"}, {"time": "s: "},
+        {"position": ":x"},
     ],
-)
-def test_a_bad_mapping_is_refused_before_any_file_is_read(mapping: dict[str, str], expected: str) -> None:
-    with pytest.raises(RecordingError) as caught:
+)  # fmt: skip
+def test_mapping_without_unit_or_column_is_refused(mapping: dict[str, str]) -> None:
+    ((name, value),) = mapping.items()
+    with pytest.raises(RecordingError, match=f"^{name} = {value!r}: "):
         Mapping(**mapping)
-    assert str(caught.value) == expected
 
 
 HEADER = "time_s,position_m,force_n\n"

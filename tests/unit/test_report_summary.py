@@ -123,50 +123,21 @@ def test_only_valid_answers_of_the_same_session_count(tmp_path: Path) -> None:
     assert report.zoh.max_n == pytest.approx(3.0)
 
 
-REQUIRED = (
-    "schema prediction.rms_n prediction.p95_n prediction.max_n zoh.rms_n zoh.p95_n zoh.max_n ratio.rms "
-    "settled.prediction.rms_n settled.zoh.rms_n delay_s.p50 delay_s.p99 delay_s.max delay_s.mean "
-    "force_age_s.p50 force_age_s.p99 armed_share stops clock.offset_s clock.bound_s clock.grade duration_s "
-    "seed impairment metadata parameters identifiable samples truncated counters axes notes "
-    + " ".join(
-        f"loop.{role}.{name}"
-        for role in ("master", "slave")
-        for name in ("p50_us", "p99_us", "max_us", "ticks", "missed", "scheduling")
-    )
-)
-
-
 def _parsed(report: RunReport) -> dict[str, object]:
     def refuse(constant: str) -> None:
         pytest.fail(f"{constant} in JSON")
 
     parsed: dict[str, object] = json.loads(report.to_json(), parse_constant=refuse)
+    assert RunReport.model_validate(parsed) == report
+    assert next(iter(parsed.items())) == ("schema", "forefeel.report/1")
     return parsed
 
 
-def _at(parsed: object, place: str) -> object:
-    for name in place.split("."):
-        assert isinstance(parsed, dict)
-        parsed = parsed[name]
-    return parsed
-
-
-def test_json_has_every_key(report: RunReport) -> None:
-    parsed = _parsed(report)
-    assert next(iter(parsed)) == "schema"
-    assert parsed["schema"] == "forefeel.report/1"
-    for place in REQUIRED.split():
-        assert _at(parsed, place) is not None, place
-    assert RunReport.model_validate_json(report.to_json()) == report
-
-
-def test_an_empty_run_has_every_key_too(tmp_path: Path) -> None:
+def test_an_empty_run_has_no_figures(tmp_path: Path) -> None:
     with RunWriter(tmp_path / "run.mcap"):
         pass
     report = _summary(tmp_path / "run.mcap")
     parsed = _parsed(report)
-    for place in REQUIRED.split():
-        _at(parsed, place)
     assert parsed["prediction"] == {"rms_n": None, "p95_n": None, "max_n": None}
     assert parsed["armed_share"] is None
     assert parsed["axes"] == {}
@@ -243,38 +214,6 @@ def test_every_command_that_is_not_judged_is_counted_under_one_reason(tmp_path: 
 
 
 @pytest.mark.parametrize(
-    ("last_states", "armed_s"),
-    [
-        ([(4000, True, "armed"), (4100, False, "ready"), (4400, False, "ready")], 3.0),
-        ([(4000, True, "armed"), (4100, False, "ready"), (8000, False, "handle_fault")], 7.0),
-        ([(4000, True, "armed"), (8000, True, "ready")], 7.0),  # pressed again, and refused
-    ],
-)
-def test_time_after_the_operator_has_let_go_for_good_does_not_count(
-    tmp_path: Path, last_states: list[tuple[int, bool, str]], armed_s: float
-) -> None:
-    with recorded(tmp_path / "run.mcap") as run:
-        run.safety(500, "engage", "", S.READY, S.ENGAGING)
-        for t_ms in range(0, 9001, 20):
-            run.slave_state(t_ms, S.ARMED if 1000 <= t_ms < 4200 else S.READY)
-        run.safety(4200, "release", "", S.ARMED, S.STOPPING)
-        run.safety(4220, "at_rest", "", S.STOPPING, S.READY)
-        for t_ms, deadman, indication in last_states:
-            run.master_state(t_ms, deadman=deadman, indication=indication)
-    assert _summary(tmp_path / "run.mcap").armed_share == pytest.approx(min(3.2, armed_s) / armed_s)
-
-
-def test_the_clutch_counts_until_the_end_of_the_session(tmp_path: Path) -> None:
-    with recorded(tmp_path / "run.mcap") as run:
-        for t_ms in range(0, 4001, 20):
-            run.slave_state(t_ms, S.ARMED if 1000 <= t_ms < 2000 or t_ms >= 3000 else S.READY)
-        run.safety(4000, "release", "", S.ARMED, S.STOPPING)
-        run.master_state(4000, clutched_s=1.0)
-        run.master_state(6000, clutched_s=3.0, deadman=False)
-    assert _summary(tmp_path / "run.mcap").armed_share == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(
     ("found", "amber"),
     [
         ({}, False),
@@ -330,16 +269,11 @@ def test_every_axis_has_a_report_and_the_loops_are_found_on_any(tmp_path: Path) 
     assert report.counters["impairment_slave_inbound_dropped"] == 1
 
 
-def test_ten_lines_fit_a_terminal(report: RunReport) -> None:
+def test_ten_lines_stay_ten_whatever_the_names_hold(tmp_path: Path, report: RunReport) -> None:
     lines = ten_lines(report, Path("/somewhere") / ("deep" * 40))
-    assert len(lines) == 10
-    assert all(len(line) < 100 for line in lines)
+    assert len(lines) == 10 and max(map(len, lines)) < 100
     assert "578 mN rms" in lines[1]
-    assert "0.500" in lines[2]
     assert lines[9] == DISCLAIMER
-
-
-def test_ten_lines_stay_ten_whatever_the_names_hold(tmp_path: Path) -> None:
     with RunWriter(tmp_path / "run.mcap") as writer:
         writer.add_metadata("run", {"seed": "1\n2\x1b[31m", "impairment": "wan\r"})
     lines = ten_lines(_summary(tmp_path / "run.mcap"))
