@@ -454,7 +454,7 @@ def test_homing_that_fails_or_is_interrupted_ends_with_a_stop() -> None:
                 found.home()
         free(rig)
         with pytest.raises(KeyboardInterrupt), ZaberHoming(rig.settings, rig.time):
-            rig.device.receive(b"/1 1 move vel 100000\n", rig.time.t_s)
+            rig.device.receive(b"/1 1 move max\n", rig.time.t_s)
             rig.time.run(0.1)
             assert not rig.at_rest()
             raise KeyboardInterrupt
