@@ -22,7 +22,7 @@ from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork, acquire, release
 from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.driver import Cia402Stage, command_pdo, state_pdo
-from forefeel.devices.cia402.emulator import Drive402
+from forefeel.devices.cia402.emulator import Drive402, DriveModel
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
@@ -63,7 +63,9 @@ def _hub(links: list[Path]) -> None:
 
 def _drive(link: Path) -> None:
     _prepare()
-    device = Drive402(_bus(link), _DRIVE_NODE, preset("catheter").stage, _COUNTS_PER_M, rate_hz=1000)
+    device = Drive402(
+        _bus(link), _DRIVE_NODE, DriveModel(preset("catheter").stage, _COUNTS_PER_M, rate_hz=1000)
+    )
     while True:
         device.step()
 

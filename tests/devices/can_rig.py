@@ -10,7 +10,7 @@ import can
 
 from forefeel.common.hardware.link import LinkState
 from forefeel.devices.cia402.driver import Cia402Stage
-from forefeel.devices.cia402.emulator import Drive402
+from forefeel.devices.cia402.emulator import Drive402, DriveModel
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
@@ -82,7 +82,7 @@ def cell_settings(bus: CanSettings, **changed: object) -> Cia404Settings:
 
 
 def drive_on(bus: can.BusABC, start_m: float = START_M, now_s: Callable[[], float] = monotonic) -> Drive402:
-    return Drive402(bus, DRIVE, mechanics(start_m), COUNTS_PER_M, rate_hz=1000, now_s=now_s)
+    return Drive402(bus, DRIVE, DriveModel(mechanics(start_m), COUNTS_PER_M, rate_hz=1000), now_s)
 
 
 def cell_on(bus: can.BusABC, now_s: Callable[[], float] = monotonic, **changed: Any) -> Transducer404:  # noqa: ANN401

@@ -25,11 +25,12 @@ def hosted(method: int, patience: int = 5000) -> HomingCycle:
 
 def drive(method: int) -> DriveModel:
     model = DriveModel(mechanics(), COUNTS_PER_M, rate_hz=1000)
-    model.mode, model.home_offset, model.quick_stop_option = cia402.HOMING, -500, cia402.STAY_IN_QUICK_STOP
-    model.window, model.timeout_s = 2000, 0.02
-    homing = model.homing
-    homing.method, homing.switches_m = method, (0.005, 0.02)
-    homing.search_m_s, homing.zero_m_s, homing.acceleration_m_s2 = 0.05, 0.001, 1.0
+    model.objects |= {
+        cia402.MODE: cia402.HOMING, cia402.HOME_OFFSET: -500, cia402.HOMING_METHOD: method,
+        cia402.FOLLOWING_WINDOW: 2000, cia402.FOLLOWING_TIMEOUT_MS: 20, cia402.HOMING_SEARCH_SPEED: 50_000,
+        cia402.HOMING_ZERO_SPEED: 1000, cia402.HOMING_ACCELERATION: 1_000_000,
+    }  # fmt: skip
+    model.homing.switches_m = 0.005, 0.02
     return model
 
 
@@ -72,7 +73,7 @@ def test_homed_again_it_has_to_move_again() -> None:
 
 def test_a_switch_that_does_not_answer() -> None:
     model = drive(17)
-    model.homing.no_switch = True
+    model.homing.switches_m = -1.0, 1.0
     with pytest.raises(DeviceError, match="reports an error of homing"):
         home(model, hosted(17))
     assert model.homing.phase is HomingPhase.FAILED

@@ -129,7 +129,7 @@ def test_it_homes_the_drive(pair: tuple[Drive402, BaseNode402], method: int, edg
 
 def test_a_homing_without_its_switch_is_an_error(pair: tuple[Drive402, BaseNode402]) -> None:
     drive, node = pair
-    drive.provoke("no_switch")
+    drive.model.homing.switches_m = -1.0, 1.0
     node.sdo[0x6098].raw = 17
     node.sdo[0x6099][1].raw, node.sdo[0x6099][2].raw, node.sdo[0x609A].raw = 100_000, 2_000, 20_000_000
     assert not node.homing(timeout=10)
