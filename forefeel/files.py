@@ -3,38 +3,36 @@
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.interrupt import at_last, heeded
 
 
 def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> Path:
-    """The folder, made where it is missing; earlier results are replaced only when that was asked for.
+    """Makes the folder where it is missing; earlier results stay until the command replaces them.
 
     Args:
         folder: what `--out` says.
         ours: names of the files that the command writes; no other is touched.
         what: the earlier results in words, such as `an earlier run`.
-        overwrite: whether they may go.
+        overwrite: whether they may be replaced.
 
     Raises:
         ConfigurationError: a file, not writable, short of space, or with earlier results.
     """
     if folder.exists() and not folder.is_dir():
         raise ConfigurationError(f"--out {folder}: is a file; expected a folder")
-    old = [folder / name for name in ours if (folder / name).exists()]
-    if old and not overwrite:
+    if not overwrite and any((folder / name).exists() for name in ours):
         raise ConfigurationError(f"--out {folder}: holds {what}; expected another folder, or --overwrite")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if shutil.disk_usage(folder).free < 200e6:
             raise ConfigurationError(f"--out {folder}: less than 200 MB free; expected room for the results")
-        _prove_writable(folder)
-        for path in old:
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        TemporaryFile(dir=folder).close()
     except OSError as error:
         raise ConfigurationError(
             f"--out {folder}: {error.strerror}; expected a folder that can be written"
@@ -57,26 +55,6 @@ def check_new_file(out: Path, suffixes: Sequence[str], expected: str, overwrite:
         raise ConfigurationError(f"--out {out}: exists, expected a new file, or --overwrite")
 
 
-@contextmanager
-def results_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> Iterator[None]:
-    """As `fresh_folder`, for results that are written at the end of the body: earlier ones stay until then.
-
-    When the body fails, folders that were made for it and hold nothing go again.
-
-    Raises:
-        ConfigurationError: see `fresh_folder`.
-    """
-    made = [path for path in (folder, *folder.parents) if not path.exists()]
-    try:
-        fresh_folder(folder, () if overwrite else ours, what, overwrite)
-        yield
-    except BaseException:
-        for path in made:
-            with suppress(OSError):  # not empty, or not made yet
-                path.rmdir()
-        raise
-
-
 def write_all(folder: Path, texts: Mapping[str, str], written: list[str]) -> None:
     """Every text to its file, in order, and its name to `written`; a signal waits until all are there.
 
@@ -87,13 +65,6 @@ def write_all(folder: Path, texts: Mapping[str, str], written: list[str]) -> Non
         for name, text in texts.items():
             write_whole(folder / name, text)
             written.append(name)
-
-
-def _prove_writable(folder: Path) -> None:
-    """Raises OSError where no file can be made, before anything runs for it."""
-    probe = folder / f".{os.getpid()}.part"
-    with at_last(partial(probe.unlink, missing_ok=True)):
-        probe.touch(exist_ok=False)
 
 
 def write_whole(path: Path, text: str, what: str = "the report") -> None:

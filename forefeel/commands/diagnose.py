@@ -53,14 +53,11 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.diagnose.run import DiagnosisOptions, run_diagnosis  # noqa: PLC0415 - the help needs none of it
-    from forefeel.files import folder_named_after  # noqa: PLC0415
+    from forefeel.common.model_file import load_model  # noqa: PLC0415 - the help needs none of it
+    from forefeel.diagnose.examine import Task  # noqa: PLC0415
+    from forefeel.diagnose.run import run_diagnosis  # noqa: PLC0415
 
-    out = out or folder_named_after(files[0])
     columns = time_column, position_column, force_column
     with output(as_json, quiet):
-        run_diagnosis(
-            DiagnosisOptions(
-                files, out, together, model, jobs, scheduler, overwrite, columns, axis, replay, page
-            )
-        )
+        task = Task(files[0], (), columns, axis, load_model(model) if model else None, replay, page)
+        run_diagnosis(files, out, task, together, jobs, scheduler, overwrite)

@@ -42,12 +42,10 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.evaluate.run import EvaluationOptions, run_evaluation  # noqa: PLC0415 - the help needs none of it
-    from forefeel.files import folder_named_after  # noqa: PLC0415
+    from forefeel.diagnosis.evaluation.arrivals import DelayedLink  # noqa: PLC0415 - the help needs none of it
+    from forefeel.evaluate.run import run_evaluation  # noqa: PLC0415
 
-    out = out or folder_named_after(files[0])
+    link = DelayedLink(delay, jitter, loss, seed)
     columns = time_column, position_column, force_column
     with output(as_json, quiet):
-        run_evaluation(
-            EvaluationOptions(tuple(files), delay, jitter, loss, seed, model, columns), out, overwrite
-        )
+        run_evaluation(files, link, model, columns, out, overwrite)

@@ -17,7 +17,7 @@ from forefeel.diagnose.answer import named, noise_text
 from forefeel.diagnose.examine import FILES, JSON, PAGE, Result, Task
 from forefeel.diagnose.parallel import TaskOutcome, outcomes
 from forefeel.diagnosis.verdict import Diagnosis
-from forefeel.files import results_folder, write_all
+from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.report.wording import DISCLAIMER
 from forefeel.terminal import answer, progress, say, table
@@ -56,10 +56,8 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
     """
     files = recordings_in(task.file)
     summary = Summary()
-    with (
-        ends_in_order("diagnosis", out) as written,
-        results_folder(out, (SUMMARY,), EARLIER, overwrite),
-    ):
+    with ends_in_order("diagnosis", out) as written:
+        fresh_folder(out, (SUMMARY,), EARLIER, overwrite)
         tasks = [replace(task, file=file) for file in _free(files, out, overwrite, summary)]
         with heeded() as stop, closing(outcomes(tasks, jobs, scheduler, stop.check)) as found:
             for outcome in _shown(found, len(tasks), task.file.name):
@@ -123,11 +121,11 @@ def _take(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, wr
         return
     folder = out / file.stem
     try:
-        with results_folder(folder, FILES, EARLIER, overwrite):
-            save(folder, outcome.result, [])
+        fresh_folder(folder, FILES, EARLIER, overwrite)
     except InputError as error:
         _skip(file, f"{file}: {error}", summary)
         return
+    save(folder, outcome.result, [])
     written.append(f"{file.stem}/")
     summary.diagnosed[file.stem] = outcome.result.diagnosis
 

@@ -1,5 +1,6 @@
 """One loopback run from its options to the ten lines."""
 
+import shutil
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -58,6 +59,8 @@ def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]
     plan.slave_settings()
     plan.master_settings()
     fresh_folder(folder, _OURS, "an earlier run", how.overwrite)
+    for path in (folder / name for name in _OURS):
+        shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     for note in plan.notes:
         say(note)
     viewer = Viewer(how.opens, say) if how.dashboard else None
