@@ -2,32 +2,27 @@
 
 import json
 import os
+import re
 import select
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from forefeel.child_process import die_with_parent
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.hardware.driver import (
-    SLOTS,
-    InstalledDriver,
-    every_driver,
-    imported,
-    installed_driver,
-)
+from forefeel.common.hardware.driver import InstalledDriver, every_driver, imported
 from forefeel.common.runtime.real import HOST
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.emulation.bench import Emulation, Load, SerialBench, Surroundings
 from forefeel.devices.emulation.pty import Pty, PtyServer
 from forefeel.devices.shared.settings import CanSettings
-from forefeel.interrupt import Stop, heeded
+from forefeel.interrupt import heeded
 from forefeel.master.settings import MasterSettings
 from forefeel.probe.configured import configured
 from forefeel.slave.plant.settings import WorldSettings, preset
@@ -35,26 +30,17 @@ from forefeel.slave.settings import SlaveSettings
 from forefeel.terminal import complain
 
 _PRIORITY = 60  # of SCHED_FIFO, above the daemons' loops: the device stands for hardware of its own
-_LONGEST_LINE = 200  # characters of an order
-_SHOWN_CHARACTERS = 40  # characters of an unknown order that the complaint repeats
-_CHUNK_BYTES = 4096  # bytes of one read
-_MOST_N = 1e6  # N, largest load
+_NUMBER = re.compile(r"-?\d{1,6}(\.\d*)?")
 CAN_HUB = "can_hub"
+
+
+def emulated_drivers() -> dict[str, InstalledDriver]:
+    return {found.name: found for found in every_driver() if found.driver.emulator}
 
 
 def emulated_names() -> list[str]:
     """What `forefeel emulate` takes: every installed driver with an emulator, and the hub of CAN adapters."""
-    return [*sorted({found.name for found in every_driver() if found.driver.emulator}), CAN_HUB]
-
-
-def emulated_driver(name: str) -> InstalledDriver | None:
-    """The installed driver of that name that has an emulator."""
-    for slot in SLOTS:
-        with suppress(KeyError):
-            found = installed_driver(slot, name)
-            if found.driver.emulator:
-                return found
-    return None
+    return [*sorted(emulated_drivers()), CAN_HUB]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,25 +61,21 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
     Raises:
         InputError: an unknown device, a file or a place for the port that can not be used.
     """
-    driver = emulated_driver(options.device)
+    driver = emulated_drivers().get(options.device)
     if driver is None and options.device != CAN_HUB:
         raise ConfigurationError(f"{options.device!r}: expected one of {', '.join(emulated_names())}")
     die_with_parent()
     HOST.prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
     with heeded() as stop, ExitStack() as leave:
         running = _hub(options, leave) if driver is None else _emulated(driver, options, leave)
-        orders = OrdersFromStdin(OrderReader(running.living.faults, running.living.provoke, running.load))
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # in the background reading fails, and stops nothing
         HOST.prepare_process()  # nor for its own collector of garbage
-        _run(running.living, orders, duration_s, stop)
+        end_s = None if duration_s is None else time.monotonic() + duration_s
+        while not stop.wanted() and (end_s is None or time.monotonic() < end_s):
+            obey_stdin(running.living, running.load)
+            running.living.step()
         with suppress(OSError):  # of a terminal that is gone
             print(json.dumps({"device": options.device, **running.counts()}), flush=True)
-
-
-def _run(living: "Living", orders: "OrdersFromStdin", duration_s: float | None, stop: Stop) -> None:
-    end_s = None if duration_s is None else time.monotonic() + duration_s
-    while not stop.wanted() and (end_s is None or time.monotonic() < end_s):
-        orders.step()
-        living.step()
 
 
 class Living(Protocol):
@@ -125,15 +107,12 @@ def _emulated(driver: InstalledDriver, options: EmulatorOptions, leave: ExitStac
     bench = emulation.build(settings, around, leave)
     if isinstance(bench, SerialBench):
         return _serial(bench, options, load, leave)
-    about: dict[str, Any]
     if emulation.on_can:
-        about = {"node": settings.node_id}
         where = f"node {settings.node_id} on {settings.can.interface} {settings.can.channel}"
     else:
-        about = {"where": str(getattr(settings, emulation.port_key))}
-        where = f"on {about['where']}"
+        where = f"on {getattr(settings, emulation.port_key)}"
     print(f"{options.device} {where}", flush=True)
-    return Running(bench, lambda: about, load)
+    return Running(bench, dict, load)
 
 
 def _serial(bench: SerialBench, options: EmulatorOptions, load: Load | None, leave: ExitStack) -> Running:
@@ -172,119 +151,51 @@ def section(
         return emulation.settings(driver, options.port), preset("catheter")
     daemon = load_daemon(options.config)
     assert isinstance(daemon, SlaveSettings | MasterSettings)
-    names = [axis.name for axis in daemon.axes]
-    axis = next((axis for axis in daemon.axes if options.axis in (None, axis.name)), None)
-    if axis is None:
+    devices = [each for each in configured(daemon) if options.axis in (None, each.axis)]
+    device = next((each for each in devices if each.driver == driver), None)
+    if device is None:
+        axis = "" if options.axis is None else f"--axis {options.axis}: "
+        names = ", ".join(each.name for each in daemon.axes)
         raise ConfigurationError(
-            f"--axis {options.axis}: expected one of {', '.join(names)}, the axes of {options.config}"
+            f"{axis}{options.config}: no driver {options.device!r}; expected one on an axis of {names}"
         )
-    devices = [device.settings for device in configured(daemon) if device.axis == axis.name]
-    found = next((settings for settings in devices if isinstance(settings, driver.driver.settings)), None)
-    if found is None:
-        raise ConfigurationError(
-            f"{options.config}: axis {axis.name} has no driver {options.device!r}; expected one"
-        )
-    changed = (
-        found if options.port is None else found.model_copy(update=_elsewhere(found, emulation, options.port))
-    )
-    world = axis.simulation if hasattr(axis, "simulation") else preset("catheter")
-    return changed, world
+    settings = device.settings
+    if options.port is not None:
+        place = emulation.place(options.port)
+        if emulation.on_can:
+            place = {"can": CanSettings(**place["can"], bitrate=settings.can.bitrate)}
+        settings = settings.model_copy(update=place)
+    axis_settings = next(each for each in daemon.axes if each.name == device.axis)
+    return settings, getattr(axis_settings, "simulation", None) or preset("catheter")
 
 
-def _elsewhere(settings: Any, emulation: Emulation, port: str) -> dict[str, Any]:  # noqa: ANN401
-    place = emulation.place(port)
-    return {"can": CanSettings(**place["can"], bitrate=settings.can.bitrate)} if emulation.on_can else place
+def obey(line: str, living: Living, load: Load | None) -> None:
+    """Obeys `load 1.5` where there is a load cell, and the name of a fault of the device.
 
-
-# --- what a person or a script tells it while it runs ---
-
-
-class OrderReader:
-    """Obeys lines: `load 1.5` where there is a load cell, and the names of the device's faults.
-
-    Args:
-        faults: the names.
-        provoke: begins one of them.
-        load: what `load` changes; None: no load cell.
+    Raises:
+        ConfigurationError: another line; nothing has changed.
     """
-
-    def __init__(self, faults: Sequence[str], provoke: Callable[[str], None], load: Load | None) -> None:
-        self._faults, self._provoke, self._load = tuple(faults), provoke, load
-
-    @property
-    def words(self) -> str:
-        return ", ".join(([] if self._load is None else ["load N"]) + list(self._faults))
-
-    def obey(self, line: str) -> None:
-        """One line; an empty one is nothing.
-
-        Raises:
-            ConfigurationError: not one of the commands; nothing has changed.
-        """
-        words = line.split()
-        if not words:
-            return
-        if len(words) == 1 and words[0] in self._faults:
-            self._provoke(words[0])
-        elif words[0] == "load" and len(words) == 2 and self._load is not None and len(line) <= _LONGEST_LINE:
-            self._load.force_n = _force_n(words[1])
-        else:
-            raise ConfigurationError(f"{line.strip()[:_SHOWN_CHARACTERS]!r}: expected {self.words}")
+    match line.split():
+        case []:
+            pass
+        case [fault] if fault in living.faults:
+            living.provoke(fault)
+        case ["load", force_n] if load is not None and _NUMBER.fullmatch(force_n):
+            load.force_n = float(force_n)
+        case _:
+            loads = [] if load is None else ["load N"]
+            raise ConfigurationError(f"{line.strip()[:40]!r}: expected {', '.join([*loads, *living.faults])}")
 
 
-def _force_n(word: str) -> float:
+def obey_stdin(living: Living, load: Load | None) -> None:
+    """Obeys the lines that have come on stdin, which need not be open; a wrong one is answered on stderr."""
     try:
-        force_n = float(word)
-    except ValueError:
-        force_n = float("nan")
-    if not (isfinite(force_n) and abs(force_n) <= _MOST_N):
-        raise ConfigurationError(f"'load {word}': expected a force in N, such as load 1.5")
-    return force_n
-
-
-class OrdersFromStdin:
-    """Reads stdin as far as lines have come, without ever waiting. It need not be open, and may end.
-
-    A line that is wrong is answered on stderr. In the background of a terminal nothing is read: the system
-    would stop the process for it.
-    """
-
-    def __init__(self, orders: OrderReader) -> None:
-        self._orders = orders
-        self._end = _open_stdin()
-        self._partial = b""
-
-    def step(self) -> None:
-        if self._end is None or not select.select([self._end], [], [], 0.0)[0] or _in_background(self._end):
-            return
+        ready = sys.stdin is not None and select.select([sys.stdin], [], [], 0.0)[0]
+        lines = os.read(sys.stdin.fileno(), 4096).decode("utf-8", "replace") if ready else ""
+    except OSError:  # of a terminal that is gone, or that another process reads
+        return
+    for line in lines.splitlines():
         try:
-            data = os.read(self._end, _CHUNK_BYTES)
-        except OSError:
-            data = b""
-        *lines, partial = (self._partial + data).split(b"\n")
-        if not data:
-            self._end, lines, partial = None, [*lines, partial], b""
-        self._partial = partial[: _LONGEST_LINE + 1]
-        for line in lines:
-            self._obey(line.decode("utf-8", "replace"))
-
-    def _obey(self, line: str) -> None:
-        try:
-            self._orders.obey(line)
+            obey(line, living, load)
         except ConfigurationError as error:
             complain(str(error))
-
-
-def _open_stdin() -> int | None:
-    """Its descriptor; None where there is none (a closed one may be another file by now)."""
-    try:
-        return None if sys.stdin is None else sys.stdin.fileno()
-    except (OSError, ValueError):
-        return None
-
-
-def _in_background(end: int) -> bool:
-    try:
-        return os.isatty(end) and os.tcgetpgrp(end) != os.getpgrp()
-    except OSError:
-        return True
