@@ -27,7 +27,6 @@ from forefeel.common.topics import Role
 from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.common.transport.security import Party
 from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
-from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import Stop, heeded
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterSettings
@@ -222,7 +221,6 @@ class Process:
         """Shows notices on the console; tells systemd how the daemon does."""
         self.notifier = ConsoleNotifier(self.role, {axis.name: axis.events.notices for axis in axes}, say)
         self.runtime.task("notices", _NOTICES_NS, self.notifier.serve)
-        warn_of_latency(self.role, self.settings)
 
         def status(now_ns: int) -> str:
             return "; ".join(f"axis {axis.name}: {axis.status(now_ns)}" for axis in axes)
@@ -361,13 +359,6 @@ class SessionWatch:
         axes = ", ".join(axis.name for axis in self._missing())
         missing = f"no slave of cell {self._settings.cell}, axis {axes} answers there"
         return unheard(self._settings.transport, self._transport.peers() > 0, missing)
-
-
-def warn_of_latency(role: str, settings: DaemonSettings) -> None:
-    """A line for each serial adapter that delays every answer."""
-    ports = dict.fromkeys(device.serial_port for device in configured(settings) if device.serial_port)
-    for warning in filter(None, map(latency_warning, ports)):
-        say(f"{role}: {warning}")
 
 
 async def _until_end(

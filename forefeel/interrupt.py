@@ -105,22 +105,21 @@ def heeded(tell: Callable[[], object] | None = None) -> Iterator[Stop]:
 
 
 @contextmanager
-def breakable(ended: Callable[[], str]) -> Iterator[None]:
-    """The first signal raises KeyboardInterrupt in the body, inside of `heeded`: for devices and persons that
-    are waited for in plain Python, where nothing swallows it. `ended`: what it ended, in words.
+def breakable(ended: str) -> Iterator[None]:
+    """The first signal raises KeyboardInterrupt in the body: for devices and persons that are waited for in
+    plain Python, where nothing swallows it. No later one cuts the end of the body short.
 
     Raises:
-        RunError: a signal came, here or before.
+        RunError: a signal came; `ended` says what it ended.
     """
-    _stop.breaks = True
-    try:
-        if _stop.first_s is not None:
-            raise KeyboardInterrupt
-        yield
-    except KeyboardInterrupt:
-        raise RunError(ended()) from None
-    finally:
-        _stop.breaks = False
+    with heeded(lambda: None):
+        _stop.breaks = True
+        try:
+            yield
+        except KeyboardInterrupt:
+            raise RunError(ended) from None
+        finally:
+            _stop.breaks = False
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """What a calibration computes and when it is refused. Pure: readings in, numbers out; no clock, no device."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 from math import hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
@@ -9,9 +8,7 @@ from forefeel.common.errors import ConfigurationError, RunError
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # m/s^2, exact by definition (3rd CGPM, 1901)
 LEAST_READINGS = 10  # of a level
-STEADY_SHARE = 0.005  # of the range, by which a level may drift while it is read: the default of `--steady`
-NOISE_SHARE = 0.02  # of the range, rms: four times the drift, for noise is averaged away
-RESIDUAL_SHARE = 0.01  # of the range, by which a level may lie off the line
+_NOISE = 4.0  # rms, in units of the drift that is allowed: noise is averaged away
 _SHOWN = 3.0  # a drift of that many of its standard deviations is one
 
 
@@ -60,7 +57,7 @@ def level_of(times_s: Sequence[float], natives: Sequence[float]) -> Level:
 
 
 def require_steady(
-    level: Level, newton_per_native: float, range_n: float, what: str, steady_share: float = STEADY_SHARE
+    level: Level, newton_per_native: float, range_n: float, what: str, steady_share: float
 ) -> None:
     """Refuses a level whose readings move.
 
@@ -76,7 +73,7 @@ def require_steady(
         RunError: with what was found and what is allowed.
     """
     scale_n, allowed_n = abs(newton_per_native), steady_share * range_n
-    noise_n, noise_allowed_n = level.std * scale_n, allowed_n * NOISE_SHARE / STEADY_SHARE
+    noise_n, noise_allowed_n = level.std * scale_n, _NOISE * allowed_n
     if not noise_n <= noise_allowed_n:
         raise RunError(
             f"{what}: the reading moves: noise {noise_n:.3g} N rms, allowed {noise_allowed_n:.3g} N; "
@@ -133,22 +130,23 @@ def fit(steps: Sequence[Step]) -> CalibrationFit:
     the readings are not.
 
     Raises:
-        RunError: fewer than two different loads, or the reading does not follow the load.
+        RunError: fewer than two different loads, or every load reads the same.
     """
     forces = [step.force_n for step in steps]
     if len(set(forces)) < 2:
         raise RunError(f"{len(set(forces))} load: expected at least two different ones, 0 N among them")
-    _require_monotonic(steps)
     n = len(steps)
     mean_n, mean = sum(forces) / n, sum(step.level.mean for step in steps) / n
     spread = sum((force - mean_n) ** 2 for force in forces)
     slope = sum((step.force_n - mean_n) * (step.level.mean - mean) for step in steps) / spread
+    if not slope:
+        raise RunError("every load reads the same; check the weights and the cell")
     gain_n, zero = 1.0 / slope, mean - slope * mean_n
     left = [step.force_n - gain_n * (step.level.mean - zero) for step in steps]
     return CalibrationFit(gain_n, zero, hypot(*left) / sqrt(n), abs(gain_n) * _largest_difference(steps))
 
 
-def require_line(found: CalibrationFit, range_n: float, residual_share: float = RESIDUAL_SHARE) -> None:
+def require_line(found: CalibrationFit, range_n: float, residual_share: float) -> None:
     """Refuses a cell that is not linear enough.
 
     Raises:
@@ -158,24 +156,8 @@ def require_line(found: CalibrationFit, range_n: float, residual_share: float = 
     if not found.residual_n <= allowed_n:
         raise RunError(
             f"residual {found.residual_n:.3g} N rms, allowed {allowed_n:.3g} N ({residual_share:.1%} of "
-            f"{range_n:.3g} N), hysteresis {found.hysteresis_n:.3g} N: the readings are no line of the loads"
-        )
-
-
-def _require_monotonic(steps: Sequence[Step]) -> None:
-    """More load must read as more (or always as less), from every step to the next."""
-    rises = [
-        (after.level.mean - before.level.mean) / (after.force_n - before.force_n)
-        for before, after in pairwise(steps)
-        if after.force_n != before.force_n
-    ]
-    turn = next((i for i, rise in enumerate(rises) if rise * rises[0] <= 0.0), None)
-    if turn is not None:
-        pairs = [(a, b) for a, b in pairwise(steps) if a.force_n != b.force_n]
-        before, after = pairs[turn]
-        raise RunError(
-            f"not monotonic: {before.force_n:.4g} N reads {before.level.mean:.6g}, "
-            f"{after.force_n:.4g} N reads {after.level.mean:.6g}; check the weights and their order"
+            f"{range_n:.3g} N), hysteresis {found.hysteresis_n:.3g} N: the readings are no line of the "
+            "loads; check the weights and their order"
         )
 
 

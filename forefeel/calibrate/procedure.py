@@ -1,17 +1,255 @@
-"""What the calibrations share: the person who is asked, the device that answers, the dated file."""
+"""`forefeel calibrate`: the person who is asked, what the device gives, the dated file.
+
+A load cell: unloaded, every load up and down, unloaded again; the line through them. A stage: home twice, the
+way from end to end; asked before it moves.
+"""
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from forefeel.calibrate.measuring import (
+    LEAST_READINGS,
+    STANDARD_GRAVITY_M_S2,
+    Level,
+    Step,
+    fit,
+    forces_of,
+    level_of,
+    range_of,
+    require_line,
+    require_steady,
+    require_travel,
+    travel_of,
+    walk_of,
+)
+from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.config import dump_yaml
-from forefeel.common.errors import ConfigurationError, DeviceSetupError, RunError
+from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError, RunError
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
+from forefeel.common.hardware.driver import Slot
 from forefeel.common.hardware.link import DeviceLink
+from forefeel.common.runtime.real import HOST
+from forefeel.common.state.folder import LATCHED, StateFolder, state_path
+from forefeel.common.state.latch import latched
+from forefeel.daemon_settings import load_daemon
 from forefeel.files import check_new_file, write_whole
-from forefeel.probe.configured import ConfiguredDevice
+from forefeel.interrupt import breakable
+from forefeel.probe.configured import ConfiguredDevice, device_of
+from forefeel.slave.load_cell import NativeLoadCell, NativeReading
 from forefeel.terminal import answer, ask, say
+
+_POLL_NS = 5_000_000  # ns between two looks for readings, which a queue keeps meanwhile
+_SLOWEST_S = 30.0  # s in which a level must be read: a cell of one reading a second needs some ten
+_INTERRUPTED = "calibration interrupted; nothing was written"
+_PRIORITY = 50  # of SCHED_FIFO, the default of `realtime.priority`
+
+
+class Target(NamedTuple):
+    """The device, and the file that its calibration goes to. `yes`: nobody is asked."""
+
+    config: Path
+    axis: str
+    out: Path
+    yes: bool = False
+    overwrite: bool = False
+    valid_days: int = 365
+
+    def device(self, slot: Slot) -> ConfiguredDevice:
+        """The device of that slot, once the file can be written.
+
+        Raises:
+            ConfigurationError: it can not, or there is no such device.
+        """
+        check_new_file(self.out, (".yaml", ".yml"), ".yaml", self.overwrite)
+        if not os.access(self.out.parent, os.W_OK):
+            raise ConfigurationError(f"--out {self.out}: expected a folder that exists and can be written")
+        return device_of(self.config, self.axis, slot)
+
+
+def run_load_cell(  # noqa: PLR0913 - what the user asked for
+    target: Target,
+    weights: str | None,
+    forces: str | None,
+    *,
+    settle_s: float = 1.0,
+    average_s: float = 0.5,
+    steady_share: float = 0.005,
+    residual_share: float = 0.01,
+    temperature_c: float | None = None,
+    clock: SleepingClock | None = None,
+) -> None:
+    """Calibrates a load cell and writes the file.
+
+    Args:
+        target: the device and the file.
+        weights: in kg, with commas.
+        forces: in N, in place of weights.
+        settle_s: wait after a load was changed.
+        average_s: how long each load is read.
+        steady_share: of the range, by which the readings may drift meanwhile.
+        residual_share: of the range, rms by which the levels may lie off the line.
+        temperature_c: of the cell, for the file.
+        clock: of the readings.
+
+    Raises:
+        InputError: the options, the configuration or the device is not as expected; nothing was written.
+        RunError: refused for what was measured, interrupted; nothing was written.
+        DeviceError: the cell failed.
+    """
+    loads_n = _loads_n(weights, forces)
+    device = target.device("load_cell")
+    full_scale_n, largest_n = device.settings.full_scale_n, max(map(abs, loads_n))
+    if largest_n > full_scale_n:
+        raise ConfigurationError(
+            f"load {largest_n:.4g} N: expected at most load_cell.full_scale_n = {full_scale_n:g} N"
+        )
+    (low_n, high_n), sign, steps = range_of(loads_n), device.settings.sign, list[Step]()
+    time = clock or MonotonicClock()
+    cell: NativeLoadCell = device.driver.make(device.settings, time)
+    with breakable(_INTERRUPTED), closing(cell):
+        cell.open_native()
+        serial = _introduced(device, cell.link)
+        for force_n in walk_of(loads_n):
+            load = f"{force_n:.5g} N ({force_n / STANDARD_GRAVITY_M_S2:.5g} kg)" if force_n else "no load"
+            request = f"Apply {load}" if force_n else "Unload the cell"
+            ask_person(request, ", then press Enter", target.yes)
+            level = _level(cell, time, load, settle_s, average_s)
+            require_steady(level, cell.scale.newton_per_native, high_n - low_n, load, steady_share)
+            steps.append(Step(force_n, level))
+            say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
+    # the sign of the settings is applied after the calibration, so it is no part of the gain
+    found = fit([Step(sign * step.force_n, step.level) for step in steps])
+    require_line(found, high_n - low_n, residual_share)
+    if flaw := cell.scale.flaw(found.gain_n, found.zero):
+        raise RunError(f"{flaw}; correct load_cell (its sign, too), or the weights; nothing was written")
+    calibration = LoadCellCalibration(
+        format="forefeel.load_cell_calibration/1",
+        **_of(device, serial, target),
+        **found._asdict(),
+        range_n=(low_n, high_n),
+        temperature_c=temperature_c,
+        points=tuple((step.level.mean, step.force_n) for step in steps),
+    )
+    _write(
+        target.out,
+        calibration,
+        f"Gain        {found.gain_n:.6g} N per native unit, zero {found.zero:.6g}, {len(steps)} steps",
+        f"Residual    {found.residual_n:.3g} N rms, {found.residual_n / (high_n - low_n):.2%} of the range",
+        f"Hysteresis  {found.hysteresis_n:.3g} N, the largest difference between up and down",
+    )
+
+
+def _loads_n(weights: str | None, forces: str | None) -> list[float]:
+    if forces is not None and weights is None:
+        return forces_of(forces, 1.0, "--forces")
+    if weights is None or forces is not None:
+        raise ConfigurationError("--weights, --forces: expected one of them")
+    loads_n = forces_of(weights, STANDARD_GRAVITY_M_S2, "--weights")
+    if min(loads_n) < 0.0:
+        raise ConfigurationError(f"--weights {weights}: a weight below 0; expected kg, or --forces in N")
+    return loads_n
+
+
+def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: float, average_s: float) -> Level:
+    """Reads the load once it has settled."""
+    settled_ns = clock.now_ns() + round(settle_s * 1e9)
+    found: list[NativeReading] = []
+    while len(found) < LEAST_READINGS or found[-1].stamp_ns - found[0].stamp_ns < average_s * 1e9:
+        if clock.now_ns() - settled_ns > _SLOWEST_S * 1e9:
+            raise DeviceError(
+                f"{len(found)} readings within {_SLOWEST_S:g} s: expected at least {LEAST_READINGS}"
+            )
+        read = cell.read_native(clock.now_ns())  # meanwhile, too: a cell that fails is noticed
+        found += read if clock.now_ns() > settled_ns else ()
+        clock.sleep_until_ns(clock.now_ns() + _POLL_NS)
+    if not all(reading.valid for reading in found):
+        raise RunError(f"{load}: readings that are not valid; expected the cell within its range")
+    times_s = [(reading.stamp_ns - found[0].stamp_ns) * 1e-9 for reading in found]
+    return level_of(times_s, [reading.native for reading in found])
+
+
+def run_stage(
+    target: Target, velocity_m_s: float, repeatability_m: float = 50e-6, clock: SleepingClock | None = None
+) -> None:
+    """Calibrates a stage and writes the file.
+
+    Raises:
+        InputError: the options, the configuration or the device is not as expected; nothing moved.
+        RunError: an emergency stop is latched, it was refused for what was found, or interrupted (the stage
+            is stopped); nothing was written.
+        DeviceError: the stage failed.
+    """
+    device = target.device("stage")
+    settings = device.settings
+    if velocity_m_s > settings.max_velocity_m_s:
+        raise ConfigurationError(
+            f"--velocity {velocity_m_s:g}: expected at most stage.max_velocity_m_s = "
+            f"{settings.max_velocity_m_s:g}"
+        )
+    way_m = settings.travel_m[1] - settings.travel_m[0]
+    intent = (
+        f"The stage will home twice and go its whole travel, {1e3 * way_m:.4g} mm by its settings, "
+        f"at {1e3 * velocity_m_s:.3g} mm/s: take out the instrument, clear the way, keep the stop at hand"
+    )
+    with (
+        breakable(_INTERRUPTED),
+        _no_slave_beside(target.config),
+        device.driver.make_homing(settings, clock or MonotonicClock()) as stage,
+    ):
+        serial = _introduced(device, stage.link)
+        if ask_person(intent, ". Type yes to go on", target.yes) not in ("yes", "y"):
+            raise RunError("not confirmed; nothing moved, nothing written")
+        HOST.prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
+        say("homing")
+        stage.home()
+        say("travelling from end to end")
+        ends = stage.travel_ends(velocity_m_s)
+        say("homing again")
+        again = stage.home()
+    travel = travel_of(again.native, ends, again.shift, settings.native_per_m, settings.sign)
+    require_travel(travel, settings.travel_m, repeatability_m)
+    off_m, (low_mm, high_mm) = travel.repeatability_m, (1e3 * end_m for end_m in travel.ends_m)
+    calibration = StageCalibration(
+        format="forefeel.stage_calibration/1",
+        **_of(device, serial, target),
+        zero=again.native,
+        native_per_m=settings.native_per_m,
+        travel_m=travel.ends_m,
+        repeatability_m=off_m,
+    )
+    _write(
+        target.out,
+        calibration,
+        f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm",
+        "Home        "
+        + ("not told by the device" if off_m is None else f"found again within {1e6 * off_m:.3g} um"),
+    )
+
+
+@contextmanager
+def _no_slave_beside(config: Path) -> Iterator[None]:
+    """Holds the slave's state folder while the body moves its devices.
+
+    Raises:
+        ConfigurationError: the slave of this file runs.
+        RunError: an emergency stop is latched.
+    """
+    folder = state_path(load_daemon(config), "slave", os.environ)
+    if not folder.is_dir():  # no slave has ever used it
+        yield
+        return
+    with StateFolder(folder):
+        for axis, reason in latched(folder / LATCHED).items():
+            raise RunError(
+                f"an emergency stop is latched ({axis or 'every axis'}: {reason}); expected it to be cleared "
+                "first: start the slave, then `forefeel clear`"
+            )
+        yield
 
 
 def ask_person(text: str, request: str, yes: bool) -> str:
@@ -30,38 +268,27 @@ def ask_person(text: str, request: str, yes: bool) -> str:
     return line.strip().lower()
 
 
-def require_options(out: Path, overwrite: bool, *ranges: tuple[str, float, float, float, str]) -> None:
-    """Refuses a file that can not be written, and numbers (option, value, low, high, unit) out of range.
-
-    Raises:
-        ConfigurationError: which one, and what was expected.
-    """
-    check_new_file(out, (".yaml", ".yml"), ".yaml", overwrite)
-    if not out.parent.is_dir() or not os.access(out.parent, os.W_OK):
-        raise ConfigurationError(f"--out {out}: expected a folder that exists and can be written")
-    for option, value, low, high, unit in ranges:
-        if not low <= value <= high:
-            raise ConfigurationError(f"{option} {value:g}: expected {low:g} to {high:g}{unit}")
-
-
-def introduce(device: ConfiguredDevice, link: DeviceLink) -> str:
+def _introduced(device: ConfiguredDevice, link: DeviceLink) -> str:
     """Says who has answered; the serial number that the calibration is bound to.
 
     Raises:
         DeviceSetupError: the device has none.
     """
     if not link.serial:
-        slot, settable = device.driver.slot, hasattr(device.settings, "serial")
         raise DeviceSetupError(
-            f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to"
-            + (f": write {slot}.serial, the number on its label" if settable else "")
+            f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to; "
+            f"where {device.driver.name} has `serial`, write the number on its label"
         )
-    who = link.identity or device.driver.name
-    say(f"{device.name}: {who}" + ("" if link.serial in who else f", serial {link.serial}"))
+    say(f"{device.name}: {link.identity or device.driver.name}, serial {link.serial}")
     return link.serial
 
 
-def write(out: Path, calibration: LoadCellCalibration | StageCalibration, *lines: str) -> None:
+def _of(device: ConfiguredDevice, serial: str, target: Target) -> dict[str, Any]:
+    head = {"driver": device.driver.name, "serial": serial, "date": date.today()}
+    return {**head, "valid_days": target.valid_days}
+
+
+def _write(out: Path, calibration: LoadCellCalibration | StageCalibration, *lines: str) -> None:
     """Writes the file whole or not at all, and answers the lines.
 
     Raises:
@@ -70,9 +297,3 @@ def write(out: Path, calibration: LoadCellCalibration | StageCalibration, *lines
     write_whole(out, dump_yaml(calibration), "the calibration")
     what = f"{out}: serial {calibration.serial}, {calibration.date}, valid {calibration.valid_days} days"
     answer(*lines, what, document=lambda: calibration.model_dump(mode="json"))
-
-
-def about(device: ConfiguredDevice, serial: str, today: object, valid_days: int) -> dict[str, Any]:
-    form = f"forefeel.{device.driver.slot}_calibration/1"
-    head = {"driver": device.driver.name, "serial": serial, "date": today}
-    return {"format": form, **head, "valid_days": valid_days}

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import AsJson, Quiet, examples
+from forefeel.commands.options import AsJson, Quiet, examples, within
 from forefeel.terminal import output
 
 ConfigFile = Annotated[Path, typer.Option("--config", metavar="FILE", help="The slave's YAML file.")]
@@ -13,7 +13,10 @@ Axis = Annotated[str, typer.Option("--axis", metavar="NAME", help="Which axis of
 Out = Annotated[Path, typer.Option("--out", metavar="FILE", help="The calibration, .yaml.")]
 Yes = Annotated[bool, typer.Option("--yes", help="Ask nothing; else Enter is read from stdin.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")]
-ValidDays = Annotated[int, typer.Option("--valid-days", metavar="N", help="How long it holds.")]
+ValidDays = Annotated[
+    int, typer.Option("--valid-days", metavar="N", min=1, max=3650, help="How long it holds.")
+]
+_SHARE = within(1e-6, 0.1)
 
 
 @examples(
@@ -33,25 +36,39 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = None,
     yes: Yes = False,
     overwrite: Overwrite = False,
-    settle: Annotated[float, typer.Option(metavar="S", help="Wait after a load was changed.")] = 1.0,
-    average: Annotated[float, typer.Option(metavar="S", help="How long each load is read.")] = 0.5,
+    settle: Annotated[
+        float, typer.Option(metavar="S", callback=within(0.0, 60.0), help="Wait after a load was changed.")
+    ] = 1.0,
+    average: Annotated[
+        float, typer.Option(metavar="S", callback=within(0.5, 60.0), help="How long each load is read.")
+    ] = 0.5,
     steady: Annotated[
-        float, typer.Option(metavar="SHARE", help="Of the range, that a reading may drift meanwhile.")
+        float,
+        typer.Option(
+            metavar="SHARE", callback=_SHARE, help="Of the range, that a reading may drift meanwhile."
+        ),
     ] = 0.005,
     max_residual: Annotated[
-        float, typer.Option(metavar="SHARE", help="Of the range, rms of what the line leaves.")
+        float,
+        typer.Option(metavar="SHARE", callback=_SHARE, help="Of the range, rms of what the line leaves."),
     ] = 0.01,
     valid_days: ValidDays = 365,
     temperature: Annotated[float | None, typer.Option(metavar="C", help="Of the cell, for the file.")] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.calibrate.load_cell import LoadCellCalibrationOptions, run_load_cell  # noqa: PLC0415 - the help needs none of it
+    from forefeel.calibrate.procedure import Target, run_load_cell  # noqa: PLC0415 - the help needs none of it
 
-    measuring = settle, average, steady, max_residual, valid_days, temperature
     with output(as_json, quiet):
         run_load_cell(
-            LoadCellCalibrationOptions(config, axis, out, weights, forces, yes, overwrite, *measuring)
+            Target(config, axis, out, yes, overwrite, valid_days),
+            weights,
+            forces,
+            settle_s=settle,
+            average_s=average,
+            steady_share=steady,
+            residual_share=max_residual,
+            temperature_c=temperature,
         )
 
 
@@ -62,19 +79,20 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
     out: Out,
     yes: Yes = False,
     overwrite: Overwrite = False,
-    velocity: Annotated[float, typer.Option(metavar="M/S", help="From end to end.")] = 0.005,
+    velocity: Annotated[
+        float, typer.Option(metavar="M/S", callback=within(1e-4, 0.05), help="From end to end.")
+    ] = 0.005,
     max_repeatability: Annotated[
-        float, typer.Option(metavar="M", help="How far off the home may be found again.")
+        float,
+        typer.Option(
+            metavar="M", callback=within(1e-9, 0.01), help="How far off the home may be found again."
+        ),
     ] = 50e-6,
     valid_days: ValidDays = 365,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.calibrate.stage import StageCalibrationOptions, run_stage  # noqa: PLC0415
+    from forefeel.calibrate.procedure import Target, run_stage  # noqa: PLC0415
 
     with output(as_json, quiet):
-        run_stage(
-            StageCalibrationOptions(
-                config, axis, out, yes, overwrite, velocity, max_repeatability, valid_days
-            )
-        )
+        run_stage(Target(config, axis, out, yes, overwrite, valid_days), velocity, max_repeatability)

@@ -43,6 +43,17 @@ AsJson = Annotated[bool, typer.Option("--json", help="The answer as one JSON doc
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say errors only.")]
 
 
+def within(low: float, high: float) -> Callable[[float], float]:
+    """Refuses a number outside of a range, and none."""
+
+    def check(value: float) -> float:
+        if not low <= value <= high:
+            raise typer.BadParameter(f"{value:g}: expected {low:g} to {high:g}")
+        return value
+
+    return check
+
+
 def among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
     """Completes a word by names that are looked up only when the shell asks."""
 

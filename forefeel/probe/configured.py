@@ -13,7 +13,6 @@ from forefeel.common.hardware.driver import (
     Slot,
     driver_of,
     imported,
-    installed_drivers,
 )
 from forefeel.common.settings import DaemonSettings
 from forefeel.daemon_settings import load_daemon
@@ -69,19 +68,12 @@ def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
         ConfigurationError: no such axis, or no hardware in that slot.
     """
     devices = [each for each in configured(load_daemon(config, "slave")) if each.driver.slot == slot]
-    found = next((each for each in devices if each.axis == axis), None)
-    if found is None:
+    real = {each.axis: each for each in devices if each.settings.hardware}
+    if axis not in real:
         raise ConfigurationError(
-            f"--axis {axis}: {config} has none of that name; expected one of "
-            f"{', '.join(each.axis for each in devices)}"
+            f"--axis {axis}: {config}: no {slot} with hardware; expected one of {', '.join(real) or 'none'}"
         )
-    if not found.settings.hardware:
-        names = (each.name for each in installed_drivers(slot) if each.driver.settings.hardware)
-        raise ConfigurationError(
-            f"{config}: axis {axis}: {slot}.driver = {found.driver.name!r}: nothing to calibrate; expected "
-            f"one of {', '.join(names)}"
-        )
-    return found
+    return real[axis]
 
 
 def calibrations(settings: DaemonSettings) -> dict[str, dict[str, str]]:
