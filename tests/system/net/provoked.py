@@ -20,21 +20,9 @@ from forefeel.devices.emulation import bench
 from forefeel.devices.emulation.bench import Surroundings
 from forefeel.devices.zaber import emulator
 from forefeel.emulate import run
-from forefeel.emulate.run import OrdersFromStdin
 
 ROW = struct.Struct("<qdd")
 OnMotion = Callable[[float, float, float, float], None]
-
-
-class Provocation(OrdersFromStdin):
-    """Orders that come with a signal, besides."""
-
-    waiting: list[str] = []  # noqa: RUF012 - of the process, as its signals are
-
-    def step(self) -> None:
-        while Provocation.waiting:
-            self._obey(Provocation.waiting.pop(0))
-        super().step()
 
 
 @contextmanager
@@ -65,8 +53,15 @@ def main() -> None:
     """See the module."""
     faults = sys.argv.pop(1).split(",")
     sys.argv.insert(1, "emulate")
-    setattr(run, "OrdersFromStdin", Provocation)  # noqa: B010 - what the emulator looks up
-    signal.signal(signal.SIGUSR1, lambda *_: Provocation.waiting.append(faults.pop(0)))
+    waiting, original = list[str](), run.obey_stdin
+
+    def obey(living: run.Living, load: bench.Load | None) -> None:
+        while waiting:
+            living.provoke(waiting.pop(0))
+        original(living, load)
+
+    setattr(run, "obey_stdin", obey)  # noqa: B010 - what the emulator looks up
+    signal.signal(signal.SIGUSR1, lambda *_: waiting.append(faults.pop(0)))
     with told(Path(os.environ["FOREFEEL_MOTION"])):
         run_command_line()
 
