@@ -13,6 +13,7 @@ from pathlib import Path
 from statistics import mean
 from tempfile import TemporaryDirectory
 
+from benchmarks.linked import LINKS, Route, link_run
 from benchmarks.links import command, listed, milliseconds, percent, ratio
 from benchmarks.markdown import Table
 from forefeel.common.config import checked
@@ -23,7 +24,6 @@ from forefeel.loopback.plan import DEFAULT_DURATION_S, LoopbackOptions, make_pla
 from forefeel.loopback.real import run_real
 from forefeel.report.score import PredictionComparison
 from forefeel.report.summary import RunReport, summarise
-from tests.system.net.links import LINKS, Route, link_run
 
 COLUMNS = (
     "network", "loss, %", "seed", "prediction, mN rms", "hold, mN rms", "prediction / hold", "settled",

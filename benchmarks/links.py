@@ -2,7 +2,7 @@
 
 Two hosts as network namespaces, and a forwarder that delays and loses the IP packets between them: nothing is
 injected into the daemons. A row is one run, 60 s from the opened session on. `--links tls,default`, of those
-in `tests.system.net.links`; `--round-trips 300,200/10` in ms (there/back where they differ; +-5 ms each way);
+in `benchmarks.linked`; `--round-trips 300,200/10` in ms (there/back where they differ; +-5 ms each way);
 `--losses 0,1` in percent each way. From 600 ms on `gate.max_round_trip_s` is 1.0.
 """
 
@@ -15,8 +15,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, TypeVar
 
+from benchmarks.linked import JITTER_S, LINKS, LinkRun, Route, link_run, route
 from benchmarks.markdown import Table
-from tests.system.net.links import JITTER_S, LINKS, LinkRun, Route, link_run, route
 
 COLUMNS = (
     "link", "round trip, ms", "loss, %", "seed", "open, s", "armed, %", "stops", "prediction / hold",

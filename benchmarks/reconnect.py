@@ -13,9 +13,9 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
+from benchmarks.linked import ENDS, LINKS, LinkedDaemons, linked
 from benchmarks.links import Setting, add_options, command, settings
 from benchmarks.markdown import Table
-from tests.system.net.links import ENDS, LINKS, LinkedDaemons, linked
 
 COLUMNS = ("link", "round trip, ms", "loss, %", "opened, s", "after a cut, s", "congestion control")
 BOUNDS_S = {100.0: 3.0, 300.0: 5.0, 600.0: 8.0}

@@ -1,43 +1,16 @@
 """The cable's schedule in virtual time: no device, no packet leaves."""
 
 from forefeel.common.transport.settings import ImpairmentSettings
-from tests.system.net.shape import QUEUE_BYTES, S, Way
+from tests.system.net.shape import S, Way
 
 MS = 1_000_000
 PACKET = bytes(125)  # 1000 bits
 
 
-def way(rate_bit_s: float | None = None, **settings: float) -> Way:
+def way(**settings: float) -> Way:
     found = Way(7)
-    found.shape(ImpairmentSettings(**settings), rate_bit_s)
+    found.shape(ImpairmentSettings(**settings))
     return found
-
-
-def driven(one: Way, packets: int, period_ns: int = MS, until_ns: int = 0) -> list[tuple[int, int]]:
-    """(when offered, when delivered) of each packet that comes out, in the order in which they come out."""
-    found, now_ns = [], 0
-    for number in range(packets):
-        now_ns = number * period_ns
-        one.offer(now_ns.to_bytes(8, "little") + PACKET[8:], now_ns)
-        found += delivered(one, now_ns)
-    return found + delivered(one, max(until_ns, now_ns + 100 * S))
-
-
-def delivered(one: Way, now_ns: int) -> list[tuple[int, int]]:
-    return [(int.from_bytes(packet[:8], "little"), due_ns) for due_ns, packet in one.take(now_ns)]
-
-
-def test_a_transparent_cable_gives_everything_at_once() -> None:
-    assert driven(way(), 10) == [(n * MS, n * MS) for n in range(10)]
-
-
-def test_a_slow_cable_takes_its_time_for_each_bit_and_drops_what_it_can_not_queue() -> None:
-    found = driven(way(rate_bit_s=500_000.0), 100)  # 2 ms a packet, one comes each ms
-    assert [due_ns for _, due_ns in found] == [2 * MS * (n + 1) for n in range(100)]
-    slow = way(rate_bit_s=8000.0)
-    for _ in range(QUEUE_BYTES // len(PACKET) + 50):
-        slow.offer(PACKET, 0)
-    assert 45 <= slow.counts["overflowed"] <= 50
 
 
 def test_a_stall_holds_what_is_under_way_and_gives_it_in_one_burst() -> None:

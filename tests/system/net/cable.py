@@ -30,19 +30,12 @@ class TunCable:
             self.close()
             raise
 
-    def shape(
-        self,
-        way: str = "both",
-        rate_bit_s: float | None = None,
-        largest_bytes: int | None = None,
-        **settings: Any,  # noqa: ANN401
-    ) -> int:
+    def shape(self, way: str = "both", largest_bytes: int | None = None, **settings: Any) -> int:  # noqa: ANN401
         """From now on: the fields of `ImpairmentSettings`, or `preset`; without any it is transparent.
 
         `way`: `ab` (from the first host to the second), `ba` or both.
         """
-        order = {"way": way, "rate_bit_s": rate_bit_s, "largest_bytes": largest_bytes}
-        return self._order(do="shape", **order, settings=settings)
+        return self._order(do="shape", way=way, largest_bytes=largest_bytes, settings=settings)
 
     def stall(self, stall_s: float, way: str = "both") -> int:
         """Holds everything for that long, then delivers it in one burst."""
@@ -61,7 +54,7 @@ class TunCable:
         return self._order(do="forget")
 
     def count(self) -> dict[str, Any]:
-        """Packets by way, how late the forwarder was since the last call, its processor time."""
+        """Packets by way."""
         self._say(do="count")
         return self._answer()
 

@@ -13,7 +13,6 @@ import select
 import struct
 import sys
 import time
-from collections import deque
 from typing import Any
 
 from forefeel.common.config import checked
@@ -41,12 +40,11 @@ def open_tun(namespace: str) -> int:
 
 
 class Forwarder:
-    """Both ways of the cable, and how late it was itself."""
+    """Both ways of the cable."""
 
     def __init__(self, ends: tuple[int, int], seed: int) -> None:
         self._ends = ends
         self._ways = {"ab": Way(1000 * seed), "ba": Way(1000 * seed + 500)}
-        self._late_ns: deque[int] = deque(maxlen=100_000)
         self._orders = b""
 
     def run(self) -> None:
@@ -79,12 +77,11 @@ class Forwarder:
             way.offer(packet, time.monotonic_ns())
 
     def _write(self, end: int, way: Way) -> None:
-        for due_ns, packet in way.take(time.monotonic_ns()):
+        for _, packet in way.take(time.monotonic_ns()):
             try:
                 os.write(end, packet)
             except OSError:  # the device is down, or its queue is full: lost, as on any cable
                 way.counts["unwritten"] += 1
-            self._late_ns.append(time.monotonic_ns() - due_ns)
 
     def _obey(self) -> bool:
         data = os.read(0, 65_536)
@@ -103,34 +100,18 @@ class Forwarder:
             case "shape":
                 settings = checked(ImpairmentSettings, order["settings"], "shape")
                 for one in ways:
-                    one.shape(settings, order.get("rate_bit_s"), order.get("largest_bytes"))
+                    one.shape(settings, order.get("largest_bytes"))
             case "stall":
                 for one in ways:
                     one.stall(time.monotonic_ns(), order["stall_s"])
-            case "cut":
+            case "cut" | "mend" | "forget" as act:
                 for one in ways:
-                    one.cut()
-            case "mend":
-                for one in ways:
-                    one.mend()
-            case "forget":
-                for one in ways:
-                    one.forget()
+                    getattr(one, act)()
             case "count":
-                return self._count()
+                return {name: dict(way.counts) for name, way in self._ways.items()}
             case unknown:
                 raise ValueError(f"order {unknown!r}")
         return {}
-
-    def _count(self) -> dict[str, Any]:
-        late_ns = sorted(self._late_ns)
-        self._late_ns.clear()
-        quantiles = {
-            name: late_ns[int(share * (len(late_ns) - 1))] * 1e-3 if late_ns else 0.0
-            for name, share in (("late_p50_us", 0.50), ("late_p99_us", 0.99))
-        }
-        counts = {name: dict(way.counts) for name, way in self._ways.items()}
-        return {**counts, **quantiles, "cpu_s": time.process_time()}
 
 
 def main() -> None:

@@ -12,8 +12,6 @@ from forefeel.common.transport.impairment import Impairment
 from forefeel.common.transport.settings import ImpairmentSettings
 
 S = 1_000_000_000
-QUEUE_BYTES = 256 * 1024
-"""What waits in front of a slow cable; more is dropped, as at a router's tail."""
 _CONNECTION = slice(12, 24)
 """Both addresses and both ports in an IPv4 packet without options."""
 
@@ -22,8 +20,7 @@ class Way:
     """One direction: packets are offered and taken when they are due.
 
     Attributes:
-        counts: packets `offered`, `lost`, `delivered`, `doubled`, `cut`, `overflowed`, `too_large`,
-            `forgotten`.
+        counts: packets `offered`, `lost`, `delivered`, `doubled`, `cut`, `too_large`, `forgotten`.
     """
 
     def __init__(self, seed: int) -> None:
@@ -32,26 +29,20 @@ class Way:
         self._order = count()
         self._under_way: list[tuple[int, int, bytes]] = []
         self._impairment: Impairment | None = None
-        self._rate_bit_s: float | None = None
         self._largest_bytes: int | None = None
         self._known: set[bytes] = set()
         self._forgotten: frozenset[bytes] = frozenset()
-        self._free_ns = self._floor_ns = self._stalled_until_ns = 0
+        self._floor_ns = self._stalled_until_ns = 0
         self._cut = False
 
-    def shape(
-        self,
-        settings: ImpairmentSettings,
-        rate_bit_s: float | None = None,
-        largest_bytes: int | None = None,
-    ) -> None:
+    def shape(self, settings: ImpairmentSettings, largest_bytes: int | None = None) -> None:
         """From now on; what is under way keeps its time, and is not overtaken by what comes.
 
         A packet of more than `largest_bytes` is dropped without a word, as by a path whose MTU nobody says.
         """
         self._seed += 1
         self._impairment = None if settings.transparent else Impairment(settings, self._seed)
-        self._rate_bit_s, self._largest_bytes = rate_bit_s, largest_bytes
+        self._largest_bytes = largest_bytes
         self._floor_ns = max((due_ns for due_ns, _, _ in self._under_way), default=0)
 
     def stall(self, now_ns: int, stall_s: float) -> None:
@@ -81,15 +72,11 @@ class Way:
         if refusal is not None:
             self.counts[refusal] += 1
             return
-        entry_ns = self._through_queue(len(packet), now_ns)
-        if entry_ns is None:
-            self.counts["overflowed"] += 1
-            return
-        delays_ns = (0,) if self._impairment is None else self._impairment.plan(entry_ns)
+        delays_ns = (0,) if self._impairment is None else self._impairment.plan(now_ns)
         self.counts["lost"] += not delays_ns
         self.counts["doubled"] += len(delays_ns) > 1
         for delay_ns in delays_ns:
-            due_ns = max(entry_ns + delay_ns, self._floor_ns)
+            due_ns = max(now_ns + delay_ns, self._floor_ns)
             heapq.heappush(self._under_way, (due_ns, next(self._order), packet))
 
     def take(self, now_ns: int) -> list[tuple[int, bytes]]:
@@ -117,13 +104,3 @@ class Way:
         if self._largest_bytes is not None and len(packet) > self._largest_bytes:
             return "too_large"
         return "forgotten" if connection in self._forgotten else None
-
-    def _through_queue(self, size: int, now_ns: int) -> int | None:
-        """When the last bit is on the cable; None when the queue is full."""
-        if self._rate_bit_s is None:
-            return now_ns
-        start_ns = max(self._free_ns, now_ns)
-        if (start_ns - now_ns) * self._rate_bit_s / 8 > QUEUE_BYTES * S:
-            return None
-        self._free_ns = start_ns + round(size * 8 / self._rate_bit_s * S)
-        return self._free_ns

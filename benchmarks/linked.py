@@ -295,10 +295,6 @@ class LinkRun:
         """Packets per second that were sent that way."""
         return self.packets[way]["offered"] / self.duration_s
 
-    def lost_share(self, way: str) -> float:
-        """Share of the packets that the cable lost that way."""
-        return self.packets[way]["lost"] / self.packets[way]["offered"]
-
 
 def link_run(
     folder: Path,
