@@ -228,10 +228,6 @@ class LiveCell:
         heard = list(self.heard[topic.key(CELL, AXIS)])
         return [decode(topic.message, each.payload) for each in heard if each.stamp_ns >= stamp_ns]
 
-    def payloads(self, topic: Topic[Any], last: int) -> list[bytes]:
-        """The newest payloads of a topic."""
-        return [heard.payload for heard in list(self.heard[topic.key(CELL, AXIS)])[-last:]]
-
     def messages(self, topic: Topic[M]) -> list[M]:
         """All that was received of a topic."""
         return self.since(topic, 0)

@@ -10,10 +10,12 @@ from pathlib import Path
 import zenoh
 
 from forefeel.common.clock import now_utc
-from forefeel.common.transport.security import PartyFiles, common_name
+from forefeel.common.transport.pki import AUTHORITY
+from forefeel.common.transport.security import common_name
 from forefeel.pki.authority import certificate_pem, key_pem, new_key
 from forefeel.pki.folder import init_folder, read_authority
 from tests.live_cell import CELL
+from tests.secured import make_pki
 
 PAPERS = (
     "no certificate", "a certificate of another authority", "an expired certificate",
@@ -39,66 +41,50 @@ class Stranger:
 
 
 @contextmanager
-def stranger(endpoint: str, identity: PartyFiles | None = None) -> Iterator[Stranger]:
-    """A session, with an identity over TLS."""
+def stranger(endpoint: str, tls: dict[str, object] | None = None) -> Iterator[Stranger]:
     config = zenoh.Config()
-    chosen: dict[str, object] = {
+    settings: dict[str, object] = {
         "mode": "peer", "connect/endpoints": [endpoint], "listen/endpoints": [],
         "scouting/multicast/enabled": False, "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
         "connect/exit_on_failure": False, "connect/timeout_ms": 0,
         "open/return_conditions": {"connect_scouted": False, "declares": False},
+        **({} if tls is None else {"transport/link/tls": tls}),
     }  # fmt: skip
-    if identity is not None:
-        chosen["transport/link/tls"] = _tls(identity)
-    for path, value in chosen.items():
+    for path, value in settings.items():
         config.insert_json5(path, json.dumps(value))
     with zenoh.open(config) as session:
         yield Stranger(session)
 
 
-def _tls(identity: PartyFiles) -> dict[str, object]:
+def tls_of(papers: str, pki: Path, folder: Path) -> dict[str, object]:
+    """TLS of an attacker with such papers, who trusts the right authority."""
     trusted: dict[str, object] = {
-        "root_ca_certificate": str(identity.authority),
-        "verify_name_on_connect": False,
-    }
-    if not str(identity.certificate).endswith("none"):
-        trusted |= {
-            "enable_mtls": True,
-            "connect_private_key": str(identity.key),
-            "connect_certificate": str(identity.certificate),
-        }
-    return trusted
-
-
-def identity(papers: str, pki: Path, folder: Path) -> PartyFiles:
-    """The files that such an attacker has; made where there are none yet."""
-    authority = pki / "ca.crt"
+        "root_ca_certificate": str(pki / AUTHORITY), "verify_name_on_connect": False,
+    }  # fmt: skip
+    role, own = "master", folder / "own"
     match papers:
         case "no certificate":
-            return PartyFiles(authority, Path("none"), Path("none"))
+            return trusted
         case "a certificate of another authority":
-            other = folder / "foreign"
-            if not other.exists():
-                init_folder(other, [CELL], [], 30, now_utc())
-            other = other / CELL / "master"
-            return PartyFiles(authority, other / "master.crt", other / "master.key")
+            make_pki(own, [CELL])
         case "an expired certificate":
-            return _expired(pki, folder)
+            _expired(pki, own)
         case "another cell's master":
             init_folder(pki, ["other"], [], 30, now_utc())
-            other = pki / "other" / "master"
-            return PartyFiles(authority, other / "master.crt", other / "master.key")
+            own = pki / "other" / "master"
         case _:
-            return PartyFiles(authority, pki / f"{papers}.crt", pki / f"{papers}.key")
+            role, own = papers, pki
+    key, certificate = (str(own / f"{role}.{suffix}") for suffix in ("key", "crt"))
+    return {
+        **trusted, "enable_mtls": True, "connect_private_key": key, "connect_certificate": certificate,
+    }  # fmt: skip
 
 
-def _expired(pki: Path, folder: Path) -> PartyFiles:
+def _expired(pki: Path, own: Path) -> None:
     """The master's name, signed by the right authority, too long ago."""
-    key = new_key()
-    name = common_name("master", CELL)
-    signed = read_authority(pki).sign(name, key.public_key(), [], now_utc() - timedelta(days=40), 30)
-    files = PartyFiles(pki / "ca.crt", folder / "expired.crt", folder / "expired.key")
-    Path(files.certificate).write_bytes(certificate_pem(signed))
-    Path(files.key).write_bytes(key_pem(key))
-    return files
+    key, began = new_key(), now_utc() - timedelta(days=40)
+    signed = read_authority(pki).sign(common_name("master", CELL), key.public_key(), [], began, 30)
+    own.mkdir()
+    (own / "master.crt").write_bytes(certificate_pem(signed))
+    (own / "master.key").write_bytes(key_pem(key))

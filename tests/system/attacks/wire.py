@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import msgpack
 import zenoh
 
 from forefeel.common.codec import encode
@@ -32,7 +31,7 @@ from tests.event_lines import read_events
 from tests.live_cell import AXIS, CELL, LiveCell, Process
 from tests.simulation.attack_outcome import Expected, Outcome
 from tests.system.attacks.flood import flood
-from tests.system.attacks.stranger import CONNECTED, HEARING, PAPERS, Stranger, identity, stranger
+from tests.system.attacks.stranger import CONNECTED, HEARING, PAPERS, Stranger, stranger, tls_of
 from tests.system.rows import Result, Row
 from tests.waiting import wait_until
 
@@ -120,6 +119,17 @@ class Scene:
         return outcome.judge(expected)
 
 
+def handshake(session_id: int, sequence: int) -> bytes:
+    """With the right settings."""
+    shared = shared_text(CELL, AXIS, AxisLimits())
+    return encode(
+        Handshake(
+            session_id=session_id, sequence=sequence, stamp_ns=0, role="master", instance_id=6,
+            software="x", settings=shared, settings_hash=settings_hash(shared),
+        )
+    )  # fmt: skip
+
+
 def wildcards(scene: Scene) -> Outcome:
     """A put to a pattern reaches whoever hears any key of it."""
     stop = encode(EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason="all"))
@@ -158,15 +168,7 @@ def flood_unpaced(scene: Scene) -> Outcome:
 
 def flood_of_handshakes(scene: Scene) -> Outcome:
     """Each with an id of its own and the right settings."""
-    shared = shared_text(CELL, AXIS, AxisLimits())
-    shakes = [
-        Handshake(
-            session_id=10**6 + i, sequence=i, stamp_ns=0, role="master", instance_id=6, software="x",
-            settings=shared, settings_hash=settings_hash(shared),
-        )
-        for i in range(100)
-    ]  # fmt: skip
-    scene.flood(MASTER_HANDSHAKE, 10_000, [encode(each) for each in shakes])
+    scene.flood(MASTER_HANDSHAKE, 10_000, [handshake(10**6 + i, i) for i in range(100)])
     return scene.end(Expected("handshakes_refused", 500, armed=_ARMED))
 
 
@@ -195,15 +197,10 @@ PLAIN: dict[str, Callable[[Scene], Outcome]] = {
 
 def _all_that_moves(scene: Scene, act: Stranger) -> None:
     """Commands numbered ahead, a session of his own, heartbeats, what the slave says."""
-    shared = shared_text(CELL, AXIS, AxisLimits())
     for i in range(100):
         scene.put(COMMAND, scene.command())
-        shakes = {
-            "session_id": 4711 + i, "sequence": i, "stamp_ns": 0, "role": "master", "instance_id": 6,
-            "software": "x", "settings": shared, "settings_hash": settings_hash(shared),
-        }  # fmt: skip
-        scene.put(MASTER_HANDSHAKE, msgpack.packb(shakes))
-        scene.put(MASTER_HEARTBEAT, scene.cell.payloads(MASTER_HEARTBEAT, 1)[0] if i == -1 else b"x")
+        scene.put(MASTER_HANDSHAKE, handshake(4711 + i, i))
+        scene.put(MASTER_HEARTBEAT, b"x")
         act.put(f"forefeel/{CELL}/**", scene.command())
         time.sleep(0.005)
 
@@ -240,7 +237,7 @@ def _secured(papers: str, folder: Path) -> Result:
     with LiveCell(folder, pki=True) as cell:
         assert cell.pki is not None
         cell.pair()
-        with stranger(cell.endpoint, identity(papers, cell.pki, folder)) as attacker:
+        with stranger(cell.endpoint, tls_of(papers, cell.pki, folder)) as attacker:
             return _result(with_papers(Scene(papers, cell, attacker), papers))
 
 
