@@ -28,8 +28,11 @@ class Life:
     warm_s: float = float("inf")
     samples: list[tuple[float, float]] = field(default_factory=list)
 
-    def growth(self) -> "Growth | None":
-        """After the warm-up; None where it lived too shortly."""
+    def growth(self) -> tuple[float, float, float] | None:
+        """(MB at the end, share, s) after the warm-up; None where it lived too shortly.
+
+        The share is what the median step of 5 s makes in all; a leak adds to it, one burst does not.
+        """
         warm = np.array([sample for sample in self.samples if sample[0] > max(_WARM_S, self.warm_s)])
         if len(warm) < 10 or warm[-1, 0] - warm[0, 0] < _LEAST_S:
             return None
@@ -37,16 +40,7 @@ class Life:
         edges = np.arange(warm[0, 0], warm[-1, 0], _BLOCK_S)
         steps_mb = np.diff(np.interp(edges, warm[:, 0], warm[:, 1]))
         share = float(np.median(steps_mb)) / _BLOCK_S * span_s / float(warm[0, 1])
-        return Growth(float(warm[-1, 1]), share, span_s)
-
-
-@dataclass(frozen=True, slots=True)
-class Growth:
-    """`share`: what the median step of 5 s makes in all; a leak adds to it, one burst does not."""
-
-    resident_mb: float
-    share: float
-    span_s: float
+        return float(warm[-1, 1]), share, span_s
 
 
 class Motion:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,22 +15,12 @@ _NUMBER = re.compile(rb'"sequence": ?(\d+)')
 _SLACK_NS = 500_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class Checked:
-    """One file: messages, and what is wrong with it."""
-
-    name: str
-    messages: int
-    truncated: bool
-    wrong: tuple[str, ...]
-
-
-def check(path: Path, killed: bool, disturbed_ns: Sequence[tuple[int, int]]) -> Checked:
-    """Reads it whole. `disturbed_ns`: when the slave or the recorder were kept from their work."""
+def check(path: Path, killed: bool, disturbed_ns: Sequence[tuple[int, int]]) -> tuple[int, list[str]]:
+    """(messages, what is wrong). `disturbed_ns`: when slave or recorder were kept from their work."""
     try:
         contents = read_contents(path)
     except RecordingError as error:
-        return Checked(path.name, 0, False, (str(error),))
+        return 0, [str(error)]
     messages = sum(len(stream.payloads) for stream in contents.streams.values())
     wrong = []
     if contents.truncated and not killed:
@@ -44,7 +33,7 @@ def check(path: Path, killed: bool, disturbed_ns: Sequence[tuple[int, int]]) -> 
             wrong.append(f"{b - a - 1} forces lost in a row")
     if len(stamps_ns) == 0:
         wrong.append("no force")
-    return Checked(path.name, messages, contents.truncated, tuple(wrong))
+    return messages, wrong
 
 
 def _within(start_ns: int, end_ns: int, disturbed_ns: Sequence[tuple[int, int]]) -> bool:

@@ -21,14 +21,15 @@ def soak(minutes: float, folder: Path) -> Result:
         figures = [f"{len(run.done)} faults, armed again after {max(done.back_s for done in run.done):.1f} s"]
         for life in run.lives:
             if (found := life.growth()) is not None:
-                figures.append(f"{life.name} {found.resident_mb:.0f} MB {found.share:+.1%}")
-                if found.share > MOST_GROWTH:
-                    wrong.append(f"{life.name} grew by {found.share:.1%} in {found.span_s:.0f} s")
+                resident_mb, share, span_s = found
+                figures.append(f"{life.name} {resident_mb:.0f} MB {share:+.1%}")
+                if share > MOST_GROWTH:
+                    wrong.append(f"{life.name} grew by {share:.1%} in {span_s:.0f} s")
         disturbed = [(done.from_ns, done.to_ns) for done in run.done]
         for taken in run.taken:
-            checked = check(taken.path, taken.killed, disturbed)
-            figures.append(f"{checked.messages} messages in {checked.name}")
-            wrong += [f"{checked.name}: {each}" for each in checked.wrong]
+            messages, faulty = check(taken.path, taken.killed, disturbed)
+            figures.append(f"{messages} messages in {taken.path.name}")
+            wrong += [f"{taken.path.name}: {each}" for each in faulty]
         wrong += [f"moved outside ARMED by {each}" for each in run.motion.moved[:3]]
         figures.append(f"{run.motion.resting} forces while nothing was followed")
         return Result("; ".join(figures), wrong)

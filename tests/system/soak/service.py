@@ -1,21 +1,17 @@
 """Master, slave and recorder for long, among random faults."""
 
-import os
 import signal
-import subprocess
-import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
 from forefeel.common.state.folder import EVENTS
-from forefeel.common.topics import LIMIT_EVENT, MASTER_STATE, SAFETY_EVENT, SLAVE_HANDSHAKE, SLAVE_STATE
+from forefeel.common.topics import SAFETY_EVENT
 from tests.event_lines import read_events
-from tests.live_cell import CELL, ROOT, LiveCell, Process
+from tests.live_cell import CELL, LiveCell, Process
 from tests.system.soak.monitor import FORCE_KEY, Life, Motion
 from tests.system.soak.schedule import OFTEN, Fault
 from tests.waiting import wait_until
@@ -25,6 +21,7 @@ BACK_S = 20.0
 _FIRST_S = 60.0
 """From the start on: a machine that has just booted reads all that the processes import from its disk."""
 _COMMAND_S = 30.0
+_DISORDER = {"burst_loss": 0.01, "reorder": 0.01, "duplicate": 0.01}
 _STALLS = {"stalls_per_s": 0.02, "stall_s": 0.15}
 _LINKS: tuple[dict[str, float], ...] = (
     {"delay_s": 0.005, "jitter_s": 0.001},
@@ -151,21 +148,11 @@ class Soak:
             time.sleep(0.3)  # a state from before the fault does not count
             done.back_s = 0.3 + self.cell.await_state("armed", BACK_S)
         except AssertionError as error:
-            self.problems.append(f"{fault.kind} at {fault.at_s:.0f} s: {error}; {self._shown(done.from_ns)}")
+            self.problems.append(f"{fault.kind} at {fault.at_s:.0f} s: {error}; {self._events(done.from_ns)}")
         done.to_ns = time.monotonic_ns()
 
-    def _shown(self, from_ns: int) -> str:
-        """What both ends say now, and what became of the session since."""
-        slave, master = self.cell.newest(SLAVE_STATE), self.cell.newest(MASTER_STATE)
-        events = [f"{each.event} ({each.reason})" for each in self.cell.since(SAFETY_EVENT, from_ns)]
-        answers = [each.reason or "accepted" for each in self.cell.since(SLAVE_HANDSHAKE, from_ns)]
-        rules = Counter(each.rule for each in self.cell.since(LIMIT_EVENT, from_ns))
-        return (
-            f"slave {slave.state.value} ({slave.reason}) of session {slave.session_id}, clock within "
-            f"{slave.clock_bound_ns} ns; master {master.indication} ({master.reason}) of session "
-            f"{master.session_id}, deadman {master.deadman}; events {events[-8:]}; "
-            f"handshakes {answers[-4:]}; limits {dict(rules)}"
-        )
+    def _events(self, from_ns: int) -> list[str]:
+        return [f"{each.event} ({each.reason})" for each in self.cell.since(SAFETY_EVENT, from_ns)]
 
     def _do(self, fault: Fault, random: Random) -> None:
         what, _, role = fault.kind.partition(" ")
@@ -213,17 +200,12 @@ class Soak:
 
     def _forefeel(self, *words: str) -> None:
         """A command as a person gives it; AssertionError with its words when it fails."""
-        process = subprocess.Popen(
-            [sys.executable, "-X", "faulthandler", "-m", "forefeel", *words],
-            cwd=self.cell.folder, env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
+        process = Process(words[0], self.cell.folder, *words)
         try:
-            said, _ = process.communicate(timeout=_COMMAND_S)
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGABRT)  # where it hangs
-            said, _ = process.communicate()
-        assert process.returncode == 0, f"forefeel {words[0]}: {process.returncode}: {said.strip()}"
+            wait_until(lambda: not process.running, _COMMAND_S, f"end of forefeel {words[0]}")
+        finally:
+            process.kill()
+        assert process.wait() == 0, f"forefeel {words[0]}: {process.text}"
 
     def _end(self) -> None:
         """In order; each says 0, and both event logs end with a stop."""
