@@ -49,9 +49,11 @@ class Hand(SimulatedHandle):
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
+        velocity_m_s = 0.0
         if self.course is not None:
             self.position_m = self.course(now_ns * 1e-9)
-        return HandleReading(self.position_m, 0.0, self.pressed, self.grip)
+            velocity_m_s = (self.position_m - self.course(now_ns * 1e-9 - 1e-4)) * 1e4
+        return HandleReading(self.position_m, velocity_m_s, self.pressed, self.grip)
 
 
 class Bench:

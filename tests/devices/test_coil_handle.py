@@ -1,7 +1,7 @@
 """The driver of the coil handle against the emulated device, in stepped time: what goes through, faults."""
 
 from dataclasses import replace
-from math import cos, nan, pi, sin
+from math import cos, inf, nan, pi, sin
 from typing import Literal
 
 import pytest
@@ -139,7 +139,8 @@ def test_shorter_watchdog_of_the_device_is_taken() -> None:
 
 def test_hot_coil_is_refused_at_the_start() -> None:
     with closed() as bench:
-        bench.device._heat = 100.0
+        bench.device.provoke("hot")
+        bench.device._passes_s = inf
         with pytest.raises(DeviceSetupError, match="the coil is too hot; expected a handle without a fault"):
             bench.handle.open()
 
@@ -180,7 +181,12 @@ def test_a_haptic_loop_that_stands_still_is_a_fault_only_while_there_is_a_force(
         assert "the haptic loop stands still" in bench.fallen()
 
 
-FAULTS = {"stuck": "no state for", "overrange": "lost its zero", "drive_fault": "overcurrent"}
+FAULTS = {
+    "stuck": "no state for",
+    "overrange": "lost its zero",
+    "hot": "too hot",
+    "drive_fault": "overcurrent",
+}
 
 
 def break_it(bench: Bench, fault: str) -> None:
@@ -236,18 +242,6 @@ def test_a_re_arming_alone_gives_no_force_before_the_next_rendering() -> None:
         bench.run(100)
         assert bench.state is LinkState.READY
         assert set(bench.currents_a[-100:]) == {0.0}
-
-
-def test_a_coil_that_gets_too_hot_is_a_fault_and_waits_until_it_is_cool() -> None:
-    hardware = CoilHardware(continuous_a=1.0, thermal_s=0.5)
-    with opened(hardware=hardware) as bench:
-        bench.force_n = 4.0
-        bench.run(300)  # 4 A2 warms to 1 A2 in 0.14 s
-        assert "too hot" in bench.fallen()
-        hot_ms = bench.currents_a.index(0.0, bench.currents_a.index(2.0)) - bench.currents_a.index(2.0)
-        assert hot_ms == pytest.approx(500 * 0.2877, abs=4)
-        assert bench.run(2 * RETRY_MS).state is LinkState.CONFIGURED
-        assert set(bench.currents_a[-2 * RETRY_MS :]) == {0.0}
 
 
 def test_another_device_on_the_same_port_is_not_taken_for_the_first() -> None:

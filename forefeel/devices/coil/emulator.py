@@ -32,63 +32,27 @@ from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.master.handle import Handle, HandleReading, Indication
 
 _PERIOD_S = 0.001  # s between two states: the protocol's 1 kHz
-_COOL = 0.7  # of the heat that trips: where the coil counts as cool again
-_LOST_S = 1.0  # how long the encoder looks for its zero
-_HANG_S = 0.5  # after which the hardware's own watchdog starts the firmware anew
+_PASSING = {"overrange": Flag.NOT_HOMED, "hot": Flag.OVER_TEMPERATURE}
+_PASSES_S = 1.0  # s that the encoder looks for its zero, or the coil cools
+_HANG_S = 0.5  # s after which the hardware's own watchdog starts the firmware anew
 _DARK = Indication(None, None)
 _NO_COMMAND = CoilCommand(0, 0, None, None, False)
 
 
 @dataclass(frozen=True, slots=True)
 class CoilHardware:
-    """What the device is made of. `continuous_a`: what the coil bears for ever, its heat after I^2 t with
-    `thermal_s`; `peak_a`: what the amplifier gives at most; `sign`: -1 where it counts against the insertion.
+    """What the device is made of. `peak_a`: what the amplifier gives at most; `sign`: -1 where it counts
+    against the insertion.
     """
 
     counts_per_m: float = 1e6
     newton_per_ampere: float = 2.0
     sign: Sign = 1
     peak_a: float = 3.0
-    continuous_a: float = 2.0
-    thermal_s: float = 20.0
     longest_watchdog_ms: int = 100
     protocol: int = PROTOCOL
     name: str = NAME
     serial: str = "emulated"
-    firmware: str = "1.0"
-
-
-class QuadratureEncoder:
-    """Counts, and their rate from the times of the edges, between which the motion is a straight line."""
-
-    def __init__(self, counts_per_m: float) -> None:
-        self._per_m = counts_per_m
-        self._exact: float | None = None
-        self._t_s = 0.0
-        self._edge, self._edge_s = 0, -inf
-        self._rate = 0.0
-        self.counts = 0
-
-    @property
-    def velocity(self) -> int:
-        """Counts per s: of the last two edges, and less when the next one should have come by now."""
-        waited_s = self._t_s - self._edge_s
-        bound = inf if waited_s <= 0.0 else 1.0 / waited_s
-        return round(max(-bound, min(bound, self._rate)))
-
-    def move(self, position_m: float, t_s: float) -> None:
-        """Sets where the hand is at that time."""
-        exact = position_m * self._per_m
-        before, was_s = self._exact, self._t_s
-        self._exact, self._t_s = exact, t_s
-        now = floor(exact)
-        if before is None or now == self.counts or t_s <= was_s:
-            self.counts = now
-            return
-        edge = now if exact > before else now + 1
-        edge_s = was_s + (edge - before) / (exact - before) * (t_s - was_s)
-        self._rate = (edge - self._edge) / (edge_s - self._edge_s) if edge_s > self._edge_s else 0.0
-        self._edge, self._edge_s, self.counts = edge, edge_s, now
 
 
 class CoilDevice:
@@ -102,7 +66,7 @@ class CoilDevice:
         current_a: in the coil now.
     """
 
-    faults = "stuck", "overrange", "drive_fault"
+    faults = "stuck", "drive_fault", *_PASSING
 
     def __init__(
         self, hardware: CoilHardware | None = None, person: Handle | None = None, seed: int = 0
@@ -110,11 +74,11 @@ class CoilDevice:
         self.hardware = hardware or CoilHardware()
         self.counters: Counter[str] = Counter()
         self.current_a = 0.0
-        self.person = person if person is not None else _operator(seed)
-        self._parser, self._encoder = CoilParser(self.counters), QuadratureEncoder(self.hardware.counts_per_m)
+        self.person = person or Operator(OperatorSettings(), seed)
+        self._parser = CoilParser(self.counters)
         self._watchdog_s, self._limit_a = 0.0, 0.0
-        self._heat, self._next = 0.0, 0
-        self._found_s, self._hangs_until_s = -inf, -inf
+        self._next = 0
+        self._passing, self._passes_s, self._hangs_until_s = Flag(0), -inf, -inf
         self._start(0.0)
 
     def _start(self, t_s: float) -> None:
@@ -145,19 +109,18 @@ class CoilDevice:
 
     def provoke(self, fault: str) -> None:
         """`stuck`: the firmware hangs for half a second, repeating its last frame, and starts anew;
-        `overrange`: the encoder loses its zero for a second; `drive_fault`: the amplifier trips.
+        `drive_fault`: the amplifier trips; for a second `overrange`: the encoder loses its zero, `hot`: the
+        coil is too hot.
         """
         match fault:
             case "stuck":
                 self._hangs_until_s = self._next * _PERIOD_S + _HANG_S
-            case "overrange":
-                self._found_s = self._next * _PERIOD_S + _LOST_S
             case "drive_fault":
                 self._flags |= Flag.OVERCURRENT
+            case "overrange" | "hot":
+                self._passing, self._passes_s = _PASSING[fault], self._next * _PERIOD_S + _PASSES_S
             case _:
-                raise ConfigurationError(
-                    f"{fault}: expected stuck, overrange or drive_fault for a coil handle"
-                )
+                raise ConfigurationError(f"{fault}: expected {', '.join(self.faults)} for a coil handle")
 
     def _identify(self, request: Identify, t_s: float) -> None:
         hardware = self.hardware
@@ -167,8 +130,8 @@ class CoilDevice:
         self._flags &= ~(Flag.WATCHDOG | Flag.OVERCURRENT)
         self._identified = True
         self._command, self._command_s = _NO_COMMAND, t_s
-        texts = hardware.name, hardware.serial, hardware.firmware
-        self._answer += encode(CoilIdentity(hardware.protocol, watchdog_ms, limit_ma, *texts))
+        identity = hardware.name, hardware.serial, "1.0"
+        self._answer += encode(CoilIdentity(hardware.protocol, watchdog_ms, limit_ma, *identity))
 
     def _step(self, t_s: float) -> bytes:
         reading = self._live(t_s)
@@ -180,22 +143,22 @@ class CoilDevice:
         if not self._identified:
             return b""
         self._sequence += 1
+        counts_per_m = self.hardware.sign * self.hardware.counts_per_m
         self._sent = encode(
             CoilState(
                 self._sequence,
                 round((t_s - self._started_s) * 1e6),
-                self._encoder.counts,
-                self._encoder.velocity,
+                floor(reading.position_m * counts_per_m),
+                round(reading.velocity_m_s * counts_per_m),
                 _buttons(reading),
-                self._flags,
+                self._raised(t_s),
                 round(self.current_a * 1e3),
             )
         )
-        self.counters["states"] += 1
         return self._sent
 
     def _live(self, t_s: float) -> HandleReading:
-        """A millisecond of the person, the encoder and the coil."""
+        """A millisecond of the person and the coil."""
         heard = self._identified and t_s - self._command_s <= self._watchdog_s
         command = self._command
         now_ns = round(t_s * 1e9)
@@ -204,35 +167,19 @@ class CoilDevice:
         self._protect(t_s, heard)
         hardware = self.hardware
         self.person.render(hardware.sign * self.current_a * hardware.newton_per_ampere, now_ns)
-        reading = self.person.read(now_ns)
-        self._encoder.move(hardware.sign * reading.position_m, t_s)
-        return reading
+        return self.person.read(now_ns)
+
+    def _raised(self, t_s: float) -> Flag:
+        return self._flags | (self._passing if t_s < self._passes_s else Flag(0))
 
     def _protect(self, t_s: float, heard: bool) -> None:
-        """Sets the flags and the current that the firmware permits.
-
-        WATCHDOG and OVERCURRENT stay until `Identify`, OVER_TEMPERATURE until the coil has cooled, NOT_HOMED
-        until the zero is found.
-        """
-        hardware = self.hardware
-        share = _PERIOD_S / hardware.thermal_s
-        self._heat += share * (self.current_a**2 - self._heat)
-        trips = hardware.continuous_a**2
-        if self._heat > trips:
-            self._flags |= Flag.OVER_TEMPERATURE
-        elif self._heat < _COOL * trips:
-            self._flags &= ~Flag.OVER_TEMPERATURE
-        self._flags = self._flags & ~Flag.NOT_HOMED | (Flag.NOT_HOMED if t_s < self._found_s else Flag(0))
+        """Sets the current that the firmware permits; WATCHDOG and OVERCURRENT stay until `Identify`."""
         if self._identified and not heard and Flag.WATCHDOG not in self._flags:
             self._flags |= Flag.WATCHDOG
             self.counters["watchdog_trips"] += 1
-        allowed = self._command.enabled and not self._flags
+        allowed = self._command.enabled and not self._raised(t_s)
         wanted_a = self._command.current_ma * 1e-3 if allowed else 0.0
         self.current_a = max(-self._limit_a, min(self._limit_a, wanted_a))
-
-
-def _operator(seed: int) -> Operator:
-    return Operator(OperatorSettings(), seed)
 
 
 def _buttons(reading: HandleReading) -> Button:
