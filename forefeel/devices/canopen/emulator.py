@@ -24,6 +24,7 @@ _TYPES = {
 # largest transmission type of a PDO that waits for SYNC: 0 acyclic, 1 to 240 at every n-th SYNC (CiA 301)
 _MOST_SYNCHRONOUS = 240
 _PDO_OFF = 1 << 31  # bit of a PDO's COB-ID: the PDO is not valid (CiA 301)
+_PREOPERATIONAL = 127  # state in a heartbeat (CiA 301)
 _MOST_FRAMES = 200  # frames that one round takes from the bus
 Contents = Mapping[ObjectEntry, float]
 
@@ -46,59 +47,34 @@ def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
     return dictionary
 
 
-def pdo_contents(node: int, pdos: int = 4, entries: int = 4) -> dict[ObjectEntry, float]:
-    """Parameters of so many receive and transmit PDOs, all off, of the predefined identifiers."""
-    found: dict[ObjectEntry, float] = {}
+def common_contents(node: int, profile: int, serial: int) -> dict[ObjectEntry, float]:
+    """What every device has: identity, heartbeat, and four PDOs each way, off, of predefined identifiers."""
+    found: dict[ObjectEntry, float] = {
+        cia301.DEVICE_TYPE: 0x0002_0000 | profile,
+        cia301.ERROR_REGISTER: 0,
+        cia301.HEARTBEAT_PRODUCER_MS: 0,
+        ObjectEntry(0x1018, 0, "B"): 4,
+        cia301.VENDOR: 0x0000_FEE1,
+        cia301.PRODUCT: int(f"{profile}", 16),
+        cia301.REVISION: 0x0001_0000,
+        cia301.SERIAL: serial,
+    }
     for transmit in (False, True):
-        base = cia301.TPDO1 if transmit else cia301.RPDO1
-        for number in range(1, pdos + 1):
+        for number in range(1, 5):
             communication, mapping = cia301.pdo_objects(transmit, number)
-            found[ObjectEntry(communication, 0, "B")] = 2
-            found[ObjectEntry(communication, 1, "I")] = (base + 0x100 * (number - 1) + node) | _PDO_OFF
-            found[ObjectEntry(communication, 2, "B")] = 255
-            found[ObjectEntry(mapping, 0, "B")] = 0
-            found.update({ObjectEntry(mapping, i, "I"): 0 for i in range(1, entries + 1)})
+            off, can_id = cia301.pdo_off(transmit, number, node)
+            found |= {ObjectEntry(communication, 0, "B"): 2, off: can_id}
+            found |= {ObjectEntry(communication, 2, "B"): 255, ObjectEntry(mapping, 0, "B"): 0}
+            found |= {ObjectEntry(mapping, i, "I"): 0 for i in range(1, 5)}
     return found
 
 
-class _Periodic(canopen.network.PeriodicMessageTask):
-    def __init__(self, can_id: int, data: bytes, period_s: float, next_s: float) -> None:
-        self.can_id, self.data, self.period_s, self.next_s = can_id, data, period_s, next_s
-        self.stopped = False
-
-    def stop(self) -> None:
-        self.stopped = True
-
-    def update(self, data: bytes) -> None:
-        self.data = bytes(data)
-
-
-class _SteppedNetwork(canopen.Network):
-    """Periodic messages without threads: they are due when the device lives."""
-
-    def __init__(self, bus: can.BusABC, now_s: Callable[[], float]) -> None:
-        super().__init__(bus)
-        self.muted = False
-        self._now_s, self._periodic = now_s, list[_Periodic]()
+class _Network(canopen.Network):
+    muted = False
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         if not self.muted:
             super().send_message(can_id, data, remote)
-
-    def send_periodic(self, can_id: int, data: bytes, period: float, remote: bool = False) -> "_Periodic":
-        """Has `send_due` send the frame every `period` s, where canopen would start a thread."""
-        del remote
-        task = _Periodic(can_id, bytes(data), period, self._now_s() + period)
-        self._periodic.append(task)
-        return task
-
-    def send_due(self, t_s: float) -> None:
-        """Sends the periodic frames that are due by then."""
-        self._periodic = [task for task in self._periodic if not task.stopped]
-        for task in self._periodic:
-            if t_s >= task.next_s:
-                task.next_s = max(task.next_s + task.period_s, t_s)
-                self.send_message(task.can_id, task.data)
 
 
 class CanopenDevice:
@@ -123,8 +99,10 @@ class CanopenDevice:
     ) -> None:
         self.node_id = node
         self._bus, self._clock, self._start_s = bus, now_s, now_s()
-        self._network = _SteppedNetwork(bus, self._now)
+        self._network = _Network(bus)
         self._node = canopen.LocalNode(node, object_dictionary(contents))
+        vars(self._node.nmt)["start_heartbeat"] = lambda period_ms: None  # canopen's has a thread
+        self._beat_s = self._next_beat_s = 0.0
         self._node.add_write_callback(self._on_write)
         self._node.add_read_callback(self._on_read)
         self._network.add_node(self._node)
@@ -192,7 +170,10 @@ class CanopenDevice:
             message = self._bus.recv(0.0) if left else None
         t_s = self._now()
         self.live(t_s)
-        self._network.send_due(t_s)
+        if self._beat_s and t_s >= self._next_beat_s:
+            self._next_beat_s = max(self._next_beat_s + self._beat_s, t_s)
+            state = cia301.OPERATIONAL if self.operational else _PREOPERATIONAL
+            self._network.send_message(cia301.HEARTBEAT + self.node_id, bytes([state]))
 
     def close(self) -> None:
         self._bus.shutdown()
@@ -219,6 +200,9 @@ class CanopenDevice:
         del od
         if 0x1400 <= index < 0x1C00:
             self._pdos = None
+        elif index == cia301.HEARTBEAT_PRODUCER_MS.index:
+            self._beat_s = unpacked(cia301.HEARTBEAT_PRODUCER_MS, data) * 1e-3
+            self._next_beat_s = self._now() + self._beat_s
         self.written(index, subindex, data)
 
     def _on_read(self, index: int, subindex: int, od: object) -> float | None:
@@ -238,8 +222,6 @@ class CanopenDevice:
         for transmit in (False, True):
             for number in range(1, 5):
                 communication, mapping = cia301.pdo_objects(transmit, number)
-                if communication not in self._node.object_dictionary:
-                    continue
                 can_id = int(self.value(ObjectEntry(communication, 1, "I")))
                 if can_id & _PDO_OFF:
                     continue

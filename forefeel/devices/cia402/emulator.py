@@ -11,7 +11,7 @@ import canopen
 from forefeel.devices.canopen import cia301
 from forefeel.devices.canopen.bus import open_until
 from forefeel.devices.canopen.cia301 import ObjectEntry
-from forefeel.devices.canopen.emulator import CanopenDevice, pdo_contents, unpacked
+from forefeel.devices.canopen.emulator import CanopenDevice, common_contents, unpacked
 from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.protocol import (
     HERE,
@@ -361,18 +361,10 @@ class DriveModel:
 
 def contents(node: int) -> dict[ObjectEntry, float]:
     return {
-        cia301.DEVICE_TYPE: 0x0002_0000 | cia402.PROFILE,  # a servo drive
-        cia301.ERROR_REGISTER: 0,
+        **common_contents(node, cia402.PROFILE, SERIAL),
         cia301.SYNC_PERIOD_US: 0,
         ObjectEntry(0x1016, 0, "B"): 1,
         cia301.HEARTBEAT_CONSUMER: 0,
-        cia301.HEARTBEAT_PRODUCER_MS: 0,
-        ObjectEntry(0x1018, 0, "B"): 4,
-        cia301.VENDOR: 0x0000_FEE1,
-        cia301.PRODUCT: 0x402,
-        cia301.REVISION: 0x0001_0000,
-        cia301.SERIAL: SERIAL,
-        **pdo_contents(node),
         **{ObjectEntry(index, 0, "B"): 2 for index in (0x607D, 0x6099, 0x60C2)},
         **OBJECTS,
     }

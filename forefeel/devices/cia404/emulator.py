@@ -9,10 +9,9 @@ from random import Random
 import can
 import canopen
 
-from forefeel.devices.canopen import cia301
 from forefeel.devices.canopen.bus import open_until
 from forefeel.devices.canopen.cia301 import ObjectEntry
-from forefeel.devices.canopen.emulator import CanopenDevice, pdo_contents, unpacked
+from forefeel.devices.canopen.emulator import CanopenDevice, common_contents, unpacked
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.settings import Cia404Settings
 from forefeel.devices.emulation.bench import (
@@ -30,15 +29,7 @@ _REFUSED = 0x0800_0020  # data can not be transferred
 
 def contents(node: int, unit: int, digits: int) -> dict[ObjectEntry, float]:
     return {
-        cia301.DEVICE_TYPE: 0x0002_0000 | cia404.PROFILE,  # analogue inputs
-        cia301.ERROR_REGISTER: 0,
-        cia301.HEARTBEAT_PRODUCER_MS: 0,
-        ObjectEntry(0x1018, 0, "B"): 4,
-        cia301.VENDOR: 0x0000_FEE1,
-        cia301.PRODUCT: 0x404,
-        cia301.REVISION: 0x0001_0000,
-        cia301.SERIAL: SERIAL,
-        **pdo_contents(node),
+        **common_contents(node, cia404.PROFILE, SERIAL),
         cia404.SENSOR_TYPE: _STRAIN_GAUGE,
         cia404.OPERATING_MODE: 1,
         cia404.AUTOZERO: 0,
