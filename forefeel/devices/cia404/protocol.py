@@ -2,8 +2,8 @@
 
 What is certain, and from where (the profile itself was not at hand):
 
-- Indices and types of 6110, 6112, 6125, 6131, 6132, the word `zero`, and the order of the bytes in 6131
-  (prefix in the highest, numerator, denominator, 0): SDO bytes in the manual of Baumer's DSRT strain sensor.
+- Index and type of 6131, and the order of its bytes (prefix in the highest, numerator, denominator, 0): SDO
+  bytes in the manual of Baumer's DSRT strain sensor.
 - Newton is 21 hex, metre 01, and a prefix is the power of ten in two's complement: CiA DR-303-2, tables 4.1
   and 4.3.
 - 6150 is UNSIGNED8; bit 0 not valid, bit 1 positive, bit 2 negative overload, an overload sets bit 0 as well
@@ -19,39 +19,23 @@ from typing import NamedTuple
 from forefeel.devices.canopen.cia301 import TPDO1, ObjectEntry, Pdo
 
 PROFILE = 404  # device profile, the lower half of object 1000
-SENSOR_TYPE = ObjectEntry(0x6110, 1, "H")
-OPERATING_MODE = ObjectEntry(0x6112, 1, "B")
-AUTOZERO = ObjectEntry(0x6125, 1, "I")
 PROCESS_VALUE = ObjectEntry(0x6130, 1, "f")
 UNIT = ObjectEntry(0x6131, 1, "I")
-DIGITS = ObjectEntry(0x6132, 1, "B")
 STATUS = ObjectEntry(0x6150, 1, "B")
-
-ZERO = int.from_bytes(b"zero", "little")
-"""What 6125 takes: the device tares itself. Wears its flash, may time out; the product tares in software."""
 
 NOT_VALID, OVER, UNDER = 1, 2, 4
 """Bits of 6150."""
 _FLAWS = {NOT_VALID: "not_valid", OVER: "overrange", UNDER: "underrange"}
 
-_NEWTON = 0x21  # CiA 303-2
-_PREFIX_BIT, _NUMERATOR_BIT, _DENOMINATOR_BIT = 24, 16, 8  # lowest bits of the parts of 6131, see the module
-
-
-def unit_code(prefix: int, numerator: int, denominator: int = 0) -> int:
-    """6131 after CiA 303-2: 10^prefix numerator / denominator."""
-    return (prefix & 0xFF) << _PREFIX_BIT | numerator << _NUMERATOR_BIT | denominator << _DENOMINATOR_BIT
-
-
-NEWTON = unit_code(0, _NEWTON)
-MICROMETRE_PER_METRE = unit_code(-6, 0x01, 0x01)
+NEWTON = 0x0021_0000
+"""6131 after CiA 303-2: prefix 10^0, numerator 21."""
 
 
 def newton_per_unit(code: int) -> float | None:
     """How many N the unit is; None: it is no unit of force."""
     if code & 0x00FF_FFFF != NEWTON:
         return None
-    prefix = code >> _PREFIX_BIT
+    prefix = code >> 24
     return 10.0 ** (prefix - 256 if prefix > 127 else prefix)
 
 
@@ -65,11 +49,6 @@ class Measured(NamedTuple):
 
     value: float
     status: int
-
-    @property
-    def valid(self) -> bool:
-        """Whether the device believes it, and it is a number."""
-        return not self.flaws
 
     @property
     def flaws(self) -> tuple[str, ...]:
