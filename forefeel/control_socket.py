@@ -1,13 +1,12 @@
-"""The control socket of a daemon: state, emergency stop and clear, for the daemon's own user and root.
+"""The control socket of a daemon: emergency stop and clear, for the daemon's own user and root.
 
-It receives datagrams of JSON, so that it needs no descriptor for who asks and answers when all are taken.
+It receives datagrams of JSON, so that it answers when every descriptor is taken.
 """
 
 import asyncio
 import json
 import os
 import socket
-import struct
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -29,10 +28,8 @@ if TYPE_CHECKING:
 
 _LONGEST_REQUEST = 8192
 """Bytes: two of the longest texts, each character escaped in 12 bytes, take 6144."""
-_AT_ONCE = 8  # requests that are answered at once
-_CREDENTIALS = struct.Struct("3i")
-"""struct ucred of unix(7): process, user, group."""
-_NOBODY = 65534  # user id that the kernel gives for unknown ones (/proc/sys/kernel/overflowuid)
+_BY = "control socket"
+"""Who asks, in the event log: root or the daemon's own user."""
 _REQUEST = TypeAdapter(Request, config=ConfigDict(strict=True, str_max_length=LONGEST_TEXT))
 _POLL_S = 0.01
 _STOPS_S = 1.0
@@ -42,8 +39,7 @@ _DISK_S = 2.0  # bounds the wait for a clearing on the disk: a busy one was seen
 _LASTS_S = 0.5
 """A cause that lasts shows within this: a blind load cell takes 0.2 s, a silent drive 50 ms."""
 
-Act = Callable[[Request, str], Awaitable[Answer]]
-"""Does what is asked for; who asks."""
+Act = Callable[[Request], Awaitable[Answer]]
 
 
 class ControlSocket:
@@ -62,12 +58,12 @@ class ControlSocket:
         try:
             self._path.unlink(missing_ok=True)  # of a daemon that was killed: we hold the folder's lock
             descriptor, path = socket_path(folder)
+            mask = os.umask(0o177)
             try:
                 self._socket.bind(path)
-                Path(path).chmod(0o600)
             finally:
+                os.umask(mask)
                 os.close(descriptor)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
             self._socket.setblocking(False)
         except OSError as error:
             self._socket.close()
@@ -95,64 +91,37 @@ class ControlSocket:
 
     def _receive(self, act: Act) -> None:
         try:
-            data, ancillary, _, asker = self._socket.recvmsg(
-                _LONGEST_REQUEST + 1, socket.CMSG_SPACE(_CREDENTIALS.size)
-            )
+            data, asker = self._socket.recvfrom(_LONGEST_REQUEST)
         except BlockingIOError:
             return
-        task = asyncio.create_task(self._reply(act, data, _user(ancillary), asker), name="control request")
+        task = asyncio.create_task(self._reply(act, data, asker), name="control request")
         self._requests.add(task)
         task.add_done_callback(self._requests.discard)
 
-    async def _reply(self, act: Act, data: bytes, uid: int, asker: str | bytes) -> None:
-        answer = await self.answer(act, data, uid)
+    async def _reply(self, act: Act, data: bytes, asker: str | bytes) -> None:
+        try:
+            answer = await act(_REQUEST.validate_json(data))
+        except ValidationError as error:
+            why = f"not understood: {error.errors(include_url=False)[0]['msg']}"
+            answer = Answer(False, (why,), self._role)
         with suppress(OSError):  # it has gone, or does not read
             self._socket.sendto(json.dumps(answer._asdict()).encode(), asker)
 
-    async def answer(self, act: Act, data: bytes, uid: int) -> Answer:
-        """Checks a request of that user, and does what it asks for."""
-        if uid not in (0, os.geteuid()):
-            return self._refused(f"user {uid} may not: only root and the daemon's own user")
-        if len(self._requests) > _AT_ONCE:
-            return self._refused(f"{_AT_ONCE} others are speaking")
-        if len(data) > _LONGEST_REQUEST:
-            return self._refused(f"not understood: more than {_LONGEST_REQUEST} bytes")
-        try:
-            request = _REQUEST.validate_json(data)
-        except ValidationError as error:
-            return self._refused(f"not understood: {error.errors(include_url=False)[0]['msg']}")
-        return await act(request, f"uid {uid}")
-
-    def _refused(self, why: str) -> Answer:
-        return Answer(False, (why,), self._role)
-
-
-def _user(ancillary: Sequence[tuple[int, int, bytes]]) -> int:
-    """The user who sent it, as the kernel knows it."""
-    for level, kind, raw in ancillary:
-        if (level, kind) == (socket.SOL_SOCKET, socket.SCM_CREDENTIALS):
-            return int(_CREDENTIALS.unpack(raw)[1])
-    return _NOBODY
-
 
 class SlaveRequests:
-    """Answers requests at the slave: state, stop, clear."""
+    """Answers requests at the slave: stop, clear."""
 
     def __init__(self, daemon: "SlaveDaemon", event_sink: EventSink, clock: Clock) -> None:
         self._daemon, self._event_sink, self._clock = daemon, event_sink, clock
 
-    async def __call__(self, request: Request, by: str) -> Answer:
-        match request.do:
-            case "estop":
-                for axis in self._daemon.axes:
-                    axis.emergency_stop(request.reason or "local stop", by)
-                return self._answer(await _until(_STOPS_S, self._stopped), *self._lines())
-            case "clear":
-                return await self._clear(request.axis, by)
-            case _:
-                return self._answer(True, *self._lines())
+    async def __call__(self, request: Request) -> Answer:
+        if request.do == "clear":
+            return await self._clear(request.axis)
+        for axis in self._daemon.axes:
+            axis.emergency_stop(request.reason or "local stop", _BY)
+        return self._answer(await _until(_STOPS_S, self._stopped), *self._lines())
 
-    async def _clear(self, name: str | None, by: str) -> Answer:
+    async def _clear(self, name: str | None) -> Answer:
         axes = self._daemon.axes
         names = [axis.name for axis in axes]
         if name is not None and name not in names:
@@ -161,7 +130,7 @@ class SlaveRequests:
             return self._answer(True, "nothing is latched", *self._lines())
         cleared = await self._cleared(name)
         if isinstance(cleared, str):
-            return self._logged(by, False, cleared)
+            return self._logged(False, cleared)
         await _until(_LASTS_S, lambda: any(axis.halted for axis in axes))
         await _until(_DISK_S, lambda: not self._unwritten())
         still = {axis.name: axis.reason for axis in axes if axis.halted}
@@ -171,7 +140,7 @@ class SlaveRequests:
             f"axis {axis}: the clearing is not on the disk: latched again after a new start"
             for axis in self._unwritten()
         ]
-        return self._logged(by, not (still or unwritten), *lines, *unwritten)
+        return self._logged(not (still or unwritten), *lines, *unwritten)
 
     async def _cleared(self, name: str | None) -> "Sequence[Clearing] | str":
         """What the next tick cleared, or why that is not known."""
@@ -190,8 +159,8 @@ class SlaveRequests:
         """Axes that a new start would find latched, though they are cleared."""
         return [axis.name for axis in self._daemon.axes if not (axis.halted or axis.latch_persisted)]
 
-    def _logged(self, by: str, done: bool, *text: str) -> Answer:
-        self._event_sink.note("clear", self._clock.now_ns(), by=by, cleared=done, result=list(text))
+    def _logged(self, done: bool, *text: str) -> Answer:
+        self._event_sink.note("clear", self._clock.now_ns(), by=_BY, cleared=done, result=list(text))
         return self._answer(done, *text)
 
     def _stopped(self) -> bool:
@@ -210,20 +179,19 @@ class SlaveRequests:
 
 
 class MasterRequests:
-    """Answers requests at the master: state, and a stop that it hands on."""
+    """Answers requests at the master: a stop, which it hands on."""
 
     def __init__(self, daemon: "MasterDaemon", clock: Clock) -> None:
         self._daemon, self._clock = daemon, clock
 
-    async def __call__(self, request: Request, by: str) -> Answer:
-        done, axes = True, self._daemon.axes
+    async def __call__(self, request: Request) -> Answer:
+        axes = self._daemon.axes
         if request.do == "clear":
             text = "a master clears nothing; expected `forefeel clear` on the slave's host"
             return Answer(False, (text,), "master")
-        if request.do == "estop":
-            for axis in axes:
-                axis.emergency_stop(request.reason or "the operator's stop", self._clock.now_ns(), by)
-            done = await _until(_STOPS_S, lambda: not any(axis.stop.wanted for axis in axes))
+        for axis in axes:
+            axis.emergency_stop(request.reason or "the operator's stop", self._clock.now_ns(), _BY)
+        done = await _until(_STOPS_S, lambda: not any(axis.stop.wanted for axis in axes))
         return Answer(done, tuple(self._lines()), "master")
 
     def _lines(self) -> list[str]:

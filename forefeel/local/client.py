@@ -16,7 +16,7 @@ _LONGEST_ANSWER = 1 << 16  # bytes; an axis takes some hundred
 class Request(NamedTuple):
     """`axis`: of a clearing; None: all. No text is longer than `LONGEST_TEXT`."""
 
-    do: Literal["state", "estop", "clear"]
+    do: Literal["estop", "clear"]
     reason: str = ""
     axis: str | None = None
 
