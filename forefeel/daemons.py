@@ -52,26 +52,19 @@ _REST_S = 2.0  # bounds the wait for the stage to rest
 _FAREWELL_S = 0.3  # the master sends "deadman released" for this long, and the force fades, before it goes
 
 
-def run_slave(settings: SlaveSettings, duration_s: float | None = None, insecure: bool = False) -> None:
-    """Runs the slave until a signal (SIGINT, SIGTERM, SIGHUP), the duration or a fault. `insecure`: see
+def run_daemon(settings: DaemonSettings, duration_s: float | None = None, insecure: bool = False) -> None:
+    """Runs the slave or the master of these settings until a signal (SIGINT, SIGTERM, SIGHUP), the duration
+    (a master's counts from the opened session), the end of a played motion, or a fault. `insecure`: see
     `check_exposure`.
-
-    Raises:
-        InputError: an endpoint or a file can not be used. RunError: a fault ended it.
-    """
-    die_with_parent()
-    asyncio.run(slave(settings, duration_s, insecure))
-
-
-def run_master(settings: MasterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
-    """Runs the master until a signal (SIGINT, SIGTERM, SIGHUP), the duration (from the opened session), the
-    end of a played motion, or a fault. `insecure`: see `check_exposure`.
 
     Raises:
         InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
     """
     die_with_parent()
-    asyncio.run(master(settings, duration_s, insecure))
+    if isinstance(settings, MasterSettings):
+        asyncio.run(master(settings, duration_s, insecure))
+    elif isinstance(settings, SlaveSettings):
+        asyncio.run(slave(settings, duration_s, insecure))
 
 
 async def slave(
@@ -210,7 +203,7 @@ class Process:
         """Composes the daemon and closes it in the end, whatever happens."""
         with ExitStack() as failed:
             failed.callback(transport.close)
-            daemon = kind(self.settings, transport, self.runtime, _new_id, self.event_sink)
+            daemon = kind(self.settings, transport, self.runtime, lambda: randbits(62) | 1, self.event_sink)
             failed.pop_all()
         try:
             yield daemon
@@ -394,30 +387,26 @@ def _close_unused(opening: "Future[ParallelTransport]") -> None:
 
 
 def _described(settings: DaemonSettings, axes: "Sequence[SlaveAxis | MasterAxis]") -> str:
-    """Which axes, and where it listens and connects."""
     transport = settings.transport
-    parts = [f"listening on {', '.join(transport.listen)}"] if transport.listen else []
-    parts += [f"connecting to {', '.join(transport.connect)}"] if transport.connect else []
-    if transport.pki is not None:
-        parts[-1:] = [f"{parts[-1]} with the certificates in {transport.pki}"] if parts else []
-    where = " and ".join(parts) or "no endpoint configured"
-    return f"axes {', '.join(axis.name for axis in axes)}; {where}"
+    ways = {
+        "axes": [axis.name for axis in axes],
+        "listening on": transport.listen,
+        "connecting to": transport.connect,
+        "certificates in": [str(transport.pki)] if transport.pki else [],
+    }
+    return "; ".join(f"{what} {', '.join(each)}" for what, each in ways.items() if each)
 
 
 def _why(runtime: RealRuntime) -> str:
     return "stopping" if runtime.error is None else f"stopping, fault: {runtime.error}"
 
 
-def _new_id() -> int:
-    return randbits(62) | 1
-
-
 def _facts(settings: DaemonSettings, role: str) -> dict[str, str]:
     """What stands in the first line of the event log."""
     try:
-        software = f"forefeel {version('forefeel')}"
+        software = version("forefeel")
     except PackageNotFoundError:  # run from a source tree
-        software = "forefeel, not installed"
+        software = "not installed"
     devices = {
         name: " ".join(f"{key}={value}" for key, value in table.items())
         for name, table in calibrations(settings).items()

@@ -1,18 +1,11 @@
 """`forefeel emulate`."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import among, examples
-
-
-def _devices() -> Iterable[str]:
-    from forefeel.emulate.run import emulated_names  # noqa: PLC0415 - as in `emulate`
-
-    return emulated_names()
+from forefeel.commands.options import examples
 
 
 @examples(
@@ -26,7 +19,6 @@ def emulate(
         typer.Argument(
             metavar="DEVICE",
             help="zaber_ascii, bota_serial, ascii_line, coil_serial, cia402, cia404 or can_hub.",
-            autocompletion=among(_devices),
         ),
     ],
     port: Annotated[

@@ -1,6 +1,5 @@
 """`forefeel loopback`."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -13,25 +12,12 @@ from forefeel.commands.options import (
     PositionColumn,
     Quiet,
     TimeColumn,
-    among,
     examples,
 )
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
 from forefeel.terminal import output
-
-
-def _instruments() -> Iterable[str]:
-    from forefeel.slave.plant.presets import PRESETS as WORLDS  # noqa: PLC0415 - only when a shell asks
-
-    return WORLDS
-
-
-def _hardware() -> Iterable[str]:
-    from forefeel.loopback.hardware import HARDWARE  # noqa: PLC0415 - only when a shell asks
-
-    return HARDWARE
 
 
 @examples(
@@ -45,9 +31,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = None,
     impairment: Annotated[
         str,
-        typer.Option(
-            metavar="PRESET", help=f"One of {', '.join(PRESETS)}.", autocompletion=among(lambda: PRESETS)
-        ),
+        typer.Option(metavar="PRESET", help=f"One of {', '.join(PRESETS)}."),
     ] = "none",
     duration: Duration = None,
     seed: Annotated[
@@ -57,9 +41,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     overwrite: Annotated[bool, typer.Option(help="Replace the results of an earlier run in DIR.")] = False,
     preset: Annotated[
         str | None,
-        typer.Option(
-            help="Simulated instrument: catheter (default) or guidewire.", autocompletion=among(_instruments)
-        ),
+        typer.Option(help="Simulated instrument: catheter (default) or guidewire."),
     ] = None,
     virtual_time: Annotated[
         bool, typer.Option("--virtual-time", help="One process, as fast as it can, repeatable.")
@@ -81,7 +63,6 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         str,
         typer.Option(
             help="simulated, emulated-serial or emulated-can: devices as their bytes.",
-            autocompletion=among(_hardware),
         ),
     ] = "simulated",
     dashboard: Annotated[

@@ -9,10 +9,7 @@ from forefeel.terminal import output
 def master(
     config: DaemonConfig, duration: Duration = None, insecure: DaemonInsecure = False, quiet: Quiet = False
 ) -> None:
-    from forefeel.daemons import run_master  # noqa: PLC0415
-    from forefeel.master.settings import MasterSettings  # noqa: PLC0415
+    from forefeel.daemons import run_daemon  # noqa: PLC0415 - the help needs none of it
 
-    settings = load_daemon(config, "master")
-    assert isinstance(settings, MasterSettings)
     with output(quiet=quiet):
-        run_master(settings, duration, insecure)
+        run_daemon(load_daemon(config, "master"), duration, insecure)

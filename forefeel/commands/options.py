@@ -1,6 +1,6 @@
 """Options that several commands have."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, TypeVar
@@ -52,15 +52,6 @@ def within(low: float, high: float) -> Callable[[float], float]:
         return value
 
     return check
-
-
-def among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Completes a word by names that are looked up only when the shell asks."""
-
-    def complete(incomplete: str) -> list[str]:
-        return [name for name in names() if name.startswith(incomplete)]
-
-    return complete
 
 
 def examples(*lines: str) -> Callable[[Command], Command]:

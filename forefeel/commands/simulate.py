@@ -1,19 +1,12 @@
 """`forefeel simulate`."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import PositionColumn, Quiet, among, examples
+from forefeel.commands.options import PositionColumn, Quiet, examples
 from forefeel.terminal import output
-
-
-def _motions() -> Iterable[str]:
-    from forefeel.simulate.run import MOTIONS  # noqa: PLC0415 - as in `simulate`
-
-    return MOTIONS
 
 
 @examples(
@@ -28,7 +21,6 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
         typer.Option(
             metavar="MOTION",
             help="hand, multisine, sine, or a recording to follow.",
-            autocompletion=among(_motions),
         ),
     ] = "hand",
     duration: Annotated[

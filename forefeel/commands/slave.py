@@ -9,10 +9,7 @@ from forefeel.terminal import output
 def slave(
     config: DaemonConfig, duration: Duration = None, insecure: DaemonInsecure = False, quiet: Quiet = False
 ) -> None:
-    from forefeel.daemons import run_slave  # noqa: PLC0415 - the help needs none of it
-    from forefeel.slave.settings import SlaveSettings  # noqa: PLC0415
+    from forefeel.daemons import run_daemon  # noqa: PLC0415 - the help needs none of it
 
-    settings = load_daemon(config, "slave")
-    assert isinstance(settings, SlaveSettings)
     with output(quiet=quiet):
-        run_slave(settings, duration, insecure)
+        run_daemon(load_daemon(config, "slave"), duration, insecure)

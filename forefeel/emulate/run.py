@@ -34,15 +34,6 @@ _NUMBER = re.compile(r"-?\d{1,6}(\.\d*)?")
 CAN_HUB = "can_hub"
 
 
-def emulated_drivers() -> dict[str, InstalledDriver]:
-    return {found.name: found for found in every_driver() if found.driver.emulator}
-
-
-def emulated_names() -> list[str]:
-    """What `forefeel emulate` takes: every installed driver with an emulator, and the hub of CAN adapters."""
-    return [*sorted(emulated_drivers()), CAN_HUB]
-
-
 @dataclass(frozen=True, slots=True)
 class EmulatorOptions:
     """What the user asked for on the command line."""
@@ -61,9 +52,10 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
     Raises:
         InputError: an unknown device, a file or a place for the port that can not be used.
     """
-    driver = emulated_drivers().get(options.device)
+    drivers = {found.name: found for found in every_driver() if found.driver.emulator}
+    driver = drivers.get(options.device)
     if driver is None and options.device != CAN_HUB:
-        raise ConfigurationError(f"{options.device!r}: expected one of {', '.join(emulated_names())}")
+        raise ConfigurationError(f"{options.device!r}: expected one of {', '.join([*drivers, CAN_HUB])}")
     die_with_parent()
     HOST.prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
     with heeded() as stop, ExitStack() as leave:

@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 
 from forefeel import terminal
-from forefeel.emulate.run import emulated_names
-from forefeel.loopback.hardware import HARDWARE
 from tests.secured import make_pki
 
 Run = Callable[[Sequence[str]], int]
@@ -121,13 +119,6 @@ def test_a_number_that_does_not_fit_shows_that(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("loopback --impairment ", {"none", "lan", "wan", "lte", "5g", "satellite", "paper"}),
-        ("loopback --impairment s", {"satellite"}),
-        ("loopback --hardware ", set(HARDWARE)),
-        ("loopback --preset g", {"guidewire"}),
-        ("emulate ", set(emulated_names())),
-        ("emulate c", {"coil_serial", "cia402", "cia404", "can_hub"}),
-        ("simulate --motion ", {"hand", "multisine", "sine"}),
         ("report --js", {"--json"}),
         ("estop --con", {"--config", "--connect"}),
     ],

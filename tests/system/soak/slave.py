@@ -9,7 +9,7 @@ from math import nan
 from pathlib import Path
 
 from forefeel.common.config import load_settings
-from forefeel.daemons import run_slave
+from forefeel.daemons import run_daemon
 from forefeel.devices.simulated.driver import SimulatedLoadCell
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.settings import SlaveSettings
@@ -30,7 +30,7 @@ def main() -> None:
         return (reading._replace(force_n=nan) if _SAYS_NAN["now"] else reading,)
 
     SimulatedLoadCell.read = read_or_nan  # type: ignore[method-assign]
-    run_slave(load_settings(SlaveSettings, Path(sys.argv[1])))
+    run_daemon(load_settings(SlaveSettings, Path(sys.argv[1])))
 
 
 if __name__ == "__main__":
