@@ -1,14 +1,12 @@
 """A CiA 404 force transducer behind the load-cell port."""
 
-from collections.abc import Sequence
 from datetime import date
 from math import isfinite
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError
-from forefeel.common.hardware.calibration import CellScale, LoadCellCalibration, load_cell_calibration
+from forefeel.common.hardware.calibration import CellScale, load_cell_calibration
 from forefeel.common.hardware.link import LinkState
-from forefeel.common.slots import BoundedQueue
 from forefeel.devices.canopen.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
 from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork
 from forefeel.devices.canopen.sdo import RemoteDevice, can_link, talking_to
@@ -16,7 +14,7 @@ from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.settings import Cia404Settings
 from forefeel.devices.shared.conversation import Conversation, Pacer, Steps
 from forefeel.devices.shared.force_scale import ForceScale, Native, StuckWatch
-from forefeel.slave.load_cell import LoadCellReading, NativeReading
+from forefeel.devices.shared.load_cell import QueuedLoadCell
 
 _OPEN_S = 5.0  # s for the handshake
 _RANK = 0  # of who sends SYNC on a shared bus: a drive, of rank 1, goes before
@@ -25,7 +23,7 @@ _SILENT_PERIODS, _SILENT_S = 10, 0.05
 _COUNTS_PER_UNIT = 1e6  # `raw_counts` of a unit that is no force
 
 
-class Cia404LoadCell:
+class Cia404LoadCell(QueuedLoadCell):
     """Load-cell port on a CANopen transducer: one reading for each TPDO, at SYNC.
 
     SYNC comes from the stage's driver where one shares the bus, else from here. Tare and scale are of the
@@ -42,16 +40,10 @@ class Cia404LoadCell:
     def __init__(self, settings: Cia404Settings, clock: Clock | None = None) -> None:
         self._settings = settings
         self._clock = clock or MonotonicClock()
-        self.link = can_link("load cell", settings.driver, settings.can, settings.node_id)
-        self.stale_s = max(0.02, 5.0 / settings.rate_hz)
-        self.full_scale_n = settings.full_scale_n
-        self._readings: BoundedQueue[Native] = BoundedQueue(1024)
+        link = can_link("load cell", settings.driver, settings.can, settings.node_id)
+        super().__init__(link, settings.full_scale_n, max(0.02, 5.0 / settings.rate_hz))
         self._pdo = cia404.reading_pdo(settings.node_id)
-        self._conversation: Conversation | None = None
-        self.calibration: LoadCellCalibration | None = None
         self.scale: CellScale | None = None
-        self._native = False
-        self._force = self._scaled(None)
         self._tpdos, self._emergency = 0, 0
 
     def open(self) -> None:
@@ -62,44 +54,10 @@ class Cia404LoadCell:
         """
         if self._settings.node_id == HOST_NODE:
             raise DeviceSetupError(f"{self.link.name}: expected 1 to {HOST_NODE - 1}")
-        self._conversation = Conversation(self.link, self._converse)
-        self._conversation.start(_OPEN_S)
+        super().open()
 
-    def open_native(self) -> None:
-        """Opens the transducer, whatever its unit, for `read_native` alone (`NativeLoadCell`)."""
-        self._native = True
-        self.open()
-
-    def close(self) -> None:
-        if self._conversation is not None:
-            self._conversation.stop()
-
-    def rearm(self) -> None:
-        """Permits readings again; those from before are forgotten."""
-        if self.link.inhibited is not None:
-            self._readings.drain()
-            self.link.rearm()
-
-    def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
-        del now_ns, recording_time_s
-        self.link.require_ready()
-        if self._native:
-            raise DeviceError(f"{self.link.name}: opened for its native readings")
-        return [self._force.reading(each) for each in self._checked()]
-
-    def read_native(self, now_ns: int) -> Sequence[NativeReading]:
-        """The readings since the last call of a cell that `open_native` opened: its process value."""
-        del now_ns
-        self.link.require_ready()
-        return [NativeReading(each.value, not each.flaws, each.stamp_ns) for each in self._checked()]
-
-    @property
-    def dropped(self) -> int:
-        """The number of readings that were dropped because nobody took them in time."""
-        return self._readings.dropped
-
-    def _checked(self) -> list[Native]:
-        return [self._force.checked(each) for each in self._readings.drain()]
+    def _open_s(self) -> float:
+        return _OPEN_S
 
     # --- the conversation ---
 
@@ -203,10 +161,8 @@ class Cia404LoadCell:
             return
         self._tpdos += 1
         self.link.counters["tpdos"] += 1
-        self.link.exchanged()
         value = found.value if isfinite(found.value) else 0.0
-        self._readings.put(Native(value, self._clock.now_ns(), tuple(found.flaws)))
-        self.link.counters["unread"] = self._readings.dropped
+        self._measured(Native(value, self._clock.now_ns(), found.flaws))
 
     def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:
         del can_id, stamp

@@ -1,6 +1,6 @@
 """What load cells on a serial port share: handshake, the thread that reads, silence, faults, re-arming."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from datetime import date
 from typing import Generic, Protocol, TypeVar
@@ -9,14 +9,13 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
 from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
-from forefeel.common.slots import BoundedQueue
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.bota.settings import BotaSettings
 from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.force_scale import ForceScale, Native
+from forefeel.devices.shared.load_cell import QueuedLoadCell
 from forefeel.devices.shared.settings import SerialSettings
 from forefeel.devices.shared.stream import ByteStream, SerialStream, port_serial
-from forefeel.slave.load_cell import LoadCellReading, NativeReading
 
 OpenStream = Callable[[SerialSettings, float], ByteStream]
 """A port, and how long its `read` waits for the first byte, in s."""
@@ -27,7 +26,6 @@ _IDENTIFY_S = 1.0  # s for the first reading, beyond what the cell says of itsel
 _RATE_TOLERANCE = 0.1  # share by which the measured rate may differ from `rate_hz`
 # s of silence that are a fault where five periods are shorter (docs/decisions/0014)
 _LEAST_SILENCE_S = 0.05
-_QUEUED_READINGS = 4096  # readings that wait for the control loop: 5 s at 800 Hz
 
 
 class Cell(Protocol):
@@ -63,7 +61,7 @@ class Cell(Protocol):
     def farewell(self) -> bytes: ...
 
 
-class SerialLoadCell(Generic[S]):
+class SerialLoadCell(QueuedLoadCell, Generic[S]):
     """Load-cell port on a serial port; the subclasses know what the bytes mean.
 
     Attributes:
@@ -82,20 +80,14 @@ class SerialLoadCell(Generic[S]):
         open_stream: OpenStream = SerialStream,
         today: Callable[[], date] = date.today,
     ) -> None:
-        self.link = DeviceLink(f"load cell {settings.driver} on {settings.port}")
-        self.stale_s = 3.0 / settings.rate_hz + 0.02
-        self.full_scale_n = settings.full_scale_n
+        link = DeviceLink(f"load cell {settings.driver} on {settings.port}")
+        super().__init__(link, settings.full_scale_n, 3.0 / settings.rate_hz + 0.02)
         self.measured_hz: float | None = None
-        self.calibration: LoadCellCalibration | None = None
         self._settings: S = settings
         self.scale = settings.scale
         self._clock = clock or MonotonicClock()
         self._open_stream, self._today = open_stream, today
         self._silence_ns = round(max(5.0 / settings.rate_hz, _LEAST_SILENCE_S) * 1e9)
-        self._queue = BoundedQueue[LoadCellReading](_QUEUED_READINGS)
-        self._native_queue = BoundedQueue[NativeReading](_QUEUED_READINGS)
-        self._native = False
-        self._conversation: Conversation | None = None
 
     # --- what the subclasses know ---
 
@@ -105,54 +97,9 @@ class SerialLoadCell(Generic[S]):
     def _scale(self, calibration: LoadCellCalibration | None) -> ForceScale:
         raise NotImplementedError
 
-    # --- the port ---
-
-    def open(self) -> None:
-        """Starts the conversation; returns when the cell is ready.
-
-        Raises:
-            DeviceSetupError: no such port, busy, nothing or something else behind it, another rate than
-                configured, a calibration that is not its own.
-        """
-        if self._conversation is not None:
-            return
+    def _open_s(self) -> float:
         cell = self._cell()
-        patience_s = _identify_s(cell, self._settings.rate_hz) + cell.measure_s + 3.0
-        conversation = Conversation(self.link, self._converse)
-        conversation.start(patience_s)
-        self._conversation = conversation
-
-    def open_native(self) -> None:
-        """Opens the cell for `read_native` alone (`NativeLoadCell`); the calibration is not looked at."""
-        self._native = True
-        self.open()
-
-    def close(self) -> None:
-        if self._conversation is not None:
-            self._conversation.stop()
-            self._conversation = None
-
-    def rearm(self) -> None:
-        """Permits readings again; what was measured before is discarded.
-
-        Raises:
-            DeviceError: the cell has not come back yet.
-        """
-        if self.link.inhibited is not None:
-            self.link.counters["discarded"] += len(self._queue.drain()) + len(self._native_queue.drain())
-            self.link.rearm()
-
-    def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
-        """The readings since the last call, each with the host's stamp of its measurement; never waits."""
-        self.link.require_ready()
-        if self._native:
-            raise DeviceError(f"{self.link.name}: opened for its native readings")
-        return self._queue.drain()
-
-    def read_native(self, now_ns: int) -> Sequence[NativeReading]:
-        """The readings since the last call of a cell that `open_native` opened."""
-        self.link.require_ready()
-        return self._native_queue.drain()
+        return _identify_s(cell, self._settings.rate_hz) + cell.measure_s + 3.0
 
     # --- the conversation, in its own thread ---
 
@@ -161,10 +108,10 @@ class SerialLoadCell(Generic[S]):
         stream = self._open_stream(self._settings, cell.wait_s)
         try:
             self.link.advance(LinkState.OPEN)
-            scale = self._calibrated()
+            self._force = self._calibrated()
             yield from self._identified(conversation, stream, cell)
             yield from self._at_its_rate(conversation, stream, cell)
-            yield from self._exchange(conversation, stream, cell, scale)
+            yield from self._exchange(conversation, stream, cell)
             with suppress(DeviceError):
                 stream.write(cell.farewell())
         finally:
@@ -233,10 +180,8 @@ class SerialLoadCell(Generic[S]):
                 )
             yield 0.0
 
-    def _exchange(
-        self, conversation: Conversation, stream: ByteStream, cell: Cell, scale: ForceScale
-    ) -> Steps:
-        counters, last_ns, since = self.link.counters, self._clock.now_ns(), 0
+    def _exchange(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> Steps:
+        last_ns, since = self._clock.now_ns(), 0
         while not conversation.stopping:
             silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy finds bytes
             data = self._heard(stream, cell)
@@ -249,18 +194,8 @@ class SerialLoadCell(Generic[S]):
                 what = f"{since} bytes, but none of the {cell.expected}" if since else "nothing"
                 raise DeviceError(f"{self.link.name}: {what} for {silent_ns * 1e-6:.0f} ms")
             for native in found:
-                self.link.exchanged()
-                self._hand_over(scale, scale.checked(native))
-            counters["unread"] = self._queue.dropped + self._native_queue.dropped
+                self._measured(native)
             yield 0.0
-
-    def _hand_over(self, scale: ForceScale, checked: Native) -> None:
-        if self.link.state is not LinkState.READY:
-            self.link.counters["while_inhibited"] += 1
-        elif self._native:
-            self._native_queue.put(NativeReading(checked.value, not checked.flaws, checked.stamp_ns))
-        else:
-            self._queue.put(scale.reading(checked))
 
     def _heard(self, stream: ByteStream, cell: Cell) -> bytes:
         asked = cell.due(self._clock.now_ns())
