@@ -1,14 +1,13 @@
 """A CiA 402 drive in cyclic synchronous position mode behind the stage port."""
 
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
-from datetime import date
 from typing import NamedTuple
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError
-from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
+from forefeel.common.hardware.calibration import StageCalibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.devices.canopen.cia301 import (
     EMERGENCY,
@@ -32,7 +31,7 @@ from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.protocol import QUICK_STOP, DriveMachine, DriveState, Phase, drive_state
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.shared.conversation import Conversation, Pacer, Steps
-from forefeel.devices.shared.stage import PositionScale, Setpoint, Wanted
+from forefeel.devices.shared.stage import PositionScale, Setpoint, Wanted, calibrated
 from forefeel.slave.stage import StageReading, require_finite
 
 # --- What one cycle of a CiA 402 drive decides: controlword and setpoint out of what was heard. Pure.
@@ -61,15 +60,11 @@ class Tracker:
 
     A frame on a wire without a checksum may say anything: a position further from the last than the drive
     can go counts as not received.
-
-    Attributes:
-        counts: `implausible`.
     """
 
     def __init__(self, period_s: float, max_velocity_m_s: float, following_error_m: float) -> None:
         self._period_s, self._fastest_m_s, self._slack_m = period_s, max_velocity_m_s, following_error_m
         self._last: Readback | None = None
-        self.counts: Counter[str] = Counter()
 
     def take(self, host_ns: int, statusword: int, position_m: float) -> Readback | None:
         """The readback of a TPDO; None: it can not be believed."""
@@ -78,7 +73,6 @@ class Tracker:
             periods = max(1, round((host_ns - self._last.host_ns) * 1e-9 / self._period_s))
             went_m, elapsed_s = position_m - self._last.position_m, periods * self._period_s
             if abs(went_m) > 2.0 * self._fastest_m_s * elapsed_s + self._slack_m:
-                self.counts["implausible"] += 1
                 return None
             velocity_m_s = went_m / elapsed_s
         self._last = Readback(host_ns, statusword, position_m, velocity_m_s)
@@ -194,32 +188,9 @@ def state_pdo(node: int) -> Pdo:
     return Pdo(True, 1, TPDO1 + node, 1, (cia402.STATUSWORD, cia402.POSITION_ACTUAL))
 
 
-def calibration_of(settings: Cia402Settings, serial: str) -> StageCalibration | None:
-    """The calibration that the settings name.
-
-    Raises:
-        ConfigurationError: it is of another device, or out of date.
-    """
-    path = settings.calibration
-    if path is None:
-        return None
-    return stage_calibration(
-        path, settings.driver, serial, date.today(), settings.travel_m, settings.native_per_m
-    )
-
-
-def scale_of(settings: Cia402Settings, calibration: StageCalibration | None) -> PositionScale:
-    """The scale of the calibration if there is one, else that of the settings."""
-    if calibration is None:
-        return PositionScale(0.0, settings.sign * settings.counts_per_m)
-    return PositionScale(calibration.zero, settings.sign * calibration.native_per_m)
-
-
 def checked(settings: Cia402Settings) -> None:
     """Refuses what the settings alone show to be impossible, with DeviceSetupError."""
     where = f"cia402 node {settings.node_id}"
-    if settings.node_id == HOST_NODE:
-        raise DeviceSetupError(f"{where}: expected 1 to {HOST_NODE - 1}; {HOST_NODE} is our own heartbeat")
     if cia402.interpolation_period(settings.sync_hz) is None:
         raise DeviceSetupError(
             f"{where}: sync_hz = {settings.sync_hz}: expected a period in tenths of a millisecond"
@@ -536,7 +507,8 @@ class Cia402Stage:
         scale = self._scale()
         actual_m = configure(device, self._settings, scale)
         self.link.advance(LinkState.CONFIGURED)
-        tracker = self._new_tracker()
+        s = self._settings
+        tracker = Tracker(1.0 / s.sync_hz, s.max_velocity_m_s, s.following_error_m)
         voice = DriveVoice(shared, self._settings, self.link)
 
         def believe(host_ns: int, statusword: int, counts: float) -> Readback | None:
@@ -550,12 +522,8 @@ class Cia402Stage:
             yield from _CyclicExchange(self, conversation, ears, voice, scale, actual_m).run()
 
     def _scale(self) -> PositionScale:
-        self.calibration = calibration_of(self._settings, self.link.serial)
-        return scale_of(self._settings, self.calibration)
-
-    def _new_tracker(self) -> Tracker:
-        s = self._settings
-        return Tracker(1.0 / s.sync_hz, s.max_velocity_m_s, s.following_error_m)
+        self.calibration, scale = calibrated(self._settings, self.link.serial)
+        return scale
 
     def _new_setpoint(self) -> Setpoint:
         s = self._settings
@@ -630,16 +598,13 @@ class _CyclicExchange:
         self._refuse_fault_at_start(heard)
         wanted = None if self._conversation.stopping else self._stage._wanted
         word = self._cycle.step(heard, beat, emergency_code, wanted, now_ns)
-        self._send(word, now_ns)
+        self._voice.send(word, self._target(), now_ns)
 
     def _refuse_fault_at_start(self, heard: Readback | None) -> None:
         if heard is None or self._stage.link.state is not LinkState.CONFIGURED:
             return
         if self._stage.link.inhibited is None and drive_state(heard.statusword) is DriveState.FAULT:
             raise DeviceError("the drive is in a fault; expected none at the start: clear it at the drive")
-
-    def _send(self, word: int, now_ns: int) -> None:
-        self._voice.send(word, self._target(), now_ns)
 
     def _target(self) -> int:
         return self._scale.native(self._cycle.setpoint.position_m)

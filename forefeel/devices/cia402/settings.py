@@ -5,9 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from forefeel.common.config import Settings
-from forefeel.common.settings import ExistingFile
-from forefeel.devices.shared.settings import CanSettings, Sign
-from forefeel.slave.stage import StageDriverSettings, Travel
+from forefeel.devices.shared.settings import CanSettings, NodeId, ScaledStageSettings
 
 
 class HomingSettings(Settings):
@@ -25,7 +23,7 @@ class HomingSettings(Settings):
     acceleration_m_s2: Annotated[float, Field(gt=0, le=10)] = 0.1
 
 
-class Cia402Settings(StageDriverSettings):
+class Cia402Settings(ScaledStageSettings):
     """A CiA 402 drive in cyclic synchronous position mode. `counts_per_m`: of its encoder, gear and lead in.
 
     `heartbeat_s`: how often both ends say that they live; the drive stops by itself after three of ours.
@@ -33,18 +31,14 @@ class Cia402Settings(StageDriverSettings):
 
     driver: Literal["cia402"]
     can: CanSettings
-    node_id: Annotated[int, Field(ge=1, le=127)]
+    node_id: NodeId
     counts_per_m: Annotated[float, Field(gt=0)]
-    sign: Sign = 1
-    travel_m: Travel
     max_velocity_m_s: Annotated[float, Field(gt=0, le=10)] = 0.2
     following_error_m: Annotated[float, Field(gt=0, le=0.1)] = 0.002
     sync_hz: Annotated[int, Field(ge=50, le=1000)] = 250
     heartbeat_s: Annotated[float, Field(ge=0.01, le=1)] = 0.02
     homing: HomingSettings = HomingSettings()
-    calibration: ExistingFile | None = None
 
     @property
     def native_per_m(self) -> float:
-        """Counts per metre."""
         return self.counts_per_m

@@ -8,7 +8,7 @@ from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.calibration import CellScale, load_cell_calibration
 from forefeel.common.hardware.link import LinkState
 from forefeel.devices.canopen.cia301 import EMERGENCY, START, SYNC, emergency, pdo_off
-from forefeel.devices.canopen.network import HOST_NODE, SharedNetwork
+from forefeel.devices.canopen.network import SharedNetwork
 from forefeel.devices.canopen.sdo import RemoteDevice, can_link, talking_to
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.settings import Cia404Settings
@@ -45,16 +45,6 @@ class Cia404LoadCell(QueuedLoadCell):
         self._pdo = cia404.reading_pdo(settings.node_id)
         self.scale: CellScale | None = None
         self._tpdos, self._emergency = 0, 0
-
-    def open(self) -> None:
-        """Identifies, configures and starts the transducer.
-
-        Raises:
-            DeviceSetupError: it is not the transducer that the settings describe.
-        """
-        if self._settings.node_id == HOST_NODE:
-            raise DeviceSetupError(f"{self.link.name}: expected 1 to {HOST_NODE - 1}")
-        super().open()
 
     def _open_s(self) -> float:
         return _OPEN_S

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from forefeel.common.hardware.calibration import CellScale
 from forefeel.common.settings import ExistingFile
-from forefeel.devices.shared.settings import CanSettings, Sign
+from forefeel.devices.shared.settings import CanSettings, NodeId, Sign
 from forefeel.slave.load_cell import FullScale, LoadCellDriverSettings, Native
 
 
@@ -19,7 +19,7 @@ class Cia404Settings(LoadCellDriverSettings):
 
     driver: Literal["cia404"]
     can: CanSettings
-    node_id: Annotated[int, Field(ge=1, le=127)]
+    node_id: NodeId
     sign: Sign = 1
     full_scale_n: FullScale
     full_scale_native: Native | None = None

@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from forefeel.common.config import Settings
+from forefeel.common.settings import ExistingFile
+from forefeel.slave.stage import StageDriverSettings, Travel
 
 Sign = Literal[1, -1]
 """-1 where the device counts against the insertion."""
@@ -26,3 +28,20 @@ class CanSettings(Settings):
     channel: Annotated[str, Field(min_length=1, max_length=4096)]
     bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] = 1_000_000
     port: Annotated[int, Field(ge=1024, le=65_535)] | None = None
+
+
+NodeId = Annotated[int, Field(ge=1, le=126)]
+"""Of a CANopen device; 127 is the host's heartbeat."""
+
+
+class ScaledStageSettings(StageDriverSettings):
+    """Base of the settings of stages that count. `travel_m`: where the stage may go."""
+
+    sign: Sign = 1
+    travel_m: Travel
+    calibration: ExistingFile | None = None
+
+    @property
+    def native_per_m(self) -> float:
+        """Microsteps or counts per metre."""
+        raise NotImplementedError

@@ -1,7 +1,12 @@
 """What the stage drivers share: native units, setpoints, the way from the control loop to the thread."""
 
+from datetime import date
 from threading import Lock
 from typing import NamedTuple
+
+from forefeel.common.errors import ConfigurationError, DeviceSetupError
+from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
+from forefeel.devices.shared.settings import ScaledStageSettings
 
 
 class PositionScale(NamedTuple):
@@ -20,6 +25,24 @@ class PositionScale(NamedTuple):
         """A travel in native units, the smaller first."""
         low, high = sorted(self.native(end_m) for end_m in travel_m)
         return low, high
+
+
+def calibrated(settings: ScaledStageSettings, serial: str) -> tuple[StageCalibration | None, PositionScale]:
+    """The calibration that the settings name, and the scale: of it if there is one, else of the settings.
+
+    Raises:
+        DeviceSetupError: it is of another device, out of date, or does not fit the settings.
+    """
+    path, native_per_m = settings.calibration, settings.native_per_m
+    if path is None:
+        return None, PositionScale(0.0, settings.sign * native_per_m)
+    try:
+        found = stage_calibration(
+            path, settings.driver, serial, date.today(), settings.travel_m, native_per_m
+        )
+    except ConfigurationError as error:
+        raise DeviceSetupError(str(error)) from error
+    return found, PositionScale(found.zero, settings.sign * found.native_per_m)
 
 
 class Wanted(NamedTuple):

@@ -7,17 +7,16 @@ by itself.
 
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from datetime import date
 from math import isfinite, nan
 from typing import NamedTuple
 
 from forefeel.common.clock import Clock, MonotonicClock
-from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
-from forefeel.common.hardware.calibration import StageCalibration, stage_calibration
+from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.hardware.calibration import StageCalibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.devices.shared.conversation import Conversation, Steps, Timed
 from forefeel.devices.shared.settings import SerialSettings
-from forefeel.devices.shared.stage import PositionScale, SetpointMailbox, Wanted
+from forefeel.devices.shared.stage import PositionScale, SetpointMailbox, Wanted, calibrated
 from forefeel.devices.shared.stream import ByteStream, SerialStream
 from forefeel.devices.zaber.protocol import (
     ACCELERATION_DATA,
@@ -185,19 +184,16 @@ class ConfiguredStage(NamedTuple):
     """
 
     talk: ZaberTalk
-    serial: str
     scale: PositionScale
     limits: tuple[int, int]
-    calibration: StageCalibration | None = None
+    calibration: StageCalibration | None
 
 
 def link_name(settings: ZaberSettings) -> str:
     return f"stage zaber_ascii on {settings.port}"
 
 
-def connect(
-    settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: ByteStream, today: date
-) -> ConfiguredStage:
+def connect(settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: ByteStream) -> ConfiguredStage:
     """From an open stream to a stage that has been identified and set up; nothing moves.
 
     Raises:
@@ -208,15 +204,14 @@ def connect(
     try:
         serial = link.serial = _identify(talk, settings, link)
         link.advance(LinkState.IDENTIFIED)
-        calibration = _calibration(settings, serial, today)
-        scale = _scale(settings, calibration)
+        calibration, scale = calibrated(settings, serial)
         _limit(talk, settings, scale)
         low, high = (round(talk.number(f"get {name}")) for name in ("limit.min", "limit.max"))
     except DeviceSetupError:
         raise
     except DeviceError as error:
         raise DeviceSetupError(f"{error}; expected a stage that takes its settings") from error
-    return ConfiguredStage(talk, serial, scale, (low, high), calibration)
+    return ConfiguredStage(talk, scale, (low, high), calibration)
 
 
 def require_travel(device: ConfiguredStage, settings: ZaberSettings) -> None:
@@ -287,23 +282,6 @@ def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
     else:
         found = "silence: no power, another baud rate, or another device"
     return f"{link_name(settings)}: {found}; {expected}"
-
-
-def _scale(settings: ZaberSettings, calibration: StageCalibration | None) -> PositionScale:
-    if calibration is None:
-        return PositionScale(0.0, settings.sign / settings.microstep_m)
-    return PositionScale(calibration.zero, settings.sign * calibration.native_per_m)
-
-
-def _calibration(settings: ZaberSettings, serial: str, today: date) -> StageCalibration | None:
-    if settings.calibration is None:
-        return None
-    try:
-        return stage_calibration(
-            settings.calibration, settings.driver, serial, today, settings.travel_m, settings.native_per_m
-        )
-    except ConfigurationError as error:
-        raise DeviceSetupError(str(error)) from error
 
 
 def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> None:
@@ -579,7 +557,7 @@ class ZaberStage:
         stream = self._open_stream(self.settings)
         try:
             self.link.advance(LinkState.OPEN)
-            device = connect(self.settings, self._clock, self.link, stream, date.today())
+            device = connect(self.settings, self._clock, self.link, stream)
             self.calibration = device.calibration
             require_travel(device, self.settings)
             require_homed(device.talk, self.link)

@@ -1,7 +1,6 @@
 """What the calibration of a Zaber stage does: home it, and run over its travel. Blocks while it moves."""
 
 from collections.abc import Callable
-from datetime import date
 from types import TracebackType
 
 from forefeel.common.clock import Clock, MonotonicClock
@@ -38,7 +37,7 @@ class ZaberHoming:
         self._stream = self._open_stream(self._settings)
         try:
             self.link.advance(LinkState.OPEN)
-            self._device = connect(self._settings, self._clock, self.link, self._stream, date.today())
+            self._device = connect(self._settings, self._clock, self.link, self._stream)
             self.native_per_m = abs(self._device.scale.per_m)
             clear_faults(self._device.talk, self.link)
         except BaseException:

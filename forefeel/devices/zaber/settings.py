@@ -4,30 +4,24 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from forefeel.common.settings import ExistingFile
-from forefeel.devices.shared.settings import SerialSettings, Sign
-from forefeel.slave.stage import StageDriverSettings, Travel
+from forefeel.devices.shared.settings import ScaledStageSettings, SerialSettings
 
 
-class ZaberSettings(SerialSettings, StageDriverSettings):
+class ZaberSettings(SerialSettings, ScaledStageSettings):
     """A Zaber stage that speaks ASCII. It has no watchdog of its own: it is only ever sent to absolute
     targets at most `lead_s` ahead, so that it comes to rest by itself.
 
-    `microstep_m`: metres per microstep; the device's zero is its home. `travel_m`: where it may go.
+    `microstep_m`: metres per microstep; the device's zero is its home.
     """
 
     driver: Literal["zaber_ascii"]
     device: Annotated[int, Field(ge=1, le=99)] = 1
     axis: Annotated[int, Field(ge=1, le=9)] = 1
     microstep_m: Annotated[float, Field(gt=0, le=1e-3)]
-    sign: Sign = 1
-    travel_m: Travel
     max_velocity_m_s: Annotated[float, Field(gt=0, le=10)] = 0.1
     max_acceleration_m_s2: Annotated[float, Field(gt=0, le=1000)] = 4.0
     lead_s: Annotated[float, Field(gt=0, le=0.3)] = 0.060
-    calibration: ExistingFile | None = None
 
     @property
     def native_per_m(self) -> float:
-        """Microsteps per metre."""
         return 1.0 / self.microstep_m
