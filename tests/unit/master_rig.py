@@ -14,14 +14,12 @@ from forefeel.common.estimation.identification import ContactIdentifier, Identif
 from forefeel.common.messages import (
     EmergencyStop,
     ForceSample,
-    Grip,
     Handshake,
     HapticSample,
     Heartbeat,
     MasterState,
     MotionCommand,
     SafetyState,
-    SlaveState,
 )
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
 from forefeel.common.topics import Qos
@@ -33,18 +31,14 @@ from forefeel.master.identification import IdentificationTask
 from forefeel.master.prediction import Present
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterAxisSettings, RenderingSettings
+from tests.unit.dashboard import said
 
 MS = 1_000_000
 S = SafetyState
 FULL_SCALE_N = 10.0
 SHARED = shared_text("cell", "insertion", AxisLimits())
-MODEL = ContactModel.from_mapping(
-    {
-        "schema": "forefeel.model/1",
-        "name": "bias",
-        "effects": [{"effect": "bias", "parameters": {"force_n": 0.0}}],
-    }
-)
+BIAS = {"effect": "bias", "parameters": {"force_n": 0.0}}
+MODEL = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "bias", "effects": [BIAS]})
 
 
 class FakeHandle:
@@ -173,35 +167,14 @@ class Rig:
         self.beat.send(Heartbeat(**self.header(self.beat), echo_stamp_ns=sent_ns, echo_receive_ns=there_ns))
 
     def say_state(self, state: S = S.ARMED, session_id: int | None = None) -> None:
-        self.state.send(
-            SlaveState(
-                **self.header(self.state, session_id),
-                state=state,
-                reason="",
-                position_m=0.05,
-                velocity_m_s=0.0,
-                gripper=Grip.CLOSED,
-                stops=0,
-                clock_offset_ns=None,
-                clock_bound_ns=None,
-                counters={},
-            )
-        )
+        header = self.header(self.state, session_id)
+        self.state.send(said.slave_state(**header, state=state, reason="", position_m=0.05, counters={}))
 
     def say_force(self, session_id: int | None = None, **changes: Any) -> None:  # noqa: ANN401 - any field
         newest = self.commands[-1] if self.commands else None
-        fields: dict[str, Any] = {
-            **self.header(self.force, session_id),
-            "position_m": 0.05,
-            "velocity_m_s": 0.0,
-            "force_n": 0.3,
-            "raw_counts": 3,
-            "valid": True,
-            "answers_sequence": newest.sequence if newest else None,
-            "answers_stamp_ns": newest.stamp_ns if newest else None,
-            **changes,
-        }
-        self.force.send(ForceSample(**fields))
+        answered = None if newest is None else (newest.sequence, newest.stamp_ns)
+        fields = {**self.header(self.force, session_id), "position_m": 0.05, "force_n": 0.3, **changes}
+        self.force.send(said.force(fields.pop("sequence"), fields.pop("stamp_ns"), answered, **fields))
 
     def step(self, ticks: int = 1, state: S | None = S.ARMED, force: bool = True) -> None:
         for _ in range(ticks):

@@ -7,14 +7,12 @@ import pytest
 from forefeel.common.errors import DeviceError
 from forefeel.common.messages import (
     MOST_FORCE_N,
-    Grip,
-    SafetyState,
-    SlaveState,
 )
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
 from forefeel.master.handle import HandleReading
 from forefeel.master.session import SessionState
 from forefeel.master.stop import StopRequest
+from tests.unit.dashboard.said import slave_state
 from tests.unit.master_rig import FULL_SCALE_N, MS, SHARED, Rig, S, linked, shown
 
 rig = pytest.fixture(linked, name="rig")
@@ -193,14 +191,6 @@ def said(request: StopRequest, start_ns: int, end_ns: int) -> int:
     return sum(request.due(now_ns, None, 0) for now_ns in range(start_ns, end_ns, MS))
 
 
-def slave_says(state: SafetyState, persisted: bool = True) -> SlaveState:
-    return SlaveState(
-        session_id=0, sequence=1, stamp_ns=0, state=state, reason="", latch_persisted=persisted,
-        position_m=0.0, velocity_m_s=0.0, gripper=Grip.CLOSED, stops=0,
-        clock_offset_ns=None, clock_bound_ns=None, counters={},
-    )  # fmt: skip
-
-
 def test_it_is_said_every_20_ms_for_2_s_then_seldom_and_never_given_up() -> None:
     request = StopRequest()
     assert said(request, 0, 100 * MS) == 0
@@ -215,12 +205,12 @@ def test_it_ends_with_a_state_that_was_heard_after_it_and_not_with_an_older_one(
     request.ask("first", 1 * SECOND_NS)
     assert not request.ask("second", 1 * SECOND_NS + MS)
     assert request.reason == "first"
-    assert request.due(1 * SECOND_NS, slave_says(SafetyState.ESTOPPED), 1 * SECOND_NS - MS)
-    assert request.due(1 * SECOND_NS + 20 * MS, slave_says(SafetyState.FAULT), 1 * SECOND_NS + 10 * MS)
+    assert request.due(1 * SECOND_NS, slave_state(state="estopped"), 1 * SECOND_NS - MS)
+    assert request.due(1 * SECOND_NS + 20 * MS, slave_state(state="fault"), 1 * SECOND_NS + 10 * MS)
     assert request.due(
-        1 * SECOND_NS + 40 * MS, slave_says(SafetyState.ESTOPPED, persisted=False), 1 * SECOND_NS + 30 * MS
+        1 * SECOND_NS + 40 * MS, slave_state(state="estopped", latch_persisted=False), 1 * SECOND_NS + 30 * MS
     )
-    assert not request.due(1 * SECOND_NS + 60 * MS, slave_says(SafetyState.ESTOPPED), 1 * SECOND_NS + 50 * MS)
+    assert not request.due(1 * SECOND_NS + 60 * MS, slave_state(state="estopped"), 1 * SECOND_NS + 50 * MS)
     assert not request.wanted
     assert request.ask("again", 2 * SECOND_NS)
 

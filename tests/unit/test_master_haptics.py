@@ -7,16 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.estimation.forecast import Estimate
-from forefeel.common.messages import ForceSample, SafetyState
+from forefeel.common.messages import SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.prediction import Present
 from forefeel.master.settings import RenderingSettings
+from tests.unit.dashboard.said import force
 
 MS = 1_000_000
 S = SafetyState
 STALE_S = 0.1
 SETTINGS = RenderingSettings()
+LATE = force(1, 0, (1, 0), force_n=0.7)
 
 
 class Spring:
@@ -34,21 +36,6 @@ class Spring:
 
     def reset(self) -> None:
         self.asked.clear()
-
-
-def sample(force_n: float = 0.7) -> ForceSample:
-    return ForceSample(
-        session_id=1,
-        sequence=1,
-        stamp_ns=0,
-        position_m=0.0,
-        velocity_m_s=0.0,
-        force_n=force_n,
-        raw_counts=0,
-        valid=True,
-        answers_sequence=1,
-        answers_stamp_ns=0,
-    )
 
 
 class Bench:
@@ -69,10 +56,9 @@ class Bench:
             self.now_ns += MS
             if fresh:
                 self.heard_ns = self.now_ns
-            force = None if self.heard_ns is None else NewestForce(sample(), self.heard_ns, self.late_ns)
-            out = self.loop.tick(
-                self.now_ns, HapticInputs(self.reading, self.state, self.stage_m, force, None)
-            )
+            newest = None if self.heard_ns is None else NewestForce(LATE, self.heard_ns, self.late_ns)
+            inputs = HapticInputs(self.reading, self.state, self.stage_m, newest, None)
+            out = self.loop.tick(self.now_ns, inputs)
         return out
 
 

@@ -12,20 +12,12 @@ from forefeel.common.estimation.identification import (
 )
 from forefeel.common.messages import ForceSample
 from forefeel.master.identification import IdentificationTask
+from tests.unit.dashboard.said import force
 
 TICK = 4_000_000  # the contact model's parameters are identified from 250 samples a second
-MODEL = ContactModel.from_mapping(
-    {
-        "schema": "forefeel.model/1",
-        "name": "spring and damper",
-        "effects": [
-            {
-                "effect": "mass_damper_spring",
-                "parameters": {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 0.0},
-            }
-        ],
-    }
-)
+WALL = {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 0.0}
+EFFECTS = [{"effect": "mass_damper_spring", "parameters": WALL}]
+MODEL = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "wall", "effects": EFFECTS})
 STIFFNESS, DAMPING = 40.0, 1.5
 
 
@@ -44,18 +36,10 @@ class Notes(ContactIdentifier):
 def sample(stamp_ns: int, session_id: int = 1, valid: bool = True, answers: int | None = 1) -> ForceSample:
     t = stamp_ns * 1e-9
     x, v = 0.01 * (1 - cos(5 * t)) + 0.004 * sin(13 * t), 0.05 * sin(5 * t) + 0.052 * cos(13 * t)
-    return ForceSample(
-        session_id=session_id,
-        sequence=1,
-        stamp_ns=stamp_ns,
-        position_m=x,
-        velocity_m_s=v,
-        force_n=(STIFFNESS * x + DAMPING * v) if valid else 99.0,
-        raw_counts=0,
-        valid=valid,
-        answers_sequence=answers,
-        answers_stamp_ns=None if answers is None else 0,
-    )
+    force_n = STIFFNESS * x + DAMPING * v if valid else 99.0
+    answered = None if answers is None else (answers, 0)
+    moved = {"position_m": x, "velocity_m_s": v, "force_n": force_n}
+    return force(1, stamp_ns, answered, session_id=session_id, valid=valid, **moved)
 
 
 def task() -> tuple[IdentificationTask, Notes]:

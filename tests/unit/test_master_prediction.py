@@ -11,6 +11,7 @@ from forefeel.common.estimation.prediction import ContactPredictor
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.prediction import ExpectedStage, ForcePrediction, Present
+from tests.unit.dashboard.said import force
 from tests.unit.test_stage_lag import Drive, _reach
 
 MS = 1_000_000
@@ -38,21 +39,8 @@ class Bench:
         position_m = self._drive.step(command_m)
         velocity_m_s = (position_m - before_m) * 1e3
         force_n = STIFFNESS * position_m + DAMPING * velocity_m_s + 0.002 * self._noise.standard_normal()
-        self.samples.append(
-            ForceSample(
-                session_id=1,
-                sequence=n + 1,
-                stamp_ns=(n + 77_000) * MS,
-                position_m=position_m,
-                velocity_m_s=velocity_m_s,
-                force_n=force_n,
-                raw_counts=0,
-                valid=True,
-                answers_sequence=n + 1,
-                answers_stamp_ns=(n + 5) * MS,
-                gripper=grip,
-            )
-        )
+        moved = {"position_m": position_m, "velocity_m_s": velocity_m_s, "force_n": force_n, "gripper": grip}
+        self.samples.append(force(n + 1, (n + 77_000) * MS, (n + 1, (n + 5) * MS), **moved))
         self.commands.append(((n + 5) * MS, command_m, (command_m - _reach((n - 1) * 1e-3)) * 1e3))
         return self.commands[-1]
 
