@@ -6,9 +6,10 @@ A viewer in a process of its own. Everything that a stranger may say is bounded.
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from itertools import accumulate
+from typing import Any
 from wsgiref.simple_server import WSGIServer
 
 from prometheus_client import CollectorRegistry, start_http_server
@@ -20,7 +21,7 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 
-from forefeel.common.clock import MonotonicClock
+from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.codec import decode
 from forefeel.common.errors import CodecError, EndpointError, RunError
 from forefeel.common.messages import (
@@ -60,15 +61,34 @@ _MOST_AXES, _MOST_NAMES = 32, 64  # that are counted apart: both come from the n
 _OTHER = "other"
 
 
-class CellMetrics:
-    """Fed with payloads as they come, asked for families at each scrape.
+Kind = type[CounterMetricFamily | GaugeMetricFamily | HistogramMetricFamily]
+
+
+class Families(dict[str, Any]):
+    """Metric families by name, each with the samples of all axes."""
+
+    def add(self, kind: Kind, name: str, text: str, value: Sequence[Any], /, **labels: str) -> None:
+        if name not in self:
+            self[name] = kind(f"forefeel_{name}", text, labels=list(labels))
+        self[name].add_metric(list(labels.values()), *value)
+
+    def gauge(self, name: str, text: str, value: float, /, **labels: str) -> None:
+        self.add(GaugeMetricFamily, name, text, [value], **labels)
+
+    def counter(self, name: str, text: str, value: float, /, **labels: str) -> None:
+        self.add(CounterMetricFamily, name, text, [value], **labels)
+
+
+class CellMetrics(Collector):
+    """Fed with payloads as they come; asked by Prometheus' client at each scrape, from a thread of its own.
 
     Attributes:
         malformed: payloads that were no message of their topic.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
         self.malformed = 0
+        self._clock, self._lock = clock, threading.Lock()
         self._axes: set[str] = set()
         self._counts: Counter[tuple[str, str]] = Counter()
         self._newest: dict[tuple[str, str], tuple[Message, int]] = {}
@@ -81,17 +101,18 @@ class CellMetrics:
         if parsed is None:
             return
         _, axis, topic = parsed
-        if axis not in self._axes:
-            if len(self._axes) == _MOST_AXES:
+        with self._lock:
+            if axis not in self._axes:
+                if len(self._axes) == _MOST_AXES:
+                    return
+                self._axes.add(axis)
+            self._counts[axis, topic.name] += 1
+            if topic.name not in _READ:
                 return
-            self._axes.add(axis)
-        self._counts[axis, topic.name] += 1
-        if topic.name not in _READ:
-            return
-        try:
-            self._take(axis, topic.name, decode(topic.message, payload), receive_ns)
-        except CodecError:
-            self.malformed += 1
+            try:
+                self._take(axis, topic.name, decode(topic.message, payload), receive_ns)
+            except CodecError:
+                self.malformed += 1
 
     def _take(self, axis: str, name: str, message: Message, receive_ns: int) -> None:
         role = name.partition("/")[0]
@@ -103,31 +124,24 @@ class CellMetrics:
             case _:
                 self._newest[axis, name] = message, receive_ns
 
-    def families(self, now_ns: int) -> Iterator[Metric]:
-        messages = CounterMetricFamily("forefeel_messages", "heard here", labels=["axis", "topic"])
-        for (axis, topic), count in sorted(self._counts.items()):
-            messages.add_metric([axis, topic], count)
-        yield messages
-        yield CounterMetricFamily("forefeel_malformed", "payloads that were no message", self.malformed)
-        yield from self._states(now_ns)
-        yield from _counted("forefeel_limits", "interventions, by their rule", "rule", self._limits)
-        yield from _counted("forefeel_transitions", "transitions, by their event", "event", self._events)
-
-    def _states(self, now_ns: int) -> Iterator[Metric]:
-        age = GaugeMetricFamily("forefeel_state_age_seconds", "since the newest", labels=["axis", "topic"])
-        found: list[Metric] = [age]
-        for (axis, topic), (message, receive_ns) in sorted(self._newest.items()):
-            age.add_metric([axis, topic], (now_ns - receive_ns) * 1e-9)
-            match message:
-                case SlaveState():
-                    found += _of_slave(axis, message)
-                case MasterState():
-                    found += _of_master(axis, message)
-                case ModelParameters():
-                    found += _of_model(axis, message)
-                case LoopTiming():
-                    found += _of_loop(axis, topic.partition("/")[0], message)
-        yield from _joined(found)
+    def collect(self) -> Iterator[Metric]:
+        found, now_ns = Families(), self._clock.now_ns()
+        with self._lock:
+            for (axis, topic), count in sorted(self._counts.items()):
+                found.counter("messages", "heard here", count, axis=axis, topic=topic)
+            found.counter("malformed", "payloads that were no message", self.malformed)
+            for (axis, topic), (message, receive_ns) in sorted(self._newest.items()):
+                age_s = (now_ns - receive_ns) * 1e-9
+                found.gauge("state_age_seconds", "since the newest", age_s, axis=axis, topic=topic)
+                _add(found, axis, topic.partition("/")[0], message)
+            for (axis, role, rule), count in sorted(self._limits.items()):
+                found.counter(
+                    "limits", "interventions, by their rule", count, axis=axis, role=role, rule=rule
+                )
+            for (axis, role, event), count in sorted(self._events.items()):
+                text = "transitions, by their event"
+                found.counter("transitions", text, count, axis=axis, role=role, event=event)
+        yield from found.values()
 
 
 def _known(counts: Counter[tuple[str, str, str]], key: tuple[str, str, str]) -> tuple[str, str, str]:
@@ -135,103 +149,49 @@ def _known(counts: Counter[tuple[str, str, str]], key: tuple[str, str, str]) -> 
     return key if key in counts or len(counts) < _MOST_NAMES else (key[0], key[1], _OTHER)
 
 
-def _counted(
-    name: str, text: str, label: str, counts: Counter[tuple[str, str, str]]
-) -> Iterator[CounterMetricFamily]:
-    family = CounterMetricFamily(name, text, labels=["axis", "role", label])
-    for labels, count in sorted(counts.items()):
-        family.add_metric(list(labels), count)
-    yield family
+def _add(found: Families, axis: str, role: str, message: Message) -> None:
+    match message:
+        case SlaveState():
+            for each in SafetyState:
+                in_it = float(message.state is each)
+                found.gauge("safety_state", "1 for the one it is in", in_it, axis=axis, state=each.value)
+            found.counter("stops", "out of motion, but by a release", message.stops, axis=axis)
+            found.gauge("position_metres", "the stage's readback", message.position_m, axis=axis)
+            found.gauge("velocity_metres_per_second", "the stage's readback", message.velocity_m_s, axis=axis)
+        case MasterState():
+            found.gauge("indication", "1: what it shows", 1.0, axis=axis, indication=message.indication)
+            found.gauge("deadman", "1: pressed", float(message.deadman), axis=axis)
+        case ModelParameters():
+            found.gauge("innovation_rms_newtons", "of the model", message.innovation_rms_n, axis=axis)
+            for family, values, text in (
+                ("parameter", message.values, "identified, in the unit of its name"),
+                ("parameter_standard_deviation", message.standard_deviations, "of the parameter"),
+            ):
+                for name, value in zip(message.names, values, strict=False):
+                    found.gauge(family, text, value, axis=axis, name=name)
+        case LoopTiming():
+            _add_loop(found, message, axis=axis, role=role, loop=message.loop)
+    if isinstance(message, SlaveState | MasterState):
+        for name, count in sorted(message.counters.items()):
+            found.counter("counter", "its own counters", count, axis=axis, role=role, name=name)
+        for family, value_ns, text in (
+            ("clock_offset_seconds", message.clock_offset_ns, "the other clock minus its own"),
+            ("clock_bound_seconds", message.clock_bound_ns, "how far that may be off"),
+        ):
+            if value_ns is not None:
+                found.gauge(family, text, value_ns * 1e-9, axis=axis, role=role)
 
 
-def _of_slave(axis: str, state: SlaveState) -> Iterator[Metric]:
-    for each in SafetyState:
-        in_it = float(state.state is each)
-        yield _gauge("safety_state", "1 for the one it is in", in_it, axis=axis, state=each.value)
-    yield _counter("stops", "out of motion, but by a release", state.stops, axis=axis)
-    yield _gauge("position_metres", "the stage's readback", state.position_m, axis=axis)
-    yield _gauge("velocity_metres_per_second", "the stage's readback", state.velocity_m_s, axis=axis)
-    yield from _common(axis, "slave", state)
-
-
-def _of_master(axis: str, state: MasterState) -> Iterator[Metric]:
-    yield _gauge("indication", "1: what it shows", 1.0, axis=axis, indication=state.indication)
-    yield _gauge("deadman", "1: pressed", float(state.deadman), axis=axis)
-    yield from _common(axis, "master", state)
-
-
-def _common(axis: str, role: str, state: SlaveState | MasterState) -> Iterator[Metric]:
-    for name, count in sorted(state.counters.items()):
-        yield _counter("counter", "its own counters", count, axis=axis, role=role, name=name)
-    for name, value_ns, text in (
-        ("clock_offset_seconds", state.clock_offset_ns, "the other clock minus its own"),
-        ("clock_bound_seconds", state.clock_bound_ns, "how far that may be off"),
-    ):
-        if value_ns is not None:
-            yield _gauge(name, text, value_ns * 1e-9, axis=axis, role=role)
-
-
-def _of_model(axis: str, model: ModelParameters) -> Iterator[Metric]:
-    yield _gauge("innovation_rms_newtons", "of the model", model.innovation_rms_n, axis=axis)
-    for name, values, text in (
-        ("parameter", model.values, "identified, in the unit of its name"),
-        ("parameter_standard_deviation", model.standard_deviations, "of the parameter"),
-    ):
-        for parameter, value in zip(model.names, values, strict=False):
-            yield _gauge(name, text, value, axis=axis, name=parameter)
-
-
-def _gauge(family: str, text: str, value: float, /, **labels: str) -> Metric:
-    found = GaugeMetricFamily(f"forefeel_{family}", text, labels=list(labels))
-    found.add_metric(list(labels.values()), value)
-    return found
-
-
-def _counter(family: str, text: str, value: float, /, **labels: str) -> Metric:
-    found = CounterMetricFamily(f"forefeel_{family}", text, labels=list(labels))
-    found.add_metric(list(labels.values()), value)
-    return found
-
-
-def _of_loop(axis: str, role: str, timing: LoopTiming) -> Iterator[Metric]:
-    labels = ["axis", "role", "loop"]
-    lateness = HistogramMetricFamily("forefeel_loop_lateness_seconds", "of its ticks", labels=labels)
+def _add_loop(found: Families, timing: LoopTiming, **labels: str) -> None:
     ends = [*(f"{edge * 1e-6:g}" for edge in timing.edges_us), "+Inf"]
-    total = list(accumulate(timing.counts))
+    buckets = list(zip(ends, accumulate(timing.counts), strict=False))
     mean_s = sum(
         0.5e-6 * (low + high) * count
         for low, high, count in zip((0.0, *timing.edges_us), timing.edges_us, timing.counts, strict=False)
     )
-    lateness.add_metric([axis, role, timing.loop], list(zip(ends, total, strict=False)), mean_s)
-    yield lateness
-    text = "deadlines that were skipped"
-    yield _counter("loop_missed", text, timing.missed, axis=axis, role=role, loop=timing.loop)
-
-
-def _joined(families: list[Metric]) -> Iterator[Metric]:
-    """One family for each name, with the samples of all axes."""
-    found: dict[str, Metric] = {}
-    for family in families:
-        known = found.setdefault(family.name, family)
-        if known is not family:
-            known.samples += family.samples
-    yield from found.values()
-
-
-class CellCollector(Collector):
-    """Asked by Prometheus' client at each scrape, from a thread of its own."""
-
-    def __init__(self, clock: MonotonicClock) -> None:
-        self.cell = CellMetrics()
-        self._clock, self._lock = clock, threading.Lock()
-
-    def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        with self._lock:
-            self.cell.hear(key, payload, receive_ns)
-
-    def collect(self) -> Iterator[Metric]:
-        with self._lock:
-            return iter(list(self.cell.families(self._clock.now_ns())))
+    name = "loop_lateness_seconds"
+    found.add(HistogramMetricFamily, name, "of its ticks", (buckets, mean_s), **labels)
+    found.counter("loop_missed", "deadlines that were skipped", timing.missed, **labels)
 
 
 def serve(collector: Collector, address: str, port: int) -> tuple[WSGIServer, threading.Thread]:
@@ -258,7 +218,7 @@ def run_metrics(
         RunError: the network failed.
     """
     clock, failed = MonotonicClock(), list[Exception]()
-    collector = CellCollector(clock)
+    collector = CellMetrics(clock)
     server, thread = serve(collector, address, port)
     try:
         party = Party("viewer", (settings.cell,))

@@ -8,7 +8,7 @@ pytest.importorskip("prometheus_client")
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
-from forefeel.common.clock import MonotonicClock
+from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
 from forefeel.common.errors import EndpointError
 from forefeel.common.messages import (
@@ -31,7 +31,7 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
     Topic,
 )
-from forefeel.metrics import CellCollector, CellMetrics, serve
+from forefeel.metrics import CellMetrics, serve
 
 HEAD = {"session_id": 1, "sequence": 1, "stamp_ns": 0}
 S = 1_000_000_000
@@ -50,10 +50,10 @@ def heard(cell: CellMetrics, topic: Topic[Message], message: Message, axis: str 
     cell.hear(topic.key("cathlab", axis), encode(message), 5 * S)
 
 
-def values(cell: CellMetrics, now_ns: int = 6 * S) -> Found:
+def values(cell: CellMetrics) -> Found:
     return {
         (sample.name, tuple(sorted(sample.labels.items()))): sample.value
-        for family in cell.families(now_ns)
+        for family in cell.collect()
         for sample in family.samples
     }
 
@@ -63,7 +63,7 @@ def at(found: Found, family: str, /, **labels: str) -> float:
 
 
 def test_the_newest_state_is_told_with_its_age() -> None:
-    cell = CellMetrics()
+    cell = CellMetrics(VirtualClock(6 * S))
     heard(cell, SLAVE_STATE, slave_state(state=SafetyState.READY))
     heard(cell, SLAVE_STATE, slave_state())
     found = values(cell)
@@ -78,7 +78,7 @@ def test_the_newest_state_is_told_with_its_age() -> None:
 
 
 def test_each_axis_and_each_end_stands_for_itself() -> None:
-    cell = CellMetrics()
+    cell = CellMetrics(VirtualClock(6 * S))
     heard(cell, SLAVE_STATE, slave_state())
     heard(cell, SLAVE_STATE, slave_state(position_m=0.5), axis="rotation")
     heard(cell, MASTER_STATE, MasterState.model_validate(HEAD | {
@@ -90,12 +90,12 @@ def test_each_axis_and_each_end_stands_for_itself() -> None:
     assert at(found, "forefeel_deadman") == 1.0
     assert at(found, "forefeel_counter_total", role="master", name="forces") == 9
     assert ("forefeel_clock_offset_seconds", (("axis", "insertion"), ("role", "master"))) not in found
-    names = [family.name for family in cell.families(0)]
+    names = [family.name for family in cell.collect()]
     assert len(names) == len(set(names)), "one family for each name"
 
 
 def test_events_add_up_by_their_rule_and_by_their_event() -> None:
-    cell = CellMetrics()
+    cell = CellMetrics(VirtualClock(6 * S))
     for count in (2, 3):
         heard(cell, LIMIT_EVENT, LimitEvent.model_validate(
             HEAD | {"rule": "force", "requested": 4.0, "applied": 3.0, "unit": "N", "count": count}
@@ -109,7 +109,7 @@ def test_events_add_up_by_their_rule_and_by_their_event() -> None:
 
 
 def test_a_loop_is_a_histogram_in_seconds() -> None:
-    cell = CellMetrics()
+    cell = CellMetrics(VirtualClock(6 * S))
     heard(cell, SLAVE_TIMING, LoopTiming.model_validate(HEAD | {
         "loop": "control", "ticks": 10, "missed": 1, "p50_us": 20.0, "p99_us": 90.0, "max_us": 95.0,
         "edges_us": (50.0, 100.0), "counts": (8, 1, 1), "scheduling": "SCHED_FIFO 50",
@@ -124,7 +124,7 @@ def test_a_loop_is_a_histogram_in_seconds() -> None:
 
 
 def test_the_model_is_told_with_its_uncertainty() -> None:
-    cell = CellMetrics()
+    cell = CellMetrics(VirtualClock(6 * S))
     heard(cell, PARAMETERS, ModelParameters.model_validate(HEAD | {
         "names": ("stiffness_n_m",), "values": (40.0,), "standard_deviations": (0.5,), "identifiable": (),
         "valid": True, "samples": 1, "updates": 1, "resets": 0, "innovation_rms_n": 0.01,
@@ -136,7 +136,7 @@ def test_the_model_is_told_with_its_uncertainty() -> None:
 
 
 def test_what_a_stranger_says_stays_bounded() -> None:
-    cell = CellMetrics()
+    cell = CellMetrics(VirtualClock(6 * S))
     for number in range(200):
         heard(cell, SAFETY_EVENT, SafetyEvent.model_validate(
             HEAD | {"before": "armed", "event": f"e{number}", "after": "ready", "reason": ""}
@@ -153,14 +153,14 @@ def test_what_a_stranger_says_stays_bounded() -> None:
 
 
 def test_prometheus_reads_hostile_names_as_text() -> None:
-    collector, registry = CellCollector(MonotonicClock()), CollectorRegistry(auto_describe=False)
+    collector, registry = CellMetrics(VirtualClock(6 * S)), CollectorRegistry(auto_describe=False)
     registry.register(collector)
     hostile = 'a"} 1\n# EOF <b>'
     for name in (hostile, "usual"):
-        heard(collector.cell, SAFETY_EVENT, SafetyEvent.model_validate(
+        heard(collector, SAFETY_EVENT, SafetyEvent.model_validate(
             HEAD | {"before": "armed", "event": "watchdog", "after": "ready", "reason": name}
         ))  # fmt: skip
-    heard(collector.cell, SLAVE_STATE, slave_state(counters={"refused": 1}))
+    heard(collector, SLAVE_STATE, slave_state(counters={"refused": 1}))
     text = generate_latest(registry).decode()
     families = {family.name: family for family in text_string_to_metric_families(text)}
     assert {"forefeel_safety_state", "forefeel_messages", "forefeel_counter"} <= set(families)
@@ -170,4 +170,4 @@ def test_busy_port_is_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(EndpointError, match=f"--port {port}"):
-            serve(CellCollector(MonotonicClock()), "127.0.0.1", port)
+            serve(CellMetrics(VirtualClock(6 * S)), "127.0.0.1", port)
