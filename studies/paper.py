@@ -200,7 +200,7 @@ def lead_s(time_s: Array, first: Array, second: Array) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Run:
+class ComparedRun:
     """A recording with what each of METHODS predicts for its n samples, and where these are compared.
 
     `instrument`, `style`, `force_scale` (of the hand): of the simulated bench.
@@ -229,7 +229,7 @@ class Run:
         return float(np.mean(error_n < np.maximum(STRICT_N, STRICT_SHARE * shown_n)))
 
 
-def compared(name: str, recording: Recording, product_n: Array) -> Run:
+def compared(name: str, recording: Recording, product_n: Array) -> ComparedRun:
     """All METHODS as a master DELAY_S away would run them; `tared`: on the force less its first value."""
     time_s, force_n, rows = recording.time_s, recording.force_n, motion_rows(recording)
     assert force_n is not None
@@ -241,7 +241,7 @@ def compared(name: str, recording: Recording, product_n: Array) -> Run:
         "product": product_n,
     }
     scored = (time_s >= time_s[0] + _SCORED_FROM_S + DELAY_S) & np.isfinite(product_n)
-    return Run(name, recording, force_n, predicted_n, scored)
+    return ComparedRun(name, recording, force_n, predicted_n, scored)
 
 
 def motion_rows(recording: Recording) -> Array:
@@ -260,7 +260,7 @@ def motion_rows(recording: Recording) -> Array:
     return rows
 
 
-def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> Run:
+def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> ComparedRun:
     """The whole product in virtual time over a network of 150 ms one way.
 
     Raises:
@@ -294,7 +294,7 @@ def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> Run:
     return replace(run, instrument=instrument, style=style, force_scale=scale)
 
 
-def measured_run(path: Path) -> Run:
+def measured_run(path: Path) -> ComparedRun:
     """A measured recording; the product as in `forefeel evaluate`, the hold until it predicts.
 
     Raises:
@@ -373,7 +373,7 @@ def simulation() -> Section:
     )
 
 
-def bench(run: Run) -> Section:
+def bench(run: ComparedRun) -> Section:
     """Figures 7 and 8, or 9 and 10: force and error of one instrument on the simulated bench."""
     figures, bound_n = BOUNDS_N[run.instrument]
     time_s, force_n = run.recording.time_s[run.scored] - run.recording.time_s[0], run.force_n[run.scored]
@@ -598,7 +598,7 @@ def pairing_rms() -> dict[str, float]:
     return {name: rms((predicted_n - force_n)[time_s >= PERIOD_S]) for name, predicted_n in made.items()}
 
 
-def baseline(runs: Sequence[Run]) -> Section:
+def baseline(runs: Sequence[ComparedRun]) -> Section:
     others = METHODS[1:]
     rows: list[Row] = [("rms at 300 ms", "force", "hold", *(f"{name} / hold" for name in others))]
     for run in runs:
@@ -625,7 +625,7 @@ def baseline(runs: Sequence[Run]) -> Section:
     )
 
 
-def thresholds(runs: Sequence[Run]) -> Section:
+def thresholds(runs: Sequence[ComparedRun]) -> Section:
     shown = "hold", "paper", "product"
     rows = [(run.name, *(f"{100 * run.unfelt(name):.0f} %" for name in shown)) for run in runs]
     return Section(

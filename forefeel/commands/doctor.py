@@ -27,11 +27,11 @@ def doctor(
     from rich.text import Text  # noqa: PLC0415 - the help needs none of it
 
     from forefeel.doctor.examine import LEVELS, examine  # noqa: PLC0415
-    from forefeel.doctor.host import Host  # noqa: PLC0415
+    from forefeel.doctor.host import HostProbe  # noqa: PLC0415
 
     with output(as_json, quiet):
         with stages("looking", said=()) as tell:
-            findings = examine(config or [], Host(), tell, os.environ)
+            findings = examine(config or [], HostProbe(), tell, os.environ)
         counts = {level: Counter(each.level for each in findings)[level] for level in LEVELS}
         worst = next((level for level in reversed(LEVELS) if counts[level]), "green")
         shown = table("", "group", "what", "found", "what to do")

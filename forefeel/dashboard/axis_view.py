@@ -14,7 +14,7 @@ from forefeel.common.messages import (
 )
 from forefeel.common.topics import MASTER_TIMING, Topic
 from forefeel.dashboard.detector import ModelWatch
-from forefeel.dashboard.event_log import EventLog
+from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.rings import SampleRing
 from forefeel.dashboard.timeline import RESTART_NS, Timeline
 from forefeel.dashboard.trace import SPAN_S, MinMaxTrace
@@ -85,7 +85,7 @@ class AxisView:
         self.timeline = Timeline()
         self.traces = new_traces()
         self.watch = ModelWatch()
-        self.events = EventLog()
+        self.events = EventList()
         self.samples = new_samples()
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0

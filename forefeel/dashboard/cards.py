@@ -20,7 +20,7 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
 )
 from forefeel.dashboard.axis_view import AxisView
-from forefeel.dashboard.event_log import EventLog
+from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
 from forefeel.dashboard.lights import lights
 from forefeel.dashboard.tally import NOTHING, tallies, totals
@@ -191,7 +191,7 @@ def _counted_words(view: AxisView, now_ns: int) -> str:
     return f"{' and '.join(missing)} not heard now" if missing else ""
 
 
-def events(log: EventLog) -> list[Card]:
+def events(log: EventList) -> list[Card]:
     """The newest first; `heard_s`: when, on the clock of who listens."""
     return [
         {

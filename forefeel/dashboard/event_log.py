@@ -35,7 +35,7 @@ class EventLine(NamedTuple):
     text: str
 
 
-class EventLog:
+class EventList:
     def __init__(self) -> None:
         self.count = 0
         self._lines: deque[EventLine] = deque(maxlen=MOST)

@@ -69,7 +69,7 @@ _COLOURS = ORANGE, BLUE  # before, after
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class CauseSection:
     """One cause, or one that was suspected, on the page."""
 
     name: str
@@ -123,21 +123,22 @@ def render_page(
     )
 
 
-def _section(stem: str, curves: Curves, cause: Cause) -> Section:
+def _section(stem: str, curves: Curves, cause: Cause) -> CauseSection:
     parameters = [shown(name, interval) for name, interval in cause.parameters.items()]
     explained = ("Its share of the force, rms", quantity(cause.explained_n, "N"))
     evidence = [explained, *_evidence(cause.evidence, cause.probability)]
     form, drawing = _drawn(stem, curves, cause.name)
-    return Section(
+    return CauseSection(
         cause.name, words(cause.name), _fingerprint(cause.name), form, parameters, evidence, drawing
     )
 
 
-def _suspects(stem: str, curves: Curves, diagnosis: Diagnosis) -> list[Section]:
+def _suspects(stem: str, curves: Curves, diagnosis: Diagnosis) -> list[CauseSection]:
     """What the search put into its model while the verdict names nothing; the simulation has a bias."""
     found = [(name, *_drawn(stem, curves, name)) for name in diagnosis.suspected if name != "bias"]
     return [
-        Section(name, words(name), _fingerprint(name), form, [], [], drawing) for name, form, drawing in found
+        CauseSection(name, words(name), _fingerprint(name), form, [], [], drawing)
+        for name, form, drawing in found
     ]
 
 

@@ -18,7 +18,7 @@ from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_config import secured_by_file
 from forefeel.daemon_settings import load_daemon
-from forefeel.doctor.host import ClockState, Heard, Host, Loop
+from forefeel.doctor.host import ClockState, Heard, HostProbe, LoopCheck
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.probe import Probed
 from forefeel.reachability import Reached
@@ -62,7 +62,7 @@ class Finding:
 
 
 def examine(
-    files: Sequence[Path], host: Host, progress: Callable[[str], None], environment: Mapping[str, str]
+    files: Sequence[Path], host: HostProbe, progress: Callable[[str], None], environment: Mapping[str, str]
 ) -> list[Finding]:
     """Every check that the files allow; without files those of the host.
 
@@ -96,7 +96,7 @@ def _load(files: Sequence[Path]) -> dict[Role, DaemonSettings]:
     return loaded
 
 
-def check_certificates(role: Role, settings: DaemonSettings, host: Host) -> Iterator[Finding]:
+def check_certificates(role: Role, settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
     """Whether what is open to a network is secured, by a certificate that is valid and names this host."""
     transport, group = settings.transport, "certificates"
     try:
@@ -148,7 +148,7 @@ def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) 
         yield Finding("certificates", f"{party.name}, names", "green", named)
 
 
-def check_network(role: Role, settings: DaemonSettings, host: Host) -> Iterator[Finding]:
+def check_network(role: Role, settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
     """Whether router or peer answers and takes our certificate, how far it is, and how clocks compare."""
     transport = settings.transport
     if not transport.listen and not transport.connect:
@@ -215,7 +215,9 @@ def _judged_clock(state: ClockState) -> Finding:
     return Finding("clock", subject, "amber", f"{words}: poor", advice)
 
 
-def check_devices(role: Role, settings: DaemonSettings, process: int | None, host: Host) -> Iterator[Finding]:
+def check_devices(
+    role: Role, settings: DaemonSettings, process: int | None, host: HostProbe
+) -> Iterator[Finding]:
     """Ports, CAN interfaces and, unless their daemon runs, the devices themselves; nothing is moved."""
     devices = configured(settings)
     for port in dict.fromkeys(device.serial_port for device in devices if device.serial_port):
@@ -233,7 +235,7 @@ def check_devices(role: Role, settings: DaemonSettings, process: int | None, hos
         yield from (_judged_device(device, host.probe(device)) for device in real)
 
 
-def _judged_port(path: str, host: Host) -> Finding:
+def _judged_port(path: str, host: HostProbe) -> Finding:
     port = host.port(path)
     if not port.exists:
         advice = "plug it in; forefeel devices lists what there is"
@@ -246,7 +248,7 @@ def _judged_port(path: str, host: Host) -> Finding:
     return Finding("devices", path, "green", "may be opened")
 
 
-def _judged_can(name: str, wanted: int, host: Host) -> Finding:
+def _judged_can(name: str, wanted: int, host: HostProbe) -> Finding:
     interface = host.can_interface(name)
     if interface is None:
         advice = "plug it in; ip link shows what there is"
@@ -279,7 +281,7 @@ def _judged_device(device: ConfiguredDevice, found: Probed) -> Finding:
     return Finding("devices", subject, "red", error, advice)
 
 
-def check_disk(folder: Path, host: Host) -> Iterator[Finding]:
+def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
     """Whether the state folder can be written, by this user alone, and how much room there is."""
     disk = host.disk(folder)
     if not disk.writable:
@@ -298,7 +300,7 @@ def check_disk(folder: Path, host: Host) -> Iterator[Finding]:
     yield Finding("disk", "free space", level, f"{free / 1e9:.1f} GB at {folder}", advice)
 
 
-def check_versions(host: Host) -> Iterator[Finding]:
+def check_versions(host: HostProbe) -> Iterator[Finding]:
     """Python, then the packages: one line when all are there, else one for each that is not as required."""
     found = host.versions()
     python = ".".join(map(str, found.python))
@@ -325,7 +327,7 @@ def _fits(requirement: str, version: str | None) -> bool:
     return version is not None and Requirement(requirement).specifier.contains(version, prereleases=True)
 
 
-def check_loop(loop: Loop, priority: int) -> Iterator[Finding]:
+def check_loop(loop: LoopCheck, priority: int) -> Iterator[Finding]:
     """Whether a 1 kHz loop is permitted to run in real time, and how late it wakes up."""
     granted = {"scheduling": not priority or loop.scheduling.startswith("SCHED_FIFO")}
     granted["memory"] = loop.memory == "memory locked"

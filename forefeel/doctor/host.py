@@ -39,7 +39,7 @@ _LISTENING_S = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class LoopCheck:
     """What a 1 kHz loop was granted, and its lateness in us."""
 
     scheduling: str
@@ -99,7 +99,7 @@ class Versions:
     packages: dict[str, str | None]
 
 
-class Host:
+class HostProbe:
     def now(self) -> datetime:
         return now_utc()
 
@@ -107,7 +107,7 @@ class Host:
         """The process of the daemon that has this state folder."""
         return holder(state)
 
-    def loop(self, priority: int, seconds: float) -> Loop:
+    def loop(self, priority: int, seconds: float) -> LoopCheck:
         """Runs a loop that does nothing, as a daemon would; memory stays locked."""
         memory, failures = prepare_process(), list[BaseException]()
         thread = RealtimeThread("doctor", TICK_NS, lambda _now_ns: None, MonotonicClock(), failures.append)
@@ -116,7 +116,7 @@ class Host:
         thread.stop()
         late = thread.lateness
         p50, p99 = late.quantile_us(0.5), late.quantile_us(0.99)
-        return Loop(thread.scheduling, memory, late.ticks, late.missed, p50, p99, late.max_us)
+        return LoopCheck(thread.scheduling, memory, late.ticks, late.missed, p50, p99, late.max_us)
 
     def reach(self, endpoint: str, identity: PartyFiles | None, other: str) -> Reached:
         return reach(endpoint, identity, other)

@@ -18,7 +18,7 @@ from forefeel.interrupt import Stop, heeded
 from forefeel.loopback.child import Child
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
-from forefeel.loopback.viewer import Viewer
+from forefeel.loopback.viewer import DashboardProcess
 from forefeel.recorder import Recorder
 
 _POLL_S = 0.1  # s between two looks at the processes
@@ -39,7 +39,7 @@ def run_real(
     out: Path,
     progress: Progress,
     emulators: Sequence[Emulated] = (),
-    viewer: Viewer | None = None,
+    viewer: DashboardProcess | None = None,
 ) -> None:
     """Runs to the end and leaves out/recording.mcap; `progress` gets (seconds done, what happens).
 

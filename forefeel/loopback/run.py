@@ -16,7 +16,7 @@ from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
-from forefeel.loopback.viewer import LOG, Viewer
+from forefeel.loopback.viewer import LOG, DashboardProcess
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import ten_lines, write_report
 from forefeel.report.summary import RunReport
@@ -63,7 +63,7 @@ def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     for note in plan.notes:
         say(note)
-    viewer = Viewer(how.opens, say) if how.dashboard else None
+    viewer = DashboardProcess(how.opens, say) if how.dashboard else None
     with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
         _run(plan, options, folder, how.virtual, written, _shown(bar, task, plan), viewer)
@@ -91,7 +91,7 @@ def _run(
     virtual: bool,
     written: list[str],
     show: Show,
-    viewer: Viewer | None,
+    viewer: DashboardProcess | None,
 ) -> None:
     """Leaves the recording, also of a run that was interrupted."""
     if options.hardware != SIMULATED:

@@ -15,7 +15,7 @@ _END_S = 0.5  # the dashboard holds nothing that has to be kept
 _BEHIND = ("nice", "-n", "19")
 
 
-class Viewer:
+class DashboardProcess:
     """One dashboard at the lowest priority; where it fails it says so and the run goes on.
 
     Args:

@@ -14,7 +14,7 @@ from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.doctor import examine as doctor
 from forefeel.doctor.examine import LEVELS, Finding, Level
-from forefeel.doctor.host import ClockState, Disk, Heard, Host, Loop, Port, Versions
+from forefeel.doctor.host import ClockState, Disk, Heard, HostProbe, LoopCheck, Port, Versions
 from forefeel.probe.configured import ConfiguredDevice
 from forefeel.probe.ports import CanInterface
 from forefeel.probe.probe import Probed
@@ -31,7 +31,7 @@ CAN = {"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000}
 CELL = {"driver": "cia404", "can": CAN, "node_id": 2, "full_scale_n": 10.0}
 READY = Probed("insertion", "stage", "zaber_ascii", "/dev/x", "ready", rate_hz=800.0)
 
-LOOP = Loop("SCHED_FIFO 50", "memory locked", 2000, 0, 20.0, 90.0, 300.0)
+LOOP = LoopCheck("SCHED_FIFO 50", "memory locked", 2000, 0, 20.0, 90.0, 300.0)
 REACHED = Reached("tls/a:1", connect_s=1e-3, handshake_s=4e-3)
 HEARD = Heard([ClockState("slave", "insertion", True, 5 * MS, MS // 2)])
 PORT = Port(True, True, "dialout")
@@ -40,11 +40,11 @@ VERSIONS = Versions((3, 11, 7), "0.1.0", {"numpy>=2": "2.1.0"})
 
 
 @dataclass
-class FakeHost(Host):
+class FakeHost(HostProbe):
     """A host on which all is green."""
 
     at: datetime = NOW
-    loop_found: Loop = LOOP
+    loop_found: LoopCheck = LOOP
     reached: Reached = REACHED
     heard: Heard = HEARD
     port_found: Port = PORT
@@ -62,7 +62,7 @@ class FakeHost(Host):
     def running(self, state: Path) -> int | None:
         return self.process
 
-    def loop(self, priority: int, seconds: float) -> Loop:
+    def loop(self, priority: int, seconds: float) -> LoopCheck:
         return self.loop_found
 
     def reach(self, endpoint: str, identity: PartyFiles | None, other: str) -> Reached:
@@ -239,10 +239,10 @@ def test_red_alone_fails(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
-    host: Host,
+    host: HostProbe,
     code: int,
 ) -> None:
-    monkeypatch.setattr("forefeel.doctor.host.Host", lambda: host)
+    monkeypatch.setattr("forefeel.doctor.host.HostProbe", lambda: host)
     (tmp_path / "master.yaml").write_text("role: master\ntransport: {connect: ['tcp/127.0.0.1:9']}\n")
     line = ["doctor", "--config", str(tmp_path / "master.yaml")]
     assert run(line) == code

@@ -127,5 +127,5 @@ def test_error_is_unfelt_below_the_larger_threshold() -> None:
     force_n = np.array([0.0, 0.1, -1.0, 0.5, 1.0])
     error_n = np.array([0.028, 0.030, -0.060, 0.060, 0.080])
     recording = Recording("r", np.arange(5.0), np.arange(5.0), force_n, "made up")
-    run = paper.Run("r", recording, force_n, {"paper": force_n + error_n}, np.ones(5, dtype=bool))
+    run = paper.ComparedRun("r", recording, force_n, {"paper": force_n + error_n}, np.ones(5, dtype=bool))
     assert run.unfelt("paper") == pytest.approx(2 / 5)  # the first and the third
