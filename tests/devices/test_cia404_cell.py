@@ -3,7 +3,6 @@
 from itertools import pairwise
 from math import nan
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import pytest
@@ -28,34 +27,6 @@ def test_every_reading_comes_once_with_its_stamp() -> None:
         assert len(stamps_ns) == 20 and [b - a for a, b in pairwise(stamps_ns)] == [20_000_000] * 19
         assert {(r.force_n, r.raw_counts, r.valid) for r in readings} == {(-1.25, 1_250_000, True)}
         assert f"serial {SERIAL:08X}" in rig.cell.link.identity
-
-
-def test_overrange_is_not_believed_but_says_how_much() -> None:
-    with rigged("cell") as rig:
-        rig.transducer.provoke("overrange")
-        rig.readings(0.1)
-        assert {(r.force_n, r.valid) for r in rig.readings(0.2)} == {(10.0, False)}
-        counters = rig.cell.link.counters
-        assert counters["not_valid"] == counters["overrange"] == counters["beyond_full_scale"] > 0
-        rig.transducer.provoke("free")
-        rig.readings(0.1)
-        assert all(reading.valid for reading in rig.readings(0.2))
-        assert rig.cell.link.inhibited is None
-
-
-def test_silence_is_a_fault_until_rearmed() -> None:
-    with rigged("cell") as rig:
-        rig.transducer.provoke("unplug")
-        assert "no TPDO" in rig.fault_of(rig.cell)
-        with pytest.raises(DeviceError, match="no TPDO"):
-            rig.cell.read(0, None)
-        assert rig.cell.link.counters["silent_periods"] >= 10
-        rig.transducer.provoke("plug")
-        rig.until(rig.cell, LinkState.CONFIGURED)
-        with pytest.raises(DeviceError, match="no TPDO"):
-            rig.cell.read(0, None)
-        rig.cell.rearm()
-        assert rig.readings(0.1)[0].valid
 
 
 def test_calibration_scales_and_must_be_of_this_cell(tmp_path: Path) -> None:
@@ -140,15 +111,6 @@ def believed(driver: Cia404LoadCell, values: list[float], statuses: list[int]) -
         driver._on_reading(0, bytearray(driver._pdo.pack(*pair)), 0.0)
         found += [reading.valid for reading in driver.read(0, None)]
     return found
-
-
-def test_cell_that_repeats_itself_is_not_believed() -> None:
-    driver, random = Cia404LoadCell(cell_settings(new_channel())), Random(4)
-    noise = [random.gauss(1.0, 0.002) for _ in range(250)]
-    valid = believed(driver, noise + [1.0] * 500, [0] * 750)
-    assert valid.index(False) == 250 + 250  # after a second
-    assert not any(valid[500:])
-    assert driver.link.counters["stuck"] == 250
 
 
 def test_each_flaw_of_a_reading_is_counted() -> None:

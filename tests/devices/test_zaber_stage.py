@@ -12,7 +12,6 @@ import yaml
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
-from forefeel.devices.zaber.driver import ZaberStage
 from forefeel.devices.zaber.emulator import ZaberModel
 from forefeel.devices.zaber.homing import ZaberHoming
 from tests.devices.zaber_rig import MODEL, Rig, rigged
@@ -188,16 +187,6 @@ def test_close_leaves_the_stage_at_rest() -> None:
         for call in (lambda: rig.stage.read(0), lambda: rig.command(0.0), lambda: rig.stage.hold(0)):
             with pytest.raises(DeviceError, match="link closed"):
                 call()
-
-
-def test_port_that_is_held_is_busy_and_free_again_later() -> None:
-    with rigged() as rig:
-        second = ZaberStage(rig.settings, rig.time)
-        with pytest.raises(DeviceSetupError, match="busy, another process holds it"):
-            second.open()
-        rig.stage.close()
-        second.open()
-        second.close()
 
 
 # --- bad setups ---
