@@ -263,7 +263,7 @@ def test_a_device_that_starts_anew_within_the_watchdogs_time_is_noticed() -> Non
         bench.device._identified = True  # a firmware that talks unasked
         bench.device._watchdog_s = 1.0
         bench.run(5)
-        assert "began anew" in bench.fallen()
+        assert "was reset" in bench.fallen()
 
 
 # --- the wire ---

@@ -171,7 +171,7 @@ def test_readback_is_carried_on_for_20_ms_at_most() -> None:
         rig.time.run(0.1)
         exchange = rig.stage._exchange
         assert exchange is not None
-        stamp_ns, _, (x, v) = exchange.reading
+        stamp_ns, (x, v) = exchange.reading
         assert v > 0.05
         assert tuple(rig.stage.read(stamp_ns + 10 * MS)) == pytest.approx((x + v * 0.01, v))
         assert rig.stage.read(stamp_ns + 300 * MS).position_m == pytest.approx(x + v * 0.02)

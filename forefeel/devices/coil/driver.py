@@ -24,15 +24,14 @@ from forefeel.devices.coil.protocol import (
 )
 from forefeel.devices.coil.settings import CoilSettings
 from forefeel.devices.shared.conversation import Conversation, Steps
+from forefeel.devices.shared.device_time import DeviceTime
 from forefeel.devices.shared.stream import ByteStream, SerialStream
 from forefeel.master.handle import HandleReading, Indication
 
 # --- The host's half of the exchange with a handle's microcontroller: handshake, then a command for a state.
 _ASK_NS = 100_000_000  # ns between two requests for the identity
-# ns for the handshake, and the longest gap in the device's clock that is no restart
-_PATIENCE_NS = 1_000_000_000
-_WRAP_US = 2**32  # us after which the device's clock, a u32, begins anew
-_DRIFT = 1e-4  # two crystals of 50 ppm
+_PATIENCE_NS = 1_000_000_000  # ns for the handshake
+_PERIOD_S = 0.001  # s between two states
 _FAULTS = {
     Flag.WATCHDOG: "its watchdog took the current away: no command in time",
     Flag.OVER_TEMPERATURE: "the coil is too hot",
@@ -59,26 +58,6 @@ class CurrentSetpoint(NamedTuple):
 _NO_CURRENT = CurrentSetpoint(0, 0)
 
 
-class DeviceClock:
-    """The device's microseconds on the host's clock: the quickest way so far counts, crept up by drift."""
-
-    def __init__(self) -> None:
-        self._device_ns = 0
-        self._last_us: int | None = None
-        self._offset_ns = 0.0
-
-    def host_ns(self, time_us: int, arrived_ns: int) -> int:
-        """The host's stamp of a measurement, never after `arrived_ns`."""
-        if self._last_us is None:
-            self._offset_ns = float(arrived_ns)
-        else:
-            passed_ns = (time_us - self._last_us) % _WRAP_US * 1000
-            self._device_ns += passed_ns
-            self._offset_ns = min(arrived_ns - self._device_ns, self._offset_ns + _DRIFT * passed_ns)
-        self._last_us = time_us
-        return self._device_ns + round(self._offset_ns)
-
-
 class CoilTalk:
     """One device after the other on one link; `begin` starts a handshake, `hear` does everything else.
 
@@ -100,7 +79,7 @@ class CoilTalk:
         self._restart(0)
 
     def _restart(self, now_ns: int) -> None:
-        self._parser, self._clock = CoilParser(self._link.counters), DeviceClock()
+        self._parser, self._time = CoilParser(self._link.counters), DeviceTime(_PERIOD_S)
         self._begun_ns = self._asked_ns = now_ns
         self._bytes = self._sequence = 0
         self.newest: Stamped | None = None
@@ -216,12 +195,11 @@ class CoilTalk:
             if (state.sequence, state.time_us) == (before.state.sequence, before.state.time_us):
                 self._link.counters["repeated_frames"] += 1
                 return False
-            if (state.time_us - before.state.time_us) % _WRAP_US > _PATIENCE_NS // 1000:
-                raise DeviceError("the device's clock began anew")
             self._link.counters["frames_lost"] += (state.sequence - before.state.sequence - 1) % 2**16
         self._link.counters["frames"] += 1
         self._link.exchanged()
-        self.newest = Stamped(self._clock.host_ns(state.time_us, now_ns), now_ns, state)
+        (stamp_ns,) = self._time.stamps([state.time_us], now_ns)
+        self.newest = Stamped(stamp_ns, now_ns, state)
         if self.settled:
             self._watch(state)
         return True

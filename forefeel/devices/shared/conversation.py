@@ -1,7 +1,7 @@
 """A thread that talks to one device in steps: handshake, then exchange; after a fault all of it again.
 
 The thread hands over through one bounded queue (`forefeel.common.slots.BoundedQueue`) or one slot; every
-value carries the host's stamp and, where the device has a clock, the device's.
+value carries the host's stamp.
 """
 
 import threading
@@ -24,10 +24,9 @@ _STEPS = 10
 
 
 class Timed(NamedTuple, Generic[T]):
-    """A value, when the host had it, and when the device made it (s of its own clock; None: it has none)."""
+    """A value, and when the host had it."""
 
     host_ns: int
-    device_s: float | None
     value: T
 
 

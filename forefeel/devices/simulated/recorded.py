@@ -2,8 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Sequence
-from itertools import pairwise
-from math import inf, isfinite
+from math import inf
 
 from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
@@ -24,27 +23,14 @@ class RecordedLoadCell:
         force_n: force at each, in N.
 
     Raises:
-        RecordingError: no samples, unequal lengths, a number that is not finite, time that does not increase.
+        RecordingError: a force that no message carries.
     """
 
     def __init__(self, time_s: Sequence[float], force_n: Sequence[float]) -> None:
-        if not time_s or len(time_s) != len(force_n):
-            raise RecordingError(
-                f"{len(time_s)} times, {len(force_n)} forces: expected as many, at least one"
-            )
-        for i, (t, f) in enumerate(zip(time_s, force_n, strict=True)):
-            if not (isfinite(t) and abs(f) <= MOST_FORCE_N):
-                raise RecordingError(
-                    f"sample {i}: time_s = {t}, force_n = {f}: expected finite numbers, at most "
-                    f"{MOST_FORCE_N:g} N"
-                )
-        for i, (before, after) in enumerate(pairwise(time_s), start=1):
-            if after <= before:
-                raise RecordingError(
-                    f"sample {i}: time_s = {after} after {before}: expected increasing times"
-                )
-        self._time_s, self._force_n = list(time_s), list(force_n)
         self.full_scale_n = max(map(abs, force_n))
+        if self.full_scale_n > MOST_FORCE_N:
+            raise RecordingError(f"{self.full_scale_n:g} N: expected at most {MOST_FORCE_N:g} N")
+        self._time_s, self._force_n = time_s, force_n
 
     stale_s = inf
 

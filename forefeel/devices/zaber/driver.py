@@ -144,7 +144,7 @@ class ZaberTalk:
             messages = self.parser.feed(self._stream.read())
             now_ns = self._clock.now_ns()
             for message in messages:
-                self._sort(message, ids, found, Timed((sent_ns + now_ns) // 2, None, message))
+                self._sort(message, ids, found, Timed((sent_ns + now_ns) // 2, message))
             if now_ns >= deadline_ns:
                 break
         self._count_dropped()
@@ -158,7 +158,7 @@ class ZaberTalk:
             self.others.add(message.device)
             self._counters["foreign"] += 1
         elif isinstance(message, Reply) and message.message_id is not None and message.message_id in ids:
-            found[message.message_id] = Timed(timed.host_ns, None, message)
+            found[message.message_id] = Timed(timed.host_ns, message)
         elif isinstance(message, Reply):
             self._counters["unexpected_replies"] += 1
         elif isinstance(message, Alert):
@@ -324,8 +324,6 @@ def _ensure(talk: ZaberTalk, name: str, value: int, axis: int | None = None) -> 
 
 
 # --- Exchanges with a Zaber stage that is configured: targets out, positions in. One thread.
-# s by which a position is carried on with its velocity, as `_CARRIED_S` of `slave.stage`
-_CARRIED_S = 0.020
 _REST_NS = 2_000_000_000  # ns that a stage may take to rest after a stop
 _SMOOTHED = 0.1  # weight of the newest exchange in the usual time of one
 _READINGS = 3  # a velocity is taken over: two exchanges
@@ -353,7 +351,7 @@ class ZaberExchange:
         self._usual_s = 0.0
         self._last_ns: int | None = None
         self._since_ns = 0
-        self.reading = Timed(0, None, StageReading(0.0, 0.0))
+        self.reading = Timed(0, StageReading(0.0, 0.0))
 
     def begin(self) -> None:
         """The start, and the start anew after an explicit re-arming: old faults are acknowledged.
@@ -447,14 +445,11 @@ class ZaberExchange:
         target_m = position_m + velocity_m_s * min(ahead_s, settings.lead_s)
         target_m = max(low_m, min(high_m, target_m))
         reach_m = settings.max_velocity_m_s * settings.lead_s
-        here_m = self._here_m(now_ns)
+        read_ns, reading = self.reading
+        here_m = reading.carried_on(read_ns, now_ns).position_m
         target_m = max(here_m - reach_m, min(here_m + reach_m, target_m))
         lowest, highest = self._limits
         return max(lowest, min(highest, self._scale.native(target_m)))
-
-    def _here_m(self, now_ns: int) -> float:
-        stamp_ns, _, (position_m, velocity_m_s) = self.reading
-        return position_m + velocity_m_s * min(max(now_ns - stamp_ns, 0) * 1e-9, _CARRIED_S)
 
     def _check(self, text: str, reply: Reply) -> None:
         flag = self._talk.accepted(text, reply).warning
@@ -474,7 +469,7 @@ class ZaberExchange:
         first_ns, first_m = self._positions[0]
         elapsed_s = (stamp_ns - first_ns) * 1e-9
         velocity_m_s = (position_m - first_m) / elapsed_s if elapsed_s > 0 else 0.0
-        self.reading = Timed(stamp_ns, None, StageReading(position_m, velocity_m_s))
+        self.reading = Timed(stamp_ns, StageReading(position_m, velocity_m_s))
 
 
 # --- The driver of a Zaber stage that speaks ASCII.
@@ -544,7 +539,7 @@ class ZaberStage:
         self.link.require_ready()
         if self._exchange is None:
             raise DeviceError(f"{self.link.name}: used while closed, expected open() before")
-        stamp_ns, _, reading = self._exchange.reading
+        stamp_ns, reading = self._exchange.reading
         return reading.carried_on(stamp_ns, now_ns)
 
     def _within_travel(self, position_m: float) -> float:
