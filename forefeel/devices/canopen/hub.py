@@ -9,11 +9,8 @@ from pathlib import Path
 
 from forefeel.devices.canopen.slcan import BELL, BITRATES, OK, Lines, frame_of
 from forefeel.devices.emulation.pty import Pty
-from forefeel.devices.emulation.wire import Wire
 
-_USB_BAUD = 12_000_000  # bit/s between adapter and host: full speed (USB 2.0)
 _WAIT_S = 0.002  # s that a round waits at most
-_STATUS, _VERSION, _SERIAL = b"F00\r", b"V1013\r", b"NFF01\r"
 
 
 def frame_s(frame: bytes, bitrate: int) -> float:
@@ -28,18 +25,13 @@ def frame_s(frame: bytes, bitrate: int) -> float:
 
 
 class CanWire:
-    """The bus between the adapters: one frame at a time, the lowest identifier first. Pure.
-
-    Attributes:
-        busy_s: for how long frames have been on the wire.
-    """
+    """The bus between the adapters: one frame at a time, the lowest identifier first. Pure."""
 
     def __init__(self, bitrate: int) -> None:
         self._bitrate = bitrate
         self._waiting: list[tuple[tuple[int, bool], int, int, bytes]] = []
         self._on_wire: tuple[float, int, bytes] | None = None
         self._count = 0
-        self.busy_s = 0.0
 
     def offer(self, sender: int, frame: bytes) -> None:
         self._count += 1
@@ -71,9 +63,7 @@ class CanWire:
 
     def _begin(self, start_s: float) -> None:
         _, _, sender, frame = heapq.heappop(self._waiting)
-        lasts_s = frame_s(frame, self._bitrate)
-        self.busy_s += lasts_s
-        self._on_wire = start_s + lasts_s, sender, frame
+        self._on_wire = start_s + frame_s(frame, self._bitrate), sender, frame
 
 
 class SlcanAdapter:
@@ -94,52 +84,38 @@ class SlcanAdapter:
         """Frames for the bus, and answers for the host."""
         frames, answers = [], bytearray()
         for line in self._lines.feed(data):
-            frame, answer = self._obey(line)
-            answers += answer
-            if frame is not None:
+            if self.open and line == frame_of(line):
                 self.counts["frames"] += 1
-                frames.append(frame)
+                frames.append(line)
+                answers += OK
+            elif line[:1] not in b"tTrR" and self._obey(line):
+                answers += OK
+            else:
+                self.counts["refused"] += 1
+                answers += BELL
         return frames, bytes(answers)
 
-    def _obey(self, line: bytes) -> tuple[bytes | None, bytes]:
-        if line[:1] in b"tTrR":
-            frame = frame_of(line) if self.open else None
-            return (frame, OK) if frame == line else (None, self._refuse())
-        known = {b"C": OK, b"O": OK, b"L": OK, b"V": _VERSION, b"v": _VERSION, b"N": _SERIAL, b"F": _STATUS}
-        if line in known:
-            return None, self._switch(line, known[line])
-        if line.decode("latin-1") in BITRATES.values() and not self.open:
-            self._fits = line == self._bitrate_command
-            return None, OK
-        return None, OK if line in (b"Z0", b"Z1", b"X0", b"X1") else self._refuse()
-
-    def _switch(self, line: bytes, answer: bytes) -> bytes:
+    def _obey(self, line: bytes) -> bool:
         """An adapter at another bitrate than the bus hears nothing of it, as one that is not open."""
-        if line in b"OL":
-            self.open = self._fits
-        elif line == b"C":
-            self.open = False
-        return answer
-
-    def _refuse(self) -> bytes:
-        self.counts["refused"] += 1
-        return BELL
+        if line in (b"O", b"C"):
+            self.open = self._fits and line == b"O"
+            return True
+        known = line.decode("latin-1") in BITRATES.values() and not self.open
+        if known:
+            self._fits = line == self._bitrate_command
+        return known
 
 
 class _Port:
     def __init__(self, link: Path, bitrate: int) -> None:
         self.pty = Pty(link)
         self.adapter = SlcanAdapter(bitrate)
-        self.to_host, self.to_adapter = Wire(_USB_BAUD), Wire(_USB_BAUD)
 
 
 class CanHub:
     """As many adapters as links, one bus; frames of one go to all others. `step` it over and over.
 
     `unplug` and `plug` befall the first adapter.
-
-    Attributes:
-        wire: the bus.
     """
 
     faults = "unplug", "plug"
@@ -148,11 +124,6 @@ class CanHub:
         self._ports = [_Port(link, bitrate) for link in links]
         self.wire = CanWire(bitrate)
         self._start_s = time.monotonic()
-
-    @property
-    def load(self) -> float:
-        """The share of the time since the start in which the bus was busy."""
-        return self.wire.busy_s / max(1e-9, self._now())
 
     def counts(self) -> dict[str, int]:
         """What happened at the first adapter: frames, lines that it refused, bytes not read."""
@@ -170,39 +141,27 @@ class CanHub:
 
     def step(self) -> None:
         """One round; waits for at most 2 ms."""
-        for port in self._readable():
-            port.to_adapter.send(port.pty.read(0.0), self._now())
-        t_s = self._now()
+        ready = {port.pty.fileno() for port in self._ports if port.pty.fileno() >= 0}
+        ready = set(select.select(list(ready), [], [], self._wait_s())[0])
         for i, port in enumerate(self._ports):
-            frames, answers = port.adapter.receive(port.to_adapter.arrived(t_s))
-            for frame in frames:
-                self.wire.offer(i, frame)
-            port.to_host.send(answers, t_s)
-        for sender, frame in self.wire.advance(t_s):
-            self._spread(sender, frame, t_s)
-        for port in self._ports:
-            port.pty.write(port.to_host.arrived(self._now()))
+            if port.pty.fileno() in ready:
+                frames, answers = port.adapter.receive(port.pty.read(0.0))
+                port.pty.write(answers)
+                for frame in frames:
+                    self.wire.offer(i, frame)
+        for sender, frame in self.wire.advance(self._now()):
+            for i, port in enumerate(self._ports):
+                if i != sender and port.adapter.open:
+                    port.pty.write(frame + OK)
 
     def close(self) -> None:
         for port in self._ports:
             port.pty.unplug()
 
-    def _readable(self) -> list[_Port]:
-        by_end = {port.pty.fileno(): port for port in self._ports if port.pty.fileno() >= 0}
-        return [by_end[end] for end in select.select(list(by_end), [], [], self._wait_s())[0]]
-
     def _wait_s(self) -> float:
-        """The time until something on a wire is complete."""
-        due = [self.wire.next_s, *(w.next_s for p in self._ports for w in (p.to_host, p.to_adapter))]
-        soonest_s = min((each for each in due if each is not None), default=None)
-        if soonest_s is None:
-            return _WAIT_S
-        return max(0.0, min(_WAIT_S, soonest_s - self._now()))
-
-    def _spread(self, sender: int, frame: bytes, t_s: float) -> None:
-        for i, port in enumerate(self._ports):
-            if i != sender and port.adapter.open:
-                port.to_host.send(frame + OK, t_s)
+        """The time until the frame on the wire is complete."""
+        due_s = self.wire.next_s
+        return _WAIT_S if due_s is None else max(0.0, min(_WAIT_S, due_s - self._now()))
 
     def _now(self) -> float:
         return time.monotonic() - self._start_s
