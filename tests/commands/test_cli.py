@@ -1,7 +1,6 @@
 """The command line as a person uses it: help, effective settings, a run's results."""
 
 import json
-import os
 import shlex
 import signal
 from collections.abc import Callable, Sequence
@@ -14,11 +13,9 @@ from typer.testing import CliRunner
 
 from forefeel.cli import app
 from forefeel.common.config import dump_yaml
-from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.topics import FORCE
 from forefeel.daemon_settings import load_any, load_daemon
-from forefeel.files import fresh_folder
 from forefeel.report.model import LoopFigures, Loops, RunReport
 from forefeel.report.page import write_report
 from tests.commands.command_line import COMMANDS, ROOT, group
@@ -186,21 +183,3 @@ def test_interrupted_virtual_run_leaves_what_was_recorded(
     recorded = read_run(out / "recording.mcap")
     assert not recorded.truncated
     assert recorded.count("insertion", FORCE) > 900
-
-
-def test_folder_that_can_not_be_written_is_refused_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tmp_path.chmod(0o555)
-    monkeypatch.chdir(tmp_path)  # whose parents another user may not pass
-    me = os.geteuid()
-    if me == 0:
-        os.seteuid(65534)
-    try:
-        with pytest.raises(ConfigurationError, match="Permission denied"):
-            fresh_folder(Path(), ("run.csv",), "an earlier run", overwrite=False)
-    finally:
-        os.seteuid(me)
-        tmp_path.chmod(0o755)
-    assert fresh_folder(tmp_path, ("run.csv",), "an earlier run", overwrite=False) == tmp_path
-    assert list(tmp_path.iterdir()) == []

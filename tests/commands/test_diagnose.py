@@ -84,17 +84,6 @@ def test_recordings_answer_together_what_none_answers_alone(run: Run, tmp_path: 
     assert "gaps" not in together["flags"]  # type: ignore[operator]
 
 
-def test_columns_are_named_with_their_units(run: Run, tmp_path: Path) -> None:
-    whole = made(5.0)
-    assert whole.force_n is not None
-    table = np.column_stack([1e3 * whole.time_s, 1e3 * whole.position_m, 1e3 * whole.force_n])
-    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="t,laser,load", comments="")
-    words = ["--time", "ms:t", "--position", "mm:laser", "--force", "mN:load"]
-    assert run(["diagnose", str(tmp_path / "a.csv"), *words, "--out", str(tmp_path / "out")]) == 0
-    stiffness = document(tmp_path / "out")["baseline"]["parameters"]["stiffness_n_m"]  # type: ignore[index]
-    assert stiffness == pytest.approx(40.0, rel=0.02)
-
-
 @pytest.mark.usefixtures("one_process")
 def test_folder_skips_bad_recordings_and_keeps_earlier_diagnosis(
     run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path

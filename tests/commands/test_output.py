@@ -3,14 +3,13 @@
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from forefeel.doctor.examine import Finding
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
-from tests.commands.command_line import COMMANDS, ROOT, group
+from tests.commands.command_line import COMMANDS, group
 from tests.secured import make_pki
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
@@ -94,15 +93,3 @@ def test_quiet_says_nothing_and_writes_its_files(
     assert capsys.readouterr() == ("", "")
     name = ANSWERS[line]
     assert name is None or (tmp_path / "out" / name).exists()
-
-
-def test_settings_as_json_are_those_of_the_file(
-    run: Run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import yaml
-
-    file = str(ROOT / "deploy" / "config" / "router.yaml")
-    assert run(["config", "check", file]) == 0
-    effective: Any = yaml.safe_load(capsys.readouterr().out)
-    assert run(["config", "check", file, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == effective

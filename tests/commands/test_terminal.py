@@ -21,29 +21,6 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize("no_colour", ["", "1"])
-def test_error_on_a_terminal_is_one_coloured_line(monkeypatch: pytest.MonkeyPatch, no_colour: str) -> None:
-    err = Terminal()
-    monkeypatch.setattr(sys, "stderr", err)
-    monkeypatch.setenv("TERM", "xterm-256color")
-    monkeypatch.setenv("NO_COLOR", no_colour)
-    terminal.complain("/none: no such folder")
-    assert err.getvalue().count("\n") == 1 and "/none" in err.getvalue()
-    assert any(start in err.getvalue() for start in COLOUR) == (not no_colour)
-
-
-def test_an_amber_line_is_amber_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TERM", "xterm-256color")
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    for err, shown in (
-        (io.StringIO(), "amber: slow, late\n"),
-        (Terminal(), "\x1b[33mamber:\x1b[0m slow, late\n"),
-    ):
-        monkeypatch.setattr(sys, "stderr", err)
-        terminal.warn("slow,\nlate")
-        assert err.getvalue() == shown
-
-
 def test_a_table_is_coloured_on_a_terminal_alone(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,41 +74,3 @@ def test_stages_are_lines_without_a_terminal(capsys: pytest.CaptureFixture[str])
     with terminal.output(quiet=True), terminal.stages("run") as tell:
         tell("a")
     assert capsys.readouterr().err == "run: reading\nrun: b\nrun: reading\n"
-
-
-def test_a_person_is_asked_even_quietly(capsys: pytest.CaptureFixture[str]) -> None:
-    with terminal.output(quiet=True):
-        terminal.say("a remark")
-        terminal.ask("unload the cell, then press Enter")
-    assert capsys.readouterr().err == "unload the cell, then press Enter\n"
-
-
-def test_a_number_that_does_not_fit_shows_that(monkeypatch: pytest.MonkeyPatch) -> None:
-    out = io.StringIO()
-    monkeypatch.setattr(sys, "stdout", out)
-    monkeypatch.setattr(terminal, "PLAIN_WIDTH", 20)
-    table = terminal.table("a", "number", right=("number",))
-    table.add_row("x", "123456789012345678901234567890")
-    terminal.answer(table, document=dict)
-    assert "…" in out.getvalue().splitlines()[3]
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("report --js", {"--json"}),
-        ("estop --con", {"--config", "--connect"}),
-    ],
-)
-def test_a_shell_completes_words(
-    run: Run,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    line: str,
-    expected: set[str],
-) -> None:
-    monkeypatch.setenv("_FOREFEEL_COMPLETE", "complete_bash")
-    monkeypatch.setenv("COMP_WORDS", f"forefeel {line}")
-    monkeypatch.setenv("COMP_CWORD", str(len(f"forefeel {line}x".split()) - 1))
-    assert run([]) == 0
-    assert set(capsys.readouterr().out.split()) == expected

@@ -77,22 +77,6 @@ def test_states_are_words_that_a_recording_has(recorded: Values) -> None:
     assert {path: why for path, why in wrong.items() if why} == {}
 
 
-def test_a_wrong_series_is_seen(recorded: Values) -> None:
-    run = "forefeel/loopback/insertion"
-    numbers = int, float, bool
-    assert amiss(f"{run}/slave/forces", "force_n", recorded, numbers) == "no such topic"
-    assert amiss(f"{run}/any/estop", "source", recorded, numbers) == "no such topic"
-    assert amiss(f"{run}/slave/force", "force", recorded, numbers) == "no such field"
-    assert amiss(f"{run}/slave/state", "state", recorded, numbers) == "nothing to draw"
-
-
-def test_both_show_what_matters() -> None:
-    forces = {"force_n", "predicted_n", "low_n", "high_n", "rendered_n"}
-    wanted = forces | {"position_m", "command_position_m", "delay_s"}
-    assert wanted <= {field for _, field in foxglove_paths("Plot")}
-    assert wanted <= {field for _, field in plotjuggler_paths()}
-
-
 def panels(node: object) -> Iterator[str]:
     """Of Foxglove's mosaic, from left to right and top to bottom."""
     if isinstance(node, str):

@@ -51,27 +51,11 @@ def instances(tmp_path: Path) -> dict[str, Path]:
     return found
 
 
-def test_these_units_are_there(instances: dict[str, Path]) -> None:
-    assert set(instances) == NAMES
-
-
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_systemd_finds_nothing_to_complain_of(name: str, instances: dict[str, Path]) -> None:
     command = [systemd_analyze(), "verify", "--man=no", str(instances[name])]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
-
-
-def test_systemd_complains_of_a_unit_that_is_wrong(instances: dict[str, Path]) -> None:
-    """Else the test above could not fail."""
-    unit = instances["forefeel-slave@.service"]
-    unit.write_text(
-        unit.read_text().replace("WatchdogSec=3", "WatchdogSec=soon").replace("LimitRTPRIO", "LimitRt")
-    )
-    command = [systemd_analyze(), "verify", "--man=no", str(unit)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-    assert "soon" in done.stderr
-    assert "LimitRt" in done.stderr
 
 
 @pytest.mark.parametrize("name", sorted(NAMES))

@@ -87,9 +87,9 @@ def test_bash_itself_completes_with_the_script_that_is_installed(tmp_path: Path)
     command.chmod(0o755)
     script = f"""PATH={tmp_path}:$PATH
     eval "$(forefeel --show-completion)"
-    COMP_WORDS=(forefeel loopback --impairment s) COMP_CWORD=3
+    COMP_WORDS=(forefeel report --js) COMP_CWORD=2
     _forefeel_completion forefeel
     echo "${{COMPREPLY[@]}}"
     """
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=50, check=True)
-    assert (done.stdout, done.stderr) == ("satellite\n", "")
+    assert (done.stdout, done.stderr) == ("--json\n", "")

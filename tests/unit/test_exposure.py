@@ -5,6 +5,7 @@ from itertools import product
 import pytest
 
 from forefeel.common.errors import EndpointError
+from forefeel.common.transport.endpoints import check_endpoint
 from forefeel.common.transport.exposure import check_exposure, on_loopback
 
 ENDPOINTS = {
@@ -59,38 +60,20 @@ def test_every_combination() -> None:
     assert {pair[0] for pair in outcomes.values()} == {"quiet", "loud", "refused"}
 
 
-def test_what_is_said_loudly_names_the_endpoints() -> None:
-    line = check_exposure(
-        ["tcp/0.0.0.0:1"],
-        ["udp/10.0.0.1:2", "tcp/127.0.0.1:3"],
-        secured=False,
-        insecure=True,
-        real_stage=False,
-    )
-    assert line.startswith("INSECURE: tcp/0.0.0.0:1, udp/10.0.0.1:2: not encrypted, not authenticated")
+HERE = [
+    "tcp/127.0.0.1:1", "tcp/127.8.9.1:1", "udp/[::1]:1", "tcp/localhost:1", "tcp/LOCALHOST:1",
+    "tcp/127.0.0.1:1?rel=0", "tcp/[::1]:7447?prio=1-3;rel=1#iface=lo", "tcp/[::ffff:127.0.0.1]:1",
+]  # fmt: skip
+ELSEWHERE = [
+    "tcp/0.0.0.0:1", "tcp/[::]:1", "tcp/10.0.0.1:1", "tcp/[fe80::1%eth0]:1", "tcp/localhost.example:1",
+    "tcp/slave-host:1", "tcp/127.1:1", "tcp/0:1", "tcp/[::ffff:10.0.0.1]:1",
+    "tcp/10.0.0.1:1#bind=127.0.0.1:2",
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "endpoint",
-    [
-        "tcp/127.0.0.1:1", "tcp/127.8.9.1:1", "udp/[::1]:1", "tcp/localhost:1", "tcp/LOCALHOST:1",
-        "tcp/127.0.0.1:1?rel=0", "tcp/[::1]:7447?prio=1-3;rel=1#iface=lo", "tcp/[::ffff:127.0.0.1]:1",
-    ],
-)  # fmt: skip
-def test_loopback(endpoint: str) -> None:
-    assert on_loopback(endpoint)
-
-
-@pytest.mark.parametrize(
-    "endpoint",
-    [
-        "tcp/0.0.0.0:1", "tcp/[::]:1", "tcp/10.0.0.1:1", "tcp/[fe80::1%eth0]:1", "tcp/localhost.example:1",
-        "tcp/slave-host:1", "tcp/127.1:1", "tcp/0:1", "tcp/[::ffff:10.0.0.1]:1",
-        "tcp/10.0.0.1:1#bind=127.0.0.1:2",
-    ],
-)  # fmt: skip
-def test_outside(endpoint: str) -> None:
-    assert not on_loopback(endpoint)
+@pytest.mark.parametrize("endpoint", [*HERE, *ELSEWHERE])
+def test_endpoint_stays_on_this_host(endpoint: str) -> None:
+    assert on_loopback(endpoint) is (endpoint in HERE)
 
 
 @pytest.mark.parametrize(
@@ -102,3 +85,38 @@ def test_an_endpoint_can_not_undo_the_security_that_was_configured(options: str)
             check_exposure(listen, connect, secured=True, insecure=True, real_stage=False)
     allowed = ["tls/10.0.0.1:1?rel=1#iface=eth0"]
     assert check_exposure(allowed, [], secured=True, insecure=False, real_stage=True) == ""
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/127.0.0.1:7447",
+        "tls/localhost:7447",
+        "udp/0.0.0.0:1?rel=0",
+        "quic/[::1]:65535#dscp=0x08",
+        "tcp/[::]:7447?prio=1-3;rel=1#iface=lo",
+    ],
+)
+def test_good_endpoints(endpoint: str) -> None:
+    check_endpoint(endpoint)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "", "tcp", "tcp/", "tcp/127.0.0.1", "127.0.0.1:7447", "tcp://127.0.0.1:7447", "tcp/127.0.0.1:abc",
+        "tcp/127.0.0.1:0", "tcp/127.0.0.1:65536", "http/127.0.0.1:7447", "tcp/::1:7447", "tcp/a b:7447",
+        "tcp/127.0.0.1:7447 ",
+    ],
+)  # fmt: skip
+def test_malformed_endpoints_are_named(endpoint: str) -> None:
+    with pytest.raises(EndpointError) as caught:
+        check_endpoint(endpoint)
+    assert str(caught.value).startswith(f"endpoint {endpoint!r}: expected protocol/host:port")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "256.0.0.1", "a..b"])
+def test_hosts_that_do_not_resolve_are_named(host: str) -> None:
+    with pytest.raises(EndpointError, match=f"host '{host}' does not resolve"):
+        check_endpoint(f"tcp/{host}:7447")

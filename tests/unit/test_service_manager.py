@@ -143,10 +143,6 @@ def test_signs_of_life_come_well_within_the_time_that_systemd_grants() -> None:
     assert len(times) <= 60
 
 
-def test_none_without_a_watchdog() -> None:
-    assert signs(Rig(None).run(5)) == []
-
-
 @pytest.mark.parametrize("hung", [0, 1])
 def test_a_loop_that_hangs_ends_the_signs_of_life_though_the_tasks_run_on(hung: int) -> None:
     rig = Rig(2_000 * MS)
@@ -156,9 +152,3 @@ def test_a_loop_that_hangs_ends_the_signs_of_life_though_the_tasks_run_on(hung: 
     assert signs(rig.run(30)) == []
     rig.hung = set()
     assert signs(rig.run(1))
-
-
-def test_the_end_is_told_with_its_reason() -> None:
-    book = Book(None)
-    ServiceWatchdog(book, lambda: (1,), lambda _: "").stopping("fault:\ntorn cable")
-    assert book.told == ["STOPPING=1\nSTATUS=fault: torn cable"]
