@@ -27,7 +27,7 @@ from forefeel.common.topics import Role
 from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.common.transport.security import Party
 from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
-from forefeel.interrupt import Stop, heeded
+from forefeel.interrupt import heeded
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterSettings
 from forefeel.probe.configured import calibrations, configured, import_drivers
@@ -98,7 +98,7 @@ async def slave(
                 await _until_end(runtime, duration_s, look)
                 watchdog.stopping(_why(runtime))
                 daemon.shut_down()
-                await _rest(daemon, process.stop)
+                await _rest(daemon)
         process.end = "stage at rest" if daemon.at_rest else "stage told to hold"
         process.finish()
 
@@ -143,7 +143,6 @@ class Process:
     settings: DaemonSettings
     role: Role
     runtime: RealRuntime
-    stop: Stop
     event_sink: StateEventSink
     socket: ControlSocket
     obstacles: Obstacles
@@ -253,7 +252,7 @@ def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: C
     runtime.host.prepare_thread(priority - _BELOW_THE_LOOP if priority else 0)
     loop = asyncio.get_running_loop()
     with (
-        heeded(lambda: loop.call_soon_threadsafe(runtime.stop)) as stop,
+        heeded(lambda: loop.call_soon_threadsafe(runtime.stop)),
         StateFolder(state_path(settings, role, os.environ)) as folder,
     ):
         axes = [axis["name"] for axis in settings.model_dump(include={"axes"}).get("axes", ())]
@@ -266,7 +265,7 @@ def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: C
                 other = {"slave": "master", "master": "slave"}[role]
                 expected = "router" if settings.transport.mode == "client" else other
                 obstacles = Obstacles(settings.transport, Party(role, (settings.cell,)), expected)
-                process = Process(settings, role, runtime, stop, sink, control, obstacles, connect)
+                process = Process(settings, role, runtime, sink, control, obstacles, connect)
                 yield process
         except BaseException as error:
             reason = f"; {type(error).__name__}: {error}"
@@ -372,10 +371,9 @@ async def _until_end(
         await asyncio.sleep(_POLL_S)
 
 
-async def _rest(daemon: "SlaveDaemon", stop: Stop) -> None:
-    """Until the stage is at rest; a second signal does not wait for it, the stage is told to hold by then."""
+async def _rest(daemon: "SlaveDaemon") -> None:
     for _ in range(int(_REST_S / _POLL_S)):
-        if daemon.at_rest or stop.again():
+        if daemon.at_rest:
             break
         await asyncio.sleep(_POLL_S)
     await asyncio.sleep(_POLL_S)  # the last events go out

@@ -35,16 +35,12 @@ class Stop:
 
     def begin(self) -> None:
         self.first_s: float | None = None
-        self.seen = self.breaks = self._again = False
+        self.seen = self.breaks = False
 
     def wanted(self) -> bool:
         """Whether a signal came; whoever asks ends in order."""
         self.seen = self.first_s is not None
         return self.seen
-
-    def again(self) -> bool:
-        """Whether another one came later: what is waited for is waited for no longer."""
-        return self._again
 
     def check(self) -> None:
         """Raises KeyboardInterrupt when a signal came: in a loop of ours, where that is safe."""
@@ -52,13 +48,10 @@ class Stop:
             raise KeyboardInterrupt
 
     def handle(self, _number: int, _frame: FrameType | None) -> None:
-        now_s = time.monotonic()
-        if self.first_s is None:
-            self.first_s = now_s
-        elif now_s - self.first_s < _ONE_S:
+        now_s, again = time.monotonic(), self.first_s is not None
+        if self.first_s is not None and now_s - self.first_s < _ONE_S:
             return
-        else:
-            self._again = True
+        self.first_s = self.first_s or now_s
         tell = self.heeded[-1] if self.heeded else None
         self.seen = self.breaks or tell is not None
         if self.breaks:
@@ -66,7 +59,7 @@ class Stop:
             raise KeyboardInterrupt
         if tell is not None:
             tell()
-        elif self._again or not self.heeded:
+        elif again or not self.heeded:
             self.end()
 
     def end(self) -> None:

@@ -7,8 +7,9 @@ elsewhere stderr gets plain lines. `--json` and `--quiet` are set with `output`,
 import json
 import os
 import sys
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from types import MappingProxyType
 from typing import IO, TYPE_CHECKING
 
 from forefeel.common.events.console import printable
@@ -163,21 +164,16 @@ def progress(*columns: "ProgressColumn") -> "Progress":
 
 
 @contextmanager
-def stages(
-    name: str, words: Mapping[str, str] | None = None, said: Container[str] | None = None
-) -> Iterator[Tell]:
-    """A function that is told the stage before it starts: a spinner; on no terminal a line for each.
-
-    Args:
-        name: of what is worked on. words: a stage in words, itself where it has none.
-        said: the stages that have a line; None: all. What is over before anyone wonders needs none.
+def stages(name: str, words: Mapping[str, str] = MappingProxyType({})) -> Iterator[Tell]:
+    """A function that is told the stage before it starts: a spinner; on no terminal a line for each that has
+    words. What is over before anyone wonders needs none.
     """
 
     def line(stage: str) -> str:
-        return f"{name}: {(words or {}).get(stage, stage)}"
+        return f"{name}: {words.get(stage, stage)}"
 
     if not _watched():
-        yield lambda stage: say(line(stage)) if said is None or stage in said else None
+        yield lambda stage: say(line(stage)) if stage in words else None
         return
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415 - as in `console`
 

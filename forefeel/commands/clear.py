@@ -10,7 +10,7 @@ from forefeel.commands.options import examples
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.state.folder import state_path
 from forefeel.daemon_settings import load_daemon
-from forefeel.local.client import NobodyThereError, Request, ask
+from forefeel.local.client import Request, ask
 
 
 @examples("forefeel clear --config deploy/config/slave.yaml")
@@ -24,7 +24,7 @@ def clear(
     folder = state_path(settings, "slave", os.environ)
     try:
         answer = ask(folder, Request(do="clear", axis=axis))
-    except NobodyThereError as error:
+    except RunError as error:
         raise RunError(f"not cleared: {error}; start the slave, then clear again") from error
     for line in answer.text:
         typer.echo(f"{answer.role}: {line}")

@@ -30,7 +30,7 @@ def doctor(
     from forefeel.doctor.host import HostProbe  # noqa: PLC0415
 
     with output(as_json, quiet):
-        with stages("looking", said=()) as tell:
+        with stages("looking") as tell:
             findings = examine(config or [], HostProbe(), tell, os.environ)
         counts = {level: Counter(each.level for each in findings)[level] for level in LEVELS}
         worst = next((level for level in reversed(LEVELS) if counts[level]), "green")

@@ -11,15 +11,12 @@ from forefeel.files import folder_named_after, fresh_folder
 from forefeel.interrupt import ends_in_order
 from forefeel.terminal import answer, stages
 
-_STAGES = {
-    "reading": "reading the recording",
-    "sensor": "looking at the load cell",
+_LONG = {
     "search": "searching for causes",
     "trust": "weighing the evidence",
     "prediction": "predicting across 300 ms",
     "report": "drawing the report",
 }
-_LONG = "search", "trust", "prediction", "report"
 """The others are over before anyone wonders, and wrong input ends in them: its one line stands alone."""
 
 
@@ -55,7 +52,7 @@ def run_diagnosis(
         )
     with ends_in_order("diagnosis", out) as written:
         fresh_folder(out, FILES, EARLIER, overwrite)
-        with stages("together" if beside else first.stem, _STAGES, _LONG) as tell:
+        with stages("together" if beside else first.stem, _LONG) as tell:
             result = examine(task, tell)
         save(out, result, written)
     where = f"{', '.join(sorted(result.texts, reverse=True))} in {out}"

@@ -29,10 +29,6 @@ class Answer(NamedTuple):
     role: str
 
 
-class NobodyThereError(RunError):
-    """No daemon answers in that state folder."""
-
-
 def socket_path(folder: Path) -> tuple[int, str]:
     """A descriptor of the folder, to be closed, and a short path of the socket, however deep the folder."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -43,15 +39,12 @@ def ask(folder: Path, request: Request, timeout_s: float = 5.0) -> Answer:
     """Sends a request to the daemon and returns its answer.
 
     Raises:
-        NobodyThereError: no daemon runs there, or it does not answer in time.
-        RunError: this user may not speak to it.
+        RunError: no daemon runs there, it does not answer in time, or this user may not speak to it.
     """
     try:
         descriptor, path = socket_path(folder)
     except OSError as error:
-        raise NobodyThereError(
-            f"{folder}: {error.strerror}; expected the state folder of a daemon"
-        ) from error
+        raise RunError(f"{folder}: {error.strerror}; expected the state folder of a daemon") from error
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
             asking.settimeout(timeout_s)
@@ -65,6 +58,6 @@ def ask(folder: Path, request: Request, timeout_s: float = 5.0) -> Answer:
             f"{folder / SOCKET}: {error.strerror}; expected root or the daemon's own user"
         ) from error
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise NobodyThereError(f"{folder / SOCKET}: no daemon answers") from error
+        raise RunError(f"{folder / SOCKET}: no daemon answers") from error
     finally:
         os.close(descriptor)

@@ -3,7 +3,7 @@
 import socket
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -171,9 +171,9 @@ def _towards(settings: DaemonSettings) -> TransportSettings:
     return transport.model_copy(update={"listen": (), "connect": targets})
 
 
-def who(names: Iterable[str] = ()) -> str:
+def who() -> str:
     """Who asks, as a name that a message can carry: this host's."""
-    text = "-".join((*names, socket.gethostname() or _NO_NAME))
+    text = socket.gethostname() or _NO_NAME
     return "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "-" for c in text)[:64]
 
 

@@ -67,7 +67,7 @@ def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]
     with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
         _run(plan, options, folder, how.virtual, written, _shown(bar, task, plan), viewer)
-    with stages("loopback", said=()) as tell:
+    with stages("loopback") as tell:
         tell("writing the report")
         report = write_report(folder / _RECORDING, folder)
     answer(*ten_lines(report, folder), document=report.to_json)

@@ -65,9 +65,9 @@ def init_folder(
         authority = _authority(folder, now)
         done = {}
         for party in parties:
-            inside = _place(folder, party)
-            done[inside] = _issue(inside, authority, party, given.get(_word(party)), days, now)
-        _write(_place(folder, parties[-1]) / "router.json5", router_file(cells).encode(), _PUBLIC)
+            inside = folder / _place(party)
+            done[inside] = _issue(inside, authority, party, given.get(_place(party)), days, now)
+        _write(folder / "router" / "router.json5", router_file(cells).encode(), _PUBLIC)
     except OSError as error:
         raise RunError(f"{error.filename or folder}: {error.strerror or error}; try again") from error
     return done
@@ -199,11 +199,8 @@ def _cells_of(folder: Path) -> list[str]:
     return sorted({path.parents[1].name for path in folder.glob("*/*/*.crt") if path.name != AUTHORITY})
 
 
-def _place(folder: Path, party: Party) -> Path:
-    return folder / "router" if party.role == "router" else folder / party.cells[0] / party.role
-
-
-def _word(party: Party) -> str:
+def _place(party: Party) -> str:
+    """The folder of a host in that of the authority, as `--hosts` names it, too."""
     return "router" if party.role == "router" else f"{party.cells[0]}/{party.role}"
 
 
@@ -228,7 +225,7 @@ def _checked_cells(cells: Sequence[str]) -> tuple[str, ...]:
 
 
 def _parsed_hosts(words: Sequence[str], parties: Sequence[Party]) -> Mapping[str, Sequence[str]]:
-    """Hosts by `_word`; a role alone means that of every cell."""
+    """Hosts by `_place`; a role alone means that of every cell."""
     hosts: dict[str, list[str]] = {}
     for text in words:
         who, equals, listed = text.partition("=")
@@ -236,9 +233,9 @@ def _parsed_hosts(words: Sequence[str], parties: Sequence[Party]) -> Mapping[str
             raise ConfigurationError(
                 f"--hosts {text!r}: expected ROLE=HOST,HOST as in slave=10.0.0.1,slave-host"
             )
-        meant = [_word(party) for party in parties if who in {_word(party), party.role}]
+        meant = [_place(party) for party in parties if who in {_place(party), party.role}]
         if not meant:
-            known = ", ".join(_word(party) for party in parties)
+            known = ", ".join(_place(party) for party in parties)
             raise ConfigurationError(f"--hosts {text!r}: {who!r} is nobody here; expected one of {known}")
         names = [_host(each.strip(), text) for each in listed.split(",")]
         for word in meant:

@@ -18,7 +18,7 @@ def run_report(recording: Path, out: Path, overwrite: bool) -> RunReport:
         RunError: interrupted, or the report can not be written.
     """
     with ends_in_order("report", out) as written:
-        with stages("report", said=()) as tell:
+        with stages("report") as tell:
             tell("reading the recording")
             report, pages = make_pages(read_run(recording))
         folder = fresh_folder(out, FILES, "an earlier report", overwrite)

@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 
 from forefeel.__main__ import main
+from forefeel.common.errors import RunError
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
 from forefeel.daemon_settings import load_any
 from forefeel.local import estop
-from forefeel.local.client import Answer, NobodyThereError, Request
+from forefeel.local.client import Answer, Request
 from tests.commands.command_line import group
 from tests.unit.failing import refusing
 
@@ -42,7 +43,7 @@ class Daemon:
         assert timeout_s <= 2.0, "a daemon that hangs must not keep the network waiting"
         self.asked.append((folder, request))
         if self.done is None:
-            raise NobodyThereError("no daemon answers")
+            raise RunError("no daemon answers")
         return Answer(self.done, ("axis insertion: estopped, pressed",), "slave")
 
 

@@ -11,10 +11,11 @@ from typing import Any
 
 import pytest
 
+from forefeel.common.errors import RunError
 from forefeel.common.messages import SafetyState
 from forefeel.common.state.folder import SOCKET
 from forefeel.control_socket import ControlSocket, SlaveRequests
-from forefeel.local.client import Answer, NobodyThereError, Request, ask
+from forefeel.local.client import Answer, Request, ask
 from forefeel.slave.clearing import Clearing
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
@@ -76,14 +77,14 @@ def test_request_is_answered_and_nothing_stays(folder: Path) -> None:
 
     serving(folder, talk)
     assert list(folder.iterdir()) == []
-    with pytest.raises(NobodyThereError):
+    with pytest.raises(RunError):
         ask(folder, Request("estop"))
 
 
 def test_socket_in_deep_folder_is_reached(tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 100) / ("e" * 100)  # longer than the path of a socket may be
     deep.mkdir(parents=True)
-    with ControlSocket(deep, "slave"), pytest.raises(NobodyThereError, match="no daemon answers"):
+    with ControlSocket(deep, "slave"), pytest.raises(RunError, match="no daemon answers"):
         ask(deep, Request("estop"), timeout_s=0.01)
 
 
