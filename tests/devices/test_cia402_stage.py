@@ -1,13 +1,11 @@
 """The stage driver against the emulated drive, in stepped time."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
-from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
+from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
 from forefeel.devices.canopen import cia301
 from forefeel.devices.cia402 import protocol as cia402
@@ -161,28 +159,6 @@ def test_drive_not_of_the_settings_is_refused(changed: dict[str, Any], missing: 
             rig.stage.open()
         assert "\n" not in str(caught.value)
         assert rig.drive.model.position_m == START_M and cia402.ENABLE not in rig.words
-
-
-def test_calibration_must_be_of_this_drive(tmp_path: Path) -> None:
-    file = tmp_path / "stage.yaml"
-    values = {
-        "format": "forefeel.stage_calibration/1",
-        "driver": "cia402",
-        "serial": f"{SERIAL:08X}",
-        "date": "2026-01-01",
-        "valid_days": 3650,
-        "zero": 5000.0,
-        "native_per_m": COUNTS_PER_M,
-        "travel_m": [-0.002, 0.12],
-        "repeatability_m": 1e-5,
-    }
-    file.write_text(yaml.safe_dump({**values, "serial": "00000001"}))
-    with rigged(stage={"calibration": file}) as rig:
-        with pytest.raises(InputError, match="serial = '00000001'"):
-            rig.stage.open()
-        file.write_text(yaml.safe_dump(values))
-        rig.stage.open()
-        assert rig.stage.read(rig.time.now_ns()).position_m == pytest.approx(START_M - 0.005, abs=1e-5)
 
 
 def test_second_driver_of_a_node_is_refused() -> None:

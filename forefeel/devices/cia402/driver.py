@@ -435,8 +435,11 @@ class Cia402Stage:
     quick stops until `rearm`. The network of the bus is shared with the other drivers of this process.
     """
 
-    def __init__(self, settings: Cia402Settings, clock: Clock | None = None) -> None:
-        self._settings = settings
+    def __init__(
+        self, settings: Cia402Settings, clock: Clock | None = None, scale: PositionScale | None = None
+    ) -> None:
+        """`scale`: in place of that of settings and calibration."""
+        self._settings, self._scale = settings, scale
         self._clock = clock or MonotonicClock()
         self.link = can_link("stage", settings.driver, settings.can, settings.node_id)
         self.calibration: StageCalibration | None = None
@@ -504,7 +507,9 @@ class Cia402Stage:
 
     def _talk(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
         device.introduce(cia402.PROFILE)
-        scale = self._scale()
+        scale = self._scale
+        if scale is None:
+            self.calibration, scale = calibrated(self._settings, self.link.serial)
         actual_m = configure(device, self._settings, scale)
         self.link.advance(LinkState.CONFIGURED)
         s = self._settings
@@ -520,10 +525,6 @@ class Cia402Stage:
 
         with DriveEars(shared, self._settings.node_id, self.link, self._clock, believe) as ears:
             yield from _CyclicExchange(self, conversation, ears, voice, scale, actual_m).run()
-
-    def _scale(self) -> PositionScale:
-        self.calibration, scale = calibrated(self._settings, self.link.serial)
-        return scale
 
     def _new_setpoint(self) -> Setpoint:
         s = self._settings

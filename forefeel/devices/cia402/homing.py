@@ -214,7 +214,9 @@ class Cia402Homing:
         def believe(host_ns: int, statusword: int, native: float) -> Readback:
             return Readback(host_ns, statusword, counts.metres(native), 0.0)
 
-        voice, cycle = DriveVoice(shared, settings, self.link), self._cycle()
+        voice, period_s = DriveVoice(shared, settings, self.link), 1.0 / settings.sync_hz
+        standing = Setpoint(period_s, settings.travel_m, settings.max_velocity_m_s, 1.0)
+        cycle = DriveCycle(period_s, settings.heartbeat_s, settings.following_error_m, standing)
         homing = HomingCycle(cycle, settings.homing.method, round(self._longest_s() * settings.sync_hz))
         pacer = Pacer(self._clock, voice.period_ns)
         with DriveEars(shared, settings.node_id, self.link, self._clock, believe) as ears:
@@ -231,11 +233,6 @@ class Cia402Homing:
     def _sleep(self, pacer: Pacer) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns() + round(pacer.wait_s() * 1e9))
 
-    def _cycle(self) -> DriveCycle:
-        s = self._settings
-        standing = Setpoint(1.0 / s.sync_hz, s.travel_m, s.max_velocity_m_s, 1.0)
-        return DriveCycle(1.0 / s.sync_hz, s.heartbeat_s, s.following_error_m, standing)
-
     def _longest_s(self) -> float:
         """Twice the travel in search of the switch, and off it again."""
         (low_m, high_m), homing = self._settings.travel_m, self._settings.homing
@@ -245,9 +242,14 @@ class Cia402Homing:
     # --- the way from end to end ---
 
     def _go(self, targets_m: Sequence[float], velocity_m_s: float) -> list[float]:
-        """To one after the other; the positions in counts where it came to rest."""
+        """To one after the other; the positions in counts where it came to rest.
+
+        The stage stays between where it is and where it is sent, and goes no faster than it is told to.
+        """
         assert self._scale is not None, "homed before"
-        stage = _Travelling(self._settings, self._clock, self._scale, self._at, targets_m, velocity_m_s)
+        places_m = [self._scale.metres(self._at), *targets_m]
+        bounds = {"travel_m": (min(places_m), max(places_m)), "max_velocity_m_s": velocity_m_s}
+        stage = Cia402Stage(self._settings.model_copy(update=bounds), self._clock, self._scale)
         try:
             stage.open()
             found = [self._reach(stage, target_m, velocity_m_s) for target_m in targets_m]
@@ -273,24 +275,3 @@ class Cia402Homing:
                     "the stage has been stopped"
                 )
         return self._scale.zero + self._scale.per_m * at_m
-
-
-class _Travelling(Cia402Stage):
-    """A stage that stays between where it is and where it is sent, and goes no faster than it is told to."""
-
-    def __init__(
-        self,
-        settings: Cia402Settings,
-        clock: SleepingClock,
-        scale: PositionScale,
-        at: float,
-        targets_m: Sequence[float],
-        velocity_m_s: float,
-    ) -> None:
-        places_m = [scale.metres(at), *targets_m]
-        bounds = {"travel_m": (min(places_m), max(places_m)), "max_velocity_m_s": velocity_m_s}
-        super().__init__(settings.model_copy(update=bounds), clock)
-        self._found = scale
-
-    def _scale(self) -> PositionScale:
-        return self._found
