@@ -524,92 +524,66 @@ class Cia402Stage:
             return heard
 
         with DriveEars(shared, self._settings.node_id, self.link, self._clock, believe) as ears:
-            yield from _CyclicExchange(self, conversation, ears, voice, scale, actual_m).run()
+            yield from self._cycles(conversation, ears, voice, scale, actual_m)
 
-    def _new_setpoint(self) -> Setpoint:
-        s = self._settings
-        return Setpoint(1.0 / s.sync_hz, s.travel_m, s.max_velocity_m_s, _DECELERATION_M_S2)
-
-    def _take_rearm(self) -> bool:
-        """Whether `rearm` was called since; a fault after it voids it."""
-        asked, self._rearm = self._rearm, False
-        return asked and self.link.inhibited is None
-
-
-class _CyclicExchange:
-    """The cyclic part: from CONFIGURED until the conversation ends or a fault is raised."""
-
-    def __init__(
+    def _cycles(
         self,
-        stage: Cia402Stage,
         conversation: Conversation,
         ears: DriveEars,
         voice: DriveVoice,
         scale: PositionScale,
         actual_m: float,
-    ) -> None:
-        settings = stage._settings
-        self._stage, self._conversation, self._ears = stage, conversation, ears
-        self._voice, self._scale = voice, scale
-        setpoint = stage._new_setpoint()
+    ) -> Steps:
+        """From CONFIGURED until the conversation ends or a fault is raised, at absolute deadlines; comes to
+        rest before it returns, quick stop in any case.
+        """
+        settings, link, clock, setpoint = self._settings, self.link, self._clock, self._new_setpoint()
         setpoint.restart(actual_m)
-        self._cycle = DriveCycle(
-            1.0 / settings.sync_hz, settings.heartbeat_s, settings.following_error_m, setpoint
-        )
+        period_s, error_m = 1.0 / settings.sync_hz, settings.following_error_m
+        cycle = DriveCycle(period_s, settings.heartbeat_s, error_m, setpoint)
+        machine, first, pacer = cycle.machine, link.inhibited is None, Pacer(clock, voice.period_ns)
 
-    def run(self) -> Steps:
-        """Cycles at absolute deadlines; comes to rest before it returns, quick stop in any case."""
-        link, clock = self._stage.link, self._stage._clock
-        first = link.inhibited is None
-        pacer = Pacer(clock, self._voice.period_ns)
+        def may_end() -> bool:
+            at_rest = setpoint.velocity_m_s == 0.0 or machine.phase is not Phase.FOLLOWING
+            return conversation.stopping and at_rest
+
         try:
-            while not self._may_end():
-                self._cycle_once(clock.now_ns())
-                self._begin(first)
+            while not may_end():
+                now_ns = clock.now_ns()
+                heard, beat, alarm = ears.take()
+                link.counters["silent_periods"] += heard is None and self._readback is not None
+                self._refuse_fault_at_start(heard)
+                wanted = None if conversation.stopping else self._wanted
+                word = cycle.step(heard, beat, alarm, wanted, now_ns)
+                voice.send(word, scale.native(setpoint.position_m), now_ns)
+                self._enable(cycle, first)
                 yield pacer.wait_s()
                 link.counters["late_cycles"] += pacer.missed
                 pacer.missed = 0
-                self._voice.tell()
+                voice.tell()
         finally:
-            self._let_go()
-
-    def _may_end(self) -> bool:
-        at_rest = self._cycle.setpoint.velocity_m_s == 0.0 or self._phase is not Phase.FOLLOWING
-        return self._conversation.stopping and at_rest
-
-    @property
-    def _phase(self) -> Phase:
-        return self._cycle.machine.phase
-
-    def _begin(self, first: bool) -> None:
-        """Enables at the start, re-arms when asked to; READY once the drive follows. Else it stands."""
-        link, machine = self._stage.link, self._cycle.machine
-        if self._stage._take_rearm():
-            machine.rearm()
-        elif link.inhibited is not None:
             machine.stop()
-        elif first and link.state is LinkState.CONFIGURED and self._cycle.passive_cycles >= _STAND_CYCLES:
+            voice.release(scale.native(setpoint.position_m), clock.now_ns())
+
+    def _enable(self, cycle: DriveCycle, first: bool) -> None:
+        """Enables at the start, re-arms when asked to; READY once the drive follows. Else it stands."""
+        link, machine = self.link, cycle.machine
+        rearm, self._rearm = self._rearm, False
+        if link.inhibited is not None:
+            machine.stop()
+        elif rearm:
+            machine.rearm()
+        elif first and link.state is LinkState.CONFIGURED and cycle.passive_cycles >= _STAND_CYCLES:
             machine.enable()
             if machine.phase is Phase.FOLLOWING:
                 link.advance(LinkState.READY)
 
-    def _cycle_once(self, now_ns: int) -> None:
-        heard, beat, emergency_code = self._ears.take()
-        self._stage.link.counters["silent_periods"] += heard is None and self._stage._readback is not None
-        self._refuse_fault_at_start(heard)
-        wanted = None if self._conversation.stopping else self._stage._wanted
-        word = self._cycle.step(heard, beat, emergency_code, wanted, now_ns)
-        self._voice.send(word, self._target(), now_ns)
-
     def _refuse_fault_at_start(self, heard: Readback | None) -> None:
-        if heard is None or self._stage.link.state is not LinkState.CONFIGURED:
+        if heard is None or self.link.state is not LinkState.CONFIGURED:
             return
-        if self._stage.link.inhibited is None and drive_state(heard.statusword) is DriveState.FAULT:
+        if self.link.inhibited is None and drive_state(heard.statusword) is DriveState.FAULT:
             raise DeviceError("the drive is in a fault; expected none at the start: clear it at the drive")
 
-    def _target(self) -> int:
-        return self._scale.native(self._cycle.setpoint.position_m)
-
-    def _let_go(self) -> None:
-        self._cycle.machine.stop()
-        self._voice.release(self._target(), self._stage._clock.now_ns())
+    def _new_setpoint(self) -> Setpoint:
+        s = self._settings
+        return Setpoint(1.0 / s.sync_hz, s.travel_m, s.max_velocity_m_s, _DECELERATION_M_S2)
