@@ -1,4 +1,4 @@
-"""Effects of third parties: the example package, and every way in which one can be wrong."""
+"""Effects of third parties: the example package, how each can be wrong, and the causes that they are."""
 
 import tomllib
 from collections.abc import Callable, Iterator
@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from forefeel.common.causes import registry
 from forefeel.common.causes.base import (
@@ -18,10 +19,21 @@ from forefeel.common.causes.base import (
     Parameter,
     SensorEffect,
 )
+from forefeel.common.causes.candidate import Found
+from forefeel.common.causes.catalogue import CANDIDATES, refresh
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.regression import RecordingRegression
+from forefeel.diagnosis.search import Search
+from forefeel.diagnosis.signals import Signals
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
 GROUP = "forefeel.effects"
+RATE_HZ = 250.0
+PITCH_M, SINE_N, COSINE_N = 0.00371, 0.043, -0.021
 
 Install = Callable[..., None]
 FAILS = "fails at its defaults,"
@@ -30,47 +42,30 @@ FAILS = "fails at its defaults,"
 @pytest.fixture
 def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
     """Makes entry points known, as `name=module:object`, as if their distributions were installed."""
+    known = EntryPoints()
+
+    def entry_points(group: str, name: str | None = None) -> EntryPoints:
+        return known.select(group=group) if name is None else known.select(group=group, name=name)
 
     def install(*points: tuple[str, str]) -> None:
+        nonlocal known
         known = EntryPoints(EntryPoint(name, value, GROUP) for name, value in points)
+        registry.effect_class.cache_clear()
 
-        def entry_points(group: str, name: str | None = None) -> EntryPoints:
-            return known.select(group=group) if name is None else known.select(group=group, name=name)
-
-        monkeypatch.setattr(registry, "entry_points", entry_points)
-
-    registry.effect_class.cache_clear()
+    monkeypatch.setattr(registry, "entry_points", entry_points)
+    monkeypatch.syspath_prepend(EXAMPLE)
     yield install
+    install()
+    refresh()
     registry.effect_class.cache_clear()
 
 
 @pytest.fixture
-def example(install: Install, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
-    """The example package as its own pyproject.toml would install it."""
+def example() -> tuple[str, str]:
+    """The entry point that the package's own pyproject.toml declares."""
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())
-    points: dict[str, str] = project["project"]["entry-points"][GROUP]
-    monkeypatch.syspath_prepend(EXAMPLE)
-    install(*points.items())
-    return points
-
-
-def test_the_example_package_takes_part_in_a_model(example: dict[str, str]) -> None:
-    assert list(example) == ["cogging"]
-    assert "cogging" in registry.effect_names()
-    parameters = {"sine_n": 0.03, "cosine_n": -0.01, "pitch_m": 0.004}
-    model = ContactModel.from_mapping(
-        {
-            "schema": "forefeel.model/1",
-            "name": "motor",
-            "effects": [{"effect": "cogging", "parameters": parameters}],
-        }
-    )
-    runtime = model.runtime()
-    assert runtime.step(0.0, 0.001, 0.0, 0.0, 1e-3) == pytest.approx(0.03)
-    assert runtime.step(0.0, 0.002, 0.0, 0.0, 1e-3) == pytest.approx(0.01)
-    x = np.linspace(-0.01, 0.02, 300)
-    one_by_one = [runtime.step(0.0, at, 0.0, 0.0, 1e-3) for at in x.tolist()]
-    np.testing.assert_allclose(runtime.forces_n(x, x, x, x), one_by_one, atol=1e-12)
+    ((name, value),) = project["project"]["entry-points"][GROUP].items()
+    return name, value
 
 
 SIZE: tuple[Parameter, ...] = (Parameter("size_n", "N", 0.0, -1.0, 1.0),)
@@ -228,3 +223,106 @@ def test_a_bad_plugin_does_not_disturb_the_others(install: Install) -> None:
     assert registry.effect_class("good") is Good
     assert registry.effect_class("bias") is registry.OWN["bias"]
     assert {"gone", "good"} <= set(registry.effect_names())
+
+
+# --- in a diagnosis ---
+
+
+def _rippled(seconds: float = 12.0) -> tuple[Recording, Floats]:
+    """Strokes over eight pitches, with the force's noise of a load cell; and the force without it."""
+    t = np.arange(int(seconds * RATE_HZ)) / RATE_HZ
+    w, size = 2.0 * np.pi * np.array([0.23, 0.71, 1.9, 5.3]), np.array([9e-3, 4e-3, 1e-3, 1e-4])
+    phase = np.outer(t, w) + np.array([0.0, 1.0, 2.0, 3.0])
+    x, v, a = np.sin(phase) @ size, np.cos(phase) @ (size * w), -np.sin(phase) @ (size * w * w)
+    turn = 2.0 * np.pi * x / PITCH_M
+    force = 0.03 * a + 0.9 * v + 25.0 * x + SINE_N * np.sin(turn) + COSINE_N * np.cos(turn)
+    noise = lfilter([1.0], [1.0, -0.7], np.random.default_rng(1).standard_normal(len(t)))
+    return Recording("made", t, x, force + 2e-3 * noise / np.std(noise), "test"), force
+
+
+def test_a_cause_of_the_example_package_is_named_and_without_it_the_map_that_holds_it(
+    install: Install, example: tuple[str, str]
+) -> None:
+    recording, force = _rippled()
+    install(example)
+    found = diagnose(recording)
+    assert found.diagnosis.verdict == "cause_found"
+    (cause,) = found.diagnosis.causes
+    assert cause.name == "cogging"
+    assert cause.parameters["pitch_m"].value == pytest.approx(PITCH_M, rel=2e-3)
+    assert cause.parameters["sine_n"].value == pytest.approx(SINE_N, rel=0.1)
+    assert cause.parameters["cosine_n"].value == pytest.approx(COSINE_N, rel=0.1)
+    assert "ripple" in cause.evidence.fingerprint
+    model = extended_model(found.analysis, "motor")
+    assert [entry.effect for entry in model.effects] == ["mass_damper_spring", "cogging"]
+    x, t = recording.position_m, recording.time_s
+    v = np.gradient(x, t)
+    said = model.runtime().forces_n(t, x, v, np.gradient(v, t))
+    assert np.std((said - force)[100:-100]) < 2e-3
+    install()
+    (own,) = diagnose(recording).diagnosis.causes
+    assert own.name == "position_map"
+    assert own.parameters["period_m"].value == pytest.approx(PITCH_M, rel=2e-3)
+    assert own.parameters["sine_n"].value == pytest.approx(SINE_N, rel=0.1)
+    assert "cogging" not in CANDIDATES
+
+
+class Threshold(ForceEffect):
+    """A smoothed step of the force at a position that may have either sign."""
+
+    name = "threshold"
+    site = "shaft"
+    parameters = (
+        Parameter("step_n", "N", 0.0, 0.0, 10.0),
+        Parameter("position_m", "m", 0.0, -1.0, 1.0, linear=False),
+        Parameter("width_m", "m", 1e-3, 1e-5, 1e-1, linear=False),
+    )
+    reference = "test"
+
+    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+        return (float(np.tanh((x - self.values["position_m"]) / self.values["width_m"])),)
+
+    def _columns(self, t: Floats, x: Floats, v: Floats, a: Floats, dt: Floats) -> Floats:
+        depth = (x - self.values["position_m"]) / self.values["width_m"]
+        return np.asarray(np.tanh(depth))[:, None]
+
+
+class Turned(MotionEffect):
+    name = "turned"
+    parameters = ()
+    reference = "test"
+
+    def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
+        return -x, -v, -a
+
+
+def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) -> None:
+    install(("threshold", f"{__name__}:Threshold"))
+    refresh()
+    recording, _ = _rippled()
+    x = recording.position_m
+    v = np.gradient(x, recording.time_s)
+    force = 0.9 * v + 25.0 * x + 0.08 * np.tanh((x + 2.3e-3) / 7e-4)
+    signals = Signals(
+        Recording("made", recording.time_s, x, force, "test"), force, 30.0, np.zeros(len(x), dtype=np.bool_)
+    )
+    search = Search(RecordingRegression(signals, 1e-5))
+    assert "threshold" in search.names
+    found = search.best_with(search.fit({}), "threshold")
+    assert found is not None
+    own = Found(found.of("threshold"), found.model["threshold"], found.coefficients[:3], 0.0)
+    named = CANDIDATES["threshold"].named(own)
+    assert named["position_m"] == pytest.approx(-2.3e-3, abs=1e-4)
+    assert named["width_m"] == pytest.approx(7e-4, rel=0.1)
+    assert named["step_n"] == pytest.approx(0.08, rel=0.05)
+    assert CANDIDATES["threshold"].signs == (1,)
+
+
+def test_what_can_not_be_searched_is_said_and_breaks_nothing(install: Install) -> None:
+    install(("turned", f"{__name__}:Turned"), ("missing", f"{__name__}:Missing"))
+    lines: list[str] = []
+    known = set(CANDIDATES)
+    refresh(lines.append)
+    assert set(CANDIDATES) == known
+    assert any("turned adds no force" in line for line in lines)
+    assert any("missing" in line and "can not be loaded" in line for line in lines)
