@@ -9,14 +9,7 @@ import time
 
 import numpy as np
 
-from forefeel.common.causes.candidate import (
-    Candidate,
-    Changing,
-    Periodic,
-    PositionWave,
-    Shape,
-    base_name,
-)
+from forefeel.common.causes.candidate import Candidate, Changing, Periodic, PositionWave, Shape, base_name
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording

@@ -40,9 +40,7 @@ def test_zenoh_bus_keeps_contract_of_memory_bus(open_session: Callable[[], Zenoh
     assert faults == []
 
 
-def test_zenoh_bus_bad_handlers_and_keys_stop_no_delivery(
-    open_session: Callable[[], ZenohTransport],
-) -> None:
+def test_zenoh_bus_bad_handlers_and_keys_stop_no_delivery(open_session: Callable[[], ZenohTransport]) -> None:
     receiver, sender = open_session(), open_session()
     got: list[bytes] = []
     released = threading.Event()

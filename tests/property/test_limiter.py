@@ -80,9 +80,7 @@ def test_from_outside_of_the_workspace_it_never_goes_further_out(
             outside_m = now_m
 
 
-@given(
-    st.lists(st.tuples(st.floats(-1.0, 1.0), st.integers(1, 30)), min_size=1, max_size=30),
-)
+@given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.integers(1, 30)), min_size=1, max_size=30))
 def test_what_stays_inside_the_limits_is_met_exactly_and_never_touched(
     pieces: list[tuple[float, int]],
 ) -> None:

@@ -13,15 +13,7 @@ from tests.commands.test_simulate import MODEL
 
 ROOT = Path(__file__).parents[2]
 OURS = "common", "master", "slave", "devices", "diagnosis", "studies", "tests"
-BUILT_FROM = (
-    "pyproject.toml",
-    "README.md",
-    "LICENSE",
-    "forefeel",
-    "common",
-    "master",
-    "slave",
-)
+BUILT_FROM = ("pyproject.toml", "README.md", "LICENSE", "forefeel", "common", "master", "slave")
 
 SCRIPT = """
 import sys

@@ -1,8 +1,6 @@
 """Attacks of a second writer: sessions, heartbeats and clocks of its own, in virtual time."""
 
-from forefeel.common.topics import (
-    MASTER_HEARTBEAT,
-)
+from forefeel.common.topics import MASTER_HEARTBEAT
 from tests.simulation.attack_outcome import Expected, Outcome
 from tests.simulation.attack_scene import MS, Scene
 from tests.simulation.pair import S

@@ -22,10 +22,7 @@ def _felt(**rendering: str | float | bool) -> dict[str, NDArray[np.float64]]:
     loop.run(lambda _done_s: None)
     heard = Heard(loop.payloads)
     position_m = heard.column(HAPTICS, "handle_position_m")
-    return {
-        "speed_m_s": np.abs(np.gradient(position_m, 1e-3)),
-        "energy_j": heard.column(HAPTICS, "energy_j"),
-    }
+    return {"speed_m_s": np.abs(np.gradient(position_m, 1e-3)), "energy_j": heard.column(HAPTICS, "energy_j")}
 
 
 def _plan(rendering: dict[str, Any]) -> Plan:

@@ -126,9 +126,7 @@ def test_the_operator_arms_again_half_a_second_after_a_stop(
     assert stop_s + 0.5 < again_s < stop_s + 0.5 + shown_s + 3 * TICK_S
 
 
-def test_a_session_that_a_stall_outlived_is_replaced(
-    stalled: Callable[[float], tuple[Pair, float]],
-) -> None:
+def test_a_session_that_a_stall_outlived_is_replaced(stalled: Callable[[float], tuple[Pair, float]]) -> None:
     pair, start_s = stalled(2.0)
     lost_s, opened_s = pair.heard.times("session_lost")[0], pair.heard.times("session_opened")
     assert start_s + 0.9 < lost_s < start_s + 1.0 + 0.1  # the lease, from the last heartbeat

@@ -283,7 +283,7 @@ WORLD = {
         {
             "effect": "mass_damper_spring",
             "parameters": {"mass_kg": 0.02, "damping_n_s_m": 2.0, "stiffness_n_m": 20.0},
-        },
+        }
     ],
 }
 

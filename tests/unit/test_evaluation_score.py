@@ -3,14 +3,7 @@ import pytest
 
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.replay import MethodTrace
-from forefeel.diagnosis.evaluation.score import (
-    RUNAWAY,
-    Score,
-    completed,
-    largest_seen,
-    score,
-    scored_stamps,
-)
+from forefeel.diagnosis.evaluation.score import RUNAWAY, Score, completed, largest_seen, score, scored_stamps
 from tests.unit.evaluation_samples import Floats
 
 N = 1000

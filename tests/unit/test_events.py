@@ -105,10 +105,7 @@ def test_a_second_has_ten_lines_and_the_next_says_how_many_more_there_were(at_on
     notices.add("again")
     notifier.serve(2 * S + 1)
     notifier.serve(3 * S)
-    assert lines == [
-        f"slave: axis insertion: {waiting - 10} more, not shown",
-        "slave: axis insertion: again",
-    ]
+    assert lines == [f"slave: axis insertion: {waiting - 10} more, not shown", "slave: axis insertion: again"]
 
 
 def test_a_terminal_that_is_gone_stops_nothing() -> None:

@@ -5,9 +5,7 @@ from itertools import pairwise
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.messages import (
-    MOST_FORCE_N,
-)
+from forefeel.common.messages import MOST_FORCE_N
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
 from forefeel.master.handle import HandleReading
 from forefeel.master.session import SessionState

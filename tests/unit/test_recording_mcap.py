@@ -17,13 +17,7 @@ from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
-from forefeel.common.topics import (
-    COMMAND,
-    FORCE,
-    MASTER_IMPAIRMENT,
-    SAFETY_EVENT,
-    SLAVE_STATE,
-)
+from forefeel.common.topics import COMMAND, FORCE, MASTER_IMPAIRMENT, SAFETY_EVENT, SLAVE_STATE
 from tests.unit.recording_samples import (
     AXIS,
     CELL,

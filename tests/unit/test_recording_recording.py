@@ -49,10 +49,7 @@ def test_segments(time_s: list[float], gap_s: float, expected: list[slice]) -> N
     assert recording(time_s, [0.0] * len(time_s)).segments(gap_s) == expected
 
 
-@given(
-    st.lists(st.floats(0.001, 1.0), min_size=1, max_size=40),
-    st.floats(0.001, 1.0),
-)
+@given(st.lists(st.floats(0.001, 1.0), min_size=1, max_size=40), st.floats(0.001, 1.0))
 def test_segments_hold_every_sample_once_and_no_gap(intervals_s: list[float], gap_s: float) -> None:
     time_s = np.cumsum([0.0, *intervals_s])
     pieces = recording(time_s, time_s).segments(gap_s)

@@ -5,14 +5,7 @@ from hypothesis import strategies as st
 
 from forefeel.common.error_size import error_size
 from forefeel.common.messages import SafetyEvent, SafetyState
-from forefeel.report.score import (
-    compare,
-    first_answers,
-    first_of_each,
-    of_one_stretch,
-    spread,
-    stretches,
-)
+from forefeel.report.score import compare, first_answers, first_of_each, of_one_stretch, spread, stretches
 from forefeel.report.states import Span, armed_share, session_end_ns, spans
 
 S = SafetyState

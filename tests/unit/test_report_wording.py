@@ -12,14 +12,7 @@ UNITLESS = {"ratio", "damping_ratio"}
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [
-        (None, "–"),
-        (0.0, "0 N"),
-        (0.0123, "12.3 mN"),
-        (0.9996, "1 N"),
-        (1.0, "1 N"),
-        (1e-12, "0.001 nN"),
-    ],
+    [(None, "–"), (0.0, "0 N"), (0.0123, "12.3 mN"), (0.9996, "1 N"), (1.0, "1 N"), (1e-12, "0.001 nN")],
 )
 def test_quantities_have_three_digits_and_a_prefix(value: float | None, text: str) -> None:
     assert quantity(value, "N") == text

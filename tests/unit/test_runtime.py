@@ -11,12 +11,7 @@ from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.runtime import realtime
 from forefeel.common.runtime.real import RealRuntime
-from forefeel.common.runtime.realtime import (
-    SWITCH_INTERVAL_S,
-    TICK_INTERVAL_S,
-    RealtimeThread,
-    WakeUp,
-)
+from forefeel.common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, RealtimeThread, WakeUp
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
 

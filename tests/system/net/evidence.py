@@ -169,10 +169,7 @@ class Evidence:
         return {session for time_s, session in zip(*self._begun()[:2], strict=True) if time_s > after_s}
 
     def stale_commands(
-        self,
-        most_excess_s: float,
-        before_s: float | None,
-        stood: tuple[float, float] | None = None,
+        self, most_excess_s: float, before_s: float | None, stood: tuple[float, float] | None = None
     ) -> tuple[int, float]:
         """(how many commands were executed that were older than that above the usual, the largest excess).
 

@@ -44,11 +44,7 @@ def test_silence_is_no_state() -> None:
 
 @pytest.mark.parametrize(
     ("slave", "master", "word"),
-    [
-        ({"session_id": 0}, {}, "free"),
-        ({"session_id": 5}, {}, "held by another"),
-        ({}, None, "held"),
-    ],
+    [({"session_id": 0}, {}, "free"), ({"session_id": 5}, {}, "held by another"), ({}, None, "held")],
 )
 def test_who_holds_the_lease(slave: dict[str, object], master: dict[str, object] | None, word: str) -> None:
     assert told(slave, master)["lease"][1] == word

@@ -76,8 +76,7 @@ def test_the_file_of_a_killed_writer_ends_with_its_last_whole_chunk(run_file: Pa
 
 
 @pytest.mark.parametrize(
-    ("content", "word"),
-    [(b"", "empty"), (b"no MCAP at all", "MCAP"), (None, "no messages")],
+    ("content", "word"), [(b"", "empty"), (b"no MCAP at all", "MCAP"), (None, "no messages")]
 )
 def test_what_is_no_run_is_one_line(tmp_path: Path, content: bytes | None, word: str) -> None:
     path = tmp_path / "run.mcap"
