@@ -19,7 +19,6 @@ class Case:
     fastest_hz: float = 2000.0
 
     def drawn(self) -> Hidden:
-        """The recording with its truth."""
         return draw(self.kind, self.seed, self.size, self.longest_s, self.fastest_hz)
 
     def __str__(self) -> str:
@@ -27,7 +26,6 @@ class Case:
 
 
 def full(first_seed: int = 50_000) -> list[Case]:
-    """400 recordings."""
     s = first_seed
     return [
         *(Case("single", name, s + i) for name in VOCABULARY for i in range(6)),

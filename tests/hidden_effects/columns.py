@@ -23,7 +23,6 @@ _WINDOW_S = 0.06
 
 
 def moves(measured: Measured) -> bool:
-    """Whether there is a motion and a force to choose columns for."""
     return bool(np.std(measured.force_n) > 0.0 and np.ptp(measured.position_m) >= 1e-5)
 
 

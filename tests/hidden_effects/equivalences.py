@@ -15,7 +15,6 @@ from tests.hidden_effects.generator import Truth
 
 
 def same_names(truth: Truth, names: Iterable[str]) -> bool:
-    """Whether the set of names is the one that was hidden."""
     given = set(names)
     return given == set(truth.names) or (_asymmetric(truth) and given == {*truth.names, "bias"})
 
@@ -26,7 +25,6 @@ def right_first(truth: Truth, names: tuple[str, ...]) -> bool:
 
 
 def only_hidden(truth: Truth, names: Iterable[str]) -> bool:
-    """Whether no name is given that was not hidden."""
     return set(names) <= _accepted(truth)
 
 

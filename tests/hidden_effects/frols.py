@@ -20,7 +20,6 @@ _FIRST_INPUT = 2
 
 
 def regressed(measured: Measured) -> Answer:
-    """Its answer."""
     start_s = time.perf_counter()
     if not moves(measured):
         return Answer("refused", seconds=time.perf_counter() - start_s)

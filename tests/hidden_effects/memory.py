@@ -23,7 +23,6 @@ from tests.hidden_effects.sindy import chosen
 
 
 def sparse_with_memory(measured: Measured) -> Answer:
-    """Its answer."""
     start_s = time.perf_counter()
     if not moves(measured):
         return Answer("refused", seconds=time.perf_counter() - start_s)

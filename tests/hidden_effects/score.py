@@ -33,12 +33,10 @@ class Estimate:
 
     @property
     def close(self) -> bool:
-        """Within the tolerance."""
         return abs(self.value - self.true) <= TOLERANCE * abs(self.true)
 
     @property
     def covered(self) -> bool:
-        """The interval holds the truth."""
         return self.low <= self.true <= self.high
 
     @property
@@ -78,7 +76,6 @@ class Outcome:
 
 
 def scored(case: Case, method: Callable[[Hidden], Answer]) -> Outcome:
-    """Draws the case, asks the method, compares."""
     hidden = case.drawn()
     answer = method(hidden)
     truth, flags = hidden.truth, flags_of(hidden)

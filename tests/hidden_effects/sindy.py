@@ -21,7 +21,6 @@ _THRESHOLDS = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.25, 0.4)
 
 
 def sparse(measured: Measured) -> Answer:
-    """Its answer."""
     start_s = time.perf_counter()
     if not moves(measured):
         return Answer("refused", seconds=time.perf_counter() - start_s)

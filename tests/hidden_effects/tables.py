@@ -70,18 +70,15 @@ def _said(outcome: Outcome, hidden: str) -> str:
 
 
 def rates(outcomes: Sequence[Outcome], intervals: bool = True) -> str:
-    """The numbers that are asked for, beside what was reached."""
     lines = [f"  {rate}{'' if rate.met else '  missed'}" for rate in all_rates(outcomes, intervals)]
     return "\n".join(["rates: what, demanded, reached", *lines])
 
 
 def unmet(outcomes: Sequence[Outcome]) -> list[str]:
-    """The demands that are not met."""
     return [str(rate) for rate in all_rates(outcomes) if not rate.met]
 
 
 def all_rates(outcomes: Sequence[Outcome], intervals: bool = True) -> list[Rate]:
-    """Names, verdicts, parameters."""
     return [*_name_rates(outcomes), *_verdict_rates(outcomes), *_parameter_rates(outcomes, intervals)]
 
 
@@ -154,7 +151,6 @@ def _group(outcomes: Iterable[Outcome], group: str) -> list[Outcome]:
 
 
 def speed(outcomes: Sequence[Outcome]) -> str:
-    """Seconds for each recording and for 30,000 samples."""
     seconds = np.array([o.answer.seconds for o in outcomes])
     each = seconds / np.array([o.samples for o in outcomes]) * 30_000.0
     return (

@@ -47,7 +47,6 @@ class Rig:
         return self.control.machine.reason
 
     def command(self, position_m: float, deadman: bool, **changes: Any) -> tuple[MotionCommand, int]:  # noqa: ANN401
-        """A command that arrives with this tick."""
         self.sequence += 1
         fields: dict[str, Any] = {"session_id": self.session_id, "velocity_m_s": 0.0, **changes}
         command = MotionCommand(
@@ -56,7 +55,6 @@ class Rig:
         return command, self.now_ns
 
     def tick(self, command: tuple[MotionCommand, int] | None = None, **changes: Any) -> ControlOutputs:  # noqa: ANN401
-        """The next millisecond."""
         inputs = ControlInputs(
             command=command,
             position_m=self.stage_m,
@@ -99,7 +97,6 @@ class Rig:
         return self
 
     def moving(self, velocity_m_s: float = 0.1) -> "Rig":
-        """ARMED and on its way."""
         self.armed()
         position_m = self.stage_m
         for _ in range(100):

@@ -70,7 +70,6 @@ def _numbers(each: Elsewhere) -> str:
 
 
 def families() -> str:
-    """The table of the families."""
     lines = [f"  {family:<11s} {', '.join(names)}" for family, names in FAMILIES.items()]
     said = f"families (an effect's share of the force is at least {LEAST_SHARE:g} times the noise's rms):"
     return "\n".join([said, *lines])

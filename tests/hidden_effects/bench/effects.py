@@ -282,7 +282,6 @@ def hunt_crossley(rng: Rng, bench: Bench) -> list[Effect]:
 
 
 def drag(rng: Rng, bench: Bench) -> list[Effect]:
-    """In a stream."""
     coefficient = _share(rng, bench, 0.2, 1.0) / float(np.std(bench.stage.v * np.abs(bench.stage.v)))
     return _made("quadratic_drag", Bench.with_wall, drag_n_s2_m2=coefficient)
 
@@ -354,7 +353,6 @@ def pulsation(rng: Rng, bench: Bench) -> list[Effect]:
 
 
 def delay(rng: Rng, bench: Bench) -> list[Effect]:
-    """Force stamped late."""
     return _made("time_delay", Bench.with_sensor, delay_s=log_uniform(rng, 5e-3, 80e-3))
 
 
@@ -370,7 +368,6 @@ def drift(rng: Rng, bench: Bench) -> list[Effect]:
 
 
 def saturation(rng: Rng, bench: Bench) -> list[Effect]:
-    """The end of the range."""
     return _made("sensor_saturation", Bench.with_sensor, limit_n=bench.peak_n * rng.uniform(0.3, 0.85))
 
 
@@ -404,7 +401,6 @@ def operator(rng: Rng, bench: Bench) -> list[Effect]:
 
 
 def walk(rng: Rng, bench: Bench) -> list[Effect]:
-    """A random walk of the reading."""
     size_n = _share(rng, bench, 0.2, 0.8)
     wander_n = size_n * walking(rng, bench.stage)
     return _told(f"random walk({size_n:.3g} N)", "", Bench.with_sensor, wander_n=wander_n)
@@ -418,7 +414,6 @@ def temperature(rng: Rng, bench: Bench) -> list[Effect]:
 
 
 def gain_wander(rng: Rng, bench: Bench) -> list[Effect]:
-    """The amplifier's gain wanders."""
     gain = 1.0 + rng.uniform(0.1, 0.3) * wandering(rng, bench.stage, log_uniform(rng, 0.05, 0.3))
     return _told("gain wanders", "", Bench.with_sensor, gain=gain)
 
@@ -435,7 +430,6 @@ def three(rng: Rng, bench: Bench) -> list[Effect]:
 
 
 def together(*makers: Maker) -> Maker:
-    """All of these, in this order."""
     return lambda rng, bench: [effect for maker in makers for effect in maker(rng, bench)]
 
 

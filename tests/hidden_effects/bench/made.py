@@ -32,8 +32,6 @@ _SLOWEST_S = 0.5  # s, the largest ratio of damping to stiffness
 
 
 class Population(Enum):
-    """What a table is made of."""
-
     KNOWN = "known"
     PLAY = "play"
     COMPOSITIONS = "compositions"

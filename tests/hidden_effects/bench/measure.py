@@ -45,7 +45,6 @@ class Take(NamedTuple):
 
     @property
     def noise_rms_n(self) -> float:
-        """Of this recording's noise."""
         return float(np.std(self.noise_n))
 
 
@@ -65,23 +64,18 @@ class Bench:
 
     @property
     def reach_m(self) -> float:
-        """From the stage's lowest to its highest position."""
         return float(np.ptp(self.stage.x))
 
     def with_rig(self, **fields: object) -> "Bench":
-        """Fields of the rig changed."""
         return replace(self, rig=self.rig._replace(**_any(fields)))
 
     def with_wall(self, **fields: object) -> "Bench":
-        """Fields of the wall changed."""
         return self.with_rig(wall=self.rig.wall._replace(**_any(fields)))
 
     def with_tip(self, **fields: object) -> "Bench":
-        """Fields of the last body changed."""
         return self.with_rig(bodies=(*self.rig.bodies[:-1], self.rig.bodies[-1]._replace(**_any(fields))))
 
     def with_sensor(self, **fields: object) -> "Bench":
-        """Fields of the chain changed."""
         return replace(self, sensor=self.sensor._replace(**_any(fields)))
 
 
@@ -90,12 +84,10 @@ def _any(fields: dict[str, object]) -> dict[str, Any]:
 
 
 def encoded(bench: Bench, take: Take) -> Array:
-    """The stage's position as the encoder counts it."""
     return np.asarray(np.round(bench.stage.at(take.time_s)[0] / take.encoder_m) * take.encoder_m)
 
 
 def read(bench: Bench, take: Take) -> Array:
-    """The load cell's readings."""
     sensor, stage = bench.sensor, bench.stage
     force_n = simulated(bench.rig, stage, bench.push_n, bench.heave_m).cell_n
     force_n = force_n if sensor.gain is None else force_n * sensor.gain

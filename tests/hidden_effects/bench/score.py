@@ -36,22 +36,18 @@ class Outcome:
 
     @property
     def found(self) -> bool:
-        """A cause was named with confidence."""
         return self.answer.verdict == "cause_found"
 
     @property
     def right_first(self) -> bool:
-        """The first cause is of a family that is there."""
         return self.found and family_of(self.answer.names[0]) in self.families
 
     @property
     def wrong_first(self) -> bool:
-        """The first cause is of a family that is not there."""
         return self.found and not self.right_first
 
     @property
     def abstained(self) -> bool:
-        """No cause, and it was said so."""
         return self.answer.verdict in ABSTENTIONS
 
     @property
@@ -70,7 +66,6 @@ class Outcome:
 
 
 def scored(population: Population, seed: int, method: Method = diagnosed) -> Outcome:
-    """Draws, asks, compares."""
     made = draw(population, seed)
     return Outcome(
         population, seed, made.names, made.families, made.hides, made.description, answered(made, method)
@@ -103,7 +98,6 @@ class Elsewhere:
 
     @property
     def holds(self) -> bool:
-        """Whether the gain lies in the interval."""
         return self.expected.gain_low <= self.gain <= self.expected.gain_high
 
 

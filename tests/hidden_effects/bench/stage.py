@@ -31,13 +31,11 @@ class Stage:
     a: Array
 
     def at(self, time_s: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration at these instants."""
         x, v, a = (np.interp(time_s, self.t, column) for column in (self.x, self.v, self.a))
         return x, v, a
 
 
 def log_uniform(rng: Rng, low: float, high: float) -> float:
-    """A number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 

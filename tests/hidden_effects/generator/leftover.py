@@ -41,6 +41,5 @@ def leftovers_n(hidden: Hidden) -> tuple[float, ...]:
 
 
 def noise_floor_n(hidden: Hidden) -> float:
-    """rms in N of the reading's noise."""
     noise = hidden.truth.noise
     return float(np.hypot(noise.rms_n, noise.white_n))

@@ -28,11 +28,9 @@ class Motion:
 
     @property
     def step_s(self) -> float:
-        """Of the grid."""
         return float(self.t[1] - self.t[0])
 
     def thinned(self, every: int) -> "Motion":
-        """Every so many samples."""
         return Motion(self.t[::every], self.x[::every], self.v[::every], self.a[::every])
 
 
@@ -43,7 +41,6 @@ def grid(duration_s: float) -> Array:
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
@@ -136,19 +133,16 @@ def sweep(rng: np.random.Generator, t: Array) -> Motion:
 
 
 def pure_sine(rng: np.random.Generator, t: Array) -> Motion:
-    """One frequency, one amplitude."""
     amplitude, frequency = rng.uniform(3e-3, 12e-3), log_uniform(rng, 0.3, 2.5)
     return _sum_of_sines(t, np.array([amplitude]), np.array([frequency]), rng.uniform(0.0, 2.0 * pi, 1))
 
 
 def constant_speed(rng: np.random.Generator, t: Array) -> Motion:
-    """One way at one speed."""
     speed = log_uniform(rng, 0.5e-3, 3e-3)
     return Motion(t, speed * (t - t[0]), np.full_like(t, speed), np.zeros_like(t))
 
 
 def standstill(rng: np.random.Generator, t: Array) -> Motion:
-    """Nothing moves."""
     return Motion(t, np.full_like(t, rng.uniform(1e-3, 20e-3)), np.zeros_like(t), np.zeros_like(t))
 
 

@@ -75,7 +75,6 @@ def temperature_wander(signal: Signal, values: Values) -> Array:
 
 @_outside(_draw_wandering)
 def gain_drift(signal: Signal, values: Values) -> Array:
-    """Sensitivity that wanders."""
     return values["size"] * _wandering(signal, values) * signal.base.force(signal.x, signal.v, signal.a)
 
 
@@ -156,7 +155,6 @@ def position_dependent_resonance(signal: Signal, values: Values) -> Array:
     }
 )  # fmt: skip
 def local_bump(signal: Signal, values: Values) -> Array:
-    """A narrow place."""
     return values["size"] * np.exp(-0.5 * ((signal.x - values["centre_m"]) / values["width_m"]) ** 2)
 
 
@@ -176,14 +174,12 @@ def _draw_chirp(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
 
 @_outside(_draw_chirp)
 def chirp(signal: Signal, values: Values) -> Array:
-    """A disturbance whose frequency rises."""
     turns = values["slow_hz"] * signal.t + 0.5 * values["rate_hz_s"] * signal.t**2
     return values["size"] * np.sin(2.0 * pi * turns)
 
 
 @_outside(lambda rng, _: {"size": 10.0, "frequency_hz": rng.uniform(0.3, 2.0), "phase": rng.uniform(-pi, pi)})
 def breathing_spring(signal: Signal, values: Values) -> Array:
-    """Stiffness that oscillates in time."""
     angle = 2.0 * pi * values["frequency_hz"] * signal.t + values["phase"]
     return values["size"] * signal.x * np.sin(angle)
 

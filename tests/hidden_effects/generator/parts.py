@@ -61,7 +61,6 @@ class Signal:
 
     @property
     def step_s(self) -> float:
-        """Of the grid."""
         return float(self.t[1] - self.t[0])
 
 
@@ -96,27 +95,21 @@ class Form:
 
 @dataclass(frozen=True)
 class Part:
-    """A form with its values: one hidden effect."""
-
     form: Form
     values: Values
 
     def scaled(self, factor: float) -> "Part":
-        """At another size."""
         return Part(self.form, self.form.scaled(self.values, factor))
 
     def with_value(self, name: str, value: float) -> "Part":
-        """With one value replaced."""
         return Part(self.form, {**self.values, name: value})
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Those that are judged."""
         return {name: self.values[name] for name in self.form.judged if self.values[name] != 0.0}
 
 
 def proportional(*names: str) -> Scale:
-    """Scales these values by the factor."""
 
     def scale(values: Values, factor: float) -> dict[str, float]:
         return {name: value * factor if name in names else value for name, value in values.items()}
@@ -125,7 +118,6 @@ def proportional(*names: str) -> Scale:
 
 
 def inverse(*names: str) -> Scale:
-    """Divides these values by the factor."""
 
     def scale(values: Values, factor: float) -> dict[str, float]:
         return {name: value / factor if name in names else value for name, value in values.items()}
@@ -134,7 +126,6 @@ def inverse(*names: str) -> Scale:
 
 
 def added(force: Callable[[Signal, Values], Array]) -> Act:
-    """The act of a force that adds to the others."""
 
     def act(signal: Signal, values: Values) -> None:
         signal.force = signal.force + force(signal, values)

@@ -33,12 +33,10 @@ class Truth:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the hidden effects."""
         return tuple(part.form.name for part in self.parts)
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Which form of each was drawn."""
         return tuple(part.form.label for part in self.parts)
 
     @property

@@ -33,7 +33,6 @@ def connected(host: str, port: int, count: int) -> list[socket.socket]:
 
 
 def main() -> None:
-    """Holds them."""
     host, port, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     held = connected(host, port, count)
     print(f"{len(held)} connections", flush=True)

@@ -28,8 +28,6 @@ CONNECTED = HEARING | {"another cell's master"}
 
 @dataclass(frozen=True, slots=True)
 class Stranger:
-    """One session at the slave's endpoint."""
-
     session: zenoh.Session
 
     def put(self, key: str, payload: bytes) -> None:

@@ -246,7 +246,6 @@ def _result(outcome: Outcome) -> Result:
 
 
 def rows() -> Iterator[Row]:
-    """Each attack on a pair of daemons of its own."""
     for name in PLAIN:
         yield Row(f"attack: {name}", partial(_plain, name))
     for papers in PAPERS:

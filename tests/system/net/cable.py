@@ -54,12 +54,10 @@ class TunCable:
         return self._order(do="forget")
 
     def count(self) -> dict[str, Any]:
-        """Packets by way."""
         self._say(do="count")
         return self._answer()
 
     def close(self) -> None:
-        """Takes it away; idempotent."""
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()

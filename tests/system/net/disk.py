@@ -31,11 +31,9 @@ class SmallDisk:
 
     @property
     def seen(self) -> Path:
-        """The folder, as it is seen from outside."""
         return Path(f"/proc/{self._holder.pid}/root{self.folder}")
 
     def fill(self) -> None:
-        """To the last byte."""
         with (self.seen / "ballast").open("wb", buffering=0) as file:
             try:
                 while True:
@@ -44,7 +42,6 @@ class SmallDisk:
                 return
 
     def free(self) -> None:
-        """What `fill` put there goes."""
         (self.seen / "ballast").unlink()
 
     def allow_writing(self, allowed: bool) -> None:
@@ -53,11 +50,9 @@ class SmallDisk:
         subprocess.run([*self.within, "mount", "-o", f"remount,{how}", str(self.folder)], check=True)
 
     def free_bytes(self) -> int:
-        """What is left."""
         return shutil.disk_usage(self.seen).free
 
     def close(self) -> None:
-        """Idempotent."""
         if self._holder.poll() is None:
             self._holder.kill()
         self._holder.wait()

@@ -105,7 +105,6 @@ class Evidence:
 
     @property
     def steered(self) -> bool:
-        """Whether a clock was made wrong."""
         return self._steered is not None
 
     def _times(self, run: Run, topic: Topic) -> Floats:  # type: ignore[type-arg]
@@ -135,7 +134,6 @@ class Evidence:
         )
 
     def following(self, at_s: float) -> bool:
-        """Whether the stage followed commands then."""
         before = [event for time_s, event in self.events if time_s < at_s]
         return bool(before) and before[-1].after in FOLLOWING
 

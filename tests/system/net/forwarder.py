@@ -48,7 +48,6 @@ class Forwarder:
         self._orders = b""
 
     def run(self) -> None:
-        """Until the standard input ends."""
         a, b = self._ends
         ways = ((a, self._ways["ab"]), (b, self._ways["ba"]))
         outs = ((b, self._ways["ab"]), (a, self._ways["ba"]))
@@ -115,7 +114,6 @@ class Forwarder:
 
 
 def main() -> None:
-    """See the module."""
     a, b, seed = sys.argv[1:]
     ends = open_tun(a), open_tun(b)
     prepare_thread(_PRIORITY)

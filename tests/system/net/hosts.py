@@ -79,7 +79,6 @@ class Hosts:
 
     @property
     def running(self) -> list[Process]:
-        """The processes that are not expected to end."""
         return [process for process in self._processes if process.pid not in self.expected_ends]
 
     def end(self, process: Process, number: signal.Signals = signal.SIGTERM) -> int:
@@ -91,17 +90,14 @@ class Hosts:
         return process.wait(15)
 
     def says(self, log: str, text: str) -> bool:
-        """Whether that log has it."""
         path = self.folder / log
         return path.exists() and text in path.read_text(errors="replace")
 
     def last_words(self) -> dict[str, list[str]]:
-        """The last lines of every log."""
         logs = sorted(self.folder.glob("*.log"))
         return {log.name: log.read_text(errors="replace").splitlines()[-4:] for log in logs}
 
     def close(self) -> None:
-        """Idempotent."""
         for process in self._processes:
             if process.poll() is None:
                 process.kill()

@@ -18,7 +18,6 @@ from tests.system.net.recorder import NICE, onlooker
 
 
 def main() -> None:
-    """Until it is killed."""
     cell, axis, *way = sys.argv[1:]
     clock, ended = MonotonicClock(), threading.Event()
     os.nice(NICE)

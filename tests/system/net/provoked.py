@@ -50,7 +50,6 @@ def told(path: Path) -> Iterator[None]:
 
 
 def main() -> None:
-    """See the module."""
     faults = sys.argv.pop(1).split(",")
     sys.argv.insert(1, "emulate")
     waiting, original = list[str](), run.obey_stdin

@@ -28,7 +28,6 @@ Not under SCHED_FIFO: the kernel's own threads, which carry the bytes of a pty, 
 
 
 def onlooker(way: str, endpoint: str, pki: str) -> TransportSettings:
-    """Of who looks on, see `WAY`."""
     if way == "client":
         return TransportSettings(mode="client", connect=(endpoint,), pki=Path(pki))
     if way == "connect":
@@ -37,7 +36,6 @@ def onlooker(way: str, endpoint: str, pki: str) -> TransportSettings:
 
 
 def main() -> None:
-    """Until SIGTERM."""
     out, cell, *way = sys.argv[1:]
     os.nice(NICE)
     tables = {"run": {"cell": cell}}

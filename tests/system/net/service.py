@@ -132,18 +132,15 @@ class Service:
         self.hosts.wait_until(lambda: self.hosts.says("master.log", "session open"), 60, "a session")
 
     def start_router(self) -> None:
-        """On the first host."""
         words = ("forefeel", "router", "--listen", ROUTER_AT, "--pki", PKI, "--cell", CELL)
         self.processes["router"] = self.hosts.run(0, "router.log", *words)
         self.hosts.wait_until(lambda: self.hosts.says("router.log", "listening"), 20, "the router")
 
     def start_devices(self) -> None:
-        """The emulated stage and cell, which feel each other."""
         for name in DEVICES:
             self.start_device(name)
 
     def start_device(self, name: str) -> None:
-        """Again, too."""
         assert self._emulated is not None
         faults = self._emulated.get(name, "unplug,plug")
         config = ("--config", str(self.folder / "slave.yaml"))
@@ -154,13 +151,11 @@ class Service:
         self.hosts.wait_until(lambda: self.hosts.says(f"{name}.log", "baud"), 20, name)
 
     def start_slave(self) -> None:
-        """Again, too."""
         (self.folder / "slave.log").unlink(missing_ok=True)
         self.processes["slave"] = self._daemon(0, "slave")
         self.hosts.wait_until(lambda: self.hosts.says("slave.log", "waiting for a master"), 60, "the slave")
 
     def start_master(self) -> None:
-        """Again, too."""
         self.processes["master"] = self._daemon(1, "master")
 
     def start_rival(self) -> None:
@@ -173,7 +168,6 @@ class Service:
         self.processes[RIVAL] = self.hosts.run(1, f"{RIVAL}.log", *words)
 
     def start_recorder(self, role: str) -> None:
-        """The recorder beside the slave or the master."""
         host = ("slave", "master").index(role)
         way = ("connect", RECORDER_AT) if role == "master" else self._way(RECORDER_AT)
         words = ("tests.system.net.recorder", f"{role}.mcap", CELL, *way, PKI)
@@ -188,7 +182,6 @@ class Service:
         self.processes[name] = self.hosts.run(0, f"{name}.log", *words, within=within)
 
     def start_observer(self) -> None:
-        """See `tests.system.net.observer`."""
         words = ("tests.system.net.observer", CELL, AXIS, *self._way(OBSERVER_AT), PKI)
         self.processes["observer"] = self.hosts.run(0, "seen.log", *words)
 
@@ -240,7 +233,6 @@ class Service:
         return str(seen["state"])
 
     def wait_armed(self, timeout_s: float = 20.0) -> None:
-        """Until the slave follows the operator."""
         self.hosts.wait_until(lambda: self.state() == "armed", timeout_s, f"armed, but {self.seen()}")
 
     def wait_moving(self, speed_m_s: float = 0.02, deep_m: float = 0.012) -> float:
@@ -279,7 +271,6 @@ class Service:
 
 
 def event_file(folder: Path, role: str) -> Path:
-    """The event log of a daemon."""
     return folder / "state" / role / EVENTS
 
 

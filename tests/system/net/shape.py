@@ -50,13 +50,11 @@ class Way:
         self._stalled_until_ns = now_ns + round(stall_s * S)
 
     def cut(self) -> None:
-        """Nothing passes any more, and what is under way is gone."""
         self._cut = True
         self.counts["cut"] += len(self._under_way)
         self._under_way.clear()
 
     def mend(self) -> None:
-        """After a cut."""
         self._cut = False
 
     def forget(self) -> None:
@@ -66,7 +64,6 @@ class Way:
         self._forgotten = frozenset(self._known)
 
     def offer(self, packet: bytes, now_ns: int) -> None:
-        """A packet comes to the cable."""
         self.counts["offered"] += 1
         refusal = self._refusal(packet)
         if refusal is not None:

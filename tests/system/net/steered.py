@@ -28,7 +28,6 @@ class Steering:
 
     @property
     def words(self) -> tuple[str, str]:
-        """As `main` reads them."""
         return str(self.step_s), str(self.rate)
 
     def shown_ns(self, host_ns: int, from_ns: int) -> int:
@@ -46,7 +45,6 @@ class Steering:
 
 
 def main() -> None:
-    """See the module."""
     steering = Steering(float(sys.argv.pop(1)), float(sys.argv.pop(1)))
     signal.signal(signal.SIGUSR1, lambda *_: steering.begin())
     run_command_line()

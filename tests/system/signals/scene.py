@@ -15,7 +15,6 @@ COMMAND = [sys.executable, "-m", "forefeel"]
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Of a command with its state in that folder."""
     return {
         **os.environ,
         "PYTHONPATH": str(ROOT),

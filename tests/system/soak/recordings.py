@@ -37,5 +37,4 @@ def check(path: Path, killed: bool, disturbed_ns: Sequence[tuple[int, int]]) -> 
 
 
 def _within(start_ns: int, end_ns: int, disturbed_ns: Sequence[tuple[int, int]]) -> bool:
-    """Whether the span touches one in which something was disturbed."""
     return any(start_ns <= stop + _SLACK_NS and end_ns >= begin - _SLACK_NS for begin, stop in disturbed_ns)

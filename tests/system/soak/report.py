@@ -13,7 +13,6 @@ _SEED = 1
 
 
 def soak(minutes: float, folder: Path) -> Result:
-    """One run."""
     with LiveCell(folder) as cell:
         run = Soak(cell, _SEED)
         run.run(schedule(_SEED, 60.0 * minutes), 60.0 * minutes)

@@ -58,8 +58,6 @@ class Taken:
 
 @dataclass(slots=True)
 class Soak:
-    """Runs faults on a live cell, one after the other, and watches."""
-
     cell: LiveCell
     seed: int
     lives: list[Life] = field(default_factory=list)
@@ -70,7 +68,6 @@ class Soak:
     problems: list[str] = field(default_factory=list)
 
     def run(self, faults: list[Fault], duration_s: float) -> None:
-        """From the start of the processes to their end in order."""
         random = Random(f"links {self.seed}")
         self.cell.watch = self._hear
         self.ends = {}
@@ -123,7 +120,6 @@ class Soak:
         self.lives.append(Life(f"{role} {sum(life.name.startswith(role) for life in self.lives) + 1}"))
 
     def _sample(self, stop: threading.Event) -> None:
-        """Memory of those that live, once a second."""
         while not stop.wait(1.0):
             for role, process in dict(self.ends).items():
                 life = [each for each in self.lives if each.name.startswith(role)][-1]

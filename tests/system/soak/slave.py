@@ -18,7 +18,6 @@ _SAYS_NAN = {"now": False}
 
 
 def main() -> None:
-    """Runs until SIGTERM."""
     signal.signal(signal.SIGUSR1, lambda *_: _SAYS_NAN.update(now=True))
     signal.signal(signal.SIGUSR2, lambda *_: _SAYS_NAN.update(now=False))
     read = SimulatedLoadCell.read
