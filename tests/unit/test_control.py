@@ -97,15 +97,6 @@ def test_a_command_that_runs_away_while_engaging_ends_it() -> None:
     assert rig.control.stops == 1
 
 
-def test_between_two_commands_the_setpoint_goes_on_along_the_newest() -> None:
-    rig = Rig().moving(0.1)
-    before_m = rig.out.target_m
-    for _ in range(20):
-        rig.tick()
-    assert rig.state() is S.ARMED
-    assert rig.out.target_m - before_m == pytest.approx(20 * 0.1e-3, rel=1e-3)
-
-
 def ripple_m(late_ms: list[int]) -> float:
     """How far the setpoint strays from a straight line while commands of one speed arrive with jitter."""
     rig = Rig().armed()

@@ -43,15 +43,6 @@ def test_a_step_is_reached_exactly_without_overshoot_and_at_the_limits() -> None
     )  # at full speed, plus one ramp up and down
 
 
-def test_speed_is_limited_and_said() -> None:
-    motion = limiter(0.0)
-    hits = [hit for i in range(200) for hit in motion.follow(0.5e-3 * i, 0.5, 0.0, DT_S)]
-    assert motion.velocity_m_s == pytest.approx(0.2)
-    last = hits[-1]
-    assert (last.rule, last.applied, last.unit) == ("velocity", 0.2, "m/s")
-    assert last.requested > 0.2
-
-
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
 def test_the_ramp_on_engaging_limits_the_speed(share: float) -> None:
     motion = limiter(0.0)
@@ -76,16 +67,6 @@ def test_above_the_force_limit_it_may_only_relieve(sign: int) -> None:
         hits = motion.follow(back_m, 0.0, sign * 3.5, DT_S)
         assert "force" not in rules(hits) or not relieving
     assert motion.position_m == pytest.approx(back_m, abs=1e-6)
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_above_the_force_limit_a_command_that_lags_but_moves_into_the_contact_does_not_push(
-    sign: int,
-) -> None:
-    motion = limiter(0.05)
-    hits = motion.follow(0.05 - sign * 1e-6, sign * 0.2, sign * 3.5, DT_S)
-    assert rules(hits) == ["force"]
-    assert sign * motion.velocity_m_s <= 0.0
 
 
 def test_a_motion_into_a_force_brakes_at_once_at_the_acceleration_limit() -> None:
@@ -116,15 +97,3 @@ def test_the_ramp_to_rest_takes_v_over_a_and_v_squared_over_two_a(velocity_m_s: 
     rest_m = motion.position_m
     motion.stop(DT_S)
     assert (motion.position_m, motion.velocity_m_s) == (rest_m, 0.0)
-
-
-def test_a_stop_next_to_the_end_of_the_workspace_keeps_its_deceleration_and_stays_inside() -> None:
-    motion, position_m = limiter(0.05), 0.05
-    while motion.position_m < 0.0995:
-        position_m += 0.2 * DT_S
-        motion.follow(position_m, 0.2, 0.0, DT_S)
-    while motion.velocity_m_s > 0.0:
-        before_m_s = motion.velocity_m_s
-        motion.stop(DT_S)
-        assert before_m_s - motion.velocity_m_s <= STOP_M_S2 * DT_S + 1e-12
-    assert motion.position_m <= 0.1

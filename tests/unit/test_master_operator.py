@@ -122,17 +122,6 @@ def armed(now_s: float = 10.0) -> SimulatedOperatorPolicy:
     return person
 
 
-@pytest.mark.parametrize("state", [state for state in STATES if state is not S.ARMED])
-def test_at_a_stop_the_hand_opens_at_once_and_presses_again_half_a_second_later(
-    state: SafetyState | None,
-) -> None:
-    person = armed(10.0)
-    assert looked(person, 11.0, state) is Act.WAITING
-    assert person.stops == 1
-    assert looked(person, 11.0 + REACTION_S - 1e-6, S.READY) is Act.WAITING
-    assert looked(person, 11.0 + REACTION_S, S.READY) is Act.PRESSING
-
-
 def test_who_is_not_armed_within_three_seconds_lets_go_and_tries_again() -> None:
     person = SimulatedOperatorPolicy()
     person.look(10.0, S.READY)

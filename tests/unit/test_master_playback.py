@@ -1,5 +1,3 @@
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -58,39 +56,7 @@ def test_a_recording_is_cut_into_pieces_at_its_gaps() -> None:
     assert RecordedMotion(GAPPED).pieces == [(100.0, 100.5), (104.0, 104.5)]
 
 
-# --- sines ---
-
-
 # --- playback ---
-
-
-def test_the_whole_recording_is_played_by_absolute_position_with_its_own_times() -> None:
-    motion = RecordedMotion(GAPPED)
-    session = Session(motion)
-    session.run(20.0)
-    assert session.handle.finished
-    played = session.played()
-    for reading in played:
-        assert reading.recording_time_s is not None
-        assert (reading.position_m, reading.velocity_m_s) == motion.at(reading.recording_time_s)
-        assert reading.deadman
-    times_s = [reading.recording_time_s for reading in played if reading.recording_time_s is not None]
-    steps = [later - before for before, later in pairwise(times_s)]
-    assert [step for step in steps if step != pytest.approx(1e-3, abs=1e-9)] == [
-        pytest.approx(3.502, abs=2e-3)
-    ]
-    assert times_s[0] == pytest.approx(100.0, abs=2e-3)
-    assert times_s[-1] == pytest.approx(104.5, abs=2e-3)
-    assert not any(100.5 < time_s < 104.0 for time_s in times_s)
-
-
-def test_between_two_pieces_the_clutch_is_opened_by_choice() -> None:
-    session = Session(RecordedMotion(GAPPED))
-    session.run(20.0)
-    releases = sum(a.deadman and not b.deadman for a, b in pairwise(session.readings))
-    assert releases == 2
-    assert session.handle.person.stops == 0
-    assert session.handle.clutched_out_s >= 0.5
 
 
 def test_a_stop_in_the_middle_goes_on_at_the_same_time_after_it() -> None:

@@ -56,21 +56,6 @@ def test_no_more_than_the_limit_is_felt_and_that_is_said(contact_n: float) -> No
     assert abs(hit.applied) == 4.0
 
 
-@pytest.mark.parametrize(
-    ("contact_n", "live"), [(1.5, False), (None, True), (nan, True), (inf, True), (-inf, True), (None, False)]
-)
-def test_what_is_stale_unknown_or_no_number_fades_to_zero_within_the_time_of_the_fade(
-    contact_n: float | None, live: bool
-) -> None:
-    hand = Hand()
-    hand.feel(1.5, ticks=500)
-    forces_n = [hand.feel(contact_n, live) for _ in range(201)]
-    assert all(after <= before for before, after in zip([3.0, *forces_n], forces_n, strict=False))
-    assert forces_n[100] == pytest.approx(1.5, abs=0.02)
-    assert forces_n[-1] == 0.0
-    assert hand.feel(contact_n, live, ticks=500) == 0.0
-
-
 def test_without_a_motion_the_force_changes_no_faster_than_a_model_may_jump() -> None:
     """What the hand gets when the model learns: max_jump_n_s, not max_slew_n_s."""
     hand = Hand(RenderingSettings(force_scale=1.0, max_jump_n_s=5.0))
