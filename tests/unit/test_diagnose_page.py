@@ -81,33 +81,21 @@ def test_answer_has_cause_prediction_and_caution(rubbing: Diagnosed) -> None:
     assert max(map(len, lines)) < 120
 
 
-@pytest.mark.parametrize(
-    ("causes", "text"),
-    [
-        (
-            {"sensor_lag": {"time_constant_s": 0.012}, "backlash": {"width_m": 3e-4}},
-            "f = 60 x; f read through a lag of 0.012 s; x behind a play of 0.0003 m",
-        ),
-        (
-            {
-                "asymmetric_damping": {"forward_n_s_m": 1.0, "backward_n_s_m": 2.0},
-                "stress_relaxation": {"stiffness_n_m": 5.0, "time_constant_s": 0.1},
-            },
-            "f = 60 x + 1 max(x', 0) + 2 min(x', 0) + 5 z; z' = x' - z/0.1",
-        ),
-        ({"bias": {"force_n": -0.5}}, "f = 60 x - 0.5"),
-    ],
-)
-def test_equation_holds_all_causes(
-    rubbing: Diagnosed, causes: dict[str, dict[str, float]], text: str
-) -> None:
+def test_equation_holds_all_causes(rubbing: Diagnosed) -> None:
     (first,) = rubbing.diagnosis.causes
     listed = tuple(
         replace(first, name=name, parameters={key: Interval(v, v, v) for key, v in values.items()})
-        for name, values in causes.items()
+        for name, values in {
+            "bias": {"force_n": -0.5},
+            "sensor_lag": {"time_constant_s": 0.012},
+            "stress_relaxation": {"stiffness_n_m": 5.0, "time_constant_s": 0.1},
+            "backlash": {"width_m": 3e-4},
+        }.items()
     )
     model = ModelError(0.05, {"stiffness_n_m": 60.0}, 75.0)
-    assert equation(replace(rubbing.diagnosis, causes=listed, extended=model)) == text
+    found = equation(replace(rubbing.diagnosis, causes=listed, extended=model))
+    for part in ("f = 60 x - 0.5 + 5 z", "z' = x' - z/0.1", "0.012 s", "0.0003 m"):
+        assert part in found
 
 
 def test_every_cause_has_words_and_known_parameters() -> None:

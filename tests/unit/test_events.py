@@ -8,7 +8,7 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.events.coalescer import EventCoalescer
 from forefeel.common.events.console import ConsoleNotifier, Notices
 from forefeel.common.events.sink import NULL_EVENT_SINK
-from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span
+from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import EmergencyStop, LimitEvent, MasterEvent, Message, SafetyEvent, SafetyState
 from forefeel.common.transport.memory import MemoryBus
@@ -41,30 +41,22 @@ def test_the_first_of_a_key_is_told_at_once_then_the_first_of_each_interval_with
 
 
 @pytest.mark.parametrize(
-    ("event", "text"),
+    ("event", "words"),
     [
-        (safety(reason="no command"), "armed -> stopping, watchdog: no command"),
-        (limit(count=3), "limit velocity: asked 300 mm/s, applied 200 mm/s, 3 times"),
-        (limit(count=1), "limit velocity: asked 300 mm/s, applied 200 mm/s"),
-        (
-            limit(rule="round_trip", requested=0.812, applied=0.7, unit="s", count=9),
-            "not armed: round trip 812 ms, limit 700 ms",
-        ),
-        (STOP, "emergency stop by x: pressed"),
-        (slave_state(), ""),
+        (safety(reason="no command"), ("armed -> stopping", "watchdog", "no command")),
+        (limit(count=3), ("velocity", "300 mm/s", "200 mm/s", "3 times")),
+        (limit(rule="round_trip", requested=0.812, applied=0.7, unit="s"), ("812 ms", "700 ms")),
+        (STOP, ("emergency stop", "x", "pressed")),
+        (slave_state(), ()),
     ],
 )
-def test_each_event_has_one_text(event: Message, text: str) -> None:
-    assert event_text(event) == text
+def test_event_text_has_its_figures(event: Message, words: tuple[str, ...]) -> None:
+    text = event_text(event)
+    assert all(word in text for word in words)
+    assert bool(text) == bool(words)
 
 
-def test_times_that_have_passed() -> None:
-    assert [span(s) for s in (-1, 3.24, 48.9, 125, 4020)] == [
-        "0.0 s", "3.2 s", "48 s", "2 min 05 s", "1 h 07 min",
-    ]  # fmt: skip
-
-
-def test_a_round_trip_that_is_too_long_is_known_by_its_words() -> None:
+def test_long_round_trip_is_known_by_its_words() -> None:
     assert is_long_round_trip(long_round_trip(0.812, 0.7))
     assert not is_long_round_trip("ramp done")
 

@@ -1,6 +1,5 @@
 """Link, lease and safety in words, never by colour alone."""
 
-import json
 from typing import get_args
 
 import pytest
@@ -129,13 +128,3 @@ def test_a_loop_that_misses_ticks_is_said() -> None:
     view.newest.timings = {"master": timing(), "slave": timing(missed=9_000)}
     assert [loop["word"] for loop in cards.loops(view, now_ns)] == ["on time", "misses"]
     assert {loop["word"] for loop in cards.loops(view, now_ns + 4 * S)} == {"not heard"}
-
-
-def test_every_card_is_json_whatever_was_heard() -> None:
-    view = AxisView()
-    made = [
-        *(card(view, S) for card in (cards.numbers, cards.standing, cards.delay, cards.model)),
-        *(card(view, S) for card in (cards.energy, cards.loops, cards.counters)),
-        cards.events(view.events),
-    ]
-    assert json.dumps(made, allow_nan=False)

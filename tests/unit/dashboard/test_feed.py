@@ -5,11 +5,10 @@ from typing import Any
 
 import pytest
 
-from forefeel.common.topics import FORCE
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Feed
 from forefeel.dashboard.trace import SPAN_S
-from tests.unit.dashboard.said import AXIS, CELL, HOSTILE, MS, S, hear, safety, slave_state, talk
+from tests.unit.dashboard.said import AXIS, HOSTILE, MS, S, hear, safety, slave_state, talk
 
 
 def test_points_are_sent_once_and_none_is_left_out() -> None:
@@ -42,15 +41,6 @@ def test_cards_come_when_they_say_something_new_and_slow_ones_seldom() -> None:
     assert 8 <= seen.count("numbers") <= 11
     assert seen.count("model") <= 3
     assert feed.answer(cell, AXIS, now_ns + MS)["cards"] == {}
-
-
-def test_what_the_page_itself_could_not_read_is_among_the_counters() -> None:
-    cell = CellView()
-    now_ns = hear(cell, talk(1, 100))
-    for _ in range(7):
-        cell.hear(FORCE.key(CELL, AXIS), b"nonsense", now_ns)
-    rows = Feed().answer(cell, AXIS, now_ns)["cards"]["counters"]["rows"]
-    assert {"who": "page", "name": "malformed", "count": "7"} in rows
 
 
 def test_two_viewers_do_not_take_from_one_another() -> None:
