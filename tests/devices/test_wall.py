@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.errors import ConfigurationError
 from forefeel.devices.emulation.contact import ContactSimulation, ForceReceiver, ForceSender
 from forefeel.slave.plant.settings import world_settings
 
@@ -45,8 +44,3 @@ def test_the_cell_feels_the_newest_force_and_outlives_the_stage(tmp_path: Path) 
     assert cell.newest_n() == -0.3
     cell.close()
     assert not path.exists()
-
-
-def test_a_path_that_no_socket_can_have_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="too long for a socket"):
-        ForceSender(tmp_path / ("x" * 120))

@@ -39,9 +39,9 @@ def newton_per_unit(code: int) -> float | None:
     return 10.0 ** (prefix - 256 if prefix > 127 else prefix)
 
 
-def reading_pdo(node: int, every: int = 1) -> Pdo:
-    """The first TPDO: process value and status at every so-and-so-many-th SYNC."""
-    return Pdo(True, 1, TPDO1 + node, every, (PROCESS_VALUE, STATUS))
+def reading_pdo(node: int) -> Pdo:
+    """The first TPDO: process value and status at every SYNC."""
+    return Pdo(True, 1, TPDO1 + node, 1, (PROCESS_VALUE, STATUS))
 
 
 class Measured(NamedTuple):
