@@ -1,6 +1,5 @@
 """What the calibration of a Zaber stage does: home it, and run over its travel. Blocks while it moves."""
 
-from collections.abc import Callable
 from types import TracebackType
 
 from forefeel.common.clock import Clock, MonotonicClock
@@ -8,7 +7,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.devices.shared.stream import ByteStream, SerialStream
 from forefeel.devices.zaber.driver import ConfiguredStage, OpenStream, clear_faults, connect, link_name
-from forefeel.devices.zaber.protocol import SPEED_DATA, UNHOMED, Reply, in_words, is_fault
+from forefeel.devices.zaber.protocol import SPEED_DATA, UNHOMED, in_words, is_fault
 from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.slave.stage import Home
 
@@ -83,24 +82,20 @@ class ZaberHoming:
             talk.ask(f"set maxspeed {int(usual)}")
 
     def _move(self, text: str, timeout_s: float) -> None:
-        self._opened().talk.ask(text)
-        until_ns = self._clock.now_ns() + int(timeout_s * 1e9)
-        self._wait(text, lambda: self._clock.now_ns() < until_ns)
-
-    def _wait(self, text: str, more: Callable[[], bool]) -> None:
         talk = self._opened().talk
-        while more():
+        talk.ask(text)
+        until_ns = self._clock.now_ns() + int(timeout_s * 1e9)
+        while self._clock.now_ns() < until_ns:
             (reply,) = talk.exchange([""])
-            if reply is not None and not self._busy(text, reply.value):
+            if reply is None:
+                continue
+            flag = talk.accepted(text, reply.value).warning
+            if is_fault(flag) and flag not in UNHOMED:
+                raise DeviceError(f"{self.link.name}: {in_words(flag)} during {text!r}")
+            if not reply.value.busy:
                 return
         talk.ask("stop")
         raise DeviceError(f"{self.link.name}: {text!r} takes too long; the stage has been stopped")
-
-    def _busy(self, text: str, reply: Reply) -> bool:
-        flag = self._opened().talk.accepted(text, reply).warning
-        if is_fault(flag) and flag not in UNHOMED:
-            raise DeviceError(f"{self.link.name}: {in_words(flag)} during {text!r}")
-        return reply.busy
 
     def _opened(self) -> ConfiguredStage:
         if self._device is None:
