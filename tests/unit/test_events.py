@@ -14,6 +14,7 @@ from forefeel.common.messages import EmergencyStop, LimitEvent, MasterEvent, Mes
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.master.events import MasterEvents
 from tests.unit.dashboard.said import limit, safety, slave_state
+from tests.unit.failing import refusing
 
 MS = 1_000_000
 S = 1000 * MS
@@ -101,12 +102,9 @@ def test_a_second_has_ten_lines_and_the_next_says_how_many_more_there_were(at_on
 
 
 def test_a_terminal_that_is_gone_stops_nothing() -> None:
-    def gone(text: str) -> None:
-        raise BrokenPipeError(text)
-
     notices = Notices()
     notices.add("a")
-    ConsoleNotifier("slave", {"insertion": notices}, gone).serve(S)
+    ConsoleNotifier("slave", {"insertion": notices}, refusing(BrokenPipeError())).serve(S)
     assert notices.drain() == []
 
 

@@ -146,10 +146,8 @@ def test_one_a_second_at_most_the_newest_are_kept_and_the_others_said(recorder: 
 def test_a_full_disk_leaves_no_half_record_and_is_said(
     recorder: Recorder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("forefeel.common.recording.mcap_writer.os.fsync", full)
+    full = OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr("forefeel.common.recording.mcap_writer.os.fsync", refusing(full))
     recorder.writer.ask("insertion", "fault", "x", recorder.now_ns)
     recorder.writer.close()
     assert recorder.noted_events() == ["flight_failed"]

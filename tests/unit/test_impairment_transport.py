@@ -1,8 +1,4 @@
-import heapq
-from collections.abc import Callable
-from itertools import count
-
-from forefeel.common.clock import VirtualClock
+from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.topics import COMMAND, FORCE, MASTER_TIMING, TOPICS, Qos
 from forefeel.common.transport.impaired import ImpairedTransport, TraceChunk, crosses
 from forefeel.common.transport.impairment import ImpairedLink, ReplayedImpairment
@@ -11,34 +7,15 @@ from forefeel.common.transport.memory import MemoryBus
 KEY = COMMAND.key("cell", "insertion")
 
 
-class Heap:
-    """Timers in virtual time."""
-
-    def __init__(self, clock: VirtualClock) -> None:
-        self._clock = clock
-        self._order = count()
-        self._events: list[tuple[int, int, Callable[[], None]]] = []
-
-    def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
-        heapq.heappush(self._events, (due_ns, next(self._order), action))
-
-    def run(self) -> None:
-        while self._events:
-            due_ns, _, action = heapq.heappop(self._events)
-            self._clock.set_ns(due_ns)
-            action()
-
-
 class Pair:
     """An impaired session, a plain one, and what the handlers got."""
 
     def __init__(self, inbound: ImpairedLink | None, outbound: ImpairedLink | None) -> None:
-        self.clock = VirtualClock(100)
-        self.timers = Heap(self.clock)
-        bus = MemoryBus()
-        inner = bus.session(self.clock)
-        self.impaired = ImpairedTransport(inner, self.timers, self.clock, inbound, outbound)
-        self.plain = bus.session(self.clock)
+        self.runtime, bus = VirtualRuntime(100), MemoryBus()
+        clock = self.runtime.clock
+        inner = bus.session(clock)
+        self.impaired = ImpairedTransport(inner, self.runtime.timers, clock, inbound, outbound)
+        self.plain = bus.session(clock)
         self.got: list[tuple[bytes, int]] = []
 
     def take(self, payload: bytes, stamp_ns: int) -> None:
@@ -52,7 +29,7 @@ def test_outbound_payloads_are_put_as_the_link_plans() -> None:
     for payload in (b"late", b"lost", b"twice"):
         put(payload)
     assert pair.got == []
-    pair.timers.run()
+    pair.runtime.run(1000)
     assert pair.got == [(b"twice", 105), (b"late", 130), (b"twice", 150)]
 
 
@@ -62,7 +39,7 @@ def test_inbound_payloads_are_stamped_when_they_are_handed_over() -> None:
     put = pair.plain.publisher(KEY, Qos.STREAM)
     for payload in (b"late", b"lost", b"twice"):
         put(payload)
-    pair.timers.run()
+    pair.runtime.run(1000)
     assert pair.got == [(b"twice", 105), (b"late", 130), (b"twice", 150)]
 
 
@@ -72,7 +49,7 @@ def test_all_keys_of_a_direction_share_one_link() -> None:
     pair.plain.subscribe("other", pair.take)
     pair.impaired.publisher(KEY, Qos.STREAM)(b"first")
     pair.impaired.publisher("other", Qos.EVENT)(b"second")
-    pair.timers.run()
+    pair.runtime.run(1000)
     assert pair.got == [(b"second", 101)]
 
 
@@ -129,7 +106,7 @@ def test_what_is_on_its_way_at_close_is_dropped() -> None:
     pair.impaired.close()
     pair.impaired.close()
     put(b"after")
-    pair.timers.run()
+    pair.runtime.run(1000)
     assert pair.got == []
 
 

@@ -11,6 +11,7 @@ from forefeel.master.handle import HandleReading
 from forefeel.master.session import SessionState
 from forefeel.master.stop import StopRequest
 from tests.unit.dashboard.said import slave_state
+from tests.unit.failing import refusing
 from tests.unit.master_rig import FULL_SCALE_N, MS, SHARED, Rig, S, linked, shown
 
 rig = pytest.fixture(linked, name="rig")
@@ -171,10 +172,7 @@ def test_a_re_arming_that_fails_leaves_the_handle_let_go(rig: Rig) -> None:
     break_handle(rig)
     rig.step(10)
 
-    def rearm() -> None:
-        raise DeviceError("the link is closed")
-
-    rig.handle.rearm = rearm  # type: ignore[method-assign]
+    rig.handle.rearm = refusing(DeviceError("the link is closed"))  # type: ignore[method-assign]
     rig.handle.pressed_anew, rig.handle.broken = True, False
     rig.step(10)
     assert not rig.commands[-1].deadman

@@ -18,6 +18,7 @@ from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.common.topics import COMMAND, FORCE, MASTER_IMPAIRMENT, SAFETY_EVENT, SLAVE_STATE
+from tests.unit.failing import refusing
 from tests.unit.recording_samples import (
     AXIS,
     CELL,
@@ -213,12 +214,9 @@ def test_a_measurement_is_never_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_fails_the_run_with_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(descriptor: int) -> None:
-        raise OSError(28, os.strerror(28))
-
     writer = RunWriter(tmp_path / "run.mcap")
     put(writer, force(0))
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", refusing(OSError(28, os.strerror(28))))
     for act in (writer.flush, writer.close):
         with pytest.raises(RunError, match=f"{writer._path}: No space left on device"):
             act()
