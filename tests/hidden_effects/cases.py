@@ -41,12 +41,12 @@ def full(first_seed: int = 50_000) -> list[Case]:
 
 def quick(seed: int = 90_000) -> list[Case]:
     """Ten short recordings: every verdict, and a cause of each kind of memory."""
-    chosen = (
+    selected = (
         ("single", "coulomb_friction", 1), ("single", "stress_relaxation", 6), ("single", "time_delay", 9),
         ("single", "sensor_saturation", 12), ("single", "unmodelled_resonance", 15),
         ("pair", "bias+pulsation", 16), ("nothing", "nothing", 18), ("outside", "breathing_spring", 21),
         ("constant_speed", "constant_speed", 23), ("standstill", "standstill", 24),
     )  # fmt: skip
     return [
-        Case(group, kind, seed + number, longest_s=16.0, fastest_hz=250.0) for group, kind, number in chosen
+        Case(group, kind, seed + number, longest_s=16.0, fastest_hz=250.0) for group, kind, number in selected
     ]

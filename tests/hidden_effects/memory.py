@@ -19,7 +19,7 @@ from forefeel.diagnosis.regression import RecordingRegression
 from forefeel.diagnosis.sensor_faults import clean
 from tests.hidden_effects.answers import Answer, Measured
 from tests.hidden_effects.columns import moves
-from tests.hidden_effects.sindy import chosen
+from tests.hidden_effects.sindy import selected
 
 
 def sparse_with_memory(measured: Measured) -> Answer:
@@ -34,7 +34,7 @@ def sparse_with_memory(measured: Measured) -> Answer:
     phi, owners = _columns(regression)
     force = regression.signals.force[regression.signals.rows]
     unit = float(np.std(force))
-    sizes_n = np.abs(chosen(phi, force / unit)) * unit
+    sizes_n = np.abs(selected(phi, force / unit)) * unit
     explained = {owner: float(sizes_n[owners == owner].max()) for owner in dict.fromkeys(owners) if owner}
     names = tuple(sorted((name for name in explained if explained[name]), key=lambda n: -explained[n]))
     verdict = "cause_found" if names else "nothing_missing"

@@ -1,6 +1,6 @@
 """A peer: PySINDy's STLSQ over the same candidate columns where it has them.
 
-Columns are scaled to unit std, the threshold is chosen by blocked cross-validation (fewest terms within one
+Columns are scaled to unit std, the threshold is selected by blocked cross-validation (fewest terms within one
 standard error of the best).
 """
 
@@ -28,7 +28,7 @@ def sparse(measured: Measured) -> Answer:
     scale = np.std(phi, axis=0)
     scale[scale < 1e-12] = 1.0
     unit = float(np.std(force))
-    coefficients = chosen(phi / scale, force / unit) * unit
+    coefficients = selected(phi / scale, force / unit) * unit
     return answer(coefficients, coefficients / scale, time.perf_counter() - start_s)
 
 
@@ -39,7 +39,7 @@ def _fitted(phi: Floats, force: Floats, threshold: float) -> Floats:
     return np.asarray(found.coef_[0], dtype=np.float64)
 
 
-def chosen(phi: Floats, force: Floats) -> Floats:
+def selected(phi: Floats, force: Floats) -> Floats:
     """Coefficients at the threshold of the sparsest model within one standard error of the best."""
     blocks = np.array_split(np.arange(len(force)), _BLOCKS)
     errors = np.array([[_error(phi, force, held, limit) for held in blocks] for limit in _THRESHOLDS])

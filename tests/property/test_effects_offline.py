@@ -177,8 +177,8 @@ MEMORY: list[dict[str, Any]] = [
 
 @quick
 @given(seeds, st.sets(st.integers(0, len(MEMORY) - 1), min_size=1))
-def test_a_composition_at_once_is_what_its_steps_are(seed: int, chosen: set[int]) -> None:
-    effects = [MEMORY[i] for i in sorted(chosen)]
+def test_a_composition_at_once_is_what_its_steps_are(seed: int, places: set[int]) -> None:
+    effects = [MEMORY[i] for i in sorted(places)]
     model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": effects})
     motion = random_motion(seed)
     steps = np.stack((*motion, np.diff(motion[0], prepend=motion[0][0])), axis=1).tolist()

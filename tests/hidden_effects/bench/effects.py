@@ -425,8 +425,8 @@ def three(rng: Rng, bench: Bench) -> list[Effect]:
     """Three of different families that can be in one bench."""
     groups = ((coulomb, lengthening), (polynomial, exponential), (relaxation,), (drift,), (pulsation,),
               (position_map,), (drive_play,), (puncture,), (hunt_crossley, drag))  # fmt: skip
-    chosen = rng.choice(len(groups), 3, replace=False).tolist()
-    return [effect for n in chosen for effect in groups[n][int(rng.integers(len(groups[n])))](rng, bench)]
+    selected = rng.choice(len(groups), 3, replace=False).tolist()
+    return [effect for n in selected for effect in groups[n][int(rng.integers(len(groups[n])))](rng, bench)]
 
 
 def together(*makers: Maker) -> Maker:

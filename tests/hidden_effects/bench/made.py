@@ -3,7 +3,7 @@
 An effect has to be visible: by the difference between the bench with it and without it, refitted with mass,
 damping, stiffness and bias by plain least squares, its share of the force is at least LEAST_SHARE times the
 noise's rms, or everything but the kind of effect is drawn anew (of several effects each has to be). `odd` and
-what the diagnosis makes of a recording are exempt: nothing is ever chosen by what it finds.
+what the diagnosis makes of a recording are exempt: nothing is ever selected by what it finds.
 """
 
 from collections.abc import Sequence

@@ -16,9 +16,9 @@ def columns(hidden: Hidden, offset: bool = True) -> Array:
 
 def silent(hidden: Hidden, parts: tuple[Part, ...] | None = None) -> Array:
     """The reading without noise, with the hidden parts or others."""
-    chosen = hidden.truth.parts if parts is None else parts
+    selected = hidden.truth.parts if parts is None else parts
     zero = np.zeros_like(hidden.time_s)
-    return reading(hidden.stage, hidden.truth.base, chosen, hidden.time_s, zero)
+    return reading(hidden.stage, hidden.truth.base, selected, hidden.time_s, zero)
 
 
 def refitted(phi: Array, force: Array) -> Array:
