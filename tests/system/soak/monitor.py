@@ -47,17 +47,14 @@ class Motion:
     """Where the stage goes while no command is followed: nowhere, once it has come to rest."""
 
     def __init__(self) -> None:
-        self._sequence = self.unheard = 0
+        self._sequence = self.resting = 0
         self._since_ns: int | None = None
         self._rest_m: float | None = None
-        self.samples = self.resting = 0
         self.moved: list[str] = []
 
     def heard(self, payload: bytes) -> None:
         sample = decode(ForceSample, payload)
-        self.samples += 1
         missed = sample.sequence - self._sequence - 1
-        self.unheard += max(missed, 0)
         if not 0 <= missed < _UNHEARD or sample.answers_sequence is not None:
             self._since_ns = self._rest_m = None  # another process, or it follows, or may have followed
         self._sequence = sample.sequence

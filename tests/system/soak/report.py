@@ -1,15 +1,23 @@
 """The soak as a row: the service among random faults; memory, recordings, motion, arming again."""
 
+import re
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
-from tests.live_cell import LiveCell
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.mcap_reader import Stream, read_contents
+from forefeel.common.topics import FORCE
+from tests.live_cell import AXIS, LiveCell
 from tests.system.rows import Result
-from tests.system.soak.recordings import check
 from tests.system.soak.schedule import schedule
 from tests.system.soak.service import Soak
 
 MOST_GROWTH = 0.05
 _SEED = 1
+_LOST = 300
+_NUMBER = re.compile(rb'"sequence": ?(\d+)')
+_SLACK_NS = 500_000_000
 
 
 def soak(minutes: float, folder: Path) -> Result:
@@ -32,3 +40,25 @@ def soak(minutes: float, folder: Path) -> Result:
         wrong += [f"moved outside ARMED by {each}" for each in run.motion.moved[:3]]
         figures.append(f"{run.motion.resting} forces while nothing was followed")
         return Result("; ".join(figures), wrong)
+
+
+def check(path: Path, killed: bool, disturbed_ns: Sequence[tuple[int, int]]) -> tuple[int, list[str]]:
+    """(messages, what is wrong). `disturbed_ns`: when slave or recorder were kept from their work."""
+    try:
+        contents = read_contents(path)
+    except RecordingError as error:
+        return 0, [str(error)]
+    messages = sum(len(stream.payloads) for stream in contents.streams.values())
+    wrong = []
+    if contents.truncated and not killed:
+        wrong.append("cut off")
+    stream = contents.streams.get((AXIS, FORCE.name)) or Stream()
+    stamps_ns = stream.log_ns
+    numbers = [int(found.group(1)) for payload in stream.payloads if (found := _NUMBER.search(payload))]
+    for i, (a, b) in enumerate(pairwise(numbers)):
+        span_ns = stamps_ns[i] - _SLACK_NS, stamps_ns[i + 1] + _SLACK_NS
+        if b - a > _LOST and not any(span_ns[0] <= to and span_ns[1] >= at for at, to in disturbed_ns):
+            wrong.append(f"{b - a - 1} forces lost in a row")
+    if len(stamps_ns) == 0:
+        wrong.append("no force")
+    return messages, wrong

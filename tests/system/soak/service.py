@@ -26,14 +26,7 @@ _STALLS = {"stalls_per_s": 0.02, "stall_s": 0.15}
 _LINKS: tuple[dict[str, float], ...] = (
     {"delay_s": 0.005, "jitter_s": 0.001},
     {"delay_s": 0.02, "jitter_s": 0.008, "loss": 0.01, **_STALLS},
-    {
-        "delay_s": 0.01,
-        "jitter_s": 0.004,
-        "loss": 0.02,
-        "burst_loss": 0.01,
-        "reorder": 0.01,
-        "duplicate": 0.01,
-    },
+    {"delay_s": 0.01, "jitter_s": 0.004, "loss": 0.02, **_DISORDER},
     {"delay_s": 0.05, "jitter_s": 0.02, "jitter_correlation_s": 0.5, **_STALLS},
 )
 
