@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
-from packaging.requirements import Requirement
-
 from forefeel.common.errors import ConfigurationError, EndpointError
 from forefeel.common.lateness import FEW_MISSED
 from forefeel.common.settings import DaemonSettings
@@ -301,7 +299,6 @@ def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
 
 
 def check_versions(host: HostProbe) -> Iterator[Finding]:
-    """Python, then the packages: one line when all are there, else one for each that is not as required."""
     found = host.versions()
     python = ".".join(map(str, found.python))
     if found.python[:2] < _OLDEST_PYTHON:
@@ -313,18 +310,8 @@ def check_versions(host: HostProbe) -> Iterator[Finding]:
     if found.own is None:
         advice = "pip install -e . in the checkout"
         yield Finding("versions", "forefeel", "amber", "runs without being installed", advice)
-        return
-    wrong = {text: version for text, version in found.packages.items() if not _fits(text, version)}
-    for text, version in wrong.items():
-        what = f"{version or 'not installed'}, required {text}"
-        yield Finding("versions", Requirement(text).name, "red", what, f'pip install "{text}"')
-    if not wrong:
-        what = f"{found.own}; {len(found.packages)} packages as required"
-        yield Finding("versions", "forefeel", "green", what)
-
-
-def _fits(requirement: str, version: str | None) -> bool:
-    return version is not None and Requirement(requirement).specifier.contains(version, prereleases=True)
+    else:
+        yield Finding("versions", "forefeel", "green", found.own)
 
 
 def check_loop(loop: LoopCheck, priority: int) -> Iterator[Finding]:

@@ -15,8 +15,6 @@ from functools import partial
 from importlib import metadata
 from pathlib import Path
 
-from packaging.requirements import Requirement
-
 from forefeel.common.bus import Bus
 from forefeel.common.clock import MonotonicClock, now_utc
 from forefeel.common.errors import ForefeelError
@@ -92,11 +90,10 @@ class Disk:
 
 @dataclass(frozen=True, slots=True)
 class Versions:
-    """Of Python, of forefeel (None: not installed), and by requirement of what is installed (None: not)."""
+    """Of Python, and of forefeel (None: not installed)."""
 
     python: tuple[int, int, int]
     own: str | None
-    packages: dict[str, str | None]
 
 
 class HostProbe:
@@ -185,15 +182,8 @@ class HostProbe:
         return Disk(os.access(place, os.W_OK | os.X_OK), mode, shutil.disk_usage(place).free)
 
     def versions(self) -> Versions:
-        """What forefeel requires outside of its extras, and what there is."""
-        own = _version("forefeel")
-        wanted = map(Requirement, (own and metadata.requires("forefeel")) or [])
-        needed = [each for each in wanted if each.marker is None or each.marker.evaluate({"extra": ""})]
-        return Versions(sys.version_info[:3], own, {str(each): _version(each.name) for each in needed})
-
-
-def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
+        try:
+            own = metadata.version("forefeel")
+        except metadata.PackageNotFoundError:
+            own = None
+        return Versions(sys.version_info[:3], own)

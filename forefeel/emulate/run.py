@@ -1,17 +1,16 @@
 """One emulated device from its options to its end."""
 
-import json
 import os
 import re
 import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from forefeel.child_process import die_with_parent
 from forefeel.common.errors import ConfigurationError
@@ -47,7 +46,7 @@ class EmulatorOptions:
 
 
 def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> None:
-    """Runs until SIGINT, SIGTERM, SIGHUP or the end of the duration; then prints counts as JSON.
+    """Runs until SIGINT, SIGTERM, SIGHUP or the end of the duration.
 
     Raises:
         InputError: an unknown device, a file or a place for the port that can not be used.
@@ -59,15 +58,13 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
     die_with_parent()
     HOST.prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
     with heeded() as stop, ExitStack() as leave:
-        running = _hub(options, leave) if driver is None else _emulated(driver, options, leave)
+        living, load = (_hub(options, leave), None) if driver is None else _emulated(driver, options, leave)
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # in the background reading fails, and stops nothing
         HOST.prepare_process()  # nor for its own collector of garbage
         end_s = None if duration_s is None else time.monotonic() + duration_s
         while not stop.wanted() and (end_s is None or time.monotonic() < end_s):
-            obey_stdin(running.living, running.load)
-            running.living.step()
-        with suppress(OSError):  # of a terminal that is gone
-            print(json.dumps({"device": options.device, **running.counts()}), flush=True)
+            obey_stdin(living, load)
+            living.step()
 
 
 class Living(Protocol):
@@ -83,48 +80,33 @@ class Living(Protocol):
     def provoke(self, fault: str) -> None: ...
 
 
-class Running(NamedTuple):
-    """An emulator that is there. `load`: what hangs on it; None: it is no load cell."""
-
-    living: Living
-    counts: Callable[[], dict[str, Any]]
-    load: Load | None = None
-
-
-def _emulated(driver: InstalledDriver, options: EmulatorOptions, leave: ExitStack) -> Running:
+def _emulated(
+    driver: InstalledDriver, options: EmulatorOptions, leave: ExitStack
+) -> tuple[Living, Load | None]:
+    """The emulator, and what hangs on it; None: it is no load cell."""
     emulation: Emulation = imported(str(driver.driver.emulator))
     settings, world = section(driver, emulation, options)
     around = Surroundings(world, options.feel, options.seed)
     load = around.load if driver.slot == "load_cell" else None
     bench = emulation.build(settings, around, leave)
     if isinstance(bench, SerialBench):
-        return _serial(bench, options, load, leave)
-    if emulation.on_can:
+        where = f"on {bench.port} at {bench.baud} baud"
+        bench = PtyServer(bench.device, leave.enter_context(Pty(bench.port)), bench.baud)
+    elif emulation.on_can:
         where = f"node {settings.node_id} on {settings.can.interface} {settings.can.channel}"
     else:
         where = f"on {getattr(settings, emulation.port_key)}"
     print(f"{options.device} {where}", flush=True)
-    return Running(bench, dict, load)
+    return bench, load
 
 
-def _serial(bench: SerialBench, options: EmulatorOptions, load: Load | None, leave: ExitStack) -> Running:
-    port = leave.enter_context(Pty(bench.port))
-    server = PtyServer(bench.device, port, bench.baud)
-    print(f"{options.device} on {bench.port} at {bench.baud} baud", flush=True)
-
-    def counts() -> dict[str, Any]:
-        return {"from_host": server.to_device.bytes, "to_host": server.to_host.bytes, "lost": port.lost}
-
-    return Running(server, counts, load)
-
-
-def _hub(options: EmulatorOptions, leave: ExitStack) -> Running:
+def _hub(options: EmulatorOptions, leave: ExitStack) -> Living:
     if options.port is None:
         raise ConfigurationError("emulate can_hub: expected --port LINK,LINK")
     hub = CanHub([Path(link) for link in options.port.split(",")])
     leave.callback(hub.close)
     print(f"can_hub on {options.port}", flush=True)
-    return Running(hub, hub.counts)
+    return hub
 
 
 def section(

@@ -1,6 +1,5 @@
 """`forefeel emulate` on the command line: bad input in one line, a device that appears and goes."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -52,9 +51,7 @@ def test_a_device_appears_where_it_was_told_and_says_what_befell_its_bytes(
 ) -> None:
     link = tmp_path / "cell"
     assert run(["emulate", "bota_serial", "--port", str(link), "--duration", "0.2"]) == 0
-    first, *_, last = capsys.readouterr().out.splitlines()
-    assert first == f"bota_serial on {link} at 460800 baud"
-    assert json.loads(last)["to_host"] > 50 * 37
+    assert capsys.readouterr().out == f"bota_serial on {link} at 460800 baud\n"
     assert not link.is_symlink()
 
 
