@@ -57,9 +57,10 @@ NamedColumns = tuple[str | None, str | None, str | None]
 """Time, position, force on the command line, each as `unit:column`; None where the user named none."""
 
 
-def mapping_of(columns: NamedColumns) -> Mapping | None:
-    """A mapping when the user named any column; the others have their canonical names."""
-    time, position, force = columns
+def mapping_of(columns: NamedColumns, force: str | None = "N:force_n") -> Mapping | None:
+    """A mapping when the user named any column; the others have their canonical names. `force`: that of the
+    force; None: not read.
+    """
     if columns == (None, None, None):
         return None
-    return Mapping(time or "s:time_s", position or "m:position_m", force or "N:force_n")
+    return Mapping(columns[0] or "s:time_s", columns[1] or "m:position_m", columns[2] or force)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import AsJson, Quiet, examples, within
+from forefeel.commands.options import AsJson, Quiet, examples, number
 from forefeel.terminal import output
 
 ConfigFile = Annotated[Path, typer.Option("--config", metavar="FILE", help="The slave's YAML file.")]
@@ -16,7 +16,7 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")]
 ValidDays = Annotated[
     int, typer.Option("--valid-days", metavar="N", min=1, max=3650, help="How long it holds.")
 ]
-_SHARE = within(1e-6, 0.1)
+_SHARE = 1e-6, 0.1
 
 
 @examples(
@@ -36,21 +36,13 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = None,
     yes: Yes = False,
     overwrite: Overwrite = False,
-    settle: Annotated[
-        float, typer.Option(metavar="S", callback=within(0.0, 60.0), help="Wait after a load was changed.")
-    ] = 1.0,
-    average: Annotated[
-        float, typer.Option(metavar="S", callback=within(0.5, 60.0), help="How long each load is read.")
-    ] = 0.5,
+    settle: Annotated[float, number("S", 0.0, 60.0, "Wait after a load was changed.")] = 1.0,
+    average: Annotated[float, number("S", 0.5, 60.0, "How long each load is read.")] = 0.5,
     steady: Annotated[
-        float,
-        typer.Option(
-            metavar="SHARE", callback=_SHARE, help="Of the range, that a reading may drift meanwhile."
-        ),
+        float, number("SHARE", *_SHARE, "Of the range, that a reading may drift meanwhile.")
     ] = 0.005,
     max_residual: Annotated[
-        float,
-        typer.Option(metavar="SHARE", callback=_SHARE, help="Of the range, rms of what the line leaves."),
+        float, number("SHARE", *_SHARE, "Of the range, rms of what the line leaves.")
     ] = 0.01,
     valid_days: ValidDays = 365,
     temperature: Annotated[float | None, typer.Option(metavar="C", help="Of the cell, for the file.")] = None,
@@ -79,14 +71,9 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
     out: Out,
     yes: Yes = False,
     overwrite: Overwrite = False,
-    velocity: Annotated[
-        float, typer.Option(metavar="M/S", callback=within(1e-4, 0.05), help="From end to end.")
-    ] = 0.005,
+    velocity: Annotated[float, number("M/S", 1e-4, 0.05, "From end to end.")] = 0.005,
     max_repeatability: Annotated[
-        float,
-        typer.Option(
-            metavar="M", callback=within(1e-9, 0.01), help="How far off the home may be found again."
-        ),
+        float, number("M", 1e-9, 0.01, "How far off the home may be found again.")
     ] = 50e-6,
     valid_days: ValidDays = 365,
     as_json: AsJson = False,

@@ -5,17 +5,14 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import AsJson, Quiet, examples, within
+from forefeel.commands.options import AsJson, Quiet, examples, number
 from forefeel.terminal import output
 
 
 @examples("forefeel device probe --config deploy/config/slave.yaml")
 def probe(
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="Slave's or master's YAML file.")],
-    seconds: Annotated[
-        float,
-        typer.Option("--seconds", metavar="S", callback=within(0.05, 3600.0), help="How long each is read."),
-    ] = 2.0,
+    seconds: Annotated[float, number("S", 0.05, 3600.0, "How long each is read.")] = 2.0,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:

@@ -15,7 +15,7 @@ from forefeel.commands.options import (
     examples,
 )
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.recording.units import Mapping
+from forefeel.common.recording.units import mapping_of
 from forefeel.common.transport.settings import PRESETS
 from forefeel.terminal import output
 
@@ -78,13 +78,16 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.loopback.plan import LoopbackOptions  # noqa: PLC0415
     from forefeel.loopback.run import How, run_loopback  # noqa: PLC0415 - the help needs none of it
 
+    columns = time_column, position_column, force_column
+    if any(columns) and recording is None:
+        raise ConfigurationError(f"{' '.join(filter(None, columns))}: expected only with --recording")
     options = LoopbackOptions(
         seed=seed,
         impairment=impairment,
         preset=preset,
         duration_s=duration,
         recording=recording,
-        columns=_columns(recording, time_column, position_column, force_column),
+        columns=mapping_of(columns, None),
         slave_model=slave_model,
         master_model=master_model,
         hide=hide,
@@ -93,16 +96,3 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     )
     with output(as_json, quiet):
         run_loopback(options, out, How(overwrite, virtual_time, dashboard or opens, opens))
-
-
-def _columns(
-    recording: Path | None, time_column: str | None, position: str | None, force: str | None
-) -> Mapping | None:
-    """A column mapping when the user named any column."""
-    named = {"--time": time_column, "--position": position, "--force": force}
-    first = next((f"{option} {column}" for option, column in named.items() if column is not None), None)
-    if first is None:
-        return None
-    if recording is None:
-        raise ConfigurationError(f"{first}: expected only with --recording, whose column it names")
-    return Mapping(time_column or "s:time_s", position or "m:position_m", force)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -43,15 +43,15 @@ AsJson = Annotated[bool, typer.Option("--json", help="The answer as one JSON doc
 Quiet = Annotated[bool, typer.Option("--quiet", help="Say errors only.")]
 
 
-def within(low: float, high: float) -> Callable[[float], float]:
-    """Refuses a number outside of a range, and none."""
+def number(metavar: str, low: float, high: float, text: str) -> Any:  # noqa: ANN401 - typer's
+    """An option that takes a number of that range; nan is none."""
 
-    def check(value: float) -> float:
-        if not low <= value <= high:
+    def check(value: float | None) -> float | None:
+        if value is not None and not low <= value <= high:
             raise typer.BadParameter(f"{value:g}: expected {low:g} to {high:g}")
         return value
 
-    return check
+    return typer.Option(metavar=metavar, callback=check, help=text)
 
 
 def examples(*lines: str) -> Callable[[Command], Command]:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import PositionColumn, Quiet, examples
+from forefeel.commands.options import PositionColumn, Quiet, examples, number
 from forefeel.terminal import output
 
 
@@ -23,24 +23,22 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
             help="hand, multisine, sine, or a recording to follow.",
         ),
     ] = "hand",
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", help="Default 30, or the recording's.")
-    ] = None,
+    duration: Annotated[float | None, number("S", 0.01, 86_400.0, "Default 30, or the recording's.")] = None,
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Default 1000, or the recording's stamps.")
+        float | None, number("HZ", 1.0, 10_000.0, "Default 1000, or the recording's stamps.")
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the motion and the noise.")] = 0,
-    start: Annotated[float, typer.Option(metavar="M", help="Position where the motion begins.")] = 0.0,
-    depth: Annotated[float, typer.Option(metavar="M", help="How far it goes from there.")] = 0.03,
-    frequency: Annotated[float, typer.Option(metavar="HZ", help="Of the sine.")] = 0.5,
-    noise: Annotated[float, typer.Option(metavar="N", help="Standard deviation of the force.")] = 0.002,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the motion and the noise.")] = 0,
+    start: Annotated[float, number("M", -10.0, 10.0, "Position where the motion begins.")] = 0.0,
+    depth: Annotated[float, number("M", 1e-6, 10.0, "How far it goes from there.")] = 0.03,
+    frequency: Annotated[float, number("HZ", 1e-3, 1000.0, "Of the sine.")] = 0.5,
+    noise: Annotated[float, number("N", 0.0, 1e3, "Standard deviation of the force.")] = 0.002,
     noise_corner: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Corner of AR(1) noise; white without.")
+        float | None, number("HZ", 1e-3, 1e4, "Corner of AR(1) noise; white without.")
     ] = None,
     full_scale: Annotated[
-        float | None, typer.Option(metavar="N", help="Range of the load cell, 16 bits; endless without.")
+        float | None, number("N", 1e-6, 1e6, "Range of the load cell, 16 bits; endless without.")
     ] = None,
-    encoder_step: Annotated[float, typer.Option(metavar="M", help="Of the position; 0: none.")] = 1e-6,
+    encoder_step: Annotated[float, number("M", 0.0, 1e-2, "Of the position; 0: none.")] = 1e-6,
     overwrite: Annotated[bool, typer.Option(help="Replace FILE.")] = False,
     time_column: Annotated[
         str | None, typer.Option("--time", metavar="UNIT:COLUMN", help="Of the recording to follow.")

@@ -1,7 +1,6 @@
 """One simulated recording from the options to the file."""
 
 from dataclasses import dataclass, field
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.recording import Array
 from forefeel.common.recording.tabular import load_recording
-from forefeel.common.recording.units import Mapping
+from forefeel.common.recording.units import mapping_of
 from forefeel.files import check_new_file, whole
 from forefeel.interrupt import ends_in_order
 from forefeel.simulate.motion import FollowedRecording, Hand, MotionPiece, multisine, sine
@@ -61,8 +60,6 @@ def _parquet(path: Path, columns: dict[str, Array]) -> None:
 
 
 MOTIONS = ("hand", "multisine", "sine")
-# Hz, lowest and highest rate; the highest is that of the physics, `world.PHYSICS_HZ`
-_RATES_HZ = (1.0, 10_000.0)
 _LONGEST_S = 86_400.0  # s, longest recording: a day
 # samples of a recording: each column takes 320 MB as float64, all are in memory
 _MOST_SAMPLES = 40_000_000
@@ -161,7 +158,7 @@ def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
     if not path.exists():
         expected = ", ".join(MOTIONS)
         raise ConfigurationError(f"--motion {path}: expected {expected}, or the file of a recording")
-    recording = load_recording(path, _mapping(options.columns))
+    recording = load_recording(path, mapping_of((*options.columns, None), None))
     end_s = float(recording.time_s[0]) + (_LONGEST_S if options.duration_s is None else options.duration_s)
     pieces = []
     for part in recording.segments():
@@ -174,45 +171,18 @@ def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
     return pieces
 
 
-def _mapping(columns: tuple[str | None, str | None]) -> Mapping | None:
-    """A mapping without a force when the user named a column; the other one has its canonical name."""
-    time, position = columns
-    if time is None and position is None:
-        return None
-    return Mapping(time or "s:time_s", position or "m:position_m", None)
-
-
 def _grid(first_s: float, last_s: float, rate_hz: float) -> Array:
     """Stamps of that rate from the first on, up to the last."""
     return first_s + np.arange(int((last_s - first_s) * rate_hz * (1.0 + 1e-9)) + 1) / rate_hz
 
 
 def _check(options: SimulationOptions) -> None:
-    """Raises a ConfigurationError on a number out of its range, or columns of no recording."""
+    """Raises a ConfigurationError on more samples than fit, or columns of no recording."""
     named = next((column for column in options.columns if column is not None), None)
     if options.motion in MOTIONS and named is not None:
         raise ConfigurationError(f"{named}: expected only with the file of a recording as --motion")
-    sensor = options.sensor
-    ranges: list[tuple[str, float | None, float, float, str]] = [
-        ("--duration", options.duration_s, 0.01, _LONGEST_S, "s"),
-        ("--rate", options.rate_hz, *_RATES_HZ, "Hz"),
-        ("--start", options.start_m, -10.0, 10.0, "m"),
-        ("--depth", options.depth_m, 1e-6, 10.0, "m"),
-        ("--frequency", options.frequency_hz, 1e-3, 1000.0, "Hz"),
-        ("--noise", sensor.noise_n, 0.0, 1e3, "N"),
-        ("--noise-corner", sensor.noise_corner_hz, 1e-3, 1e4, "Hz"),
-        ("--full-scale", sensor.full_scale_n, 1e-6, 1e6, "N"),
-        ("--encoder-step", sensor.encoder_step_m, 0.0, 1e-2, "m"),
-    ]
-    for option, value, lower, upper, unit in ranges:
-        if value is not None and not (isfinite(value) and lower <= value <= upper):
-            raise ConfigurationError(
-                f"{option} {value:g}: expected a number in [{lower:g}, {upper:g}] {unit}"
-            )
     samples = (options.duration_s or 0.0) * (options.rate_hz or 1000.0)
     if samples > _MOST_SAMPLES:
         raise ConfigurationError(
             f"--duration and --rate: {samples:.3g} samples, expected at most {_MOST_SAMPLES:.0g}"
         )
-    if options.seed < 0:
-        raise ConfigurationError(f"--seed {options.seed}: expected 0 or more")

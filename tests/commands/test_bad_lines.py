@@ -66,7 +66,7 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     (f"{LOOPBACK} --hide @/m.yaml --hide-at -1", ("--hide-at -1", "0 to"), {"m.yaml": BIAS}),
     (f"{LOOPBACK} --hide @/m.yaml", ("second contact effect",), {"m.yaml": CONTACT}),
     (f"{LOOPBACK} --master-model @/m.yaml", ("m.yaml", "no linear parameter"), {"m.yaml": CONTACT}),
-    (f"{LOOPBACK} --force N:load", ("--force N:load", "--recording"), {}),
+    (f"{LOOPBACK} --force N:load", ("N:load", "--recording"), {}),
     (f"{PLAYED} --preset guidewire", ("--preset guidewire", "has forces"), {"run.csv": RECORDING}),
     (f"{PLAYED} --hide @/m.yaml", ("--hide", "has forces"), {"run.csv": RECORDING, "m.yaml": BIAS}),
     (f"{LOOPBACK} --recording @/a.txt", ("a.txt", ".csv"), {"a.txt": "x"}),

@@ -56,8 +56,12 @@ def test_a_recording_made_is_replaced_only_when_asked(run: Run, tmp_path: Path) 
         ("--motion model.yaml", ("model.yaml", ".mcap")),
         ("--model none.yaml", ("none.yaml", "No such file")),
         ("--duration 86400 --rate 1e4", ("--duration and --rate", "8.64e+08")),
-        *((option, (option,)) for option in ("--rate nan", "--duration 0", "--noise -1", "--noise-corner 0")),
-        *((option, (option,)) for option in ("--full-scale inf", "--depth 0", "--seed -1")),
+        *(
+            (option, option.split())
+            for option in ("--rate nan", "--duration 0", "--noise -1", "--noise-corner 0")
+        ),
+        *((option, option.split()) for option in ("--full-scale inf", "--depth 0")),
+        ("--seed -1", ("--seed",)),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
