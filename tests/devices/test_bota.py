@@ -85,13 +85,6 @@ def test_it_begins_in_the_middle_of_a_frame_and_of_headers() -> None:
     assert parser.counters["bad_checksum"] >= 500
 
 
-def test_a_dropped_byte_costs_one_frame() -> None:
-    sent = frames(4)
-    whole = [encode(each) for each in sent]
-    parser = BotaParser()
-    assert parser.feed(whole[0] + whole[1][:20] + whole[1][21:] + whole[2] + whole[3]) == [sent[0], *sent[2:]]
-
-
 def test_what_is_no_measurement() -> None:
     good = FRAME._replace(status=0)
     assert good.valid

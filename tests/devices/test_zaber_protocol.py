@@ -138,13 +138,6 @@ def test_what_is_dropped_is_counted_and_the_next_line_is_heard(noise: bytes, rea
     assert set(parser.dropped) >= {reason}
 
 
-def test_it_never_holds_more_than_a_line() -> None:
-    parser = Parser()
-    for _ in range(1000):
-        parser.feed(b"@" * 97)
-        assert len(parser._partial) <= 256 + 97
-
-
 @pytest.mark.parametrize("flag", WARNINGS)
 def test_faults_are_what_forbids_motion(flag: str) -> None:
     harmless = {"WV", "WT", "WS", "WM", "WP", "NI"}

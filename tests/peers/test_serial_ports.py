@@ -24,7 +24,7 @@ from forefeel.devices.zaber.driver import ZaberStage
 from forefeel.devices.zaber.emulator import ZaberDevice
 from tests.devices.coil_rig import coil_settings
 from tests.devices.zaber_rig import MODEL, settings
-from tests.emulators.threads import PtyThread
+from tests.emulators.threads import on_pty
 from tests.waiting import wait_until
 
 CALM_S = 2.0
@@ -60,7 +60,7 @@ def test_serial_driver_is_unplugged_plugged_and_rearmed(
 ) -> None:
     with pytest.raises(DeviceSetupError, match="no such port"):
         make(str(tmp_path / "none")).open()
-    with PtyThread(emulated, tmp_path, baud) as port:
+    with on_pty(emulated, tmp_path, baud) as port:
         device = make(port.path)
         device.open()
         try:

@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 
 from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
-from tests.emulators.threads import PtyThread
+from tests.emulators.threads import on_pty
 
 MODEL = ZaberModel(homed=False, start_m=0.003, limits_m=(0.0, 0.02))
 
@@ -26,7 +26,7 @@ def zaber() -> ModuleType:
 
 @contextmanager
 def connected(zaber: ModuleType, device: ZaberDevice, folder: Path) -> Iterator[object]:
-    with PtyThread(device, folder) as port, zaber.Connection.open_serial_port(port.path, direct=True) as peer:
+    with on_pty(device, folder) as port, zaber.Connection.open_serial_port(port.path, direct=True) as peer:
         yield peer
 
 
