@@ -275,47 +275,27 @@ def free(rig: Rig) -> None:
     rig.device.provoke("free")
 
 
-def drive_fault(rig: Rig) -> None:
-    rig.device.provoke("drive_fault")
+def line(rig: Rig, **changed: bool) -> None:
+    vars(rig.line).update(changed)
 
 
-def silence(rig: Rig) -> None:
-    rig.line.silent = True
+def limits(rig: Rig, low: float, high: float) -> None:
+    """Somebody else changes the limits in the stage."""
+    rig.device.axis.limits = low, high
 
 
-def speak(rig: Rig) -> None:
-    rig.line.silent = False
+FAULTS: dict[str, tuple[Callable[[Rig], None], Callable[[Rig], None], str]] = {
+    "jam": (jam, free, "FS (stalled and stopped)"),
+    "drive": (lambda rig: rig.device.provoke("drive_fault"), lambda rig: None, "DRIVERDISABLED|FD"),
+    "silence": (lambda rig: line(rig, silent=True), lambda rig: line(rig, silent=False), "no answer 3 times"),
+    "unplug": (lambda rig: line(rig, plugged=False), lambda rig: line(rig, plugged=True), "gone while"),
+    "reject": (lambda rig: limits(rig, 0, 1), lambda rig: limits(rig, -50_000, 1_000_000), "BADDATA"),
+}
 
 
-def unplug(rig: Rig) -> None:
-    rig.line.plugged = False
-
-
-def plug(rig: Rig) -> None:
-    rig.line.plugged = True
-
-
-def reject(rig: Rig) -> None:
-    rig.device.axis.limits = (0.0, 1.0)  # somebody else has changed the limits: the next target is BADDATA
-
-
-def accept(rig: Rig) -> None:
-    rig.device.axis.limits = (-50_000, 1_000_000)
-
-
-FAULTS: list[tuple[Callable[[Rig], None], Callable[[Rig], None], str]] = [
-    (jam, free, "FS (stalled and stopped)"),
-    (drive_fault, lambda rig: None, "DRIVERDISABLED|FD"),
-    (silence, speak, "no answer 3 times in a row"),
-    (unplug, plug, "gone while"),
-    (reject, accept, "BADDATA"),
-]
-
-
-@pytest.mark.parametrize(("fault", "repair", "expected"), FAULTS, ids=[each[0].__name__ for each in FAULTS])
-def test_nothing_moves_after_a_fault_until_rearmed(
-    fault: Callable[[Rig], None], repair: Callable[[Rig], None], expected: str
-) -> None:
+@pytest.mark.parametrize("name", FAULTS)
+def test_nothing_moves_after_a_fault_until_rearmed(name: str) -> None:
+    fault, repair, expected = FAULTS[name]
     with rigged() as rig:
         rig.loop = lambda now_ns: rig.stage.command(0.08, 0.05, now_ns)
         rig.time.run(0.2)
@@ -324,7 +304,7 @@ def test_nothing_moves_after_a_fault_until_rearmed(
         said = rig.until_fault()
         assert any(word in said for word in expected.split("|")) and "\n" not in said
         assert rig.link.counters["faults"] == 1
-        assert fault in (silence, unplug) or any(b" stop:" in data for _, data in rig.line.sent)
+        assert name in ("silence", "unplug") or any(b" stop:" in data for _, data in rig.line.sent)
         for call in (lambda: rig.command(0.0), lambda: rig.stage.read(0), rig.stage.rearm):
             with pytest.raises(DeviceError, match="stage zaber_ascii on memory: "):
                 call()  # the handshake has not been repeated
