@@ -8,7 +8,6 @@ from forefeel.devices.zaber.protocol import (
     WARNINGS,
     Alert,
     CommandEncoder,
-    Info,
     Message,
     Parser,
     Reply,
@@ -81,13 +80,11 @@ def test_every_kind_of_message() -> None:
         framed(b"@01 1 07 OK BUSY -- 0"),
         framed(b"@02 0 RJ IDLE WR BADDATA"),
         framed(b"!01 1 IDLE FS"),
-        framed(b"#01 1 07 some text"),
     ]
     assert parser.feed(b"".join(sent)) == [
         Reply(1, 1, 7, True, True, "", "0"),
         Reply(2, 0, None, False, False, "WR", "BADDATA"),
         Alert(1, 1, False, "FS", ""),
-        Info(1, 1, 7, "some text"),
     ]
     assert not parser.dropped
 

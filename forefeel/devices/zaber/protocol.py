@@ -4,7 +4,6 @@
 /1 1 07 move abs 1000:E9     command: device, axis, message id
 @01 1 07 OK BUSY -- 0:E0     reply: OK or RJ, BUSY or IDLE, the gravest warning flag, data
 !01 1 IDLE --:96             alert: a motion ended
-#01 1 07 text:E2             info
 ```
 
 The two digits after the colon are the LRC: the two's complement of the sum of the bytes between the first
@@ -55,12 +54,11 @@ _ALSO_FAULTS = frozenset({"WL", "NC"}) | UNHOMED
 _MAX_LINE_BYTES = 256  # bytes of a line that are kept
 _MESSAGE_IDS = 100  # message ids: two digits, 00 to 99 (Zaber ASCII protocol manual)
 _ENDS = re.compile(rb"[\r\n]")
-_START = re.compile(rb"[@!#]")
+_START = re.compile(rb"[@!]")
 _CHECKSUM = re.compile(rb":([0-9A-F]{2})\Z")
 _TEXT = rb"([\x20-\x7e]*)"
 _REPLY = re.compile(rb"@(\d\d) (\d)(?: (\d\d))? (OK|RJ) (BUSY|IDLE) (--|[A-Z0-9]{2})(?: " + _TEXT + rb")?\Z")
 _ALERT = re.compile(rb"!(\d\d) (\d) (BUSY|IDLE) (--|[A-Z0-9]{2})(?: " + _TEXT + rb")?\Z")
-_INFO = re.compile(rb"#(\d\d) (\d)(?: (\d\d))?(?: " + _TEXT + rb")?\Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,17 +85,7 @@ class Alert:
     data: str
 
 
-@dataclass(frozen=True, slots=True)
-class Info:
-    """Text that belongs to the reply before it."""
-
-    device: int
-    axis: int
-    message_id: int | None
-    data: str
-
-
-Message = Reply | Alert | Info
+Message = Reply | Alert
 
 
 def lrc(body: bytes) -> int:
@@ -202,7 +190,7 @@ def _body(body: bytes) -> Message | None:
         return Reply(
             int(device),
             int(axis),
-            _id(message_id),
+            None if message_id is None else int(message_id),
             flag == b"OK",
             status == b"BUSY",
             _warning(warning),
@@ -211,14 +199,7 @@ def _body(body: bytes) -> Message | None:
     if alert := _ALERT.match(body):
         device, axis, status, warning, data = alert.groups()
         return Alert(int(device), int(axis), status == b"BUSY", _warning(warning), _text(data))
-    if info := _INFO.match(body):
-        device, axis, message_id, data = info.groups()
-        return Info(int(device), int(axis), _id(message_id), _text(data))
     return None
-
-
-def _id(found: bytes | None) -> int | None:
-    return None if found is None else int(found)
 
 
 def _warning(found: bytes) -> str:
