@@ -277,6 +277,10 @@ def test_a_calibration_of_this_device_is_applied(tmp_path: Path) -> None:
         assert reading[:3] == (-2.0, 1_250_000, True)
 
 
+def test_a_calibration_of_another_device_is_refused(tmp_path: Path) -> None:
+    assert "serial = 'X-1'" in refusal(Port(device(), BAUD), calibrated(tmp_path, "X-1"))
+
+
 def test_a_calibration_needs_a_serial_number_and_the_ports_own_counts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,9 +1,11 @@
 """The stage driver against the emulated drive, in stepped time."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
@@ -13,7 +15,8 @@ from forefeel.devices.cia402.driver import Cia402Stage
 from forefeel.devices.cia402.emulator import SERIAL
 from forefeel.devices.cia402.homing import Cia402Homing
 from forefeel.devices.cia402.protocol import DriveState
-from tests.devices.can_rig import COUNTS_PER_M, DRIVE, START_M, Rig, rigged
+from tests.devices.can_rig import COUNTS_PER_M, DRIVE, START_M, Rig, new_channel, rigged, stage_settings
+from tests.devices.test_zaber_stage import calibration
 
 
 def test_handshake_writes_what_safety_depends_on() -> None:
@@ -159,6 +162,21 @@ def test_drive_not_of_the_settings_is_refused(changed: dict[str, Any], missing: 
             rig.stage.open()
         assert "\n" not in str(caught.value)
         assert rig.drive.model.position_m == START_M and cia402.ENABLE not in rig.words
+
+
+def test_calibration_must_be_of_this_drive(tmp_path: Path) -> None:
+    of = {"driver": "cia402", "native_per_m": COUNTS_PER_M, "zero": 5000.0, "travel_m": [-0.002, 0.12]}
+    with rigged(stage={"calibration": calibration(tmp_path, **of, serial="00000001")}) as rig:
+        with pytest.raises(DeviceSetupError, match="serial = '00000001'"):
+            rig.stage.open()
+        calibration(tmp_path, **of, serial=f"{SERIAL:08X}")
+        rig.stage.open()
+        assert rig.stage.read(rig.time.now_ns()).position_m == pytest.approx(START_M - 0.005, abs=1e-5)
+
+
+def test_identifier_of_the_host_is_refused() -> None:
+    with pytest.raises(ValidationError):
+        stage_settings(new_channel(), node_id=127)
 
 
 def test_second_driver_of_a_node_is_refused() -> None:

@@ -262,10 +262,11 @@ def test_exactly_the_damaged_frames_are_lost_and_nothing_fails(faults: Faults) -
         bench.run(3000)
         commands, states = (wire.counts for wire in bench.wires)
         assert sum(states[name] for name in ("corrupted", "split", "dropped")) > 20
+        under_way = 2 if faults.drop else 0
         lost = states["corrupted"] + states["dropped"]
-        assert bench.counters["frames_lost"] == pytest.approx(lost, abs=2)
+        assert abs(bench.counters["frames_lost"] - lost) <= under_way
         lost = commands["corrupted"] + commands["dropped"]
-        assert bench.device.counters["commands_lost"] == pytest.approx(lost, abs=2)
+        assert abs(bench.device.counters["commands_lost"] - lost) <= under_way
         assert bench.state is LinkState.READY and None not in bench.readings
 
 
