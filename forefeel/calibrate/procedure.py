@@ -279,7 +279,8 @@ def _introduced(device: ConfiguredDevice, link: DeviceLink) -> str:
             f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to; "
             f"where {device.driver.name} has `serial`, write the number on its label"
         )
-    say(f"{device.name}: {link.identity or device.driver.name}, serial {link.serial}")
+    who = link.identity or device.driver.name
+    say(f"{device.name}: {who}" + ("" if link.serial in who else f", serial {link.serial}"))
     return link.serial
 
 
