@@ -42,6 +42,14 @@ class Stop:
         self.seen = self.first_s is not None
         return self.seen
 
+    def polls(self, duration_s: float | None, every_s: float = 0.0) -> Iterator[None]:
+        """Yields every so often, until a signal came or the duration is over; 0: at once again."""
+        start_s = time.monotonic()
+        while not self.wanted() and (duration_s is None or time.monotonic() - start_s < duration_s):
+            yield
+            if every_s:
+                time.sleep(every_s)
+
     def check(self) -> None:
         """Raises KeyboardInterrupt when a signal came: in a loop of ours, where that is safe."""
         if self.wanted():

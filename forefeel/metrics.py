@@ -4,7 +4,6 @@ A viewer in a process of its own. Everything that a stranger may say is bounded.
 """
 
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -49,7 +48,7 @@ from forefeel.common.topics import (
 )
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.interrupt import Stop, heeded
+from forefeel.interrupt import heeded
 from forefeel.network_settings import ObserverSettings
 from forefeel.terminal import say
 
@@ -228,16 +227,11 @@ def run_metrics(
             if transport.notice:
                 say(transport.notice)
             say(f"metrics of cell {settings.cell} at http://{address}:{port}/metrics; Ctrl-C ends")
-            _wait(failed, duration_s, stop)
+            for _ in stop.polls(duration_s, _POLL_S):
+                if failed:
+                    error = failed[0]
+                    raise RunError(f"metrics: the network failed: {type(error).__name__}: {error}") from error
     finally:
         server.shutdown()
         thread.join()
         server.server_close()
-
-
-def _wait(failed: list[Exception], duration_s: float | None, stop: Stop) -> None:
-    start_s = time.monotonic()
-    while not (failed or stop.wanted()) and (duration_s is None or time.monotonic() - start_s < duration_s):
-        time.sleep(_POLL_S)
-    if failed:
-        raise RunError(f"metrics: the network failed: {type(failed[0]).__name__}: {failed[0]}") from failed[0]

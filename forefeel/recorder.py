@@ -4,7 +4,6 @@
 """
 
 import threading
-import time
 from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
@@ -187,12 +186,12 @@ def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | No
     other = "router" if transport.mode == "client" else "daemon"
     obstacles = Obstacles(transport, Party(settings.role, (cell,)), other)
     waiting = AnswerWatch(obstacles, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
-    clock, start_s = MonotonicClock(), time.monotonic()
+    clock = MonotonicClock()
     attend = service_watchdog(
         lambda: "recording" if recorder.newest else f"nobody heard yet: {waiting.found}",
         lambda: recorder.rounds,
     )
-    while not stop.wanted() and (duration_s is None or time.monotonic() - start_s < duration_s):
+    for _ in stop.polls(duration_s, _POLL_S):
         recorder.check()
         attend()
         if recorder.newest:
@@ -200,4 +199,3 @@ def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | No
         else:
             sure = recorder.connected and not transport.listen
             waiting.look(clock.now_ns(), recorder.hint or (nobody() if sure else ""))
-        time.sleep(_POLL_S)

@@ -1,6 +1,5 @@
 """`forefeel router`: the cells of a laboratory through one Zenoh router, each kept to itself."""
 
-import time
 from itertools import count
 
 import zenoh
@@ -49,16 +48,14 @@ def _greet(settings: RouterSettings, notice: str) -> None:
 
 def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop) -> None:
     """Says each link that is added or removed."""
-    start_s = time.monotonic()
     channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_KEPT_EVENTS)
     looks = count(1)
     attend = service_watchdog(lambda: "routing", lambda: next(looks))
     with session.info.declare_link_events_listener(channel, history=True) as links:
-        while not stop.wanted() and (duration_s is None or time.monotonic() - start_s < duration_s):
+        for _ in stop.polls(duration_s, _POLL_S):
             while (event := links.handler.try_recv()) is not None:
                 came = event.kind == zenoh.SampleKind.PUT
                 who = event.link.auth_identifier or "someone without certificate"
                 where = event.link.dst.partition("/")[2]
                 say(f"router: {who} {'came from' if came else 'left'} {where}")
             attend()
-            time.sleep(_POLL_S)

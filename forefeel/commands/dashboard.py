@@ -8,11 +8,11 @@ from forefeel.commands.options import (
     Connect,
     Duration,
     Insecure,
+    ObservedCell,
+    ObserverConfig,
+    ObserverPki,
     Quiet,
     ThroughRouter,
-    ViewedCell,
-    ViewerConfig,
-    ViewerPki,
     examples,
     extra,
 )
@@ -32,9 +32,9 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 )
 def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     connect: Connect = None,
-    cell: ViewedCell = None,
-    config: ViewerConfig = None,
-    pki: ViewerPki = None,
+    cell: ObservedCell = None,
+    config: ObserverConfig = None,
+    pki: ObserverPki = None,
     through_router: ThroughRouter = False,
     insecure: Insecure = False,
     address: Address = "127.0.0.1",

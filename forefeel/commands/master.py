@@ -1,13 +1,13 @@
 """`forefeel master`."""
 
-from forefeel.commands.options import DaemonConfig, DaemonInsecure, Duration, Quiet, examples
+from forefeel.commands.options import DaemonConfig, Duration, Insecure, Quiet, examples
 from forefeel.daemon_settings import load_daemon
 from forefeel.terminal import output
 
 
 @examples("forefeel master --config deploy/config/master.yaml")
 def master(
-    config: DaemonConfig, duration: Duration = None, insecure: DaemonInsecure = False, quiet: Quiet = False
+    config: DaemonConfig, duration: Duration = None, insecure: Insecure = False, quiet: Quiet = False
 ) -> None:
     from forefeel.daemons import run_daemon  # noqa: PLC0415 - the help needs none of it
 

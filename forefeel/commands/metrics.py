@@ -8,11 +8,11 @@ from forefeel.commands.options import (
     Connect,
     Duration,
     Insecure,
+    ObservedCell,
+    ObserverConfig,
+    ObserverPki,
     Quiet,
     ThroughRouter,
-    ViewedCell,
-    ViewerConfig,
-    ViewerPki,
     examples,
     extra,
 )
@@ -22,9 +22,9 @@ from forefeel.terminal import output
 @examples("forefeel metrics --cell cathlab --connect tls/10.0.0.1:7447 --pki pki")
 def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
     connect: Connect = None,
-    cell: ViewedCell = None,
-    config: ViewerConfig = None,
-    pki: ViewerPki = None,
+    cell: ObservedCell = None,
+    config: ObserverConfig = None,
+    pki: ObserverPki = None,
     through_router: ThroughRouter = False,
     insecure: Insecure = False,
     address: Annotated[str, typer.Option("--address", help="Where Prometheus asks.")] = "127.0.0.1",

@@ -13,23 +13,21 @@ Command = TypeVar("Command", bound=Callable[..., None])
 _EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {}
 
 DaemonConfig = Annotated[Path, typer.Option("--config", help="The daemon's YAML file.", metavar="FILE")]
-DaemonInsecure = Annotated[
-    bool,
-    typer.Option("--insecure", help="Do without certificates outside this host; never with a real stage."),
-]
-
 Connect = Annotated[
     list[str] | None, typer.Option("--connect", metavar="ENDPOINT", help="Slave and master; repeat it.")
 ]
-ViewedCell = Annotated[str | None, typer.Option("--cell", help="Which cell; default cell.")]
-ViewerConfig = Annotated[
-    Path | None, typer.Option("--config", metavar="FILE", help="YAML of a viewer instead of the options.")
+ObservedCell = Annotated[str | None, typer.Option("--cell", help="Which cell; default cell.")]
+ObserverConfig = Annotated[
+    Path | None, typer.Option("--config", metavar="FILE", help="YAML of an observer instead of the options.")
 ]
-ViewerPki = Annotated[
-    Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role viewer.")
+ObserverPki = Annotated[
+    Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of a viewer or recorder.")
 ]
 ThroughRouter = Annotated[bool, typer.Option("--through-router", help="What it connects to is a router.")]
-Insecure = Annotated[bool, typer.Option("--insecure", help="Do without certificates outside this host.")]
+Insecure = Annotated[
+    bool,
+    typer.Option("--insecure", help="Do without certificates outside this host; never with a real stage."),
+]
 Duration = Annotated[
     float | None, typer.Option("--duration", min=0.0, help="End after this many seconds.", metavar="S")
 ]

@@ -5,7 +5,17 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import Connect, Duration, Insecure, Quiet, ThroughRouter, examples
+from forefeel.commands.options import (
+    Connect,
+    Duration,
+    Insecure,
+    ObservedCell,
+    ObserverConfig,
+    ObserverPki,
+    Quiet,
+    ThroughRouter,
+    examples,
+)
 from forefeel.terminal import output
 
 
@@ -16,14 +26,9 @@ from forefeel.terminal import output
 def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="A new .mcap file.")],
     connect: Connect = None,
-    cell: Annotated[str | None, typer.Option("--cell", help="Which cell to record; default cell.")] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option("--config", metavar="FILE", help="YAML with cell and transport instead of the options."),
-    ] = None,
-    pki: Annotated[
-        Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of the role recorder.")
-    ] = None,
+    cell: ObservedCell = None,
+    config: ObserverConfig = None,
+    pki: ObserverPki = None,
     through_router: ThroughRouter = False,
     insecure: Insecure = False,
     duration: Duration = None,

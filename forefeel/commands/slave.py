@@ -1,13 +1,13 @@
 """`forefeel slave`."""
 
-from forefeel.commands.options import DaemonConfig, DaemonInsecure, Duration, Quiet, examples
+from forefeel.commands.options import DaemonConfig, Duration, Insecure, Quiet, examples
 from forefeel.daemon_settings import load_daemon
 from forefeel.terminal import output
 
 
 @examples("forefeel slave --config deploy/config/slave.yaml")
 def slave(
-    config: DaemonConfig, duration: Duration = None, insecure: DaemonInsecure = False, quiet: Quiet = False
+    config: DaemonConfig, duration: Duration = None, insecure: Insecure = False, quiet: Quiet = False
 ) -> None:
     from forefeel.daemons import run_daemon  # noqa: PLC0415 - the help needs none of it
 

@@ -5,7 +5,6 @@ import re
 import select
 import signal
 import sys
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -61,8 +60,7 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
         living, load = (_hub(options, leave), None) if driver is None else _emulated(driver, options, leave)
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # in the background reading fails, and stops nothing
         HOST.prepare_process()  # nor for its own collector of garbage
-        end_s = None if duration_s is None else time.monotonic() + duration_s
-        while not stop.wanted() and (end_s is None or time.monotonic() < end_s):
+        for _ in stop.polls(duration_s):
             obey_stdin(living, load)
             living.step()
 

@@ -7,7 +7,6 @@ DIR/router/                for the router: the same, and router.json5 with the r
 
 import ipaddress
 import json
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.transport.pki import AUTHORITY, check_period, read_certificate, read_identity
 from forefeel.common.transport.security import CELL_ROLES, ROLES, Party, PartyFiles, secured
 from forefeel.common.transport.zenoh_config import FIXED
+from forefeel.files import whole
 from forefeel.pki.authority import AUTHORITY_NAME, Authority, certificate_pem, hosts_of, key_pem, new_key
 
 AUTHORITY_KEY = "ca.key"
@@ -258,9 +258,7 @@ def _host(name: str, where: str) -> str:
 
 def _write(path: Path, content: bytes, mode: int) -> None:
     """Replaces the file at once; it has that mode from its first moment."""
-    part = path.with_name(f".{path.name}.part")
-    part.unlink(missing_ok=True)
-    with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
-        os.fchmod(file.fileno(), mode)
-        file.write(content)
-    part.replace(path)
+    with whole(path, "the certificate") as part:
+        part.touch(_SECRET)
+        part.chmod(mode)
+        part.write_bytes(content)
