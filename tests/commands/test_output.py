@@ -83,13 +83,3 @@ def test_json_is_one_document_and_stdout_holds_nothing_else(
     if name is not None:
         assert document == json.loads((tmp_path / "out" / name).read_text())
         assert document["schema"].startswith("forefeel.")
-
-
-@pytest.mark.parametrize("line", ANSWERS)
-def test_quiet_says_nothing_and_writes_its_files(
-    run: Run, words: Callable[[str], list[str]], capsys: pytest.CaptureFixture[str], tmp_path: Path, line: str
-) -> None:
-    assert run([*words(line), "--quiet"]) == 0
-    assert capsys.readouterr() == ("", "")
-    name = ANSWERS[line]
-    assert name is None or (tmp_path / "out" / name).exists()

@@ -35,18 +35,6 @@ def test_a_recording_is_made_and_can_be_read(
     assert [path.name for path in out.parent.iterdir()] == [out.name]
 
 
-def test_a_recording_made_is_replaced_only_when_asked(run: Run, tmp_path: Path) -> None:
-    words = ["simulate", "--model", "model.yaml", "--duration", "1", "--out", "run.csv"]
-    assert run(words) == 0
-    first = (tmp_path / "run.csv").read_bytes()
-    assert run([*words, "--seed", "1"]) == 2
-    assert (tmp_path / "run.csv").read_bytes() == first
-    assert run([*words, "--seed", "1", "--overwrite"]) == 0
-    assert (tmp_path / "run.csv").read_bytes() != first
-    assert run([*words, "--overwrite"]) == 0
-    assert (tmp_path / "run.csv").read_bytes() == first
-
-
 @pytest.mark.parametrize(
     ("line", "words"),
     [

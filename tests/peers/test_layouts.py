@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -75,32 +74,3 @@ def test_states_are_words_that_a_recording_has(recorded: Values) -> None:
     assert len(paths) > 2
     wrong = {path: amiss(*path, recorded, (str, bool)) for path in paths}
     assert {path: why for path, why in wrong.items() if why} == {}
-
-
-def panels(node: object) -> Iterator[str]:
-    """Of Foxglove's mosaic, from left to right and top to bottom."""
-    if isinstance(node, str):
-        yield node
-        return
-    assert isinstance(node, dict)
-    assert set(node) == {"direction", "first", "second", "splitPercentage"}
-    assert node["direction"] in {"row", "column"}
-    yield from panels(node["first"])
-    yield from panels(node["second"])
-
-
-def test_every_panel_of_foxglove_has_its_place_and_every_path_its_grammar() -> None:
-    assert sorted(panels(FOXGLOVE["layout"])) == sorted(FOXGLOVE["configById"])
-    series = [path for panel in FOXGLOVE["configById"].values() for path in panel["paths"]]
-    assert all(_PATH.fullmatch(path["value"]) for path in series)
-    assert {path["timestampMethod"] for path in series} == {"receiveTime"}  # one clock for both ends
-
-
-def test_the_splitters_of_plotjuggler_hold_as_many_as_they_say() -> None:
-    splitters = list(PLOTJUGGLER.iter("DockSplitter"))
-    assert len(splitters) == len(list(PLOTJUGGLER.iter("Tab")))
-    for each in splitters:
-        sizes = [float(size) for size in each.attrib["sizes"].split(";")]
-        assert len(each) == int(each.attrib["count"]) == len(sizes)
-        assert sum(sizes) == pytest.approx(1.0)
-        assert [area.tag for area in each] == ["DockArea"] * len(each)
