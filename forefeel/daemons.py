@@ -30,7 +30,7 @@ from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
 from forefeel.interrupt import heeded
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterSettings
-from forefeel.probe.configured import calibrations, configured, import_drivers
+from forefeel.probe.configured import configured, import_drivers
 from forefeel.reachability import AnswerWatch, Obstacles, unheard
 from forefeel.slave.settings import SlaveSettings
 from forefeel.terminal import say
@@ -405,10 +405,6 @@ def _facts(settings: DaemonSettings, role: str) -> dict[str, str]:
         software = version("forefeel")
     except PackageNotFoundError:  # run from a source tree
         software = "not installed"
-    devices = {
-        name: " ".join(f"{key}={value}" for key, value in table.items())
-        for name, table in calibrations(settings).items()
-    }
     return {
         "role": role,
         "cell": settings.cell,
@@ -417,5 +413,4 @@ def _facts(settings: DaemonSettings, role: str) -> dict[str, str]:
         "settings": hashlib.sha256(dump_yaml(settings).encode()).hexdigest()[:16],
         "listen": " ".join(settings.transport.listen),
         "connect": " ".join(settings.transport.connect),
-        **devices,
     }

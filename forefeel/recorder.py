@@ -45,11 +45,11 @@ class Recorder:
         path: Path,
         cell: str,
         transport: TransportSettings,
-        tables: Mapping[str, Mapping[str, str]],
+        run: Mapping[str, str],
         party: Party | None = None,
         insecure: bool = False,
     ) -> None:
-        """`tables`: metadata by name; `run` is what was asked for. `party`, `insecure`: as for a transport.
+        """`run`: metadata, what was asked for. `party`, `insecure`: as for a transport.
 
         Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be used.
         """
@@ -68,8 +68,7 @@ class Recorder:
         except BaseException:
             self._transport.close()
             raise
-        for name, table in tables.items():
-            self._writer.add_metadata(name, table)
+        self._writer.add_metadata("run", run)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
         self._transport.subscribe_all(f"forefeel/{cell}", self._hear)
@@ -166,7 +165,7 @@ def run_record(
             out.unlink(missing_ok=True)
 
     with ends_in_order("recording"), at_last(drop_empty):
-        recorder = Recorder(out, cell, settings.transport, {"run": {"cell": cell}}, party, insecure)
+        recorder = Recorder(out, cell, settings.transport, {"cell": cell}, party, insecure)
         with heeded() as stop, closing(recorder):
             if recorder.notice:
                 say(recorder.notice)

@@ -15,7 +15,6 @@ from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
 from forefeel.master.settings import MasterSettings
-from forefeel.probe.configured import calibrations
 from forefeel.slave.plant.presets import PRESETS as WORLDS
 from forefeel.slave.settings import SlaveSettings
 
@@ -66,12 +65,6 @@ class Plan:
 
     def master_settings(self) -> MasterSettings:
         return checked(MasterSettings, self.master, self._where("master"))
-
-    def tables(self) -> dict[str, dict[str, str]]:
-        """What the recording says of the run: what was asked for, and the calibrations of the slave's
-        devices.
-        """
-        return {"run": self.metadata, **calibrations(self.slave_settings())}
 
     def _where(self, role: str) -> str:
         return f"loopback {role}, recording {self.metadata['recording']}"

@@ -28,12 +28,12 @@ class Authority:
     key: Key
 
     @classmethod
-    def new(cls, now: datetime, days: int = AUTHORITY_DAYS) -> "Authority":
+    def new(cls, now: datetime) -> "Authority":
         """A new one, self-signed; it may sign certificates of ends, but no further authority."""
         key = new_key()
         name, identifier = _name(AUTHORITY_NAME), x509.SubjectKeyIdentifier.from_public_key(key.public_key())
         builder = (
-            _begun(name, name, key.public_key(), now, now + timedelta(days=days), identifier)
+            _begun(name, name, key.public_key(), now, now + timedelta(days=AUTHORITY_DAYS), identifier)
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
             .add_extension(_usage(signs_certificates=True), critical=True)
         )

@@ -3,9 +3,7 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from forefeel.common.config import load_settings
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
 from forefeel.common.hardware.driver import (
     SLOTS,
     DriverSettings,
@@ -74,25 +72,3 @@ def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
             f"--axis {axis}: {config}: no {slot} with hardware; expected one of {', '.join(real) or 'none'}"
         )
     return real[axis]
-
-
-def calibrations(settings: DaemonSettings) -> dict[str, dict[str, str]]:
-    """The tables of calibrations that a recording carries, by name (`calibration insertion/load_cell`): file,
-    driver, serial, date, what was found.
-
-    Raises:
-        ConfigurationError: a calibration can not be read.
-    """
-    kinds: dict[str, Any] = {"load_cell": LoadCellCalibration, "stage": StageCalibration}
-    tables: dict[str, dict[str, str]] = {}
-    for device in configured(settings):
-        path = getattr(device.settings, "calibration", None)
-        if path is not None:
-            found = load_settings(kinds[device.driver.slot], path).model_dump(mode="json", exclude={"points"})
-            texts = {name: _text(value) for name, value in found.items() if value is not None}
-            tables[f"calibration {device.axis}/{device.driver.slot}"] = {"file": path.name, **texts}
-    return tables
-
-
-def _text(value: object) -> str:
-    return " ".join(map(repr, value)) if isinstance(value, list) else str(value)

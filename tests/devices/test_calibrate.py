@@ -4,7 +4,6 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -23,13 +22,9 @@ from forefeel.common.hardware.calibration import (
 )
 from forefeel.common.hardware.driver import InstalledDriver, Slot, installed_driver
 from forefeel.common.runtime.real import HOST
-from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import LATCHED, StateFolder
 from forefeel.common.yaml_file import load_yaml
-from forefeel.daemon_settings import load_daemon
 from forefeel.devices.simulated.settings import SimulatedStageSettings
-from forefeel.loopback.plan import LoopbackOptions, make_plan
-from forefeel.probe.configured import calibrations
 from forefeel.testing import EmulatedBench, SteppedTime, stepped
 from tests.devices.fake_devices import UNPLUGGED, FakeCell, FakeHoming, Hands, SteppedClock
 
@@ -218,38 +213,6 @@ def test_calibration_that_does_not_fit_is_refused(
     with pytest.raises(ConfigurationError) as refused:
         load_cell_calibration(path, "ascii_line", "SN-7", date.today(), cell.scale)
     assert word in str(refused.value)
-
-
-# --- the recording ---
-
-
-def calibrated(run: Run) -> DaemonSettings:
-    assert run([*CELL, *FORCES]) == 0
-    text = Path("slave.yaml").read_text().replace("unit: counts", "unit: counts, calibration: cell.yaml")
-    Path("slave.yaml").write_text(text)
-    return load_daemon(Path("slave.yaml"))
-
-
-def test_the_calibrations_of_a_daemon_are_tables_for_its_recording(run: Run, cell: FakeCell) -> None:
-    tables = calibrations(calibrated(run))
-    assert list(tables) == ["calibration insertion/load_cell"]
-    found = tables["calibration insertion/load_cell"]
-    file = load_settings(LoadCellCalibration, Path("cell.yaml"))
-    assert (found["file"], found["serial"], found["date"]) == ("cell.yaml", "SN-7", str(date.today()))
-    numbers = [float(found[name]) for name in ("gain_n", "zero", "residual_n", "hysteresis_n")]
-    assert numbers == [file.gain_n, file.zero, file.residual_n, file.hysteresis_n]
-    assert found["range_n"] == "0.0 4.0"
-
-
-def test_a_recorded_loopback_carries_the_calibrations(run: Run, cell: FakeCell) -> None:
-    assert calibrated(run)
-    plan = make_plan(LoopbackOptions(duration_s=0.5))
-    assert list(plan.tables()) == ["run"]
-    devices = load_yaml(Path("slave.yaml"))[0]["axes"]
-    devices[0]["load_cell"]["calibration"] = str(Path("cell.yaml").resolve())
-    tables = replace(plan, slave={**plan.slave, "axes": devices}).tables()
-    assert tables["run"] == plan.metadata
-    assert tables["calibration insertion/load_cell"]["serial"] == "SN-7"
 
 
 # --- stages ---

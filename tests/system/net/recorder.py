@@ -38,8 +38,7 @@ def onlooker(way: str, endpoint: str, pki: str) -> TransportSettings:
 def main() -> None:
     out, cell, *way = sys.argv[1:]
     os.nice(NICE)
-    tables = {"run": {"cell": cell}}
-    recorder = Recorder(Path(out), cell, onlooker(*way), tables, Party("recorder", (cell,)))
+    recorder = Recorder(Path(out), cell, onlooker(*way), {"cell": cell}, Party("recorder", (cell,)))
     print("recording", flush=True)
     with heeded() as stop, closing(recorder):
         while not stop.wanted():
