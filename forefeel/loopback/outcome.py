@@ -5,10 +5,8 @@ from forefeel.common.lateness import FEW_MISSED
 from forefeel.common.messages import SafetyState
 from forefeel.common.topics import COMMAND
 from forefeel.report.model import LoopFigures, RunReport, SafetyNote
-from forefeel.report.wording import micros, share
+from forefeel.report.wording import micros
 
-ENOUGH_ARMED = 0.9
-"""Share of the session; a run that was armed for less is remarked upon."""
 _STOPPED = frozenset({SafetyState.STOPPING, SafetyState.FAULT, SafetyState.ESTOPPED})
 
 
@@ -20,21 +18,10 @@ def require_armed(report: RunReport) -> None:
 
 
 def amber_line(report: RunReport) -> str | None:
-    """One sentence about a run that was armed too little, stopped by the watchdog or late; else None."""
-    watchdog = report.counters.get("safety_watchdog", 0)
-    slow = _is_slow(report.loop.master) or _is_slow(report.loop.slave)
-    armed = report.armed_share or 0.0
-    if armed >= ENOUGH_ARMED and not watchdog and not slow:
+    """That this host was too slow for a loop; what became of the motion stands in the ten lines."""
+    if not (_is_slow(report.loop.master) or _is_slow(report.loop.slave)):
         return None
-    stops = "never stopped unasked"
-    if report.stops:
-        stops = f"stopped {report.stops} times unasked, {watchdog} of them by the watchdog"
-    if unasked := _unasked(report):
-        stops += f", the last because of {_words(unasked[-1])}"
-    found = f"the slave was armed for {share(armed)} of the session and {stops}"
-    if slow:
-        return f"This host was too slow for 1 kHz: {'; '.join([*_lateness(report), found])}."
-    return f"This host kept 1 kHz, but {found}."
+    return f"This host was too slow for 1 kHz: {'; '.join(_lateness(report))}."
 
 
 def _is_slow(loop: LoopFigures) -> bool:

@@ -16,8 +16,6 @@ from forefeel.common.config import dump_yaml
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.topics import FORCE
 from forefeel.daemon_settings import load_any, load_daemon
-from forefeel.report.model import LoopFigures, Loops, RunReport
-from forefeel.report.page import write_report
 from tests.commands.command_line import COMMANDS, ROOT, group
 from tests.commands.test_bad_lines import RECORDING, SLAVE
 
@@ -104,25 +102,6 @@ def test_a_loopback_run_reports_and_replaces_itself_only_when_asked(
     assert (out / "notes.txt").read_text() == "mine"
     assert len((out / "recording.mcap").read_bytes()) == len(before)
     assert capsys.readouterr().out == report
-
-
-def test_loopback_on_a_slow_host_is_one_amber_line(
-    run: Callable[[Sequence[str]], int],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
-    late = Loops(slave=LoopFigures(ticks=20_000, missed=400, max_us=85_000.0))
-
-    def written(recording: Path, folder: Path) -> RunReport:
-        return write_report(recording, folder).model_copy(update={"armed_share": 0.6, "loop": late})
-
-    monkeypatch.setattr("forefeel.loopback.run.write_report", written)
-    assert run(f"loopback --virtual-time --duration 1 --out {tmp_path}/out".split()) == 0
-    said = capsys.readouterr()
-    assert len(said.out.splitlines()) == 10
-    assert said.err.startswith("amber: ")
-    assert said.err.count("\n") == 1
 
 
 def test_a_loopback_that_was_never_armed_fails_with_the_cause(
