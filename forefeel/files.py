@@ -1,7 +1,6 @@
 """Where a command writes: a folder for its results, and files that are there whole or not at all."""
 
 import os
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -12,7 +11,7 @@ from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.interrupt import at_last, heeded
 
 
-def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> Path:
+def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> None:
     """Makes the folder where it is missing; earlier results stay until the command replaces them.
 
     Args:
@@ -22,7 +21,7 @@ def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) 
         overwrite: whether they may be replaced.
 
     Raises:
-        ConfigurationError: a file, not writable, short of space, or with earlier results.
+        ConfigurationError: a file, not writable, or with earlier results.
     """
     if folder.exists() and not folder.is_dir():
         raise ConfigurationError(f"--out {folder}: is a file; expected a folder")
@@ -30,14 +29,11 @@ def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) 
         raise ConfigurationError(f"--out {folder}: holds {what}; expected another folder, or --overwrite")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if shutil.disk_usage(folder).free < 200e6:
-            raise ConfigurationError(f"--out {folder}: less than 200 MB free; expected room for the results")
         TemporaryFile(dir=folder).close()
     except OSError as error:
         raise ConfigurationError(
             f"--out {folder}: {error.strerror}; expected a folder that can be written"
         ) from error
-    return folder
 
 
 def folder_named_after(source: Path) -> Path:

@@ -21,7 +21,7 @@ def run_report(recording: Path, out: Path, overwrite: bool) -> RunReport:
         with stages("report") as tell:
             tell("reading the recording")
             report, pages = make_pages(read_run(recording))
-        folder = fresh_folder(out, FILES, "an earlier report", overwrite)
-        write_all(folder, pages, written)
-    answer(*ten_lines(report, folder), document=report.to_json)
+        fresh_folder(out, FILES, "an earlier report", overwrite)
+        write_all(out, pages, written)
+    answer(*ten_lines(report, out), document=report.to_json)
     return report
