@@ -8,7 +8,7 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.events.coalescer import EventCoalescer
 from forefeel.common.events.console import ConsoleNotifier, Notices
 from forefeel.common.events.sink import NULL_EVENT_SINK
-from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip
+from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import EmergencyStop, LimitEvent, MasterEvent, Message, SafetyEvent, SafetyState
 from forefeel.common.transport.memory import MemoryBus
@@ -55,6 +55,11 @@ def test_event_text_has_its_figures(event: Message, words: tuple[str, ...]) -> N
     text = event_text(event)
     assert all(word in text for word in words)
     assert bool(text) == bool(words)
+
+
+def test_span_has_the_unit_of_its_size() -> None:
+    assert [span(s).split()[-1] for s in (-1, 48.9, 125, 4020)] == ["s", "s", "s", "min"]
+    assert span(125).startswith("2 min 05") and span(4020).startswith("1 h 07")
 
 
 def test_long_round_trip_is_known_by_its_words() -> None:

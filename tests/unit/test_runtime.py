@@ -11,7 +11,13 @@ from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.runtime import realtime
 from forefeel.common.runtime.real import RealRuntime
-from forefeel.common.runtime.realtime import SWITCH_INTERVAL_S, TICK_INTERVAL_S, RealtimeThread, WakeUp
+from forefeel.common.runtime.realtime import (
+    SWITCH_INTERVAL_S,
+    TICK_INTERVAL_S,
+    RealtimeThread,
+    WakeUp,
+    prepare_thread,
+)
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
 
@@ -153,6 +159,23 @@ def test_one_wake_up_in_a_hundred_is_later(usual_us: float) -> None:
         later.append(late_ns > wake_up.spin_ns)
         wake_up.note(int(late_ns))
     assert 0.006 < float(np.mean(later[20_000:])) < 0.014
+
+
+def test_wake_up_of_a_stalling_machine_is_bounded() -> None:
+    wake_up = WakeUp()
+    for _ in range(20_000):
+        wake_up.note(0)
+    assert wake_up.spin_ns == 20_000
+    for _ in range(200):
+        wake_up.note(5_000_000)
+    assert wake_up.spin_ns == 150_000
+
+
+def test_priority_that_is_not_granted_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sched_setscheduler", refusing(PermissionError(1, "Operation not permitted")))
+    monkeypatch.setattr("ctypes.CDLL", lambda _: type("libc", (), {"prctl": lambda *_: 0}))
+    assert "SCHED_FIFO 50 not granted" in prepare_thread(50)
+    assert "priority 0" in prepare_thread(0)
 
 
 # --- the runtime ---
