@@ -87,14 +87,20 @@ def test_equation_holds_all_causes(rubbing: Diagnosed) -> None:
         replace(first, name=name, parameters={key: Interval(v, v, v) for key, v in values.items()})
         for name, values in {
             "bias": {"force_n": -0.5},
+            "asymmetric_damping": {"forward_n_s_m": 1.0, "backward_n_s_m": 2.0},
             "sensor_lag": {"time_constant_s": 0.012},
             "stress_relaxation": {"stiffness_n_m": 5.0, "time_constant_s": 0.1},
             "backlash": {"width_m": 3e-4},
         }.items()
     )
-    model = ModelError(0.05, {"stiffness_n_m": 60.0}, 75.0)
+    model = ModelError(0.05, {"stiffness_n_m": 60.0, "damping_n_s_m": 3.0}, 75.0)
     found = equation(replace(rubbing.diagnosis, causes=listed, extended=model))
-    for part in ("f = 60 x - 0.5 + 5 z", "z' = x' - z/0.1", "0.012 s", "0.0003 m"):
+    for part in (
+        "f = 60 x - 0.5 + 1 max(x', 0) + 2 min(x', 0) + 5 z",
+        "z' = x' - z/0.1",
+        "0.012 s",
+        "0.0003 m",
+    ):
         assert part in found
 
 
