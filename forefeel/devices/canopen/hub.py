@@ -125,11 +125,6 @@ class CanHub:
         self.wire = CanWire(bitrate)
         self._start_s = time.monotonic()
 
-    def counts(self) -> dict[str, int]:
-        """What happened at the first adapter: frames, lines that it refused, bytes not read."""
-        port = self._ports[0]
-        return {**port.adapter.counts, "unread_bytes": port.pty.lost}
-
     def provoke(self, fault: str) -> None:
         """`unplug` or `plug` the first adapter now."""
         port = self._ports[0]

@@ -27,7 +27,6 @@ class Pty:
     def __init__(self, link: Path) -> None:
         self.link = link
         self._master = self._slave = -1
-        self.lost = 0
         self.plug()
 
     def plug(self) -> None:
@@ -71,12 +70,11 @@ class Pty:
             raise
 
     def write(self, data: bytes) -> None:
-        """To the host; what it does not read is lost once the terminal is full, and counted."""
+        """To the host; what it does not read is lost once the terminal is full."""
         while data and self._master >= 0:
             try:
                 data = data[os.write(self._master, data) :]
             except BlockingIOError:
-                self.lost += len(data)
                 return
 
     def __enter__(self) -> "Pty":

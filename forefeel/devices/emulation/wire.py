@@ -29,22 +29,16 @@ class EmulatedDevice(Protocol):
 
 
 class Wire:
-    """One direction: bytes take ten bits each at the baud rate, one after the other.
-
-    Attributes:
-        bytes: how many were given to it.
-    """
+    """One direction: bytes take ten bits each at the baud rate, one after the other."""
 
     def __init__(self, baud: int) -> None:
         self.byte_s = _BITS / baud
-        self.bytes = 0
         self._free_s = 0.0
         self._under_way: deque[tuple[float, bytes]] = deque()
 
     def send(self, data: bytes, t_s: float) -> None:
         """A chunk (a frame, a line) is given to the wire."""
         if data:
-            self.bytes += len(data)
             self.carry(data, t_s)
 
     def carry(self, data: bytes, t_s: float, wait_s: float = 0.0) -> None:
