@@ -63,7 +63,8 @@ def run_daemon(settings: DaemonSettings, duration_s: float | None = None, insecu
     die_with_parent()
     if isinstance(settings, MasterSettings):
         asyncio.run(master(settings, duration_s, insecure))
-    elif isinstance(settings, SlaveSettings):
+    else:
+        assert isinstance(settings, SlaveSettings)
         asyncio.run(slave(settings, duration_s, insecure))
 
 

@@ -26,6 +26,13 @@ round trip, and what it takes to check it."""
 _EVERY_NS = 5_000_000_000  # between two probes of what does not answer
 
 _COMPARE = "compare `forefeel pki show` and `date -u` on both hosts"
+_NAMES = "`forefeel pki init DIR --hosts ROLE=ADDRESS`; copy its certificate there, start that end anew"
+_REMEDIES = {
+    10: "`forefeel pki init DIR` renews it; copy it there, start that end anew",
+    62: _NAMES,
+    64: _NAMES,
+}
+"""For a certificate that has expired, or names another host or address, by X509_V_ERR_*."""
 
 
 class Obstacle(NamedTuple):
@@ -99,7 +106,9 @@ def _obstacle(error: Exception, where: str, other: str, connected: bool) -> Obst
     why = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
     match error:
         case ssl.SSLCertVerificationError():
-            return Obstacle(f"the certificate of {where} is not accepted: {error.verify_message}", _COMPARE)
+            why = error.verify_message.rstrip(".")
+            advice = _REMEDIES.get(error.verify_code, _COMPARE)
+            return Obstacle(f"the certificate of {where} is not accepted: {why}", advice)
         case TimeoutError() if connected:
             what = f"{where} accepts the connection and says nothing"
             return Obstacle(what, f"look whether the {other} there hangs")

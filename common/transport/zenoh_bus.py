@@ -37,7 +37,8 @@ WAITING_OBSERVED = 65_536
 some seconds on a busy machine loses nothing."""
 
 # Never BLOCK: a put that waits for a frozen peer keeps the dead link from being given up and opened anew.
-# Events have a queue of their own, of 1 MB: one is dropped only where thousands wait on a dead link.
+# Events have a queue of their own, of 1 MB: one is dropped only where the link is dead, or where a busy host
+# does not send a burst in time (of 200 at once, beside two busy loops on two cores, some were lost).
 _QOS: Mapping[Qos, tuple[CongestionControl, Priority, Reliability, bool]] = {
     Qos.STREAM: (CongestionControl.DROP, Priority.REAL_TIME, Reliability.BEST_EFFORT, True),
     Qos.STATE: (CongestionControl.DROP, Priority.DATA, Reliability.RELIABLE, False),

@@ -81,12 +81,14 @@ def test_a_certificate_that_expired_is_told_with_its_date(tmp_path: Path) -> Non
     with tls_server(identity(pki, "slave")) as address:
         found = reach(f"tls/{address}", identity(pki, "master"), "slave")
         assert "expired" in obstacle(found)
+        assert found.obstacle is not None and "pki init" in found.obstacle.advice
 
 
 def test_a_certificate_that_does_not_stand_for_the_address_is_told(pki: Path) -> None:
     with tls_server(identity(pki, "slave"), host="127.0.0.2") as address:
         found = reach(f"tls/{address}", identity(pki, "master"), "slave")
         assert "127.0.0.2" in obstacle(found)
+        assert found.obstacle is not None and "--hosts" in found.obstacle.advice
 
 
 def test_server_that_says_nothing_is_silent(pki: Path) -> None:
