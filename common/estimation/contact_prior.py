@@ -1,0 +1,112 @@
+"""What one session learned of a contact, for the next one: means and covariance of named parameters.
+
+Two priors of the same contact are merged by their information: with A_i the inverse of covariance i, and 0
+where prior i lacks a parameter,
+
+    A = A_1 + A_2,   mean = A^-1 (A_1 mean_1 + A_2 mean_2)
+
+A covariance knows of noise only, not that a vessel changes from day to day; `widened` adds that.
+"""
+
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CONTACT = "contact_loss.contact_position_m"
+
+# Standard deviation of a parameter between two sessions, relative to its value; of the contact in m.
+_SHARES = {"heart.frequency_hz": 0.10, "breath.frequency_hz": 0.15, "stress_relaxation.time_constant_s": 0.3}
+_SHARE = 0.25
+_CONTACT_M = 0.002
+
+
+@dataclass(frozen=True, slots=True)
+class ContactPrior:
+    """Means and covariance of a contact's parameters.
+
+    Attributes:
+        names: `cause.parameter_unit`, each once.
+        values: in the unit that each name ends in.
+        covariance: symmetric and positive definite, rows in the order of the names.
+        contact_s: seconds of contact that it was learned from.
+
+    Raises:
+        ValueError: of another shape, not finite, or not a covariance; one line.
+    """
+
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    contact_s: float
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        if (
+            len(set(self.names)) != n
+            or len(self.values) != n
+            or [len(row) for row in self.covariance] != [n] * n
+        ):
+            raise ValueError(f"{n} names: expected them to differ, {n} values and {n} x {n} covariances")
+        if not all(map(isfinite, (*self.values, *sum(self.covariance, ()), self.contact_s))):
+            raise ValueError("expected finite values and covariances")
+        if self.contact_s < 0.0 or not _positive(np.array(self.covariance).reshape(n, n)):
+            raise ValueError(
+                "expected a symmetric positive definite covariance and a time in contact of 0 or more"
+            )
+
+    @property
+    def standard_deviations(self) -> tuple[float, ...]:
+        return tuple(self.covariance[i][i] ** 0.5 for i in range(len(self.names)))
+
+
+def merged(first: ContactPrior, second: ContactPrior) -> ContactPrior:
+    """Both, weighed by their information; a parameter that only one has keeps its part there."""
+    names = (*first.names, *(name for name in second.names if name not in first.names))
+    scale = np.zeros(len(names))
+    for prior in (first, second):
+        at = _places(prior, names)
+        scale[at] = np.maximum(scale[at], prior.standard_deviations)
+    information, moments = np.zeros((len(names), len(names))), np.zeros(len(names))
+    for prior in (first, second):
+        at = _places(prior, names)
+        own = np.linalg.inv(np.array(prior.covariance) / np.outer(scale[at], scale[at]))
+        information[np.ix_(at, at)] += own
+        moments[at] += own @ (np.array(prior.values) / scale[at])
+    covariance = np.linalg.inv(0.5 * (information + information.T))
+    return ContactPrior(
+        names,
+        tuple((covariance @ moments * scale).tolist()),
+        _rows(0.5 * (covariance + covariance.T) * np.outer(scale, scale)),
+        first.contact_s + second.contact_s,
+    )
+
+
+def widened(prior: ContactPrior, by: float) -> ContactPrior:
+    """The prior with `by` times the usual spread between two sessions of one patient added to it."""
+    covariance = np.array(prior.covariance).reshape(len(prior.names), len(prior.names))
+    for i, (name, value) in enumerate(zip(prior.names, prior.values, strict=True)):
+        spread = _CONTACT_M if name == CONTACT else _SHARES.get(name, _SHARE) * abs(value)
+        covariance[i, i] += (by * spread) ** 2
+    return replace(prior, covariance=_rows(covariance))
+
+
+def _places(prior: ContactPrior, names: tuple[str, ...]) -> list[int]:
+    return [names.index(name) for name in prior.names]
+
+
+def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, matrix.tolist()))
+
+
+def _positive(covariance: Array) -> bool:
+    """Whether it is symmetric, and its correlations are positive definite beyond rounding."""
+    size = np.sqrt(np.clip(np.diagonal(covariance), 0.0, None))
+    if not (size > 0.0).all():
+        return False
+    correlation = covariance / np.outer(size, size)
+    symmetric = np.allclose(correlation, correlation.T, rtol=0.0, atol=1e-9)
+    return bool(symmetric and (np.linalg.eigvalsh(correlation) > 1e-12).all())
