@@ -1,5 +1,6 @@
 """What a loopback run does: the settings of both ends, from a preset or from a measured recording."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +17,8 @@ from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
 from forefeel.master.settings import MasterSettings
 from forefeel.slave.plant.presets import PRESETS as WORLDS
+from forefeel.slave.plant.settings import world_settings
+from forefeel.slave.plant.variation import varied
 from forefeel.slave.settings import SlaveSettings
 
 AXIS = "insertion"
@@ -44,6 +47,8 @@ class LoopbackOptions:
     master_model: Path | None = None
     hide: Path | None = None
     hide_at_s: float = 0.0
+    world_spread: float = 0.0
+    world_seed: int = 0
     hardware: str = "simulated"
 
 
@@ -98,6 +103,9 @@ def make_plan(options: LoopbackOptions) -> Plan:
         duration_s = options.duration_s
         expected_s = min(duration_s or recording.duration_s, recording.duration_s)
     _load_models(options, slave_axis, master_axis)
+    metadata = _metadata(options)
+    if options.world_spread:
+        metadata |= _vary_world(options, slave_axis)
     link = {"inbound": options.impairment, "seed": options.seed}
     return Plan(
         slave={"cell": "loopback", "impairment": link, "axes": [slave_axis]},
@@ -105,7 +113,7 @@ def make_plan(options: LoopbackOptions) -> Plan:
         duration_s=duration_s,
         expected_s=expected_s,
         notes=notes,
-        metadata=_metadata(options),
+        metadata=metadata,
     )
 
 
@@ -116,6 +124,8 @@ def _check(options: LoopbackOptions) -> None:
         raise ConfigurationError(f"--preset {options.preset!r}: expected one of {', '.join(WORLDS)}")
     if options.duration_s is not None and not 0.5 <= options.duration_s <= 86_400:
         raise ConfigurationError(f"--duration {options.duration_s:g}: expected 0.5 to 86400 s")
+    if options.world_seed and not options.world_spread:
+        raise ConfigurationError(f"--world-seed {options.world_seed}: expected only with --world-spread")
 
 
 def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -161,6 +171,21 @@ def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_ax
         master_axis.setdefault("prediction", {})["model"] = str(options.master_model.resolve())
 
 
+def _vary_world(options: LoopbackOptions, slave_axis: dict[str, Any]) -> dict[str, str]:
+    """Draws the contact of the simulated world; what of it stands in the recording.
+
+    The model is written as JSON, which is a model.yaml as well.
+    """
+    simulation = slave_axis["simulation"]
+    drawn = varied(world_settings(simulation).contact, options.world_spread, options.world_seed).to_mapping()
+    simulation.pop("model", None)
+    simulation["contact"] = drawn
+    return {
+        "world_spread": f"{options.world_spread:g}, world seed {options.world_seed}",
+        "world": json.dumps(drawn),
+    }
+
+
 def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:
     """Adds the effects of `--hide` to the simulated world; the master hears nothing of them."""
     if options.hide is None:
@@ -191,6 +216,7 @@ def _refuse_world_options(options: LoopbackOptions) -> None:
         ("--preset", options.preset),
         ("--slave-model", options.slave_model),
         ("--hide", options.hide),
+        ("--world-spread", options.world_spread or None),
     ):
         if value is not None:
             raise ConfigurationError(
