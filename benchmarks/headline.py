@@ -26,13 +26,13 @@ from forefeel.report.score import PredictionComparison
 from forefeel.report.summary import RunReport, summarise
 
 COLUMNS = (
-    "network", "loss, %", "seed", "prediction, mN rms", "hold, mN rms", "prediction / hold", "settled",
+    "network", "loss, %", "seed", "prediction, mN rms", "ZOH, mN rms", "prediction / ZOH", "settled",
     "armed, %", "stops", "round trip p50 / p99, ms",
 )  # fmt: skip
 _IMPAIRMENT = "paper"
 """150 +- 10 ms one way: that of `make demo`, here without its loss."""
 _PARTS: dict[str, Callable[[RunReport], PredictionComparison | RunReport]] = {
-    "prediction / hold": lambda report: report,
+    "prediction / ZOH": lambda report: report,
     "settled": lambda report: report.settled,
 }
 DEMANDED = 0.10

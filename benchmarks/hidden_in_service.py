@@ -4,7 +4,7 @@ For each effect: a run in virtual time through the paper's impairment whose worl
 does not know it; the diagnosis of that run's recording; a second run of the same world, operator and network
 with the extended model loaded. Printed: what was named, and the rms error of the live prediction in mN in the
 first run and in the second one, over all scored commands and from 3 s after the first of them on, beside the
-hold's.
+zero-order hold's.
 
 Arguments: names of effects (default: all).
 """
@@ -63,7 +63,7 @@ class Row:
     named: str
     before_mn: tuple[float, float]
     after_mn: tuple[float, float]
-    hold_mn: tuple[float, float]
+    zoh_mn: tuple[float, float]
 
 
 def in_service(effect: str, folder: Path) -> Row:
@@ -115,7 +115,7 @@ def main(names: list[str]) -> None:
     for name in names or HIDDEN:
         with tempfile.TemporaryDirectory() as folder:
             row = in_service(name, Path(folder))
-        sizes = (f"{whole:6.1f} / {late:5.1f}" for whole, late in (row.before_mn, row.after_mn, row.hold_mn))
+        sizes = (f"{whole:6.1f} / {late:5.1f}" for whole, late in (row.before_mn, row.after_mn, row.zoh_mn))
         print(f"{name:28}{row.named:48}" + "".join(sizes), flush=True)
     print(f"{time.process_time() - start_s:.0f} s of one core")
 

@@ -19,7 +19,7 @@ from benchmarks.linked import JITTER_S, LINKS, LinkRun, Route, link_run, route
 from benchmarks.markdown import Table
 
 COLUMNS = (
-    "link", "round trip, ms", "loss, %", "seed", "open, s", "armed, %", "stops", "prediction / hold",
+    "link", "round trip, ms", "loss, %", "seed", "open, s", "armed, %", "stops", "prediction / ZOH",
     "settled", "measured p50 / p99, ms", "packets/s there, back", "congestion control",
 )  # fmt: skip
 _LONGEST_MS = 10_000.0
@@ -86,7 +86,7 @@ def _figures(run: LinkRun) -> list[str]:
 
 
 def ratio(value: float | None) -> str:
-    """Prediction over hold."""
+    """Prediction over zoh."""
     return "-" if value is None else f"{value:.2f}"
 
 

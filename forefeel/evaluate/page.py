@@ -136,7 +136,7 @@ def _errors(stem: str, evaluated: Evaluated) -> Drawing:
 
 
 def ratio_to_zoh(evaluated: Evaluated, name: str) -> float | None:
-    """rms over that of the hold; None when either is unknown, or the hold makes no error."""
+    """rms over that of zoh; None when either is unknown, or zoh makes no error."""
     rms_n, zoh_n = evaluated.scores[name].size.rms_n, evaluated.scores["zoh"].size.rms_n
     return rms_n / zoh_n if rms_n is not None and zoh_n else None
 

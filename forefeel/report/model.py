@@ -30,7 +30,7 @@ class NotJudged(_Part):
 
 
 class ScoredCommands(_Part):
-    """`sent` by the master; `answered` by a valid force; `scored`: answered, predicted and held.
+    """`sent` by the master; `answered` by a valid force; `scored`: answered, predicted and with a zoh.
 
     `sent` is `scored` and `not_judged` together; `reasons` add up to `not_judged`.
     """

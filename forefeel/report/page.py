@@ -320,8 +320,8 @@ _FIGURES: tuple[tuple[Callable[[AxisTraces], Figure | None], str, str], ...] = (
     (
         _force_detail,
         f"Force: {_DETAIL_S:g} s from the middle",
-        "The same, from the middle of what was scored. The hold is a force of the past; the prediction "
-        "should lie on the measured force.",
+        "The same, from the middle of what was scored. The zero-order hold is a force of the past; the "
+        "prediction should lie on the measured force.",
     ),
     (
         _error,
@@ -406,7 +406,7 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
         f"Run        {_what_ran(report)}",
         f"Prediction {_size(report.prediction)}; {report.commands.scored} of {report.commands.sent} "
         "commands scored",
-        f"Hold       {_size(report.zoh)}; prediction / hold {ratio(report.ratio.rms)}, "
+        f"ZOH        {_size(report.zoh)}; prediction / ZOH {ratio(report.ratio.rms)}, "
         f"settled {ratio(report.settled.ratio.rms)}",
         f"Delay      {quantity(report.delay_s.p50, 's')} p50, {quantity(report.delay_s.p99, 's')} p99, "
         f"{quantity(report.delay_s.max, 's')} max; force age {quantity(report.force_age_s.p50, 's')}; "

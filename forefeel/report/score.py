@@ -19,7 +19,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class ErrorRatio:
-    """Size of the prediction's error over that of the hold: below 1 the prediction is better."""
+    """Size of the prediction's error over that of zoh: below 1 the prediction is better."""
 
     rms: float | None = None
     p95: float | None = None
@@ -28,7 +28,7 @@ class ErrorRatio:
 
 @dataclass(frozen=True, slots=True)
 class PredictionComparison:
-    """Prediction and hold, both on the same `commands` (their number)."""
+    """Prediction and zoh, both on the same `commands` (their number)."""
 
     commands: int = 0
     prediction: ErrorSize = field(default_factory=ErrorSize)
@@ -116,7 +116,7 @@ def scored(predicted_n: Floats, zoh_n: Floats, force_n: Floats) -> NDArray[np.bo
 
 
 def compare(predicted_n: Floats, zoh_n: Floats, force_n: Floats) -> PredictionComparison:
-    """Errors of prediction and hold over the commands where both and the answer exist."""
+    """Errors of prediction and zoh over the commands where both and the answer exist."""
     rows = scored(predicted_n, zoh_n, force_n)
     prediction = error_size(predicted_n[rows], force_n[rows])
     zoh = error_size(zoh_n[rows], force_n[rows])

@@ -36,11 +36,11 @@ def csv_text(of: Recording) -> str:
     return "\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows)]) + "\n"
 
 
-def hold_oracle(time_s: Floats, force_n: Floats, delay_s: float) -> Floats:
+def zoh_oracle(time_s: Floats, force_n: Floats, delay_s: float) -> Floats:
     """By the definition alone: the newest force stamped <= t - delay, NaN before the first."""
-    held = np.full(len(time_s), np.nan)
+    zoh_n = np.full(len(time_s), np.nan)
     for k, t in enumerate(time_s):
         known = time_s <= t - delay_s
         if known.any():
-            held[k] = force_n[known][-1]
-    return held
+            zoh_n[k] = force_n[known][-1]
+    return zoh_n

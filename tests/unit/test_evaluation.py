@@ -15,7 +15,7 @@ from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules, to_json
 from forefeel.diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, MethodEstimate, Pairs
 from forefeel.diagnosis.evaluation.replay import replay
-from tests.unit.evaluation_samples import Floats, hold_oracle, made_up, recording
+from tests.unit.evaluation_samples import Floats, made_up, recording, zoh_oracle
 
 
 def arrived_at(time_s: np.ndarray, link: DelayedLink) -> dict[int, int]:
@@ -90,23 +90,23 @@ def test_a_link_that_can_not_be_is_refused(wrong: dict[str, float], words: str) 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.3, 0.5])
 @pytest.mark.parametrize("uneven", [0.0, 0.3])
-def test_the_hold_is_its_definition(delay_s: float, uneven: float) -> None:
+def test_zoh_is_its_definition(delay_s: float, uneven: float) -> None:
     sample = made_up(duration_s=5.0, uneven=uneven)
     assert sample.force_n is not None
     trace = replay(sample, arrivals(sample.time_s, DelayedLink(delay_s)), METHODS["zoh"](None))
-    expected = hold_oracle(sample.time_s, sample.force_n, delay_s)
+    expected = zoh_oracle(sample.time_s, sample.force_n, delay_s)
     np.testing.assert_array_equal(trace.force_n, expected)
     np.testing.assert_array_equal(trace.answered, np.isfinite(expected))
 
 
-def test_the_hold_keeps_the_newest_stamp_whatever_the_order() -> None:
-    hold = METHODS["zoh"](None)
-    assert hold.predict() is None
+def test_zoh_keeps_the_newest_stamp_whatever_the_order() -> None:
+    zoh = METHODS["zoh"](None)
+    assert zoh.predict() is None
     for stamp_s, force_n in (1.0, 10.0), (3.0, 30.0), (2.0, 20.0):
-        hold.observe(stamp_s, force_n)
-    hold.restart()
-    hold.move(4.0, 0.0)
-    assert hold.predict() == MethodEstimate(30.0)
+        zoh.observe(stamp_s, force_n)
+    zoh.restart()
+    zoh.move(4.0, 0.0)
+    assert zoh.predict() == MethodEstimate(30.0)
 
 
 def paper_oracle(time_s: Floats, x: Floats, force_n: Floats, delay_s: float) -> Floats:
@@ -144,16 +144,16 @@ def test_the_paper_does_not_differentiate_across_a_gap() -> None:
 
 
 @pytest.mark.parametrize("name", ["mbk_bias", "forefeel"])
-def test_on_a_contact_that_it_can_describe_a_model_beats_the_hold(name: str) -> None:
+def test_on_a_contact_that_it_can_describe_a_model_beats_zoh(name: str) -> None:
     sample = made_up(duration_s=8.0)
     assert sample.force_n is not None
     late = arrivals(sample.time_s, DelayedLink(0.3))
     trace = replay(sample, late, METHODS[name](None))
     rows = (sample.time_s > 5.0) & trace.answered
     assert np.mean(rows[sample.time_s > 5.0]) > 0.95
-    held = hold_oracle(sample.time_s, sample.force_n, 0.3)
-    error, hold_error = trace.force_n - sample.force_n, held - sample.force_n
-    assert np.std(error[rows]) < 0.4 * np.std(hold_error[rows])
+    zoh_n = zoh_oracle(sample.time_s, sample.force_n, 0.3)
+    error, zoh_error = trace.force_n - sample.force_n, zoh_n - sample.force_n
+    assert np.std(error[rows]) < 0.4 * np.std(zoh_error[rows])
 
 
 def test_late_forces_meet_the_motion_of_their_own_stamp() -> None:
@@ -174,9 +174,9 @@ LINK = DelayedLink(0.3)
 SAMPLE = made_up(duration_s=6.0)
 
 
-def test_the_hold_is_scored_as_numpy_does() -> None:
+def test_zoh_is_scored_as_numpy_does() -> None:
     assert SAMPLE.force_n is not None
-    error = hold_oracle(SAMPLE.time_s, SAMPLE.force_n, 0.3) - SAMPLE.force_n
+    error = zoh_oracle(SAMPLE.time_s, SAMPLE.force_n, 0.3) - SAMPLE.force_n
     error = error[SAMPLE.time_s - SAMPLE.time_s[0] >= 3.3]
     size = evaluate(prepare(SAMPLE, LINK), None).scores["zoh"].size
     assert size.rms_n == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
@@ -248,7 +248,7 @@ def test_motion_that_tells_nothing_still_has_numbers(speed_m_s: float) -> None:
     time_s = np.arange(0.0, 8.0, 0.01)
     force_n = 0.1 + 0.01 * np.sin(7 * time_s)
     evaluated = evaluate(prepare(recording(time_s, speed_m_s * time_s, force_n), LINK), None)
-    assert any("motion tells nothing, expect hold" in note for note in evaluated.notes)
+    assert any("motion tells nothing, expect the zero-order hold" in note for note in evaluated.notes)
     assert all(np.isfinite(evaluated.scores[name].size.rms_n or np.nan) for name in ("zoh", "mbk_bias"))
 
 
@@ -278,7 +278,7 @@ WITH_FORCE = (
 
 @pytest.mark.skipif(not DATA, reason="FOREFEEL_DATA names no folder with measured recordings")
 @pytest.mark.parametrize("name", ["presliding_friction", "seal_o_ring_3bar"])
-def test_every_method_has_a_finite_score_and_the_hold_is_numpys(name: str) -> None:
+def test_every_method_has_a_finite_score_and_zoh_is_numpys(name: str) -> None:
     recording = load_recording(Path(DATA or "") / f"{name}.csv")
     evaluated = evaluate(prepare(recording, DelayedLink(0.3)), None)
     time_s, force_n = recording.time_s, recording.force_n

@@ -18,23 +18,23 @@ def trace(force_n: Floats, half_width_n: float | None = None, leading: str | Non
     return MethodTrace(answered, force_n, force_n - band, force_n + band, (leading,) * len(force_n))
 
 
-HELD = trace(FORCE_N + 0.5)
-ROWS = scored_stamps(TIME_S, 0.3, HELD)
+ZOH = trace(FORCE_N + 0.5)
+ROWS = scored_stamps(TIME_S, 0.3, ZOH)
 SEEN_N = np.full(N, 3.0)
 
 
 def scored(said: MethodTrace, seen_n: Floats = SEEN_N) -> Score:
-    return score(TIME_S, FORCE_N, said, HELD, ROWS, seen_n)
+    return score(TIME_S, FORCE_N, said, ZOH, ROWS, seen_n)
 
 
 def test_scored_from_three_seconds_and_the_delay_on() -> None:
     assert TIME_S[ROWS][0] == pytest.approx(3.30)
     assert ROWS.sum() == N - 330
-    shifted = scored_stamps(TIME_S + 1000.0, 0.3, HELD)
+    shifted = scored_stamps(TIME_S + 1000.0, 0.3, ZOH)
     assert abs(int(shifted.sum()) - int(ROWS.sum())) <= 1  # rounding of the stamps
 
 
-def test_before_a_force_can_be_held_nothing_is_scored() -> None:
+def test_before_a_force_arrives_nothing_is_scored() -> None:
     zoh_n = FORCE_N.copy()
     zoh_n[:500] = np.nan
     assert np.flatnonzero(scored_stamps(TIME_S, 0.3, trace(zoh_n)))[0] == 500
@@ -49,11 +49,11 @@ def test_sizes_are_numpys() -> None:
     assert size.max_n == pytest.approx(np.max(np.abs(inside)), rel=1e-12)
 
 
-def test_where_nothing_is_said_the_holds_force_counts() -> None:
+def test_where_nothing_is_said_zoh_counts() -> None:
     said_n = FORCE_N.copy()
     said_n[::2] = np.nan
     expected = np.where(np.arange(N) % 2 == 0, FORCE_N + 0.5, FORCE_N)
-    np.testing.assert_array_equal(completed(trace(said_n), HELD), expected)
+    np.testing.assert_array_equal(completed(trace(said_n), ZOH), expected)
     assert scored(trace(said_n)).size.rms_n == pytest.approx(0.5 * np.sqrt(0.5), rel=1e-3)
 
 

@@ -67,7 +67,7 @@ def arrivals(time_s: Floats, link: DelayedLink) -> Arrivals:
     """The arrivals of the forces stamped `time_s` (increasing).
 
     Sample i has arrived at the stamp t if time_s[i] <= t - latency_i, computed so: without jitter that is the
-    comparison by which a hold is defined, to the last bit.
+    comparison by which a zero-order hold is defined, to the last bit.
     """
     n = len(time_s)
     random = np.random.default_rng(link.seed)

@@ -32,8 +32,8 @@ def _sampling(recording: Recording) -> str:
     period_ms = 1e3 * np.concatenate([np.diff(recording.time_s[piece]) for piece in recording.segments()])
     if not len(period_ms):
         return (
-            f"no two samples within {GAP_S:g} s: no motion between samples is known, so expect hold "
-            f"({recording.rate_hz:.3g} Hz)"
+            f"no two samples within {GAP_S:g} s: no motion between samples is known, so expect the "
+            f"zero-order hold ({recording.rate_hz:.3g} Hz)"
         )
     low, middle, high = np.quantile(period_ms, (0.01, 0.5, 0.99)).tolist()
     spread = (high - low) / middle
@@ -72,11 +72,11 @@ def _motion(recording: Recording) -> str | None:
     still = float(np.mean(straight & (np.abs(speeds) <= doubt)))
     steady = float(np.mean(straight & (np.abs(speeds - np.median(speeds)) <= _STEADY_SHARE * usual + doubt)))
     if still >= _NOTED_SHARE:
-        return f"position does not move{_share(still)}: motion tells nothing, expect hold"
+        return f"position does not move{_share(still)}: motion tells nothing, expect the zero-order hold"
     if steady >= _NOTED_SHARE:
         return (
             f"position moves at constant speed, {usual * 1e3:.3g} mm/s{_share(steady)}: "
-            "motion tells nothing, expect hold"
+            "motion tells nothing, expect the zero-order hold"
         )
     return None
 

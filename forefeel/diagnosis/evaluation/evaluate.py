@@ -29,8 +29,8 @@ from forefeel.diagnosis.evaluation.score import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A recording that can be evaluated. `arrivals`: its late forces; `zoh`: what a hold says; `rows`: the
-    stamps that are scored.
+    """A recording that can be evaluated. `arrivals`: its late forces; `zoh`: what the zero-order hold says;
+    `rows`: the stamps that are scored.
     """
 
     recording: Recording
@@ -42,9 +42,7 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
-    """Scores and predictions by method, the hold among them; `said_n` with the hold's where a method said
-    nothing.
-    """
+    """Scores and predictions by method, zoh among them; `said_n` with zoh's where a method said nothing."""
 
     prepared: Prepared
     notes: tuple[str, ...]

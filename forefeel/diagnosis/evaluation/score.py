@@ -39,7 +39,7 @@ class Score:
 
 
 def scored_stamps(time_s: Floats, delay_s: float, zoh: MethodTrace) -> Mask:
-    """From 3 s + delay after the first stamp on, as soon as there is a force to hold."""
+    """From 3 s + delay after the first stamp on, as soon as a force has arrived."""
     return np.asarray((time_s - time_s[0] >= SETTLING_S + delay_s) & zoh.answered)
 
 
@@ -50,7 +50,7 @@ def largest_seen(force_n: Floats, arrivals: Arrivals) -> Floats:
 
 
 def completed(trace: MethodTrace, zoh: MethodTrace) -> Floats:
-    """What counts as the method's prediction: the hold's where it said nothing."""
+    """What counts as the method's prediction: zoh's where it said nothing."""
     return np.where(trace.answered, trace.force_n, zoh.force_n)
 
 
