@@ -13,6 +13,7 @@ from forefeel.common.events.text import quantity
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.methods import METHODS
+from forefeel.diagnosis.evaluation.regimes import REGIMES, RegimeScore
 from forefeel.report.drawing import (
     BLACK,
     BLUE,
@@ -50,6 +51,8 @@ def render_page(
         best=best,
         ratio_to_zoh=ratio_to_zoh,
         drawings=drawings,
+        regimes=REGIMES,
+        regime_text=regime_text,
     )
 
 
@@ -151,6 +154,7 @@ def in_words(
     link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated]
 ) -> Iterator[RenderableType]:
     yield _table(link, recordings)
+    yield _regimes(recordings)
     for stem, evaluated in recordings.items():
         yield f"{stem}: {'; '.join(evaluated.notes)}"
     yield from ("", *rules, DISCLAIMER)
@@ -163,6 +167,24 @@ def _table(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> Table:
     for stem, evaluated in recordings.items():
         made.add_row(Text(stem), *(_cell(evaluated, name) for name in METHODS), _coverage(evaluated))
     return made
+
+
+def _regimes(recordings: Mapping[str, Evaluated]) -> Table:
+    title = "forefeel by regime, rms and (its ratio to the zero-order hold), share of the scored samples"
+    made = table("recording", *REGIMES, title=title, right=REGIMES)
+    for stem, evaluated in recordings.items():
+        made.add_row(Text(stem), *(Text(regime_text(evaluated.regimes[name])) for name in REGIMES))
+    return made
+
+
+def regime_text(score: RegimeScore) -> str:
+    """rms of forefeel, its ratio to zoh, share of the samples; that there are none, or that it diverged."""
+    if not score.share:
+        return "no samples"
+    if score.forefeel_rms_n is None:
+        return f"diverged, {share(score.share)}"
+    relative = "" if score.ratio is None else f" ({score.ratio:.3f})"
+    return f"{quantity(score.forefeel_rms_n, 'N')}{relative}, {share(score.share)}"
 
 
 def _cell(evaluated: Evaluated, name: str) -> Text:

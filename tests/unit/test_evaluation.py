@@ -220,7 +220,7 @@ def test_the_document_has_the_agreed_form_and_no_nan() -> None:
     assert [document[name] for name in ("delay_s", "jitter_s", "loss", "seed")] == [0.3, 0.01, 0.02, 5]
     assert document["skipped"] == {"two": "a reason"}
     one = document["recordings"]["one"]
-    assert list(one) == ["samples", "duration_s", "rate_hz", "gaps", "notes", "methods"]
+    assert list(one) == ["samples", "duration_s", "rate_hz", "gaps", "notes", "methods", "regimes"]
     assert (one["samples"], one["gaps"]) == (600, 1)
     assert one["rate_hz"] == pytest.approx(100, rel=0.01)
     assert list(one["methods"]) == list(METHODS) == ["zoh", "paper", "mbk_bias", "forefeel"]
@@ -229,6 +229,9 @@ def test_the_document_has_the_agreed_form_and_no_nan() -> None:
     assert list(one["methods"]["forefeel"]) == [
         "rms_n", "p95_n", "max_n", "coverage_95", "band_width_n", "leading_expert",
     ]  # fmt: skip
+    assert list(one["regimes"]) == ["rest", "onset", "reversal", "cruise"]
+    for regime in one["regimes"].values():
+        assert list(regime) == ["share", "zoh_rms_n", "forefeel_rms_n"]
     assert any("2 % of them are lost" in rule for rule in document["rules"])
 
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import isfinite
 
 import numpy as np
@@ -15,6 +15,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import Arrivals, DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.describe import gap_count, notes
 from forefeel.diagnosis.evaluation.methods import METHODS, ZeroOrderHold
+from forefeel.diagnosis.evaluation.regimes import RULE, RegimeScore, by_regime, regimes
 from forefeel.diagnosis.evaluation.replay import Mask, MethodTrace, replay
 from forefeel.diagnosis.evaluation.score import (
     RUNAWAY,
@@ -42,13 +43,16 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
-    """Scores and predictions by method, zoh among them; `said_n` with zoh's where a method said nothing."""
+    """Scores and predictions by method, zoh among them; `said_n` with zoh's where a method said nothing.
+    `regimes`: forefeel beside zoh in the parts of the motion, by their names.
+    """
 
     prepared: Prepared
     notes: tuple[str, ...]
     scores: Mapping[str, Score]
     said_n: Mapping[str, Floats]
     traces: Mapping[str, MethodTrace]
+    regimes: Mapping[str, RegimeScore]
 
     @property
     def gaps(self) -> int:
@@ -95,15 +99,24 @@ def evaluate(
     for name, make in METHODS.items():
         progress(name)
         traces[name] = zoh if name == "zoh" else replay(recording, prepared.arrivals, make(model))
+    scores = {
+        name: score(recording.time_s, prepared.force_n, trace, zoh, prepared.rows, seen_n)
+        for name, trace in traces.items()
+    }
+    said_n = {name: completed(trace, zoh) for name, trace in traces.items()}
     return Evaluated(
         prepared,
         _notes(prepared),
-        {
-            name: score(recording.time_s, prepared.force_n, trace, zoh, prepared.rows, seen_n)
-            for name, trace in traces.items()
-        },
-        {name: completed(trace, zoh) for name, trace in traces.items()},
+        scores,
+        said_n,
         traces,
+        by_regime(
+            regimes(recording),
+            prepared.rows,
+            prepared.force_n,
+            zoh_n=said_n["zoh"],
+            forefeel_n=said_n["forefeel"] if scores["forefeel"].diverged_at_s is None else None,
+        ),
     )
 
 
@@ -132,6 +145,7 @@ def rules(link: DelayedLink, model: ContactModel | None) -> tuple[str, ...]:
         f"Derivatives and filters are causal; a gap over {GAP_S:g} s is never interpolated across.",
         "Where a method has no prediction yet the zero-order hold counts. One that is not finite, or beyond "
         f"{RUNAWAY:g} times the largest force seen, has diverged: no rms.",
+        RULE,
         "paper: lambda 0.96 per sample, P symmetrised, each force paired with the motion of its own stamp. "
         f"forefeel: {'its own model' if model is None else f'model {model.name!r}'}.",
     )
@@ -178,6 +192,7 @@ def _recording(evaluated: Evaluated) -> dict[str, object]:
         "gaps": evaluated.gaps,
         "notes": list(evaluated.notes),
         "methods": {name: _method(name, score) for name, score in evaluated.scores.items()},
+        "regimes": {name: asdict(score) for name, score in evaluated.regimes.items()},
     }
 
 
