@@ -105,7 +105,7 @@ def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str
         line = _line((*place, *re.split(r"[ :]", expected)[0].split(".")), lines)
         return f"{where}{line}: {'' if dotted == _WHOLE else f'{dotted}: '}{expected}"
     simple = isinstance(value, int | float | str | bool | None)
-    shown = repr(value) if simple else KINDS.get(type(value), "a mapping")
+    shown = f"{value!r:.200}" if simple else KINDS.get(type(value), "a mapping")
     return f"{where}{line}: {dotted} = {shown}: {expected[:1].lower()}{expected[1:]}"
 
 

@@ -38,6 +38,9 @@ COMMANDS = {
     "calibrate load-cell": "Tare, then every weight up and down; gain and zero by least squares, residual, "
     "hysteresis.",
     "calibrate stage": "Home twice and go from end to end; asks before it moves. Take the instrument out.",
+    "prior list": "List what was learned of the contact: instrument, patient, date, contact, sessions.",
+    "prior show": "Show what was learned of one instrument in one patient: parameters and deviations.",
+    "prior forget": "Remove what was learned of one instrument in one patient.",
     "pki init": "Make an authority and certificates for each host; again: add hosts, renew what ends soon.",
     "pki show": "Show names, hosts and expiry; exit 1 where one is red.",
 }
@@ -46,6 +49,7 @@ GROUPS = {
     "config": "Settings.",
     "device": "The devices of a configuration.",
     "calibrate": "Dated calibration files of load cells and stages.",
+    "prior": "What was learned of the contact, per instrument and patient.",
     "pki": "Certificates of the cells of a laboratory.",
 }
 

@@ -13,6 +13,7 @@ COMMANDS = [
     ["slave"], ["master"], ["config", "check"], ["record"], ["metrics"], ["dashboard"], ["view"], ["report"],
     ["router"], ["loopback"], ["emulate"],
     ["evaluate"], ["simulate"], ["diagnose"],
+    ["prior", "list"], ["prior", "show"], ["prior", "forget"],
     ["pki", "init"], ["pki", "show"],
     ["doctor"], ["devices"], ["device", "probe"],
     ["calibrate", "load-cell"], ["calibrate", "stage"],

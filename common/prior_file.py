@@ -1,0 +1,225 @@
+"""What was learned of the contact of an instrument in a patient: DIR/INSTRUMENT/PATIENT.json, one file each.
+
+A file describes the patient, not the last session. Session i finds z_i = mean + day_i with its covariance
+C_i, where day_i, of covariance D, is the spread between two sessions of one patient (`widened`). So z_i
+measures the mean with covariance C_i + D: a file is merged from these by their information, and the next
+session starts with the file's covariance + D. C_i knows of noise only; with D no session counts for more than
+one.
+"""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self
+
+from pydantic import Field, model_validator
+
+from forefeel.common.config import Settings, checked
+from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.estimation.contact_prior import ContactPrior, merged, widened
+from forefeel.common.messages import MOST_PARAMETER, MOST_SECONDS, Name, Parameter
+from forefeel.common.state.folder import own_file, sync_folder
+
+SCHEMA = "forefeel.prior/1"
+_MOST_NAMES = 64
+_MOST_BYTES = 256 * 1024
+"""64 x 64 covariances of 24 characters are 100 KB."""
+_OTHER_PATIENT = 2.0
+"""Spread between two patients over that between two sessions of one."""
+
+Key = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+"""Name of an instrument, or the pseudonym of a patient."""
+_Covariance = Annotated[float, Field(ge=-(MOST_PARAMETER**2), le=MOST_PARAMETER**2)]
+
+
+class _Keys(Settings):
+    instrument: Key
+    patient: Key
+
+
+class StoredPrior(_Keys):
+    """One file. `date`: of the newest of its `sessions`; `contact_s`, `names`, `values`, `covariance`: see
+    `ContactPrior`.
+    """
+
+    date: date
+    sessions: Annotated[int, Field(ge=1, le=10**9)]
+    contact_s: Annotated[float, Field(ge=0.0, le=MOST_SECONDS)]
+    names: Annotated[tuple[Name, ...], Field(min_length=1, max_length=_MOST_NAMES)]
+    values: tuple[Parameter, ...]
+    covariance: tuple[tuple[_Covariance, ...], ...]
+
+    @model_validator(mode="after")
+    def _is_a_prior(self) -> Self:
+        self.prior()
+        return self
+
+    @property
+    def amount(self) -> str:
+        return f"{self.sessions} session{'s' * (self.sessions > 1)}, {self.contact_s:.0f} s of contact"
+
+    def prior(self) -> ContactPrior:
+        return ContactPrior(self.names, self.values, self.covariance, self.contact_s)
+
+
+class Start(NamedTuple):
+    """What a session starts from, and in one line where it is from."""
+
+    prior: ContactPrior
+    origin: str
+
+
+def prior_path(directory: Path, instrument: str, patient: str) -> Path:
+    """The file, whether it exists or not.
+
+    Raises:
+        ConfigurationError: a key of other characters than A-Z, a-z, 0-9, _ and -, or of over 64.
+    """
+    checked(_Keys, {"instrument": instrument, "patient": patient}, "prior")
+    return directory / instrument / f"{patient}.json"
+
+
+def load_prior(path: Path) -> StoredPrior | None:
+    """The prior in a file of `prior_path`, None where there is no file.
+
+    Raises:
+        ConfigurationError: unreadable, too large, not of this schema, not a covariance, or of another
+            instrument or patient than its place says.
+    """
+    try:
+        with path.open("rb") as file:
+            text = file.read(_MOST_BYTES + 1)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror}; expected a readable prior") from error
+    if len(text) > _MOST_BYTES:
+        raise ConfigurationError(f"{path}: over {_MOST_BYTES // 1024} KiB; expected a prior")
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigurationError(f"{path}: not JSON; expected a prior") from error
+    schema = data.pop("schema", None) if isinstance(data, dict) else None
+    if schema != SCHEMA:
+        raise ConfigurationError(f"{path}: schema = {schema!r:.40}: expected {SCHEMA!r}")
+    stored = checked(StoredPrior, data, str(path))
+    if (stored.instrument, stored.patient) != (path.parent.name, path.stem):
+        raise ConfigurationError(
+            f"{path}: of instrument {stored.instrument}, patient {stored.patient}; "
+            "expected those of its folder and name"
+        )
+    return stored
+
+
+def stored_priors(directory: Path, instrument: str = "*") -> Iterator[StoredPrior | ConfigurationError]:
+    """Each file of the folder, or of one instrument in it, in the order of their names; or why it is none."""
+    for path in sorted(directory.glob(f"{instrument}/*.json")):
+        try:
+            stored = load_prior(path)
+        except ConfigurationError as error:
+            yield error
+        else:
+            if stored is not None:
+                yield stored
+
+
+def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
+    """What a session with that instrument and patient starts from: the patient's own prior, else that of the
+    patient who had the instrument last, widened for another patient. None where there is neither.
+
+    One patient and not a mean of all: vessels differ in where they are touched, and a mean of walls is no
+    wall.
+
+    Raises:
+        ConfigurationError: a bad key, or a file of the instrument that can not be used.
+    """
+    own = load_prior(prior_path(directory, instrument, patient))
+    if own is not None:
+        return Start(widened(own.prior(), 1.0), f"{instrument}, patient {patient}: {own.amount}")
+    others = []
+    for found in stored_priors(directory, instrument):
+        if isinstance(found, ConfigurationError):
+            raise found
+        others.append(found)
+    if not others:
+        return None
+    newest = max(others, key=lambda other: (other.date, other.contact_s))
+    origin = f"{instrument}, of another patient, {newest.patient}: {newest.amount}"
+    return Start(widened(newest.prior(), _OTHER_PATIENT), origin)
+
+
+def keep_prior(
+    directory: Path, instrument: str, patient: str, learned: ContactPrior, today: date
+) -> StoredPrior:
+    """Merges what a session learned with what is stored of that instrument and patient, and writes it.
+
+    A file is there as before or as new, whatever interrupts the write; it and new folders are for their owner
+    alone.
+
+    Raises:
+        ConfigurationError: a bad key, or a file there that can not be used and stays as it is.
+        RunError: it can not be written.
+    """
+    path = prior_path(directory, instrument, patient)
+    before = load_prior(path)
+    prior, sessions = widened(learned, 1.0), 1
+    if before is not None:
+        prior, sessions = _merged(path, before.prior(), prior), before.sessions + 1
+    data = {
+        "instrument": instrument,
+        "patient": patient,
+        "date": today,
+        "sessions": sessions,
+        "contact_s": prior.contact_s,
+        "names": prior.names,
+        "values": prior.values,
+        "covariance": prior.covariance,
+    }
+    stored = checked(StoredPrior, data, str(path))
+    _write(path, {"schema": SCHEMA, **stored.model_dump(mode="json")})
+    return stored
+
+
+def _merged(path: Path, before: ContactPrior, learned: ContactPrior) -> ContactPrior:
+    try:
+        return merged(before, learned)
+    except ValueError as error:  # covariances that no session wrote: nearly singular
+        raise ConfigurationError(f"{path}: can not be merged: {error}") from error
+
+
+def forget_prior(directory: Path, instrument: str, patient: str) -> Path:
+    """Removes the file, whatever it holds.
+
+    Raises:
+        ConfigurationError: a bad key, no such file, or it can not be removed.
+    """
+    path = prior_path(directory, instrument, patient)
+    try:
+        path.unlink()
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {error.strerror}; expected a prior") from error
+    return path
+
+
+def _write(path: Path, document: dict[str, Any]) -> None:
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        path.parent.mkdir(exist_ok=True, mode=0o700)
+        try:
+            with os.fdopen(own_file(part), "w", encoding="utf-8") as file:
+                file.truncate()
+                file.write(json.dumps(document) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                part.unlink()
+            raise
+        sync_folder(path.parent)
+    except OSError as error:
+        raise RunError(f"{path}: {error.strerror or error}, the prior is not written") from error
