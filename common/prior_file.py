@@ -15,9 +15,9 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from forefeel.common.config import Settings, checked
+from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.estimation.contact_prior import ContactPrior, merged, widened
 from forefeel.common.messages import MOST_PARAMETER, MOST_SECONDS, Name, Parameter
@@ -35,7 +35,9 @@ Key = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 _Covariance = Annotated[float, Field(ge=-(MOST_PARAMETER**2), le=MOST_PARAMETER**2)]
 
 
-class _Keys(Settings):
+class _Keys(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
     instrument: Key
     patient: Key
 
