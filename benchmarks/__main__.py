@@ -29,7 +29,8 @@ _DEBIAN = {
 }  # fmt: skip
 _LIBRARIES = (
     "eclipse-zenoh", "numpy", "numba", "pydantic", "mcap", "padasip", "filterpy", "statsmodels", "pysindy",
-    "sysidentpy", "pyzmq", "grpcio", "paho-mqtt", "nats-py", "redis", "pyserial", "python-can", "canopen",
+    "sysidentpy", "reservoirpy", "scikit-learn", "pyzmq", "grpcio", "paho-mqtt", "nats-py", "redis",
+    "pyserial", "python-can", "canopen",
 )  # fmt: skip
 _PLACES = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/bin"])
 
@@ -51,6 +52,7 @@ ALL = (
     Benchmark("lateness", "How late are the loops of the running service, beside cyclictest?", True),
     Benchmark("security", "What do certificates and the gate cost?"),
     Benchmark("estimation", "Identification and prediction, beside padasip, statsmodels, filterpy"),
+    Benchmark("prediction", "How far off is the predictor, beside others?", True, words=("--delays", "300")),
     Benchmark("diagnosis", "How long does a diagnosis take, and how does that grow?"),
     Benchmark("diagnosis_peers", "Which causes are named right, beside PySINDy and sysidentpy?", True),
     Benchmark("recording", "What does a recording cost by its length, beside the MCAP library?", True),
