@@ -21,7 +21,7 @@ $(DEMO): deploy/lock/demo.txt pyproject.toml
 	$(PIP) --require-hashes -r deploy/lock/demo.txt
 	rm -rf forefeel.egg-info  # an old one hides new entry points
 	$(PIP) --no-deps --no-build-isolation --editable .
-	$(BIN)/python -c 'from forefeel.common.estimation.forecast import compile_kernels; compile_kernels()'
+	$(BIN)/python -c 'from forefeel.common.estimation.predictor import compile_kernels; compile_kernels()'
 	$(BIN)/python -c 'from forefeel.common.causes.registry import compile_kernels; compile_kernels()'
 	@touch $@
 

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.forecast import Forecaster
+from forefeel.common.estimation.evaluator import Evaluator
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.rls import RecursiveLeastSquares
 
 Array = NDArray[np.float64]
@@ -140,20 +141,24 @@ def _ticks() -> None:
         + 0.1 * np.sign(np.gradient(x))
         + 0.01 * rng.standard_normal(count)
     )
-    forecaster = Forecaster()
+    evaluator = Evaluator()
+    learner = Learner(evaluator)
     learning_us, tick_us = [], []
     for n in range(count):
         if n >= _DELAY_SAMPLES:
             start_s = time.perf_counter()
-            forecaster.observe(float(t[n - _DELAY_SAMPLES]), float(f[n - _DELAY_SAMPLES]))
+            learner.take(float(t[n - _DELAY_SAMPLES]), float(f[n - _DELAY_SAMPLES]))
+            evaluator.snapshot = learner.publish()
             learning_us.append((time.perf_counter() - start_s) * 1e6)
         start_s = time.perf_counter()
-        forecaster.move(float(t[n]), float(x[n]))
-        forecaster.predict()
+        if n >= _DELAY_SAMPLES:
+            evaluator.hear(float(t[n - _DELAY_SAMPLES]), float(f[n - _DELAY_SAMPLES]))
+        evaluator.move(float(t[n]), float(x[n]))
+        evaluator.predict()
         tick_us.append((time.perf_counter() - start_s) * 1e6)
     print("\nforefeel's predictor, 1 kHz, 300 ms (after a second of warm-up)")
     for what, us in (
-        ("learning from a force", learning_us[1000:]),
+        ("learning from a force, snapshot", learning_us[1000:]),
         ("tick of the haptic loop", tick_us[1000:]),
     ):
         p50, p99 = np.percentile(us, [50, 99])

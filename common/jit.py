@@ -5,9 +5,9 @@ one call is one indivisible step. With `FOREFEEL_JIT=0` in the environment (or n
 `NUMBA_DISABLE_JIT=1`) every kernel is plain Python, which a debugger can enter. It gives the same results
 some 20 times as slowly.
 
-The state of kernels is one numpy record with named fields, which a kernel gets by one pointer. It is declared
-twice, as numpy and the type checker each want it: as a dtype by `record`, and as a Protocol whose members are
-the fields. Kernels read and write `state.field`; a field that is itself a record nests.
+The state of kernels is one numpy record with named fields, which a kernel gets by one pointer. A Protocol
+declares it, whose members are the fields, and `record` makes the dtype of it. Kernels read and write
+`state.field`; a field that is itself a record nests.
 """
 
 import hashlib
@@ -16,11 +16,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 F = TypeVar("F", bound=Callable[..., Any])
 Field = tuple[str, Any] | tuple[str, Any, tuple[int, ...]]
 
@@ -86,15 +87,21 @@ def _forget_what_is_old() -> None:
         stamp.write_text(found, encoding="ascii")
 
 
-def record(scalars: str, *others: Field) -> np.dtype[np.void]:
-    """A record of the named float64 `scalars` (parted by blanks) and of `others`: (name, type, shape)."""
-    fields: list[Field] = [(name, np.float64) for name in scalars.split()]
-    return np.dtype([*fields, *others], align=True)
+def record(of: type) -> np.dtype[np.void]:
+    """The record whose fields are the annotations of the class `of`: float, Annotated[Array, *shape], or a
+    class of the same kind.
+    """
+    return np.dtype(
+        [_field(name, hint) for name, hint in get_type_hints(of, include_extras=True).items()], align=True
+    )
 
 
-def floats(name: str, *shape: int) -> Field:
-    """A field that is an array of float64."""
-    return name, np.float64, shape
+def _field(name: str, hint: Any) -> Field:  # noqa: ANN401 - a type hint
+    if hint is float:
+        return name, np.float64
+    if get_origin(hint) is Annotated:
+        return name, np.float64, hint.__metadata__
+    return name, record(hint)
 
 
 def zeros(dtype: np.dtype[np.void]) -> NDArray[np.void]:

@@ -111,7 +111,7 @@ async def master(
     host: Host | None = None,
     connect: Connect = ParallelTransport.open,
 ) -> None:
-    from forefeel.common.estimation.forecast import compile_kernels  # noqa: PLC0415 - the slave does without it
+    from forefeel.common.estimation.predictor import compile_kernels  # noqa: PLC0415 - the slave does without it
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415
 
     import_drivers(settings)

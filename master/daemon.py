@@ -8,8 +8,8 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.estimation.forecast import compile_kernels
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings, default_model
+from forefeel.common.estimation.predictor import compile_kernels
 from forefeel.common.estimation.transfer import lasting
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
@@ -131,7 +131,7 @@ def _axis(
     identifier = _identifier(model or default_model(), wanted)  # refuses a model with nothing to learn
     if model is not None:
         identifier = _identifier(lasting(model), wanted)
-    identification = IdentificationTask(identifier, prediction.learn)
+    identification = IdentificationTask(identifier, prediction)
     loop = HapticLoop(prediction, settings.rendering)
     handle = make_handle(settings.handle, clock)
     return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, event_sink)

@@ -3,7 +3,7 @@
 from math import isfinite
 from typing import NamedTuple
 
-from forefeel.common.estimation.forecast import Estimate
+from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState

@@ -2,8 +2,8 @@
 stamps.
 """
 
-from collections.abc import Callable
 from itertools import groupby
+from typing import Protocol
 
 from forefeel.common.estimation.identification import ContactEstimate, ContactIdentifier
 from forefeel.common.messages import ForceSample, Grip
@@ -13,6 +13,18 @@ _QUEUE = 8192  # eight seconds at 1 kHz
 # ns, least time between two forces that are identified from: 250 Hz, 16 times the default cutoff of 15 Hz
 _EVERY_NS = 4_000_000
 _PAUSE_NS = 1_000_000_000  # long enough for the identifier to start its filters anew
+
+
+class Learning(Protocol):
+    """What else learns from each force; see `forefeel.master.prediction`."""
+
+    def learn(self, sample: ForceSample) -> float:
+        """Takes a sample in; what of its force in N the motion may explain."""
+        ...
+
+    def publish(self) -> None:
+        """Gives the haptic loop what was learned."""
+        ...
 
 
 class IdentificationTask:
@@ -26,18 +38,17 @@ class IdentificationTask:
 
     Args:
         identifier: of the contact model's parameters.
-        learn: takes each sample, for what else learns from it, and gives what of its force in N the motion
-            may explain.
+        prediction: learns from each sample, too.
 
     Attributes:
         estimate: newest estimate; queue: filled by the transport's thread.
     """
 
-    def __init__(self, identifier: ContactIdentifier, learn: Callable[[ForceSample], float]) -> None:
+    def __init__(self, identifier: ContactIdentifier, prediction: Learning) -> None:
         self.queue: BoundedQueue[ForceSample] = BoundedQueue(_QUEUE)
         self.estimate: ContactEstimate | None = None
         self._identifier = identifier
-        self._learn = learn
+        self._prediction = prediction
         self.unused = 0
         self._session_id = 0
         self._shift_ns = 0
@@ -50,10 +61,11 @@ class IdentificationTask:
             for sample in sorted(batch, key=lambda sample: sample.stamp_ns):
                 held = sample.gripper is Grip.CLOSED
                 if held and sample.valid and sample.answers_sequence is not None:
-                    force_n = self._learn(sample)
+                    force_n = self._prediction.learn(sample)
                     self._identify(self._stamp_ns(sample), sample.position_m, force_n)
                 else:
                     self.unused += 1
+        self._prediction.publish()
 
     def _identify(self, stamp_ns: int, position_m: float, force_n: float) -> None:
         if self._identified_ns is None or stamp_ns - self._identified_ns >= _EVERY_NS:

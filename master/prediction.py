@@ -1,6 +1,6 @@
-"""The force now: the forecaster on the setpoints that the stage is about to follow. Pure.
+"""The force now: the predictor on the setpoints that the stage is about to follow. Pure.
 
-One stamp joins everything: that of the command. The forecaster moves with the setpoint that the limits leave
+One stamp joins everything: that of the command. The predictor moves with the setpoint that the limits leave
 of the command, and learns from the force that the slave measured while it executed that command. So the
 delay, its jitter and the two clocks stay out of it, and it is asked for just what it has learned on: the
 drive's lag is part of what it learns. A model of a model.yaml was learned on positions of the stage: it gets
@@ -10,8 +10,9 @@ those that are expected, and takes part in two forms, see `forefeel.common.estim
 from typing import NamedTuple, Protocol
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.estimation.forecast import Estimate, Forecaster
+from forefeel.common.estimation.evaluator import Estimate, Evaluator
 from forefeel.common.estimation.identification import ContactEstimate
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.loaded import NOTHING, LoadedContact
 from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter
@@ -77,7 +78,8 @@ class ExpectedStage:
 
 
 class ForcePrediction:
-    """One axis. `predict` and `reset` run in the haptic loop, `learn` beside it.
+    """One axis. `predict` and `reset` run in the haptic loop, `learn` and `publish` in the identification
+    task.
 
     Args:
         limits: of the axis, as both ends share them.
@@ -87,13 +89,14 @@ class ForcePrediction:
 
     def __init__(self, limits: AxisLimits, model: ContactModel | None, velocity_cutoff_hz: float) -> None:
         self._stage = ExpectedStage(limits)
-        self._forecaster = Forecaster(outside=0 if model is None else len(NOTHING))
+        self._evaluator = Evaluator()
+        self._learner = Learner(self._evaluator)
         self._model = None if model is None else LoadedContact(model, velocity_cutoff_hz)
         self._origin_ns: int | None = None
         self._newest: ForceSample | None = None
 
     def predict(self, present: Present) -> Estimate | None:
-        """See `Prediction`. The newest force counts at once, before `learn` comes to it."""
+        """See `Prediction`. The newest force counts at once, before it is learned from."""
         stamp_ns, position_m, velocity_m_s, deadman, estimate, newest = present
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
@@ -104,28 +107,36 @@ class ForcePrediction:
             forces = self._model.move(stamp_ns, expected_m, velocity_m_s, estimate)
         if newest is not None and newest is not self._newest:
             self._newest = newest
-            self._observe(newest)
+            if (heard_s := self._stamp_s(newest)) is not None:
+                self._evaluator.hear(heard_s, newest.force_n)
         t_s = (stamp_ns - self._origin_ns) * 1e-9
-        self._forecaster.move(t_s, setpoint_m, *forces)
-        return self._forecaster.predict()
+        self._evaluator.move(t_s, setpoint_m, *forces)
+        return self._evaluator.predict()
 
     def learn(self, sample: ForceSample) -> float:
         """A force that has arrived, with the readback of the same instant; what of it, in N, is a matter of
         the motion."""
-        self._observe(sample)
-        stamp_ns = sample.answers_stamp_ns
+        stamp_s, stamp_ns = self._stamp_s(sample), sample.answers_stamp_ns
+        if stamp_s is not None:
+            self._learner.take(stamp_s, sample.force_n)
         if stamp_ns is None or self._model is None:
             return sample.force_n
         self._stage.observe(stamp_ns, sample.position_m)
         self._model.learn(stamp_ns, sample.force_n)
         return self._model.of_motion_n(stamp_ns, sample.force_n)
 
-    def _observe(self, sample: ForceSample) -> None:
-        stamp_ns = sample.answers_stamp_ns
-        if stamp_ns is not None and self._origin_ns is not None and sample.gripper is Grip.CLOSED:
-            self._forecaster.observe((stamp_ns - self._origin_ns) * 1e-9, sample.force_n)
+    def publish(self) -> None:
+        """Gives the loop a snapshot of what has been learned."""
+        self._evaluator.snapshot = self._learner.publish()
+
+    def _stamp_s(self, sample: ForceSample) -> float | None:
+        """Stamp of the command that a force answers; None where it answers none, or the fixture was open."""
+        stamp_ns, origin_ns = sample.answers_stamp_ns, self._origin_ns
+        if stamp_ns is None or origin_ns is None or sample.gripper is not Grip.CLOSED:
+            return None
+        return (stamp_ns - origin_ns) * 1e-9
 
     def reset(self) -> None:
-        self._forecaster.restart()
+        self._evaluator.restart()
         if self._model is not None:
             self._model.reset()

@@ -4,7 +4,7 @@
 
 with f0 the lasting effects at their loaded parameters and S the sensor's lags and delays (`transfer`). theta
 is least squares over late forces with a ridge of rho_j seconds of each column's own usual size, as in
-`forecast.regression`: little for what the file can not know, the bias and the columns of time, more for m, b
+`experts`: little for what the file can not know, the bias and the columns of time, more for m, b
 and k, which it does. Time counts by the stamps of the commands, and a force is paired with the command that
 it answers: the delay and the two clocks stay out of it.
 

@@ -19,7 +19,7 @@ _LONGEST = 20_000  # samples that are replayed
 
 @dataclass(frozen=True, slots=True)
 class Across:
-    """rms errors in N across `delay_s`: of a hold, of the forecaster with m, b, k, bias, and extended."""
+    """rms errors in N across `delay_s`: of zoh, of forefeel with m, b, k and bias, and extended."""
 
     delay_s: float
     zoh_n: float

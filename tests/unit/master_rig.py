@@ -9,7 +9,7 @@ from forefeel.common.bus import Bus, Publisher
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
-from forefeel.common.estimation.forecast import Estimate
+from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
 from forefeel.common.messages import (
     EmergencyStop,
@@ -84,6 +84,14 @@ class FakeHandle:
 class FakePredictor:
     def __init__(self) -> None:
         self.answer: float | None = 1.0
+        self.learned = list[ForceSample]()
+
+    def learn(self, sample: ForceSample) -> float:
+        self.learned.append(sample)
+        return sample.force_n
+
+    def publish(self) -> None:
+        pass
 
     def predict(self, present: Present) -> Estimate | None:
         del present
@@ -102,14 +110,13 @@ class Rig:
         self.clock = VirtualClock(1000 * MS)
         network = MemoryBus()
         self.handle, self.predictor = FakeHandle(), FakePredictor()
-        self.learned = list[ForceSample]()
         ids = count(101)
         self.axis = MasterAxis(
             "cell",
             MasterAxisSettings(),
             self.handle,
             HapticLoop(self.predictor, RenderingSettings()),
-            IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings()), self._learn),
+            IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings()), self.predictor),
             Bus(network.session(self.clock), "cell", "insertion", self.clock),
             ids.__next__,
         )
@@ -130,10 +137,6 @@ class Rig:
         bus.subscribe(topics.MASTER_HEARTBEAT, lambda m, _: self.beats.append(m))
         bus.subscribe(topics.EMERGENCY_STOP, lambda m, _: self.stops.append(m))
         self.slave_ns = 0  # the slave's clock minus the master's
-
-    def _learn(self, sample: ForceSample) -> float:
-        self.learned.append(sample)
-        return sample.force_n
 
     @property
     def now_ns(self) -> int:

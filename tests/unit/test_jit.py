@@ -13,16 +13,16 @@ from forefeel.common import jit
 
 def _predicted() -> list[float]:
     """What is predicted of a spring with friction whose forces are 100 ms late."""
-    forecaster = import_module("forefeel.common.estimation.forecast").Forecaster()
+    predictor = import_module("forefeel.common.estimation.predictor").Predictor()
     said = list[float]()
     rng = np.random.default_rng(1)
     x = 5e-3 * np.sin(2.0 * np.pi * 0.7e-3 * np.arange(400))
     forces_n = 60.0 * x + 0.05 * np.sign(np.gradient(x)) + 0.01 * rng.standard_normal(400)
     for n in range(400):
         if n > 100:
-            forecaster.observe((n - 100) * 1e-3, forces_n[n - 100])
-        forecaster.move(n * 1e-3, x[n])
-        if (estimate := forecaster.predict()) is not None:
+            predictor.observe((n - 100) * 1e-3, forces_n[n - 100])
+        predictor.move(n * 1e-3, x[n])
+        if (estimate := predictor.predict()) is not None:
             said += estimate[:3]
     return said
 

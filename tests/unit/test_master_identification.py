@@ -42,9 +42,18 @@ def sample(stamp_ns: int, session_id: int = 1, valid: bool = True, answers: int 
     return force(1, stamp_ns, answered, session_id=session_id, valid=valid, **moved)
 
 
+class NothingElse:
+    """Learns nothing."""
+
+    def learn(self, sample: ForceSample) -> float:
+        return sample.force_n
+
+    def publish(self) -> None: ...
+
+
 def task() -> tuple[IdentificationTask, Notes]:
     notes = Notes()
-    return IdentificationTask(notes, lambda sample: sample.force_n), notes
+    return IdentificationTask(notes, NothingElse()), notes
 
 
 def known(identification: IdentificationTask) -> ContactEstimate:

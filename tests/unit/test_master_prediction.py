@@ -81,7 +81,7 @@ def test_a_model_of_the_readback_needs_the_stage_between() -> None:
 
 
 @pytest.mark.parametrize("model", [None, SPRING])
-def test_the_forecaster_learns_the_lag_with_the_contact(model: ContactModel | None) -> None:
+def test_the_predictor_learns_the_lag_with_the_contact(model: ContactModel | None) -> None:
     bench, prediction = Bench(), ForcePrediction(LIMITS, model, 40.0)
     predicted, held = list[float](), list[float]()
     for n in range(10_000):
@@ -90,6 +90,7 @@ def test_the_forecaster_learns_the_lag_with_the_contact(model: ContactModel | No
         said = prediction.predict(Present(stamp_ns, command_m, velocity_m_s, True, None, late))
         if late is not None:
             prediction.learn(late)
+            prediction.publish()
         if n > 5000 and said is not None and late is not None:
             predicted.append(said.force_n - bench.samples[-1].force_n)
             held.append(late.force_n - bench.samples[-1].force_n)

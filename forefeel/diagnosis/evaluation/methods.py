@@ -8,7 +8,6 @@ from operator import mul
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.estimation.forecast import Forecaster
 from forefeel.common.estimation.identification import (
     ContactEstimate,
     ContactIdentifier,
@@ -17,6 +16,7 @@ from forefeel.common.estimation.identification import (
 )
 from forefeel.common.estimation.paper import PaperRls
 from forefeel.common.estimation.prediction import ContactPredictor
+from forefeel.common.estimation.predictor import Predictor
 
 PAPER_LAMBDA = 0.96  # forgetting factor of a sample; one of the 0.95 to 0.99 that the paper recommends
 LONGEST_LATENESS_S = 60.0
@@ -250,33 +250,33 @@ class Forefeel:
     name = "forefeel"
 
     def __init__(self, model: ContactModel | None) -> None:
-        self._forecaster = Forecaster(outside=model is not None)
+        self._predictor = Predictor()
         self._model = None if model is None else ContactMethod("model", model)
 
     def move(self, t_s: float, position_m: float) -> None:
-        """Steps the model, then the forecaster with what the model says."""
+        """Steps the model, then the predictor with what the model says."""
         model_n = nan
         if self._model is not None:
             self._model.move(t_s, position_m)
             said = self._model.predict()
             model_n = said.force_n if said is not None else nan
-        self._forecaster.move(t_s, position_m, model_n)
+        self._predictor.move(t_s, position_m, model_n)
 
     def observe(self, stamp_s: float, force_n: float) -> None:
         if self._model is not None:
             self._model.observe(stamp_s, force_n)
-        self._forecaster.observe(stamp_s, force_n)
+        self._predictor.observe(stamp_s, force_n)
 
     def predict(self) -> MethodEstimate | None:
         """The force with its band."""
-        said = self._forecaster.predict()
+        said = self._predictor.predict()
         return None if said is None else MethodEstimate(*said)
 
     def restart(self) -> None:
         """Both begin a new piece of motion."""
         if self._model is not None:
             self._model.restart()
-        self._forecaster.restart()
+        self._predictor.restart()
 
 
 METHODS: Mapping[str, Callable[[ContactModel | None], Method]] = {

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.forecast import Forecaster
-from tests.unit.forecast_samples import Array, Sample, contact, replayed, scored
+from forefeel.common.estimation.predictor import Predictor
+from tests.unit.predictor_samples import Array, Sample, contact, replayed, scored
 
 DELAY_S = 0.3
 SAMPLE = contact()
@@ -40,7 +40,7 @@ def test_a_regrip_far_away_is_believed_and_learned() -> None:
     x = np.where(SAMPLE.t < 8.0, SAMPLE.x, SAMPLE.x + 0.05)
     said = replayed(replace(SAMPLE, x=x), DELAY_S)
     later = SAMPLE.t > 12.0
-    assert said.rms(SAMPLE.f, later) < 0.5 * said.hold_rms(SAMPLE.f, later)
+    assert said.rms(SAMPLE.f, later) < 0.5 * said.zoh_rms(SAMPLE.f, later)
 
 
 def test_bursts_of_no_numbers_in_both_signals() -> None:
@@ -68,39 +68,39 @@ def test_gaps_begin_new_pieces_and_nothing_blows_up() -> None:
 
 
 def test_a_second_force_of_a_stamp_and_one_of_no_stamp_change_nothing_learned() -> None:
-    plain, pestered = Forecaster(), Forecaster()
-    for forecaster in (plain, pestered):
+    plain, pestered = Predictor(), Predictor()
+    for predictor in (plain, pestered):
         for n in range(1500):
-            forecaster.move(SAMPLE.t[n], SAMPLE.x[n])
+            predictor.move(SAMPLE.t[n], SAMPLE.x[n])
             if n >= 60:
-                forecaster.observe(SAMPLE.t[n - 60], SAMPLE.f[n - 60])
-                if forecaster is pestered:
-                    forecaster.observe(SAMPLE.t[n - 60], -7.0)
-            forecaster.predict()
+                predictor.observe(SAMPLE.t[n - 60], SAMPLE.f[n - 60])
+                if predictor is pestered:
+                    predictor.observe(SAMPLE.t[n - 60], -7.0)
+            predictor.predict()
     pestered.observe(SAMPLE.t[900] + 1e-3, SAMPLE.f[900])
     assert plain.predict() == pestered.predict()
 
 
 def test_motion_whose_stamp_does_not_increase_is_left_out() -> None:
-    plain, pestered = Forecaster(), Forecaster()
-    for forecaster in (plain, pestered):
+    plain, pestered = Predictor(), Predictor()
+    for predictor in (plain, pestered):
         for n in range(600):
-            forecaster.move(SAMPLE.t[n], SAMPLE.x[n])
-            if forecaster is pestered and n > 0:
-                forecaster.move(SAMPLE.t[n], 1.0)
-                forecaster.move(SAMPLE.t[n - 1], 2.0)
-                forecaster.move(float("nan"), 3.0)
+            predictor.move(SAMPLE.t[n], SAMPLE.x[n])
+            if predictor is pestered and n > 0:
+                predictor.move(SAMPLE.t[n], 1.0)
+                predictor.move(SAMPLE.t[n - 1], 2.0)
+                predictor.move(float("nan"), 3.0)
             if n >= 60:
-                forecaster.observe(SAMPLE.t[n - 60], SAMPLE.f[n - 60])
+                predictor.observe(SAMPLE.t[n - 60], SAMPLE.f[n - 60])
     assert plain.predict() == pestered.predict()
 
 
 def test_forces_ahead_of_the_motion_wait_for_it() -> None:
-    late, early = Forecaster(), Forecaster()
+    late, early = Predictor(), Predictor()
     for n in range(900):
         early.observe(SAMPLE.t[n], SAMPLE.f[n])
-        for forecaster in (late, early):
-            forecaster.move(SAMPLE.t[n], SAMPLE.x[n])
+        for predictor in (late, early):
+            predictor.move(SAMPLE.t[n], SAMPLE.x[n])
         late.observe(SAMPLE.t[n], SAMPLE.f[n])
     early.observe(1e9, 5.0)
     early.observe(float("inf"), 5.0)
@@ -149,34 +149,34 @@ def test_any_unit_does(of_x: float, of_f: float) -> None:
 def test_any_rate_does(rate_hz: float, duration_s: float, share: float) -> None:
     sample = contact(duration_s, rate_hz)
     said, rows = replayed(sample, DELAY_S), scored(sample, DELAY_S)
-    assert said.rms(sample.f, rows) < share * said.hold_rms(sample.f, rows)
+    assert said.rms(sample.f, rows) < share * said.zoh_rms(sample.f, rows)
 
 
 def test_restart_keeps_what_was_learned() -> None:
-    forecaster = Forecaster()
+    predictor = Predictor()
     errors: list[float] = []
     for n in range(len(SAMPLE.t)):
         if n >= 60:
-            forecaster.observe(SAMPLE.t[n - 60], SAMPLE.f[n - 60])
+            predictor.observe(SAMPLE.t[n - 60], SAMPLE.f[n - 60])
         if n == 2400:
-            forecaster.restart()
-        forecaster.move(SAMPLE.t[n], SAMPLE.x[n])
-        if (estimate := forecaster.predict()) is not None:
+            predictor.restart()
+        predictor.move(SAMPLE.t[n], SAMPLE.x[n])
+        if (estimate := predictor.predict()) is not None:
             errors.append(estimate.force_n - SAMPLE.f[n])
     after: NDArray[np.float64] = np.array(errors[2400:])
     assert float(np.sqrt(np.mean(after**2))) < 2.0 * CLEAN_RMS
 
 
 def test_nothing_is_said_before_both_a_force_and_a_motion() -> None:
-    forecaster = Forecaster()
-    assert forecaster.predict() is None
-    forecaster.observe(0.0, 1.0)
-    assert forecaster.predict() is None
-    forecaster.move(0.0, 0.1)
-    estimate = forecaster.predict()
+    predictor = Predictor()
+    assert predictor.predict() is None
+    predictor.observe(0.0, 1.0)
+    assert predictor.predict() is None
+    predictor.move(0.0, 0.1)
+    estimate = predictor.predict()
     assert estimate is not None
     assert estimate.force_n == 1.0
     assert estimate.low_n <= 1.0 <= estimate.high_n
-    only_motion = Forecaster()
+    only_motion = Predictor()
     only_motion.move(0.0, 0.1)
     assert only_motion.predict() is None

@@ -6,8 +6,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from forefeel.common.estimation.forecast import Forecaster
-from tests.unit.forecast_samples import contact
+from forefeel.common.estimation.predictor import Predictor
+from tests.unit.predictor_samples import contact
 
 RATE_HZ, DELAY = 100, 20  # samples: 0.2 s
 GOOD, BAD_UNTIL, WELL = 400, 600, 2600
@@ -25,12 +25,12 @@ def test_no_force_is_remembered_for_more_than_20_s(bad: np.ndarray, learned: boo
     forces = CONTACT.f.copy()
     forces[GOOD:BAD_UNTIL] = bad
     begin = 0 if learned else GOOD  # the bad ones come after good ones, or first
-    forecaster, said = Forecaster(), np.full(len(forces), np.nan)
+    predictor, said = Predictor(), np.full(len(forces), np.nan)
     for n in range(begin, len(forces)):
         if n >= DELAY + begin:
-            forecaster.observe(CONTACT.t[n - DELAY], forces[n - DELAY])
-        forecaster.move(CONTACT.t[n], CONTACT.x[n])
-        estimate = forecaster.predict()
+            predictor.observe(CONTACT.t[n - DELAY], forces[n - DELAY])
+        predictor.move(CONTACT.t[n], CONTACT.x[n])
+        estimate = predictor.predict()
         if estimate is not None:
             assert np.isfinite(estimate[:3]).all()
             said[n] = estimate.force_n
@@ -40,7 +40,7 @@ def test_no_force_is_remembered_for_more_than_20_s(bad: np.ndarray, learned: boo
 
 
 def test_what_is_no_number_is_left_out() -> None:
-    clean, dirty = Forecaster(), Forecaster()
+    clean, dirty = Predictor(), Predictor()
     for n in range(600):
         for each in (clean, dirty):
             each.observe(CONTACT.t[n - DELAY], CONTACT.f[n - DELAY])
@@ -53,9 +53,9 @@ def test_what_is_no_number_is_left_out() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_contact_that_is_learned_is_never_forgotten(seed: int) -> None:
-    sample, forecaster = contact(60.0, RATE_HZ, seed, changed=3.0), Forecaster()
+    sample, predictor = contact(60.0, RATE_HZ, seed, changed=3.0), Predictor()
     for n in range(DELAY, len(sample.t)):
-        forecaster.observe(sample.t[n - DELAY], sample.f[n - DELAY])
-        forecaster.move(sample.t[n], sample.x[n])
-        forecaster.predict()
-    assert forecaster.renewals == 0
+        predictor.observe(sample.t[n - DELAY], sample.f[n - DELAY])
+        predictor.move(sample.t[n], sample.x[n])
+        predictor.predict()
+    assert predictor.renewals == 0

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from forefeel.common.estimation.forecast import Forecaster
-from tests.unit.forecast_samples import Array, Sample, contact, drifting, replayed, scored
+from forefeel.common.estimation.predictor import Predictor
+from tests.unit.predictor_samples import Array, Sample, contact, drifting, replayed, scored
 
 DELAYS_S = (0.02, 0.1, 0.3, 0.5)
 T = np.arange(3000) / 100.0
@@ -17,7 +17,7 @@ def test_motion_that_tells_nothing_costs_at_most_5_percent_of_the_hold(x: Array,
     for seed in range(3):
         sample = drifting(x, T, seed)
         said, rows = replayed(sample, delay_s), scored(sample, delay_s)
-        ratios.append(said.rms(sample.f, rows) / said.hold_rms(sample.f, rows))
+        ratios.append(said.rms(sample.f, rows) / said.zoh_rms(sample.f, rows))
     assert max(ratios) <= 1.05
 
 
@@ -28,7 +28,7 @@ def test_another_tissue_is_learned_within_seconds(factor: float) -> None:
     before = (sample.t > 20.0) & (sample.t < 30.0)
     after = (sample.t > 35.0) & (sample.t < 45.0)
     assert said.rms(sample.f, after) < 2.5 * max(1.0, factor) * said.rms(sample.f, before)
-    assert said.rms(sample.f, after) < 0.25 * said.hold_rms(sample.f, after)
+    assert said.rms(sample.f, after) < 0.25 * said.zoh_rms(sample.f, after)
 
 
 @pytest.mark.parametrize("delay_s", DELAYS_S)
@@ -46,12 +46,12 @@ def test_a_perfect_model_from_outside_is_trusted_from_early_on() -> None:
     sample = contact(10.0)
     exact = 60.0 * sample.x + 1.5 * np.gradient(sample.x, sample.t)
     errors, led = [], []
-    forecaster = Forecaster(outside=1)
+    predictor = Predictor()
     for n in range(len(sample.t)):
         if n >= 60:
-            forecaster.observe(sample.t[n - 60], float(exact[n - 60]))
-        forecaster.move(sample.t[n], sample.x[n], float(exact[n]))
-        estimate = forecaster.predict()
+            predictor.observe(sample.t[n - 60], float(exact[n - 60]))
+        predictor.move(sample.t[n], sample.x[n], float(exact[n]))
+        estimate = predictor.predict()
         if estimate is not None and 2.0 < sample.t[n] < 5.0:
             errors.append(estimate.force_n - exact[n])
             led.append(estimate.leading)
@@ -63,12 +63,12 @@ def test_a_perfect_model_from_outside_is_trusted_from_early_on() -> None:
 
 def with_loaded(sample: Sample, loaded: Array, late: int = 60) -> Array:
     """Errors with a model as it was loaded that says this."""
-    forecaster, errors = Forecaster(outside=2), np.full(len(sample.t), np.nan)
+    predictor, errors = Predictor(), np.full(len(sample.t), np.nan)
     for n in range(len(sample.t)):
         if n >= late:
-            forecaster.observe(sample.t[n - late], sample.f[n - late])
-        forecaster.move(sample.t[n], sample.x[n], np.nan, loaded[n])
-        said = forecaster.predict()
+            predictor.observe(sample.t[n - late], sample.f[n - late])
+        predictor.move(sample.t[n], sample.x[n], np.nan, loaded[n])
+        said = predictor.predict()
         errors[n] = np.nan if said is None else said.force_n - sample.f[n]
     return errors
 

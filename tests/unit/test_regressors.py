@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.forecast import bank as banks
-from forefeel.common.estimation.forecast import steps
-from forefeel.common.estimation.forecast.bank import (
+from forefeel.common.estimation import bank as banks
+from forefeel.common.estimation.bank import (
     FIRST_DIFFERENCE,
     FIRST_NONLINEAR,
     FIRST_RELAXATION,
@@ -17,23 +16,18 @@ from forefeel.common.estimation.forecast.bank import (
     SPANS,
     STOPS,
 )
-from forefeel.common.estimation.forecast.state import new_state
+from forefeel.common.estimation.evaluator import Evaluator
+from forefeel.common.jit import Array
 
-Array = NDArray[np.float64]
 RNG = np.random.default_rng(3)
 TIME_S = np.cumsum(RNG.uniform(0.8e-3, 1.2e-3, 3000))
 
 
-def moved(t: Array, x: Array) -> NDArray[np.void]:
-    states = new_state(0)
+def bank_of(t: NDArray[np.floating[Any]], x: NDArray[np.floating[Any]]) -> Any:  # noqa: ANN401 - a record
+    evaluator = Evaluator()
     for stamp, position in zip(t.tolist(), x.tolist(), strict=True):
-        assert steps.move(states, stamp, position, np.nan, np.nan)
-    return states
-
-
-def bank_of(t: NDArray[np.floating[Any]], x: NDArray[np.floating[Any]]) -> NDArray[np.void]:
-    bank: NDArray[np.void] = moved(t.astype(np.float64), x.astype(np.float64))["bank"][0]
-    return bank
+        assert evaluator.move(stamp, position)
+    return evaluator.record["bank"][0]
 
 
 def test_differences_are_the_derivatives_of_a_cubic_at_irregular_stamps() -> None:
@@ -113,16 +107,8 @@ def test_bias_position_and_powers() -> None:
 
 
 def test_finding_a_sample_by_its_stamp() -> None:
-    states = moved(TIME_S, np.sin(TIME_S))
-    bank = states[0]["bank"]
-    expected = [int(np.argmin(np.abs(TIME_S - TIME_S[k]))) for k in (0, 1, 77, 2999)]
-    found = [find_in(states, float(TIME_S[k])) for k in (0, 1, 77, 2999)]
-    assert found == expected
-    assert find_in(states, float(TIME_S[5]) + 2e-4) == -1
-    assert find_in(states, -1.0) == -1
-    assert find_in(states, 1e9) == -1
+    bank = bank_of(TIME_S, np.sin(TIME_S))
+    assert [banks.find(bank, float(TIME_S[k])) for k in (0, 1, 77, 2999)] == [0, 1, 77, 2999]
+    for stamp in (float(TIME_S[5]) + 2e-4, -1.0, 1e9):
+        assert banks.find(bank, stamp) == -1
     assert bank["count"] == 3000
-
-
-def find_in(states: NDArray[np.void], stamp: float) -> int:
-    return int(banks.find(states["bank"][0], stamp))

@@ -12,13 +12,12 @@ was seen it reaches as far as the forces have.
 """
 
 import math
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.forecast.bank import Array
-from forefeel.common.jit import floats, kernel, record
+from forefeel.common.jit import Array, kernel
 
 _MISSES = 0.05
 _MEMORY_S = 2.0
@@ -36,17 +35,15 @@ _BINS, _ZERO_BIN, _PER_OCTAVE = 128, 64, 8.0
 _FIRST_BIN, _FIRST_S = 72, 0.1
 """Before anything was seen: a score of 2, that counts as much as 0.1 s of errors."""
 
-DTYPE = record("errors weight seen_s shift", floats("scores", _BINS))
-
 
 class Band(Protocol):
-    """A record of `DTYPE`: sums of weighted |e| and of the weights, time scored, s, the histogram in s."""
+    """Sums of weighted |e| and of the weights, time scored, s, the histogram in s."""
 
     errors: float
     weight: float
     seen_s: float
     shift: float
-    scores: Array
+    scores: Annotated[Array, _BINS]
 
 
 def begin(band: NDArray[np.void]) -> None:
@@ -74,20 +71,22 @@ def learn(band: Band, error_n: float, half_n: float, scale_n: float, w: float) -
 
 
 @kernel
-def scale_n(band: Band, spread_n2: float, deviation_n: float, range_n: float) -> float:
-    """How large errors are now, in N; `spread_n2`: variance of the experts, `range_n`: of the forces seen."""
-    recent_n = band.errors / (band.weight + 1e-9)
-    variance_n2 = recent_n * recent_n + _OF_SPREAD * spread_n2 + (_OF_DEVIATION * deviation_n) ** 2
-    return math.sqrt(variance_n2) + _OF_RANGE * range_n + 1e-200
+def recent_n(band: Band) -> float:
+    """Mean |e| of the last 2 s in N."""
+    return band.errors / (band.weight + 1e-9)
 
 
 @kernel
-def half_width_n(band: Band, scale_n: float, widest_n: float, range_n: float) -> float:
-    """Half the width of the band in N; `widest_n` 0: no limit yet."""
-    if band.seen_s == 0.0:
-        return range_n
-    half_n = scale_n * math.pow(2.0, _quantile(band.scores) + band.shift)
-    return min(half_n, widest_n) if widest_n > 0.0 else half_n
+def factor(band: Band) -> float:
+    """Half the width of the band by its scale; infinite before any error was seen."""
+    return math.pow(2.0, _quantile(band.scores) + band.shift) if band.seen_s > 0.0 else math.inf
+
+
+@kernel
+def scale_n(recent_n: float, spread_n2: float, deviation_n: float, range_n: float) -> float:
+    """How large errors are now, in N; `spread_n2`: variance of the experts, `range_n`: of the forces seen."""
+    variance_n2 = recent_n * recent_n + _OF_SPREAD * spread_n2 + (_OF_DEVIATION * deviation_n) ** 2
+    return math.sqrt(variance_n2) + _OF_RANGE * range_n + 1e-200
 
 
 @kernel

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.forecast import Forecaster
-from forefeel.common.estimation.forecast.experts import NAMES
-from tests.unit.forecast_samples import Array, contact
+from forefeel.common.estimation.blend import NAMES
+from forefeel.common.estimation.predictor import Predictor
+from tests.unit.predictor_samples import Array, contact
 
 SAMPLE = contact(duration_s=6.0, rate_hz=200.0, changed=2.0)
 COUNT = len(SAMPLE.t)
@@ -29,16 +29,16 @@ class Everything:
 
 
 def everything(x: Array, f: Array, outside: Array, delay: int) -> Everything:
-    forecaster = Forecaster(outside=2)
+    predictor = Predictor()
     said, experts = np.full((COUNT, 3), np.nan), np.full((COUNT, len(NAMES)), np.nan)
     leading = [""] * COUNT
     for n in range(COUNT):
         if n >= delay:
-            forecaster.observe(SAMPLE.t[n - delay], f[n - delay])
-        forecaster.move(SAMPLE.t[n], x[n], outside[n], 0.9 * outside[n])
-        if (estimate := forecaster.predict()) is not None:
+            predictor.observe(SAMPLE.t[n - delay], f[n - delay])
+        predictor.move(SAMPLE.t[n], x[n], outside[n], 0.9 * outside[n])
+        if (estimate := predictor.predict()) is not None:
             said[n], leading[n] = estimate[:3], estimate.leading
-        experts[n] = forecaster._state[0]["experts"]["predicted_n"][n]
+        experts[n] = predictor._evaluator.record[0]["said_n"][n]
     return Everything(said, experts, tuple(leading))
 
 

@@ -9,15 +9,13 @@ one is there, too; until then the last one stands in. If it was that far for goo
 """
 
 import math
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.estimation.state_filter import GAP_S
-from forefeel.common.jit import floats, kernel, record
-
-Array = NDArray[np.float64]
+from forefeel.common.jit import Array, kernel
 
 STOPS = 8
 SPANS = (1, 2, 4, 8, 16)
@@ -36,23 +34,11 @@ NO_OCTAVE = -9999.0
 _SPEED_MEMORY_S = 20.0
 _FASTEST_MEMORY_S = 60.0
 _BELIEVED = 10.0
-
-DTYPE = record(
-    "count start origin_m low_m high_m octave v a speed2 speed_s period_s fastest_m_s"
-    " median_m began_m suspect_m rest_m moved_s restart",
-    floats("stops_m", STOPS),
-    floats("radii_m", STOPS),
-    floats("renewed", STOPS),
-    floats("slow_m", len(RELAXATIONS_S)),
-    floats("slow_friction", len(RELAXATIONS_S)),
-    floats("t_s", RING),
-    floats("x_m", RING),
-    floats("phi", RING, COUNT),
-)
+_REST_S = 2.0
 
 
 class Bank(Protocol):
-    """A record of `DTYPE`. What it keeps of a sample stands at the sample's number modulo `RING`.
+    """What it keeps of a sample stands at the sample's number modulo `RING`.
 
     count: samples so far. start: number of the first one since a gap. origin_m: x0, NaN before a median of
     three is known. octave: the range of motion is at most 2^octave m. v, a: smoothed derivatives.
@@ -80,14 +66,14 @@ class Bank(Protocol):
     rest_m: float
     moved_s: float
     restart: float
-    stops_m: Array
-    radii_m: Array
-    renewed: Array
-    slow_m: Array
-    slow_friction: Array
-    t_s: Array
-    x_m: Array
-    phi: Array
+    stops_m: Annotated[Array, STOPS]
+    radii_m: Annotated[Array, STOPS]
+    renewed: Annotated[Array, STOPS]
+    slow_m: Annotated[Array, len(RELAXATIONS_S)]
+    slow_friction: Annotated[Array, len(RELAXATIONS_S)]
+    t_s: Annotated[Array, RING]
+    x_m: Annotated[Array, RING]
+    phi: Annotated[Array, RING, COUNT]
 
 
 def begin(bank: NDArray[np.void]) -> None:
@@ -148,6 +134,12 @@ def smallest_radius_m(bank: Bank) -> float:
     """Radius of the smallest stop, about a 256th of the range of motion; what is less counts as rest."""
     octave = bank.octave
     return 0.0 if octave == NO_OCTAVE else 2.0 ** (octave - STOPS)
+
+
+@kernel
+def at_rest(bank: Bank, n: int) -> bool:
+    """Whether the motion has stood still up to sample n for so long that it teaches nothing any more."""
+    return bank.t_s[n % RING] - bank.moved_s > _REST_S and bank.octave != NO_OCTAVE
 
 
 @kernel

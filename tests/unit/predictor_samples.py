@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.forecast import Forecaster
+from forefeel.common.estimation.predictor import Predictor
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Said:
     def rms(self, true: Array, rows: NDArray[np.bool_]) -> float:
         return float(np.sqrt(np.mean((self.force - true)[rows] ** 2)))
 
-    def hold_rms(self, true: Array, rows: NDArray[np.bool_]) -> float:
+    def zoh_rms(self, true: Array, rows: NDArray[np.bool_]) -> float:
         return float(np.sqrt(np.mean((self.held - true)[rows] ** 2)))
 
 
@@ -59,16 +59,16 @@ def replayed(sample: Sample, delay_s: float, arrival_s: Array | None = None) -> 
     arrival = sample.t + delay_s if arrival_s is None else arrival_s
     order = np.argsort(arrival, kind="stable").tolist()
     t, x, f = sample.t.tolist(), sample.x.tolist(), sample.f.tolist()
-    forecaster, said, held, leading = Forecaster(), [], [], []
+    predictor, said, held, leading = Predictor(), [], [], []
     newest, at = (-np.inf, np.nan), 0
     for n, now in enumerate(t):
         while at < len(order) and arrival[order[at]] <= now + 1e-9:
             k = order[at]
             at += 1
-            forecaster.observe(t[k], f[k])
+            predictor.observe(t[k], f[k])
             newest = max(newest, (t[k], f[k])) if np.isfinite(f[k]) else newest
-        forecaster.move(now, x[n])
-        estimate = forecaster.predict()
+        predictor.move(now, x[n])
+        estimate = predictor.predict()
         said.append((np.nan,) * 3 if estimate is None else estimate[:3])
         leading.append("" if estimate is None else estimate.leading)
         held.append(newest[1])

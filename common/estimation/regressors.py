@@ -17,7 +17,7 @@ Canudas de Wit, Automatica 30(7), 1994; Fung, Biomechanics (1993), relaxation.
 
 import math
 
-from forefeel.common.estimation.forecast.bank import (
+from forefeel.common.estimation.bank import (
     FIRST_DIFFERENCE,
     FIRST_NONLINEAR,
     FIRST_RELAXATION,
@@ -27,10 +27,9 @@ from forefeel.common.estimation.forecast.bank import (
     RING,
     SPANS,
     STOPS,
-    Array,
     Bank,
 )
-from forefeel.common.jit import kernel
+from forefeel.common.jit import Array, kernel
 
 _RELAXATION_STOP = 5
 """The stop whose hysteresis relaxes and meets the nonlinear terms: radius 1/32 to 1/64 of the range."""

@@ -1,10 +1,11 @@
 """Whether what was learned is worth keeping: not where the predictions are further off than the hold.
 
-Errors are summed over trials of 4 s of motion. A trial is failed where the predictions' rms error is over
+Errors are summed over trials of 2 s of motion. A trial is failed where the predictions' rms error is over
 twice the hold's, beyond a thousandth of the range of the forces of this trial and the one before. Then the
-predictor begins anew: what it learned came from forces that were none (a sensor's garbage moves the memories
-of `regression`, `experts` and `hold`, which take minutes to fade, and its range, which never does). A trial
-begins with nothing of the one before but that range, so that forces of any size are over after two of them.
+learner begins anew: what it learned came from forces that were none (a sensor's garbage moves the memories
+of `experts` and `blend`, which take minutes to fade, and the range of the forces, which never does). A
+trial begins with nothing of the one before but that range, so that forces of any size are over after two of
+them.
 """
 
 import math
@@ -13,17 +14,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.jit import kernel, record
+from forefeel.common.jit import kernel
 
-TRIAL_S = 4.0
+TRIAL_S = 2.0
 _FURTHER = 2.0
-_OF_RANGE = 1e-3
-
-DTYPE = record("seconds said_n2 held_n2 low_n high_n low_before_n high_before_n failed")
+_OF_RANGE = 0.2
 
 
 class Trial(Protocol):
-    """A record of `DTYPE`: time in s; sums of w e^2 of what was said and of the hold; ranges of the forces;
+    """Time in s; sums of w e^2 of what was said and of the zero-order hold; ranges of the forces;
     1 once one was failed.
     """
 

@@ -9,7 +9,7 @@ next kick is 10 s away at the earliest: one change is one kick, and what is mere
 import math
 from typing import Protocol
 
-from forefeel.common.jit import kernel, record
+from forefeel.common.jit import kernel
 
 _USUAL_MEMORY_S = 30.0
 _NOW_MEMORY_S = 0.5
@@ -18,11 +18,9 @@ _PATIENCE_S = 0.5
 _APART_S = 10.0
 _OF_RANGE = 1e-3
 
-DTYPE = record("usual weight now now_weight clock_s since_s")
-
 
 class Change(Protocol):
-    """A record of `DTYPE`: sums of weighted |e| and of the weights in both memories; the clock; the time in s
+    """Sums of weighted |e| and of the weights in both memories; the clock; the time in s
     since the first error or the last kick."""
 
     usual: float

@@ -1,0 +1,136 @@
+"""How much each expert is to be trusted, by the errors that were seen.
+
+For each force f that arrives, with p_e what expert e had said of it and h the error of the zero-order hold:
+
+    loss_e = min((p_e - f)^2, c^2 max(h^2, mean h^2)),   c = 0.8 (1 + T / 10 s)
+    v_e    = mean loss_e + (0.003 L)^2 + (0.2 L)^2 / (1 + I / (0.1 L^2) + (T / 3 s)^2)
+    w_e    ~ v_e^-4
+
+The mean loss is that of the last 2 s (70 %) and 8 s (30 %), mean h^2 that of 8 s; L is the largest |f(t) -
+f(s)| so far, I the integral of h^2, T the time that has been judged. All is relative to L, not to the range
+of the forces: by the range, recordings at rest went to ten times the error of the hold.
+
+The cap: an early extrapolation far off must not keep an expert out for 8 s. The last term of v_e makes all
+alike while little is known. It is not for the favoured one, which is the odd expert (the first reversal),
+nor for an expert that another run has taught. Losses of the taught are not capped either: what was learned
+elsewhere may be wrong altogether, and is to go at its first contradiction.
+
+An expert that says nothing (NaN) is judged as the hold, and has no weight while it is silent.
+"""
+
+import math
+from typing import Annotated, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forefeel.common.estimation import experts
+from forefeel.common.jit import Array, kernel
+
+NAMES = (
+    "zoh",
+    *experts.NAMES,
+    "model",
+    "model, incremental",
+    "model as loaded",
+    "model as loaded, incremental",
+)
+ZOH, FIRST, OUTSIDE = 0, 1, 1 + len(experts.NAMES)
+"""The hold, the five experts, and the models from outside: identified anew, and as loaded."""
+FAVOURED, TAUGHT = FIRST + experts.ODD, OUTSIDE + 2
+MEMBERS = len(NAMES)
+
+_MEMORIES_S = (2.0, 8.0)
+_SHARES = (0.7, 0.3)
+_CAP, _CAP_S = 0.8, 10.0
+_FLOOR, _COLD, _COLD_ERRORS, _COLD_S = 0.003, 0.2, 0.1, 3.0
+_KICK = 0.1
+_TINY = 1e-200
+
+
+class Blend(Protocol):
+    """Sums of weighted losses by memory, of h^2 within 8 s, and of the weights; I; T; L; w."""
+
+    seen_fast: float
+    seen_slow: float
+    zoh_n2: float
+    informed_n2: float
+    known_s: float
+    largest_n: float
+    losses: Annotated[Array, 2, MEMBERS]
+    weights: Annotated[Array, MEMBERS]
+
+
+def begin(blend: NDArray[np.void]) -> None:
+    """Makes a record of zeros one that trusts the hold alone."""
+    blend["weights"][:, ZOH] = 1.0
+
+
+@kernel
+def judge(blend: Blend, said_n: Array, force_n: float, h: float) -> None:
+    """A force that has come, and what each had said of it; `h`: the time in s that it stands for."""
+    error_n2 = (force_n - said_n[ZOH]) ** 2
+    keep_fast, keep_slow = math.exp(-h / _MEMORIES_S[0]), math.exp(-h / _MEMORIES_S[1])
+    blend.seen_fast = blend.seen_fast * keep_fast + h
+    blend.seen_slow = blend.seen_slow * keep_slow + h
+    blend.zoh_n2 = blend.zoh_n2 * keep_slow + h * error_n2
+    blend.informed_n2 += h * error_n2
+    blend.known_s += h
+    blend.largest_n = max(blend.largest_n, math.sqrt(error_n2))
+    cap = (_CAP * (1.0 + blend.known_s / _CAP_S)) ** 2 * max(error_n2, blend.zoh_n2 / blend.seen_slow)
+    for e in range(MEMBERS):
+        loss = error_n2 if math.isnan(said_n[e]) else (said_n[e] - force_n) ** 2
+        if e < TAUGHT:
+            loss = min(loss, cap)
+        blend.losses[0, e] = blend.losses[0, e] * keep_fast + h * loss
+        blend.losses[1, e] = blend.losses[1, e] * keep_slow + h * loss
+    _weigh(blend)
+
+
+@kernel
+def _weigh(blend: Blend) -> None:
+    weights, largest_n2 = blend.weights, blend.largest_n * blend.largest_n
+    known = blend.informed_n2 / (_COLD_ERRORS * largest_n2 + _TINY) + (blend.known_s / _COLD_S) ** 2
+    cold = _COLD * _COLD * largest_n2 / (1.0 + known)
+    fast, slow = _SHARES[0] / blend.seen_fast, _SHARES[1] / blend.seen_slow
+    least = math.inf
+    for e in range(MEMBERS):
+        weights[e] = fast * blend.losses[0, e] + slow * blend.losses[1, e] + _FLOOR**2 * largest_n2 + _TINY
+        if e != FAVOURED and e < TAUGHT:
+            weights[e] += cold
+        least = min(least, weights[e])
+    total = 0.0
+    for e in range(MEMBERS):
+        weights[e] = (least / weights[e]) ** 4
+        total += weights[e]
+    for e in range(MEMBERS):
+        weights[e] /= total
+
+
+@kernel
+def mean(weights: Array, said_n: Array) -> tuple[float, float, int]:
+    """(force in N, variance of the experts in N^2, number of the leading one) of those that say something."""
+    total = force_n = 0.0
+    leading = ZOH
+    for e in range(MEMBERS):
+        if not math.isnan(said_n[e]):
+            total += weights[e]
+            force_n += weights[e] * said_n[e]
+            leading = e if weights[e] > weights[leading] else leading
+    if total == 0.0:
+        return said_n[ZOH], 0.0, ZOH
+    force_n /= total
+    variance_n2 = 0.0
+    for e in range(MEMBERS):
+        if not math.isnan(said_n[e]):
+            variance_n2 += weights[e] / total * (said_n[e] - force_n) ** 2
+    return force_n, variance_n2, leading
+
+
+@kernel
+def discount(blend: Blend) -> None:
+    """Leaves the errors seen a tenth of their weight."""
+    blend.losses *= _KICK
+    blend.seen_fast *= _KICK
+    blend.seen_slow *= _KICK
+    blend.zoh_n2 *= _KICK

@@ -1,0 +1,204 @@
+"""Least squares, blend, band and the notice of a change, each against an oracle of its own."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from forefeel.common.estimation import band as bands
+from forefeel.common.estimation import blend as blends
+from forefeel.common.estimation import change as changes
+from forefeel.common.estimation import experts
+from forefeel.common.estimation.bank import (
+    COUNT,
+    FIRST_DIFFERENCE,
+    FIRST_NONLINEAR,
+    FIRST_RELAXATION,
+    FIRST_STOP,
+    STOPS,
+)
+from forefeel.common.jit import Array, record, zeros
+
+H_S = 5e-3
+
+
+def rows_and_forces(count: int = 400) -> tuple[Array, Array, Array]:
+    """Rows u of usual sizes over six decades, f(t) - f(s) and f - f0."""
+    rng = np.random.default_rng(1)
+    rows = rng.standard_normal((count, experts.ROW)) * 10.0 ** rng.uniform(-3, 3, experts.ROW)
+    return rows, rng.standard_normal(count), 1.0 + rng.standard_normal(count)
+
+
+def learned(rows: Array, steps_n: Array, forces_n: Array) -> NDArray[np.void]:
+    learning = zeros(record(experts.Learning))
+    experts.begin(learning)
+    for n in range(len(rows)):
+        experts.learn(learning[0], rows[n], n * H_S, steps_n[n], forces_n[n], H_S)
+    experts.solve(learning[0])
+    return learning
+
+
+class TestExperts:
+    """R, r and theta by numpy and the formulas of the module's text."""
+
+    REGRESSORS = (
+        ("autoregression", range(experts.PAST, experts.STEP), 0.05, 0),
+        ("friction", range(experts.PAST, experts.ROW), 0.05, 0),
+        ("absolute", range(experts.STEP), 0.03, 0),
+        ("plain", range(COUNT), 0.05, 1),
+        ("odd", range(1, FIRST_RELAXATION), 0.05, 1),
+    )
+
+    @pytest.mark.parametrize(("name", "columns", "rho_s", "level"), REGRESSORS)
+    def test_theta_is_the_regularised_least_squares(
+        self, name: str, columns: range, rho_s: float, level: int
+    ) -> None:
+        rows, *targets = rows_and_forces()
+        weights = H_S * np.exp(-np.arange(len(rows))[::-1] * H_S / 120.0)
+        z = rows[:, columns]
+        information, moments = (z * weights[:, None]).T @ z, z.T @ (weights * targets[level])
+        phi_shares = np.ones(COUNT)
+        phi_shares[0], phi_shares[2:4], phi_shares[FIRST_DIFFERENCE:FIRST_NONLINEAR] = 1e-3, 0.1, 0.1
+        phi_shares[FIRST_NONLINEAR:] = 3.0
+        shares = np.concatenate((phi_shares, phi_shares[1:], np.ones(7), phi_shares[1:FIRST_RELAXATION]))
+        usual = np.diag(information) / weights.sum()
+        stops = [k for k, column in enumerate(columns) if FIRST_STOP <= column < FIRST_RELAXATION]
+        usual[stops] = np.maximum(usual[stops], 0.3)
+        ridge = rho_s * shares[list(columns)] * usual
+        expected = np.linalg.solve(information + np.diag(ridge), moments)
+        theta = learned(rows, *targets)[0]["theta"][experts.NAMES.index(name)][columns]
+        np.testing.assert_allclose(z @ theta, z @ expected, atol=1e-6)
+
+    def test_each_expert_starts_where_it_says_and_goes_no_further_than_its_reach(self) -> None:
+        rows, steps_n, forces_n = rows_and_forces()
+        theta = learned(rows, steps_n, forces_n)[0]["theta"]
+        said_n = np.zeros(len(experts.NAMES))
+        experts.predict(said_n, theta, rows[7], 5.0, 2.0, 1e9, 1e9)
+        changes_n = theta @ rows[7]
+        odd_n = theta[experts.ODD][1:FIRST_RELAXATION] @ rows[7][experts.STEP :]
+        bases_n = np.where(np.arange(5) == experts.PLAIN, 2.0, 5.0)
+        np.testing.assert_allclose(said_n, bases_n + np.where(np.arange(5) == experts.ODD, odd_n, changes_n))
+        experts.predict(said_n, 1e9 * theta, rows[7], 5.0, 2.0, 0.1, 0.2)
+        np.testing.assert_allclose(np.abs(said_n - bases_n), [0.13, 0.13, 0.13, 0.26, 0.4])
+
+    def test_a_stop_that_has_another_radius_is_forgotten_and_the_rest_is_not(self) -> None:
+        rows, steps_n, forces_n = rows_and_forces()
+        radii_m = np.zeros(STOPS)
+        radii_m[2] = 1e-3
+        renewed, rest = learned(rows, steps_n, forces_n), rows.copy()
+        experts.renew_stops(renewed[0], radii_m)
+        experts.solve(renewed[0])
+        experts.clear_stop(rest, 2)
+        expected = learned(rest, steps_n, forces_n)
+        np.testing.assert_allclose(renewed[0]["theta"], expected[0]["theta"], rtol=1e-6, atol=1e-12)
+
+    def test_a_kick_leaves_the_weight_of_a_fifth_of_a_second(self) -> None:
+        learning = learned(*rows_and_forces())[0]
+        before = np.array(learning["information"])
+        experts.discount(learning)
+        assert learning["weight_s"] == pytest.approx(0.2)
+        shares = learning["information"][0, 0] / before[0, 0]
+        assert shares == pytest.approx(0.2 / 2.0, rel=0.02)
+
+
+def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
+    rng = np.random.default_rng(0)
+    blend = zeros(record(blends.Blend))
+    blends.begin(blend)
+    count, h, zoh_n = blends.MEMBERS, 0.01, 0.5
+    errors = rng.standard_normal((300, count)) * np.linspace(0.1, 2.0, count)
+    errors[:, blends.ZOH] = zoh_n * np.linspace(1.0, 2.0, 300)
+    errors[:, 2] = np.nan  # one that says nothing
+    for n in range(300):
+        blends.judge(blend[0], 1.0 + errors[n], 1.0, h)
+    squares = np.where(np.isnan(errors), errors[:, :1], errors) ** 2
+    zoh2, losses = errors[:, 0] ** 2, squares.copy()
+    for n in range(300):
+        fading = np.exp(-np.arange(n + 1)[::-1] * h / 8.0)
+        cap = (0.8 * (1 + (n + 1) * h / 10.0)) ** 2 * max(zoh2[n], fading @ zoh2[: n + 1] / fading.sum())
+        losses[n, : blends.TAUGHT] = np.minimum(squares[n, : blends.TAUGHT], cap)
+    v = np.zeros(count)
+    for memory_s, share in ((2.0, 0.7), (8.0, 0.3)):
+        fading = np.exp(-np.arange(300)[::-1] * h / memory_s)
+        v += share * (fading @ losses) / fading.sum()
+    largest = 2 * zoh_n
+    v += (0.003 * largest) ** 2
+    cold = (0.2 * largest) ** 2 / (1 + zoh2.sum() * h / (0.1 * largest**2) + (3.0 / 3.0) ** 2)
+    members = np.arange(count)
+    v += cold * ((members != blends.FAVOURED) & (members < blends.TAUGHT))
+    expected = v**-4 / np.sum(v**-4)
+    np.testing.assert_allclose(blend["weights"][0], expected, rtol=1e-9)
+    force_n, variance_n2, leading = blends.mean(expected, 1.0 + errors[299])
+    speaking = np.where(np.isnan(errors[299]), 0.0, expected) / np.sum(expected[~np.isnan(errors[299])])
+    said = np.nan_to_num(1.0 + errors[299])
+    assert force_n == pytest.approx(speaking @ said, rel=1e-12)
+    assert variance_n2 == pytest.approx(speaking @ (said - force_n) ** 2, rel=1e-9)
+    assert leading == np.argmax(speaking)
+
+
+class TestBand:
+    def covered(self, errors: Array, w: float, late: int = 60) -> NDArray[np.bool_]:
+        """Which errors are inside, when each is seen only `late` samples after its band was given."""
+        band = zeros(record(bands.Band))
+        bands.begin(band)
+        given: list[tuple[float, float]] = []
+        inside = np.zeros(len(errors), dtype=np.bool_)
+        for n, error in enumerate(errors.tolist()):
+            if n >= late:
+                bands.learn(band[0], float(errors[n - late]), *given[n - late], w)
+            scale_n = bands.scale_n(bands.recent_n(band[0]), 0.0, 0.0, 1.0)
+            half_n = scale_n * bands.factor(band[0])
+            given.append((half_n, scale_n))
+            inside[n] = abs(error) <= half_n
+        return inside
+
+    @pytest.mark.parametrize("law", ["normal", "student 2", "cauchy", "bursts", "growing"])
+    def test_one_in_twenty_misses_whatever_the_law(self, law: str) -> None:
+        rng, count = np.random.default_rng(4), 40_000
+        errors = {
+            "normal": rng.standard_normal(count),
+            "student 2": rng.standard_t(2, count),
+            "cauchy": rng.standard_cauchy(count),
+            "bursts": rng.standard_normal(count) * np.where(np.arange(count) % 3000 < 300, 20.0, 1.0),
+            "growing": rng.standard_normal(count) * np.exp(np.arange(count) / 10_000),
+        }[law]
+        assert np.mean(self.covered(errors, 5e-3)[2000:]) == pytest.approx(0.95, abs=0.01)
+
+    def test_the_early_errors_of_learning_are_not_held_against_it_for_long(self) -> None:
+        rng = np.random.default_rng(4)
+        errors = rng.standard_normal(4000) * np.where(np.arange(4000) < 300, 50.0, 1.0)
+        band = zeros(record(bands.Band))
+        bands.begin(band)
+        half_n = scale_n = 1.0
+        for error in errors.tolist():
+            bands.learn(band[0], error, half_n, scale_n, 5e-3)
+            scale_n = bands.scale_n(bands.recent_n(band[0]), 0.0, 0.0, 1.0)
+            half_n = scale_n * bands.factor(band[0])
+        assert half_n == pytest.approx(1.96, rel=0.25)
+
+    def test_the_quantile_is_numpys(self) -> None:
+        scores = np.abs(np.random.default_rng(6).standard_t(4, 1000))
+        band = zeros(record(bands.Band))
+        for score in scores.tolist():
+            bands.learn(band[0], score, np.inf, 1.0, 1e-6)
+        assert bands.factor(band[0]) == pytest.approx(np.quantile(scores, 0.95), rel=0.05)
+
+
+class TestChange:
+    def kicks(self, errors: Array) -> list[int]:
+        change = zeros(record(changes.Change))[0]
+        return [n for n, e in enumerate(errors.tolist()) if changes.noticed(change, e, 1.0, 0.01)]
+
+    def test_one_change_is_one_kick_within_a_second(self) -> None:
+        errors = np.random.default_rng(0).standard_normal(8000) * np.where(np.arange(8000) < 4000, 0.01, 0.5)
+        kicks = self.kicks(errors)
+        assert len(kicks) == 1
+        assert 4000 < kicks[0] < 4100
+
+    def test_reversals_and_outliers_are_none(self) -> None:
+        n = np.arange(20_000)
+        errors = 0.01 * np.random.default_rng(0).standard_normal(len(n))
+        assert self.kicks(errors * np.where(n % 500 < 30, 20.0, 1.0)) == []
+        assert self.kicks(errors * np.where(n % 700 == 0, 1e6, 1.0)) == []
+
+    def test_errors_that_are_small_beside_the_forces_are_none(self) -> None:
+        assert self.kicks(np.where(np.arange(8000) < 4000, 1e-7, 1e-4)) == []
