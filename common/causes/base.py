@@ -104,8 +104,13 @@ class Effect(ABC):
                 given[target] = known[target].checked(value, where)
         return {p.name: given.get(p.name, p.default) for p in cls.parameters}
 
+    def revalue(self, **values: float) -> None:
+        """Takes other values and keeps the state, as when a model is corrected while it runs."""
+        self.values = self.complete(values)
+        self._configure()
+
     def _configure(self) -> None:  # noqa: B027 - a hook, empty by default
-        """Derives from `values` what the step needs; called once."""
+        """Derives from `values` what the step needs; called once for each set of them."""
 
     def reset(self) -> None:  # noqa: B027 - an effect without memory has nothing to forget
         """Forgets the state, as after a new contact."""

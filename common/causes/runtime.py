@@ -1,7 +1,7 @@
 """Several effects composed into one contact: the plant's force, the predictor's regressors."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import prod
 from operator import mul
 
@@ -74,6 +74,7 @@ class ContactRuntime:
                 labels[effect] = f"{effect.name}{number}"
         forces = [effect for site in by_site.values() for effect in site]
         self.linear_names = tuple(f"{labels[e]}.{name}" for e in forces for name in e.linear_names)
+        self._forces = forces
         self.linear_values = tuple(value for effect in forces for value in effect.linear_values)
         self._sensor, self._shaft, self._wall = by_site.values()
         self._at_sensor, self._at_shaft, self._at_wall = (
@@ -171,6 +172,12 @@ class ContactRuntime:
                 block[part] = effect.columns(t[part], depth[part], v[part], a[part], dt[part])
             blocks.append(block)
         return blocks
+
+    def revalue(self, values: Sequence[Mapping[str, float]]) -> None:
+        """Gives each effect, in the order that they came in, other values; the states stay."""
+        for effect, given in zip(self._effects, values, strict=True):
+            effect.revalue(**given)
+        self.linear_values = tuple(value for effect in self._forces for value in effect.linear_values)
 
     def reset_contact(self) -> None:
         """Forgets the state of motion and contact, as after a new grip, but not that of the sensor."""

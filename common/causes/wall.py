@@ -222,6 +222,12 @@ class StressRelaxation(ForceEffect):
     def _configure(self) -> None:
         self._tau = self.values["time_constant_s"]
 
+    def revalue(self, **values: float) -> None:
+        elongation_m = self._elongation.value
+        super().revalue(**values)
+        self.reset()
+        self._elongation.value = elongation_m
+
     def reset(self) -> None:
         self._elongation = FirstOrderLag(self._tau)
 

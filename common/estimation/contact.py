@@ -1,0 +1,444 @@
+"""The contact model of `contact_model`, learned online by variable projection, and evaluated in the loop.
+
+Of the rows i of the last 30 s with weights w_i, force y_i and regressors phi_i(s) at the shape s:
+
+    J(s, theta) = sum w (y - phi(s)' theta)^2 / sigma^2 + |theta - theta_0|^2 / P_0 + |s - s_0|^2 / S_0  (1)
+    theta(s) = (sum w phi phi' / sigma^2 + P_0^-1)^-1 (sum w phi y / sigma^2 + P_0^-1 theta_0)           (2)
+
+theta(s) is exact; s moves by damped Gauss-Newton steps on (theta, s) together, Kaufman's form of variable
+projection. While the motion reaches new places, each coordinate of s is tried on a grid besides: in where the
+contact begins and in the frequencies J has local minima.
+
+theta_0, P_0, s_0, S_0 and sigma are those of an earlier session where there is one (`ContactPrior`). Without
+it theta_0 = 0 and P_0 lets each term be as large as the whole force, so that no unit is needed. What a
+passive contact has with one sign only is 0 where (2) would make it negative. sigma^2 is what the fit before
+left over per degree of freedom.
+
+Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problems 19 (2003).
+"""
+
+from dataclasses import dataclass
+from math import inf, isfinite, nan
+from operator import mul
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forefeel.common.causes.base import ForceEffect
+from forefeel.common.causes.model import ContactModel, EffectEntry
+from forefeel.common.causes.registry import effect_class
+from forefeel.common.causes.runtime import ContactRuntime
+from forefeel.common.estimation.contact_model import (
+    SHAPE,
+    Array,
+    Belief,
+    Causes,
+    accepted,
+    shape_slopes,
+    typical_shape,
+)
+from forefeel.common.estimation.contact_prior import ContactPrior
+from forefeel.common.estimation.identifiability import analyse
+from forefeel.common.estimation.state_filter import GAP_S
+
+_EVERY_S = 0.75  # s between two fits
+_TAKES_S = 0.25  # s of stamps from a fit's last sample to its use: it is computed beside the loop
+_WINDOW_S = 30.0  # s of samples that a fit sees
+_STEP_S = 0.004  # s between samples that are kept: friction and relaxation follow their motion
+_ROW_S = 1.0 / 60.0  # s between the rows of (1)
+_INDEPENDENT_S = 0.03  # s of force that count as one independent value: what (1) leaves is correlated
+_NEW_S = 6.0  # s of searching on grids since the range of the motion has grown
+_GROWN = 1.1  # ratio of ranges that counts as grown
+_STEPS = 2  # Gauss-Newton steps a fit
+_HALVINGS = 3  # of a step that does not lower J
+_WORTH = 0.1  # part of J that occasional causes must save,
+_LEAST_WORTH = 20.0  # and -2 log likelihood: of 3 parameters and of a shape of their own, by BIC
+_COLD_NOISE = 0.05  # sigma over the spread of the force where nothing is known,
+_COLD_COUNT = 5.0  # and how many independent values that counts as
+_GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5))  # coordinate of s, points
+_STEP_OF_RANGE = 0.003  # difference in place of d/dx0, over the range
+_DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4)  # in log L, log tau and Hz
+_SINGULAR = 1e-9  # relative information that every direction has, for the inverse's sake
+_MOST = np.array([inf, 100.0, 1e3, 1e6, 1e4])  # s, m, m/s, m/s^2, N: beyond is no contact of an instrument
+_LEAST_RANGE_M = 1e-6  # m, range of motion below which there is nothing to fit
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What is known of a contact.
+
+    Attributes:
+        model: the causes at their shape. theta: their linear parameters, in the order of its regressors.
+        names, values, standard_deviations, covariance: of all parameters, in SI units as the names say.
+        noise_n: sigma, rms of what the model does not explain.
+        identifiable: what the motion so far leaves undetermined.
+        contact_s: seconds of contact that it was learned from.
+        shape, occasional: where the next fit starts.
+    """
+
+    model: ContactModel
+    theta: tuple[float, ...]
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    noise_n: float
+    identifiable: tuple[str, ...]
+    contact_s: float
+    shape: tuple[float, ...]
+    occasional: bool = False
+
+    @property
+    def standard_deviations(self) -> tuple[float, ...]:
+        return tuple(row[i] ** 0.5 for i, row in enumerate(self.covariance))
+
+    def prior(self) -> ContactPrior:
+        """What is to be kept. Where this run had a prior, that one is part of it."""
+        return ContactPrior(self.names, self.values, self.covariance, self.contact_s)
+
+
+class _Columns:
+    """Rows of phi times sqrt(w), by cause: what a change of the shape does not touch is computed once."""
+
+    def __init__(self, causes: Causes, motion: Array, rows: NDArray[np.intp], root: Array) -> None:
+        self._causes, self._motion, self._rows, self._root = causes, motion, rows, root[:, None]
+        self._origin_s = float(motion[0, -1])
+        self._blocks: dict[tuple[EffectEntry, ...], Array] = {}
+
+    def at(self, shape: Array) -> Array:
+        """Shape (rows, theta)."""
+        gate, *entries = self._causes.model(shape, self._origin_s).effects
+        return np.concatenate([self._block(gate, entry) for entry in entries], axis=1)
+
+    def _block(self, gate: EffectEntry, entry: EffectEntry) -> Array:
+        kind = effect_class(entry.effect)
+        assert issubclass(kind, ForceEffect)
+        key = (gate, entry) if kind.site == "wall" else (entry,)
+        if key not in self._blocks:
+            columns = ContactModel("", key).runtime().columns(*self._motion)
+            self._blocks[key] = columns[self._rows] * self._root
+        return self._blocks[key]
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A shape with its theta(s) and J; `acts`: what of theta is not held at 0, `p0`: diagonal of P_0^-1."""
+
+    shape: Array
+    columns: Array
+    theta: Array
+    cost: float
+    acts: NDArray[np.bool_]
+    p0: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fitting:
+    """One fit as a job that owns its arrays; `solve` is pure.
+
+    `samples`: shape (5, n), stamps in s, motion in m, m/s, m/s^2, force in N.
+    """
+
+    causes: Causes
+    samples: Array
+    belief: Belief
+    before: Contact | None
+    searched: bool
+    low_m: float
+    high_m: float
+    contact_s: float
+
+    @property
+    def takes_effect_s(self) -> float:
+        """Stamp in s of the first sample at whose arrival the result may be used."""
+        return float(self.samples[0, -1]) + _TAKES_S
+
+    def solve(self) -> Contact | None:
+        """The contact; None where the samples allow none."""
+        with np.errstate(all="ignore"):
+            try:
+                return _Solver(self).contact()
+            except np.linalg.LinAlgError:
+                return None
+
+
+class _Solver:
+    """J of one job, and the ways to its minimum."""
+
+    def __init__(self, job: Fitting) -> None:
+        self._job, self._causes, self._belief = job, job.causes, job.belief
+        t, y = job.samples[0], job.samples[4]
+        rows = np.flatnonzero(np.diff(np.floor((t - t[0]) / _ROW_S), prepend=-1.0) > 0.0)
+        w = np.minimum(np.diff(t[rows], prepend=t[0] - _ROW_S) / _INDEPENDENT_S, 1.0)
+        self._y, self._count = y[rows] * np.sqrt(w), float(w.sum())
+        self._columns = _Columns(job.causes, job.samples[:4], rows, np.sqrt(w))
+        self._spread2 = max(float(np.cov(y[rows], aweights=w, bias=True)), 1e-18)
+        self._mean, self._sd = job.belief.shape_within(job.low_m, job.high_m)
+        range_m = max(job.high_m - job.low_m, _LEAST_RANGE_M)
+        self._differences = np.array([_STEP_OF_RANGE * range_m, *_DIFFERENCES])
+        self._noise2_before, self._noise_count = self._spread2 * _COLD_NOISE**2, _COLD_COUNT
+        if isfinite(job.belief.noise_n):
+            self._noise2_before = job.belief.noise_n**2
+            self._noise_count = 0.5 * (job.belief.noise_n / job.belief.noise_sd_n) ** 2
+        noise_n = nan if job.before is None else job.before.noise_n
+        noise2 = noise_n**2 if isfinite(noise_n) else self._noise2_before
+        self._noise2 = max(noise2, 1e-6 * self._spread2)
+
+    def contact(self) -> Contact | None:
+        before = self._job.before
+        occasional = before is not None and before.occasional
+        starts = [] if before is None else [np.array(before.shape)]
+        if self._job.searched or before is None:
+            starts.append(self._mean)
+        points = [self._point(start, occasional) for start in starts]
+        if self._job.searched:
+            points = [self._searched(point, occasional) for point in points]
+        best = min(points, key=lambda point: point.cost)
+        for _ in range(_STEPS):
+            best = self._stepped(best, occasional)
+        lean, rich = self._point(best.shape, False), self._point(best.shape, True)
+        worth = rich.cost < (1.0 - _WORTH) * lean.cost - _LEAST_WORTH
+        if worth != occasional:
+            best = self._stepped(self._searched(rich if worth else lean, worth), worth)
+        return self._result(best, worth)
+
+    def _point(self, shape: Array, occasional: bool) -> _Point:
+        """(2), by the columns scaled to their rms; what would be negative is held at 0, the worst first."""
+        shape = accepted(shape)
+        z, noise2, belief = self._columns.at(shape), self._noise2, self._belief
+        gram = z.T @ z
+        rms = self._rms(z)
+        known = np.isfinite(belief.theta_sd)
+        p0 = np.where(known, belief.theta_sd, np.sqrt(self._spread2) / rms) ** -2.0
+        information = (gram / noise2 + np.diag(p0)) / np.outer(rms, rms)
+        moments = (z.T @ self._y / noise2 + p0 * belief.theta) / rms
+        acts = np.ones(len(rms), dtype=bool)
+        if not occasional:
+            acts[list(self._causes.occasional)] = False
+        scaled = np.zeros(len(rms))
+        while True:
+            at = np.flatnonzero(acts)
+            scaled[:] = 0.0
+            scaled[at] = np.linalg.solve(information[np.ix_(at, at)], moments[at])
+            worst = min(self._causes.positive, key=lambda i: scaled[i])
+            if scaled[worst] >= 0.0:
+                break
+            acts[worst] = False
+        off = (shape - self._mean) / self._sd
+        cost = self._y @ self._y / noise2 + p0 @ belief.theta**2 - scaled @ moments + off @ off
+        return _Point(shape, z, scaled / rms, float(cost), acts, p0)
+
+    def _rms(self, columns: Array) -> Array:
+        """Of each column of phi, 1 where it is 0."""
+        rms = np.sqrt(np.einsum("ij,ij->j", columns, columns) / self._count)
+        return np.where(rms > 0.0, rms, 1.0)
+
+    def _searched(self, point: _Point, occasional: bool) -> _Point:
+        """The best of a grid along each coordinate in turn."""
+        for i, count in _GRID:
+            grid = self._mean[i] + self._sd[i] * np.linspace(-2.0, 2.0, count)
+            if i == 0:
+                grid = np.linspace(self._job.low_m, self._job.high_m, count + 2)[1:-1]
+            for value in grid:
+                shape = point.shape.copy()
+                shape[i] = value
+                point = min(point, self._point(shape, occasional), key=lambda each: each.cost)
+        return point
+
+    def _gathered(self, point: _Point) -> tuple[Array, Array]:
+        """A'A / sigma^2 and A'e / sigma^2 of A = (phi, dphi/ds theta) and the residual e."""
+        tangents = []
+        for i, difference in enumerate(self._differences):
+            shape = point.shape.copy()
+            shape[i] += difference
+            tangents.append((self._columns.at(shape) - point.columns) @ point.theta / difference)
+        a = np.column_stack([point.columns, *tangents])
+        e = self._y - point.columns @ point.theta
+        return a.T @ a / self._noise2, a.T @ e / self._noise2
+
+    def _moving(self, point: _Point) -> NDArray[np.bool_]:
+        """What of (theta, s) is not held."""
+        return np.append(point.acts, np.ones(len(self._sd), dtype=bool))
+
+    def _stepped(self, point: _Point, occasional: bool) -> _Point:
+        """After a Gauss-Newton step that is cut until it lowers J; the point itself where none does."""
+        gathered, pull = self._gathered(point)
+        p0 = np.concatenate([point.p0, self._sd**-2.0])
+        pull -= p0 * np.concatenate([point.theta - self._belief.theta, point.shape - self._mean])
+        at = np.flatnonzero(self._moving(point))
+        information = (gathered + np.diag(p0))[np.ix_(at, at)]
+        size = np.sqrt(np.diagonal(information))
+        step = np.linalg.solve(information / np.outer(size, size), pull[at] / size) / size
+        step = np.clip(step[-len(self._sd) :], -self._sd, self._sd)
+        for _ in range(_HALVINGS):
+            shape = np.clip(point.shape + step, self._mean - 3.0 * self._sd, self._mean + 3.0 * self._sd)
+            other = self._point(shape, occasional)
+            if other.cost < point.cost:
+                return other
+            step = 0.3 * step
+        return point
+
+    def _result(self, point: _Point, occasional: bool) -> Contact | None:
+        """The contact at a point; of a parameter that is held at 0 the prior says how well it is known."""
+        gathered, _ = self._gathered(point)
+        acts = self._moving(point)
+        information = np.where(np.outer(acts, acts), gathered, 0.0)
+        information += np.diag(np.concatenate([point.p0, self._sd**-2.0]))
+        size = np.sqrt(np.diagonal(information))
+        scaled = information / np.outer(size, size) + _SINGULAR * np.eye(len(size))
+        covariance = np.linalg.inv(scaled) / np.outer(size, size)
+        e = self._y - point.columns @ point.theta
+        used = float(np.sum((covariance * gathered)[np.ix_(acts, acts)]))
+        count = max(self._count - used, 1.0) + self._noise_count
+        noise_n = float(np.sqrt((e @ e + self._noise_count * self._noise2_before) / count))
+        values, of_named = self._causes.named(point.theta, point.shape, covariance)
+        named = np.zeros((len(values) + 1, len(values) + 1))
+        named[:-1, :-1] = 0.5 * (of_named + of_named.T)
+        named[-1, -1] = 0.5 * noise_n**2 / count
+        if not (np.isfinite(named).all() and np.isfinite(values).all()):
+            return None
+        return Contact(
+            model=self._causes.model(point.shape, float(self._job.samples[0, -1])),
+            theta=tuple(point.theta.tolist()),
+            names=self._causes.names,
+            values=(*values.tolist(), noise_n),
+            covariance=tuple(map(tuple, named.tolist())),
+            noise_n=noise_n,
+            identifiable=self._undetermined(point, gathered, occasional),
+            contact_s=self._job.contact_s,
+            shape=tuple(point.shape.tolist()),
+            occasional=occasional,
+        )
+
+    def _undetermined(self, point: _Point, gathered: Array, occasional: bool) -> tuple[str, ...]:
+        """What the rows do not tell better than a contact that nothing is known of."""
+        left_out = () if occasional else self._causes.occasional
+        forces = [i for i in self._causes.forces if i not in left_out]
+        n = len(point.theta)
+        names = [*(self._causes.linear[i] for i in forces), *SHAPE]
+        of_theta = np.sqrt(self._spread2) / self._rms(point.columns)[forces]
+        _, of_shape = typical_shape(self._job.low_m, self._job.high_m)
+        at = [*forces, *range(n, n + len(of_shape))]
+        sd = np.concatenate([of_theta, of_shape])
+        slopes = np.concatenate([np.ones(len(forces)), shape_slopes(point.shape)])
+        scaled = gathered[np.ix_(at, at)] * np.outer(sd, sd)
+        return analyse(scaled, names, (1.0 / (sd * slopes)).tolist()).statements
+
+
+class ContactFit:
+    """Collects samples and hands out fits, one at a time. Time is that of the stamps.
+
+    Attributes:
+        contact: the newest that is known; None before any without a prior.
+    """
+
+    def __init__(self, prior: ContactPrior | None = None) -> None:
+        self._causes = Causes()
+        self._belief = self._causes.belief(prior)
+        self.contact = None if prior is None else self._remembered(prior)
+        self._contact_s = 0.0 if prior is None else prior.contact_s
+        self._samples = np.empty((5, 2 * int(_WINDOW_S / _STEP_S)))
+        self._low_m, self._high_m, self._searched_range_m = inf, -inf, 0.0
+        self._new_until_s, self._due_s = -inf, inf
+        self._under_way = False
+        self._n = 0
+
+    def _remembered(self, prior: ContactPrior) -> Contact:
+        """A prior as a contact, before any sample."""
+        shape, _ = self._belief.shape_within(0.0, 0.0)
+        return Contact(
+            model=self._causes.model(shape, 0.0),
+            theta=tuple(self._belief.theta.tolist()),
+            names=prior.names,
+            values=prior.values,
+            covariance=prior.covariance,
+            noise_n=self._belief.noise_n,
+            identifiable=(),
+            contact_s=prior.contact_s,
+            shape=tuple(shape.tolist()),
+            occasional=bool(self._belief.theta[list(self._causes.occasional)].any()),
+        )
+
+    def observe(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, force_n: float) -> None:
+        """The motion at a command's stamp and the force in N that answers it.
+
+        Out of order, less than 4 ms after the last, not finite or out of all bounds, it is left out.
+        """
+        sample = np.array((t_s, x_m, v_m_s, a_m_s2, force_n))
+        if not (isfinite(t_s) and (np.abs(sample) <= _MOST).all()):
+            return
+        if self._n == 0:
+            self._due_s = t_s + _EVERY_S
+        dt = t_s - self._samples[0, self._n - 1] if self._n else inf
+        if dt < 0.9 * _STEP_S:
+            return
+        if dt > GAP_S:
+            sample[2] = 0.0  # the states keep what they were: how it moved in a gap is not known
+        if self._n == self._samples.shape[1]:
+            self._n //= 2
+            self._samples[:, : self._n] = self._samples[:, self._n :]
+        self._samples[:, self._n] = sample
+        self._n += 1
+        if self.contact is not None and x_m > self.contact.shape[0]:
+            self._contact_s += min(dt, GAP_S)
+        self._low_m, self._high_m = min(self._low_m, x_m), max(self._high_m, x_m)
+        if self._high_m - self._low_m > max(_GROWN * self._searched_range_m, _LEAST_RANGE_M):
+            self._searched_range_m = self._high_m - self._low_m
+            self._new_until_s = t_s + _NEW_S
+
+    def due(self) -> Fitting | None:
+        """A fit of the samples so far, at most one each .75 s of stamps and until `apply` took the last."""
+        if self._under_way or self._searched_range_m == 0.0:
+            return None
+        t_s = float(self._samples[0, self._n - 1])
+        if t_s < self._due_s:
+            return None
+        self._due_s, self._under_way = t_s + _EVERY_S, True
+        first = int(np.searchsorted(self._samples[0, : self._n], t_s - _WINDOW_S))
+        return Fitting(
+            causes=self._causes,
+            samples=self._samples[:, first : self._n].copy(),
+            belief=self._belief,
+            before=self.contact,
+            searched=t_s < self._new_until_s,
+            low_m=self._low_m,
+            high_m=self._high_m,
+            contact_s=self._contact_s,
+        )
+
+    def apply(self, contact: Contact | None) -> None:
+        """Takes the result of the fit that was due; without one, the samples are given up."""
+        self._under_way = False
+        if contact is None:
+            self._n = 0
+            self._searched_range_m = 0.0
+            self._low_m, self._high_m = inf, -inf
+        else:
+            self.contact = contact
+
+
+class ContactExpert:
+    """The force of a contact on a motion; in the haptic loop."""
+
+    def __init__(self) -> None:
+        self._runtime: ContactRuntime | None = None
+        self._theta: tuple[float, ...] = ()
+
+    def use(self, contact: Contact) -> None:
+        """Another contact from now on; what friction and relaxation remember of the motion stays."""
+        if self._runtime is None:
+            self._runtime = contact.model.runtime()
+        else:
+            self._runtime.revalue([dict(entry.parameters) for entry in contact.model.effects])
+        self._theta = contact.theta
+
+    def move(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, dt_s: float) -> float:
+        """The force in N at the end of a step of `dt_s`; NaN while nothing is known."""
+        if self._runtime is None:
+            return nan
+        force_n: float = sum(map(mul, self._theta, self._runtime.regressors(t_s, x_m, v_m_s, a_m_s2, dt_s)))
+        return force_n
+
+    def reset(self) -> None:
+        """The motion so far is over, as after a new grip."""
+        if self._runtime is not None:
+            self._runtime.reset()

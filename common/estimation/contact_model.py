@@ -1,0 +1,179 @@
+"""The contact model of the paper and what a vessel adds to it, as a list of causes.
+
+    f = f0 + Fc u + [d > 0] (m x'' + b x' + k d + k2 d^2 + k3 d^3 + g d x' + p d sgn(x') + c q + W)
+    d = x - x0,   L du = (1 - u sgn(x')) dx,   q' = x' - q / tau
+    W = waves of heart (w_h and 2 w_h) and breath (w_b)
+
+theta is what f is linear in: f0, Fc, m, b, p, c, k, k2, k3, g and a sine and a cosine of each wave. The shape
+is what it is not linear in: x0, log L, log tau and the frequencies of heart and breath. A model of a
+diagnosis adds its other causes, whose shapes stay as they are.
+"""
+
+from dataclasses import dataclass
+from math import nan, pi, remainder
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forefeel.common.causes.model import ContactModel, EffectEntry
+from forefeel.common.causes.registry import effect_class
+from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior
+
+Array = NDArray[np.float64]
+
+SHAPE = (
+    CONTACT,
+    "presliding_hysteresis.length_m",
+    "stress_relaxation.time_constant_s",
+    "heart.frequency_hz",
+    "breath.frequency_hz",
+)
+WAVES = ("heart.amplitude_n", "heart.second_harmonic_n", "breath.amplitude_n")
+NOISE = "residual.rms_n"
+_LOGARITHMIC = np.array([False, True, True, False, False])
+# A little less than what the causes accept, in m, log m, log s and Hz; 2 w_h is a pulsation, too.
+_LOWEST = np.array([-900.0, np.log(2e-9), np.log(2e-4), 0.06, 0.06])
+_HIGHEST = np.array([900.0, np.log(900.0), np.log(9e3), 24.0, 49.0])
+
+# Of a contact that nothing is known of; the lengths relative to the range of the motion so far.
+_TYPICAL_S = 0.6  # s of relaxation
+_TYPICAL_HZ = (1.2, 0.25)  # of heart and breath
+_TYPICAL_SD = (1.5, 1.0, 0.15, 0.05)  # of log L, log tau and the two frequencies
+_LEAST_RANGE_M = 1e-4  # m, range below which the motion says nothing of a length
+
+OCCASIONAL = ("stiffening", "hunt_crossley_damping")
+"""Causes that take part only where they explain enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Means and standard deviations of theta and shape before any force; NaN where nothing is known."""
+
+    theta: Array
+    theta_sd: Array
+    shape: Array
+    shape_sd: Array
+    noise_n: float
+    noise_sd_n: float
+
+    def shape_within(self, low_m: float, high_m: float) -> tuple[Array, Array]:
+        """Mean and standard deviation of the shape where the motion so far lies between these positions."""
+        mean, sd = typical_shape(low_m, high_m)
+        known = np.isfinite(self.shape)
+        return np.where(known, self.shape, mean), np.where(known, self.shape_sd, sd)
+
+
+def typical_shape(low_m: float, high_m: float) -> tuple[Array, Array]:
+    """Mean and standard deviation of the shape of a contact that nothing is known of."""
+    range_m = max(high_m - low_m, _LEAST_RANGE_M)
+    mean = np.array([low_m + 0.2 * range_m, np.log(0.01 * range_m), np.log(_TYPICAL_S), *_TYPICAL_HZ])
+    return mean, np.array([range_m, *_TYPICAL_SD])
+
+
+class Causes:
+    """The list, its parameters and their names.
+
+    Attributes:
+        linear: `cause.parameter` of theta, in the order of the model's regressors.
+        names: of all parameters: forces, waves by their amplitude, shape, and the rms of what is left.
+        forces: of theta: all but the waves, in the order of the names.
+        positive: of theta: what a passive contact has with one sign only.
+        occasional: of theta: see `OCCASIONAL`.
+    """
+
+    def __init__(self) -> None:
+        runtime = self.model(typical_shape(0.0, 0.0)[0], 0.0).runtime()
+        self.linear = runtime.linear_names
+        waves = [i for i, name in enumerate(self.linear) if name.startswith("pulsation")]
+        self._waves = np.array(waves).reshape(len(WAVES), 2)
+        self.forces = [i for i in range(len(self.linear)) if i not in waves]
+        self.names = (*(self.linear[i] for i in self.forces), *WAVES, *SHAPE, NOISE)
+        self.positive = tuple(i for i in self.forces if _lowest(self.linear[i]) >= 0.0)
+        self.occasional = tuple(i for i, name in enumerate(self.linear) if name.startswith(OCCASIONAL))
+
+    def model(self, shape: Array, origin_s: float) -> ContactModel:
+        """The causes at that shape, the contact first; a wave's sine is 0 at the stamp `origin_s`."""
+        contact_m, length_m, time_s, heart_hz, breath_hz = shape_values(shape).tolist()
+        waves = [
+            EffectEntry("pulsation", (("frequency_hz", hz), ("phase_rad", _phase_rad(lead, hz, origin_s))))
+            for hz in (heart_hz, 2.0 * heart_hz, breath_hz)
+            for lead in (0.0, 0.25)
+        ]
+        entries = (
+            EffectEntry("contact_loss", (("contact_position_m", contact_m),)),
+            EffectEntry("bias", ()),
+            EffectEntry("presliding_hysteresis", (("force_n", 1.0), ("stiffness_n_m", 1.0 / length_m))),
+            EffectEntry("mass_damper_spring", ()),
+            EffectEntry("position_dependent_friction", ()),
+            EffectEntry("stress_relaxation", (("time_constant_s", time_s),)),
+            EffectEntry("stiffening", ()),
+            EffectEntry("hunt_crossley_damping", ()),
+            *waves,
+        )
+        return ContactModel("contact", entries)
+
+    def belief(self, prior: ContactPrior | None) -> Belief:
+        """What a prior says of theta and shape. Of a wave it knows the size, not the phase."""
+        n = len(self.linear)
+        theta, theta_sd, shape, shape_sd = np.zeros(n), np.full(n, nan), np.full(5, nan), np.full(5, nan)
+        if prior is None:
+            return Belief(theta, theta_sd, shape, shape_sd, nan, nan)
+        known = dict(zip(prior.names, zip(prior.values, prior.standard_deviations, strict=True), strict=True))
+        for i in self.forces:
+            if self.linear[i] in known:
+                theta[i], theta_sd[i] = known[self.linear[i]]
+        for pair, name in zip(self._waves, WAVES, strict=True):
+            if name in known:
+                theta_sd[pair] = np.hypot(*known[name])
+        for i, name in enumerate(SHAPE):
+            if name in known:
+                value, sd = known[name]
+                shape[i] = _coordinate(i, value)
+                shape_sd[i] = sd / value if _LOGARITHMIC[i] else sd
+        return Belief(theta, theta_sd, accepted(shape), shape_sd, *known.get(NOISE, (nan, nan)))
+
+    def named(self, theta: Array, shape: Array, covariance: Array) -> tuple[Array, Array]:
+        """Values and covariance of all `names` but the last, from those of (theta, shape).
+
+        Of a wave sqrt(sine^2 + cosine^2), to first order.
+        """
+        pairs = theta[self._waves]
+        sizes = np.hypot(pairs[:, 0], pairs[:, 1])
+        values = np.concatenate([theta[self.forces], sizes, shape_values(shape)])
+        to = np.zeros((len(values), len(theta) + len(shape)))
+        forces = len(self.forces)
+        to[range(forces), self.forces] = 1.0
+        for i, (pair, size) in enumerate(zip(self._waves, sizes, strict=True)):
+            to[forces + i, pair] = theta[pair] / size if size > 0.0 else (1.0, 0.0)
+        to[range(forces + len(sizes), len(values)), range(len(theta), to.shape[1])] = shape_slopes(shape)
+        return values, to @ covariance @ to.T
+
+
+def accepted(shape: Array) -> Array:
+    """The shape within what the causes accept."""
+    return np.clip(shape, _LOWEST, _HIGHEST)
+
+
+def shape_values(shape: Array) -> Array:
+    """In the units of `SHAPE`."""
+    return np.where(_LOGARITHMIC, np.exp(np.where(_LOGARITHMIC, shape, 0.0)), shape)
+
+
+def shape_slopes(shape: Array) -> Array:
+    """d value / d coordinate."""
+    return np.where(_LOGARITHMIC, shape_values(shape), 1.0)
+
+
+def _coordinate(i: int, value: float) -> float:
+    return float(np.log(max(value, 1e-300))) if _LOGARITHMIC[i] else value
+
+
+def _phase_rad(lead_turns: float, frequency_hz: float, origin_s: float) -> float:
+    return 2.0 * pi * remainder(lead_turns - frequency_hz * origin_s, 1.0)
+
+
+def _lowest(name: str) -> float:
+    """The lower bound of a linear parameter."""
+    effect, _, parameter = name.partition(".")
+    kind = effect_class(effect.partition("-")[0])
+    return next(p.lower for p in kind.parameters if p.name == parameter)

@@ -1,0 +1,127 @@
+"""The contact model that is learned online: parameters, causality, priors, order, a change in the loop."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from forefeel.common.estimation.contact import Contact, ContactExpert, ContactFit
+from forefeel.common.estimation.contact_prior import CONTACT, widened
+from tests.unit.contact_samples import TRUE, Session, learned, predicted, samples, session
+
+FIRST, SECOND = session(14.0), session(14.0, seed=2)
+
+
+def contact_of(of: Session) -> Contact:
+    contact = learned(of)
+    assert contact is not None
+    return contact
+
+
+KNOWN = contact_of(FIRST)
+
+
+def rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(error**2)))
+
+
+def test_fit_finds_parameters() -> None:
+    found = dict(zip(KNOWN.names, KNOWN.values, strict=True))
+
+    assert {name: found[name] for name in TRUE} == pytest.approx(TRUE, rel=0.15)
+    assert found[CONTACT] == pytest.approx(TRUE[CONTACT], abs=1e-4)
+    assert KNOWN.noise_n == pytest.approx(0.002, rel=0.2)
+    assert KNOWN.contact_s == pytest.approx(np.count_nonzero(FIRST.x > 0.008) * 0.004, abs=2.0)
+
+
+def test_standard_deviations_cover_true_values() -> None:
+    found = {
+        n: (v, sd) for n, v, sd in zip(KNOWN.names, KNOWN.values, KNOWN.standard_deviations, strict=True)
+    }
+
+    off = [abs(found[name][0] - value) / found[name][1] for name, value in TRUE.items()]
+    assert max(off) < 5.0
+    assert np.median(off) < 2.0
+
+
+def test_fit_finds_stiffening_only_where_it_is() -> None:
+    stiffening: dict[str, object] = {"effect": "stiffening", "parameters": {"quadratic_n_m2": 300.0}}
+    curved = contact_of(session(14.0, more=(stiffening,)))
+
+    assert not KNOWN.occasional
+    assert dict(zip(KNOWN.names, KNOWN.values, strict=True))["stiffening.quadratic_n_m2"] == 0.0
+    assert curved.occasional
+    assert curved.noise_n == pytest.approx(0.002, rel=0.3)
+
+
+def test_fit_of_passive_contact_has_no_negative_parameter() -> None:
+    pulled = contact_of(replace(FIRST, force_n=-FIRST.force_n))
+
+    found = dict(zip(pulled.names, pulled.values, strict=True))
+    signed = {"bias.force_n", "stiffening.quadratic_n_m2", "stiffening.cubic_n_m3"}
+    assert all(value >= 0.0 for name, value in found.items() if name not in signed)
+
+
+def test_fit_at_rest_says_what_it_lacks() -> None:
+    still = replace(FIRST, x=1e-5 * np.sin(FIRST.t), v=0.0 * FIRST.t, a=0.0 * FIRST.t)
+
+    assert KNOWN.identifiable == ()
+    assert any("mass_damper_spring" in text for text in contact_of(still).identifiable)
+
+
+def test_forces_that_have_not_arrived_change_no_prediction() -> None:
+    short = session(6.0)
+    other = replace(short, force_n=np.where(short.t > 3.0, 1.0, short.force_n))
+    one, two = predicted(short, delay_s=0.3), predicted(other, delay_s=0.3)
+
+    arrived = short.t > 3.3
+    assert np.array_equal(one[~arrived], two[~arrived], equal_nan=True)
+    assert not np.array_equal(one[arrived], two[arrived])
+
+
+def test_prior_predicts_from_first_tick() -> None:
+    force_n, early = SECOND.force_n, SECOND.t < 3.0
+    warm, cold = predicted(SECOND, widened(KNOWN.prior(), 1.0)), predicted(SECOND)
+
+    assert np.isfinite(warm).all()
+    assert rms((warm - force_n)[early]) < 0.2 * rms((np.nan_to_num(cold) - force_n)[early])
+    assert rms((warm - force_n)[~early]) < 0.006
+
+
+def test_prior_of_another_contact_is_left() -> None:
+    other = KNOWN.prior()
+    soft = replace(other, values=tuple(0.3 * value for value in other.values))
+
+    force_n, late = SECOND.force_n, SECOND.t > 8.0
+    assert rms((predicted(SECOND, widened(soft, 1.0)) - force_n)[late]) < 0.02
+
+
+def test_late_and_doubled_samples_are_left_out() -> None:
+    ordered = list(samples(FIRST))[:300]
+    mixed = [late for i, sample in enumerate(ordered) for late in (sample, ordered[i // 2])]
+    jobs = []
+    for each in (ordered, mixed):
+        fit = ContactFit()
+        for sample in each:
+            fit.observe(*sample)
+        jobs.append(fit.due())
+    one, other = jobs
+
+    assert one is not None
+    assert other is not None
+    assert np.array_equal(one.samples, other.samples)
+
+
+def test_use_keeps_memory_of_friction_and_relaxation() -> None:
+    expert, rows = ContactExpert(), list(samples(FIRST))
+    expert.use(KNOWN)
+    before = [expert.move(t, x, v, a, 0.004) for t, x, v, a, _ in rows][-1]
+    expert.use(contact_of(session(4.0, seed=3)))
+    expert.use(KNOWN)
+    t, x, v, a, _ = rows[-1]
+
+    assert expert.move(t, x, v, a, 0.0) == pytest.approx(before, rel=1e-9)
+
+
+def test_expert_without_contact_gives_nan() -> None:
+    assert np.isnan(ContactExpert().move(0.0, 0.0, 0.0, 0.0, 0.001))
