@@ -25,26 +25,28 @@ from forefeel.common.causes.numerics import Array, lazy_kernel
 BAND_M_S = 1e-5
 BREAKAWAY = Parameter("breakaway_m", "m", 0.0, 0.0, 1.0, linear=False)
 """Distance over which friction goes from rest to its full size; 0 where it has it at once."""
+BAND = Parameter("band_m_s", "m/s", BAND_M_S, BAND_M_S, 1.0, linear=False)
+"""Half the width of the linear band; wider than by default where the speed itself is not known so well."""
 # of the stroke, and how many are tried; chosen: a refined one ends where presliding_hysteresis begins
 _SHORTEST, _LONGEST, _LENGTHS = 1e-5, 6e-4, 4
 
 
-def direction(v: float) -> float:
-    """sign(v), exact beyond 10 um/s and linear in v inside that band.
+def direction(v: float, band_m_s: float = BAND_M_S) -> float:
+    """sign(v), exact beyond the band, by default 10 um/s, and linear in v inside.
 
     The band keeps friction from chattering where a servo comes to rest, the usual regularisation of Coulomb's
     law (Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994).
     """
-    if v >= BAND_M_S:
+    if v >= band_m_s:
         return 1.0
-    if v <= -BAND_M_S:
+    if v <= -band_m_s:
         return -1.0
-    return v / BAND_M_S
+    return v / band_m_s
 
 
-def directions(v: Array) -> Array:
+def directions(v: Array, band_m_s: float = BAND_M_S) -> Array:
     """`direction` of each velocity, shape (n,)."""
-    return np.clip(v / BAND_M_S, -1.0, 1.0)
+    return np.clip(v / band_m_s, -1.0, 1.0)
 
 
 class Direction:
@@ -52,8 +54,8 @@ class Direction:
     series with the friction (Prandtl, ZAMM 8(2), 1928): the stiffness of load cell, holder and asperities.
     """
 
-    def __init__(self, breakaway_m: float) -> None:
-        self._breakaway_m = breakaway_m
+    def __init__(self, breakaway_m: float, band_m_s: float = BAND_M_S) -> None:
+        self._breakaway_m, self._band_m_s = breakaway_m, band_m_s
         self._s = 0.0
 
     def reset(self) -> None:
@@ -62,13 +64,15 @@ class Direction:
     def after(self, v: float, dt: float) -> float:
         """In -1 to 1, after a step of dt in s at v in m/s."""
         if self._breakaway_m <= 0.0:
-            return direction(v)
+            return direction(v, self._band_m_s)
         self._s = min(max(self._s + v * dt / self._breakaway_m, -1.0), 1.0)
         return self._s
 
     def over(self, v: Array, dt: Array) -> Array:
         """The same of a whole recording from rest, shape (n,)."""
-        return directions(v) if self._breakaway_m <= 0.0 else _wound(v * dt / self._breakaway_m)
+        if self._breakaway_m <= 0.0:
+            return directions(v, self._band_m_s)
+        return _wound(v * dt / self._breakaway_m)
 
 
 def wound(motion: MotionGrid, breakaway_m: float) -> Array:
@@ -83,12 +87,12 @@ def breakaways_m(extent: Extent) -> list[Shape]:
 
 
 class _AlongDirection(ForceEffect):
-    """Friction whose sign is that of `Direction`: continuous within 10 um/s of rest and zero at rest, or
+    """Friction whose sign is that of `Direction`: continuous within a band around rest and zero at rest, or
     built up over `breakaway_m`.
     """
 
     def _configure(self) -> None:
-        self._direction = Direction(self.values["breakaway_m"])
+        self._direction = Direction(self.values["breakaway_m"], self.values.get(BAND.name, BAND_M_S))
 
     def reset(self) -> None:
         self._direction.reset()
@@ -378,7 +382,7 @@ class PositionDependentFriction(_AlongDirection):
 
     name = "position_dependent_friction"
     site = "wall"
-    parameters = (Parameter("force_per_length_n_m", "N/m", 0.0, 0.0, 1e6), BREAKAWAY)
+    parameters = (Parameter("force_per_length_n_m", "N/m", 0.0, 0.0, 1e6), BREAKAWAY, BAND)
     reference = "capstan (Euler-Eytelwein) equation, linearised in the length of contact"
     fingerprint = "a jump at each reversal that is larger the deeper the instrument is"
     words = "friction that grows with the inserted length"

@@ -61,6 +61,8 @@ class PeriodicForce(ForceEffect):
         return (wave,)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        if not (self._ratio2 or self._ratio3):
+            return np.sin(self._omega * t + self._phase)[:, None]
         sines = _sines(self._omega * t + self._phase)
         wave = sines[0]
         higher = (self._ratio2, self._phase2), (self._ratio3, self._phase3)

@@ -17,14 +17,15 @@ left over per degree of freedom.
 Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problems 19 (2003).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 from math import inf, isfinite, nan
 from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes.base import ForceEffect
+from forefeel.common.causes.base import Effect, ForceEffect, Site
 from forefeel.common.causes.model import ContactModel, EffectEntry
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.runtime import ContactRuntime
@@ -33,6 +34,7 @@ from forefeel.common.estimation.contact_model import (
     Array,
     Belief,
     Causes,
+    Extent,
     accepted,
     shape_slopes,
     typical_shape,
@@ -55,9 +57,10 @@ _WORTH = 0.1  # part of J that occasional causes must save,
 _LEAST_WORTH = 20.0  # and -2 log likelihood: of 3 parameters and of a shape of their own, by BIC
 _COLD_NOISE = 0.05  # sigma over the spread of the force where nothing is known,
 _COLD_COUNT = 5.0  # and how many independent values that counts as
-_GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5))  # coordinate of s, points
+_CONTRADICTION = 9.0  # mean square, in standard deviations, by which a fit may leave the prior: 3 sd
+_GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5), (5, 5))  # coordinate of s, points
 _STEP_OF_RANGE = 0.003  # difference in place of d/dx0, over the range
-_DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4)  # in log L, log tau and Hz
+_DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4, 0.05)  # in log L, log tau, Hz and log band
 _SINGULAR = 1e-9  # relative information that every direction has, for the inverse's sake
 _MOST = np.array([inf, 100.0, 1e3, 1e6, 1e4])  # s, m, m/s, m/s^2, N: beyond is no contact of an instrument
 _LEAST_RANGE_M = 1e-6  # m, range of motion below which there is nothing to fit
@@ -86,6 +89,8 @@ class Contact:
     contact_s: float
     shape: tuple[float, ...]
     occasional: bool = False
+    strain: float = 0.0
+    contradicted: bool = False
 
     @property
     def standard_deviations(self) -> tuple[float, ...]:
@@ -97,26 +102,39 @@ class Contact:
 
 
 class _Columns:
-    """Rows of phi times sqrt(w), by cause: what a change of the shape does not touch is computed once."""
+    """Rows of phi times sqrt(w), in blocks: what a change of the shape does not touch is computed once.
+
+    A cause with a memory is a block of its own, on all samples; those of one site without are one, on the
+    rows only.
+    """
 
     def __init__(self, causes: Causes, motion: Array, rows: NDArray[np.intp], root: Array) -> None:
         self._causes, self._motion, self._rows, self._root = causes, motion, rows, root[:, None]
+        self._at_rows = motion[:, rows]
         self._origin_s = float(motion[0, -1])
         self._blocks: dict[tuple[EffectEntry, ...], Array] = {}
 
     def at(self, shape: Array) -> Array:
         """Shape (rows, theta)."""
         gate, *entries = self._causes.model(shape, self._origin_s).effects
-        return np.concatenate([self._block(gate, entry) for entry in entries], axis=1)
+        blocks = []
+        for (site, block), group in groupby(entries, _block):
+            key = (*([gate] if site == "wall" else []), *group)
+            if key not in self._blocks:
+                runtime = ContactModel("", key).runtime()
+                columns = (
+                    runtime.columns(*self._motion)[self._rows] if block else runtime.columns(*self._at_rows)
+                )
+                self._blocks[key] = columns * self._root
+            blocks.append(self._blocks[key])
+        return np.concatenate(blocks, axis=1)
 
-    def _block(self, gate: EffectEntry, entry: EffectEntry) -> Array:
-        kind = effect_class(entry.effect)
-        assert issubclass(kind, ForceEffect)
-        key = (gate, entry) if kind.site == "wall" else (entry,)
-        if key not in self._blocks:
-            columns = ContactModel("", key).runtime().columns(*self._motion)
-            self._blocks[key] = columns[self._rows] * self._root
-        return self._blocks[key]
+
+def _block(entry: EffectEntry) -> tuple[Site, str]:
+    """Site, and the name of a cause with a memory."""
+    kind = effect_class(entry.effect)
+    assert issubclass(kind, ForceEffect)
+    return kind.site, "" if kind.reset is Effect.reset else kind.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +161,7 @@ class Fitting:
     belief: Belief
     before: Contact | None
     searched: bool
-    low_m: float
-    high_m: float
+    motion: Extent
     contact_s: float
 
     @property
@@ -156,7 +173,12 @@ class Fitting:
         """The contact; None where the samples allow none."""
         with np.errstate(all="ignore"):
             try:
-                return _Solver(self).contact()
+                contact = _Solver(self).contact()
+                if contact is None or contact.strain <= _CONTRADICTION:
+                    return contact
+                cold = replace(self, belief=self.causes.belief(None), before=None, searched=True)
+                contact = _Solver(cold).contact()
+                return contact and replace(contact, contradicted=True)
             except np.linalg.LinAlgError:
                 return None
 
@@ -172,9 +194,8 @@ class _Solver:
         self._y, self._count = y[rows] * np.sqrt(w), float(w.sum())
         self._columns = _Columns(job.causes, job.samples[:4], rows, np.sqrt(w))
         self._spread2 = max(float(np.cov(y[rows], aweights=w, bias=True)), 1e-18)
-        self._mean, self._sd = job.belief.shape_within(job.low_m, job.high_m)
-        range_m = max(job.high_m - job.low_m, _LEAST_RANGE_M)
-        self._differences = np.array([_STEP_OF_RANGE * range_m, *_DIFFERENCES])
+        self._mean, self._sd = job.belief.shape_of(job.motion)
+        self._differences = np.array([_STEP_OF_RANGE * job.motion.range_m, *_DIFFERENCES])
         self._noise2_before, self._noise_count = self._spread2 * _COLD_NOISE**2, _COLD_COUNT
         if isfinite(job.belief.noise_n):
             self._noise2_before = job.belief.noise_n**2
@@ -237,7 +258,7 @@ class _Solver:
         for i, count in _GRID:
             grid = self._mean[i] + self._sd[i] * np.linspace(-2.0, 2.0, count)
             if i == 0:
-                grid = np.linspace(self._job.low_m, self._job.high_m, count + 2)[1:-1]
+                grid = np.linspace(self._job.motion.low_m, self._job.motion.high_m, count + 2)[1:-1]
             for value in grid:
                 shape = point.shape.copy()
                 shape[i] = value
@@ -307,7 +328,15 @@ class _Solver:
             contact_s=self._job.contact_s,
             shape=tuple(point.shape.tolist()),
             occasional=occasional,
+            strain=self._strain(point),
         )
+
+    def _strain(self, point: _Point) -> float:
+        """Mean square of how far a point is from the prior, in its standard deviations."""
+        of_theta = ((point.theta - self._belief.theta) / self._belief.theta_sd)[self._causes.forces]
+        of_shape = (point.shape - self._belief.shape) / self._belief.shape_sd
+        off = np.concatenate([of_theta, of_shape])
+        return float(np.nanmean(off**2)) if np.isfinite(off).any() else 0.0
 
     def _undetermined(self, point: _Point, gathered: Array, occasional: bool) -> tuple[str, ...]:
         """What the rows do not tell better than a contact that nothing is known of."""
@@ -316,7 +345,7 @@ class _Solver:
         n = len(point.theta)
         names = [*(self._causes.linear[i] for i in forces), *SHAPE]
         of_theta = np.sqrt(self._spread2) / self._rms(point.columns)[forces]
-        _, of_shape = typical_shape(self._job.low_m, self._job.high_m)
+        _, of_shape = typical_shape(self._job.motion)
         at = [*forces, *range(n, n + len(of_shape))]
         sd = np.concatenate([of_theta, of_shape])
         slopes = np.concatenate([np.ones(len(forces)), shape_slopes(point.shape)])
@@ -344,7 +373,7 @@ class ContactFit:
 
     def _remembered(self, prior: ContactPrior) -> Contact:
         """A prior as a contact, before any sample."""
-        shape, _ = self._belief.shape_within(0.0, 0.0)
+        shape, _ = self._belief.shape_of(Extent(0.0, 0.0, 0.0))
         return Contact(
             model=self._causes.model(shape, 0.0),
             theta=tuple(self._belief.theta.tolist()),
@@ -394,14 +423,14 @@ class ContactFit:
             return None
         self._due_s, self._under_way = t_s + _EVERY_S, True
         first = int(np.searchsorted(self._samples[0, : self._n], t_s - _WINDOW_S))
+        samples = self._samples[:, first : self._n].copy()
         return Fitting(
             causes=self._causes,
-            samples=self._samples[:, first : self._n].copy(),
+            samples=samples,
             belief=self._belief,
             before=self.contact,
             searched=t_s < self._new_until_s,
-            low_m=self._low_m,
-            high_m=self._high_m,
+            motion=Extent(self._low_m, self._high_m, float(np.sqrt(np.mean(samples[2] ** 2)))),
             contact_s=self._contact_s,
         )
 
@@ -414,6 +443,8 @@ class ContactFit:
             self._low_m, self._high_m = inf, -inf
         else:
             self.contact = contact
+            if contact.contradicted:
+                self._belief = self._causes.belief(None)
 
 
 class ContactExpert:

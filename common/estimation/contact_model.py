@@ -11,6 +11,7 @@ diagnosis adds its other causes, whose shapes stay as they are.
 
 from dataclasses import dataclass
 from math import nan, pi, remainder
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,22 +28,36 @@ SHAPE = (
     "stress_relaxation.time_constant_s",
     "heart.frequency_hz",
     "breath.frequency_hz",
+    "position_dependent_friction.band_m_s",
 )
 WAVES = ("heart.amplitude_n", "heart.second_harmonic_n", "breath.amplitude_n")
 NOISE = "residual.rms_n"
-_LOGARITHMIC = np.array([False, True, True, False, False])
-# A little less than what the causes accept, in m, log m, log s and Hz; 2 w_h is a pulsation, too.
-_LOWEST = np.array([-900.0, np.log(2e-9), np.log(2e-4), 0.06, 0.06])
-_HIGHEST = np.array([900.0, np.log(900.0), np.log(9e3), 24.0, 49.0])
+_LOGARITHMIC = np.array([False, True, True, False, False, True])
+# A little less than what the causes accept, in m, log m, log s, Hz and log m/s; 2 w_h is a pulsation, too.
+_LOWEST = np.array([-900.0, np.log(2e-9), np.log(2e-4), 0.06, 0.06, np.log(1.1e-5)])
+_HIGHEST = np.array([900.0, np.log(900.0), np.log(9e3), 24.0, 49.0, np.log(0.9)])
 
-# Of a contact that nothing is known of; the lengths relative to the range of the motion so far.
+# Of a contact that nothing is known of; lengths relative to the range of motion, speeds to their rms.
 _TYPICAL_S = 0.6  # s of relaxation
 _TYPICAL_HZ = (1.2, 0.25)  # of heart and breath
-_TYPICAL_SD = (1.5, 1.0, 0.15, 0.05)  # of log L, log tau and the two frequencies
-_LEAST_RANGE_M = 1e-4  # m, range below which the motion says nothing of a length
+_TYPICAL_BAND = 0.02
+_TYPICAL_SD = (1.5, 1.0, 0.15, 0.05, 1.0)  # of log L, log tau, the two frequencies and log band
+_LEAST_RANGE_M, _LEAST_SPEED_M_S = 1e-4, 1e-3  # below, the motion says nothing of a length or a speed
 
 OCCASIONAL = ("stiffening", "hunt_crossley_damping")
 """Causes that take part only where they explain enough."""
+
+
+class Extent(NamedTuple):
+    """Of a motion: lowest and highest position in m, rms of the speed in m/s."""
+
+    low_m: float
+    high_m: float
+    speed_m_s: float
+
+    @property
+    def range_m(self) -> float:
+        return self.high_m - self.low_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,17 +71,18 @@ class Belief:
     noise_n: float
     noise_sd_n: float
 
-    def shape_within(self, low_m: float, high_m: float) -> tuple[Array, Array]:
-        """Mean and standard deviation of the shape where the motion so far lies between these positions."""
-        mean, sd = typical_shape(low_m, high_m)
+    def shape_of(self, motion: Extent) -> tuple[Array, Array]:
+        """Mean and standard deviation of the shape, where the motion so far was of that extent."""
+        mean, sd = typical_shape(motion)
         known = np.isfinite(self.shape)
         return np.where(known, self.shape, mean), np.where(known, self.shape_sd, sd)
 
 
-def typical_shape(low_m: float, high_m: float) -> tuple[Array, Array]:
+def typical_shape(motion: Extent) -> tuple[Array, Array]:
     """Mean and standard deviation of the shape of a contact that nothing is known of."""
-    range_m = max(high_m - low_m, _LEAST_RANGE_M)
-    mean = np.array([low_m + 0.2 * range_m, np.log(0.01 * range_m), np.log(_TYPICAL_S), *_TYPICAL_HZ])
+    range_m, speed_m_s = max(motion.range_m, _LEAST_RANGE_M), max(motion.speed_m_s, _LEAST_SPEED_M_S)
+    lengths = motion.low_m + 0.2 * range_m, np.log(0.01 * range_m)
+    mean = np.array([*lengths, np.log(_TYPICAL_S), *_TYPICAL_HZ, np.log(_TYPICAL_BAND * speed_m_s)])
     return mean, np.array([range_m, *_TYPICAL_SD])
 
 
@@ -82,7 +98,7 @@ class Causes:
     """
 
     def __init__(self) -> None:
-        runtime = self.model(typical_shape(0.0, 0.0)[0], 0.0).runtime()
+        runtime = self.model(typical_shape(Extent(0.0, 0.0, 0.0))[0], 0.0).runtime()
         self.linear = runtime.linear_names
         waves = [i for i, name in enumerate(self.linear) if name.startswith("pulsation")]
         self._waves = np.array(waves).reshape(len(WAVES), 2)
@@ -93,7 +109,7 @@ class Causes:
 
     def model(self, shape: Array, origin_s: float) -> ContactModel:
         """The causes at that shape, the contact first; a wave's sine is 0 at the stamp `origin_s`."""
-        contact_m, length_m, time_s, heart_hz, breath_hz = shape_values(shape).tolist()
+        contact_m, length_m, time_s, heart_hz, breath_hz, band_m_s = shape_values(shape).tolist()
         waves = [
             EffectEntry("pulsation", (("frequency_hz", hz), ("phase_rad", _phase_rad(lead, hz, origin_s))))
             for hz in (heart_hz, 2.0 * heart_hz, breath_hz)
@@ -103,9 +119,9 @@ class Causes:
             EffectEntry("contact_loss", (("contact_position_m", contact_m),)),
             EffectEntry("bias", ()),
             EffectEntry("presliding_hysteresis", (("force_n", 1.0), ("stiffness_n_m", 1.0 / length_m))),
-            EffectEntry("mass_damper_spring", ()),
-            EffectEntry("position_dependent_friction", ()),
+            EffectEntry("position_dependent_friction", (("band_m_s", band_m_s),)),
             EffectEntry("stress_relaxation", (("time_constant_s", time_s),)),
+            EffectEntry("mass_damper_spring", ()),
             EffectEntry("stiffening", ()),
             EffectEntry("hunt_crossley_damping", ()),
             *waves,
@@ -115,7 +131,12 @@ class Causes:
     def belief(self, prior: ContactPrior | None) -> Belief:
         """What a prior says of theta and shape. Of a wave it knows the size, not the phase."""
         n = len(self.linear)
-        theta, theta_sd, shape, shape_sd = np.zeros(n), np.full(n, nan), np.full(5, nan), np.full(5, nan)
+        theta, theta_sd, shape, shape_sd = (
+            np.zeros(n),
+            np.full(n, nan),
+            np.full(len(SHAPE), nan),
+            np.full(len(SHAPE), nan),
+        )
         if prior is None:
             return Belief(theta, theta_sd, shape, shape_sd, nan, nan)
         known = dict(zip(prior.names, zip(prior.values, prior.standard_deviations, strict=True), strict=True))
