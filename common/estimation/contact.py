@@ -10,7 +10,7 @@ projection. While the motion reaches new places, each coordinate of s is tried o
 contact begins and in the frequencies J has local minima.
 
 theta_0, P_0, s_0, S_0 and sigma are those of an earlier session where there is one (`ContactPrior`). Without
-it theta_0 = 0 and P_0 lets each term be as large as the whole force, so that no unit is needed. What a
+it theta_0 = 0 and P_0 is relative to the spread of the force, so that no unit is needed. What a
 passive contact has with one sign only is 0 where (2) would make it negative. sigma^2 is what the fit before
 left over per degree of freedom.
 
@@ -48,7 +48,7 @@ _TAKES_S = 0.25  # s of stamps from a fit's last sample to its use: it is comput
 _WINDOW_S = 30.0  # s of samples that a fit sees
 _STEP_S = 0.004  # s between samples that are kept: friction and relaxation follow their motion
 _ROW_S = 1.0 / 60.0  # s between the rows of (1)
-_INDEPENDENT_S = 0.03  # s of force that count as one independent value: what (1) leaves is correlated
+_INDEPENDENT_S = 0.1  # s of force that count as one independent value: what (1) leaves is correlated
 _NEW_S = 6.0  # s of searching on grids since the range of the motion has grown
 _GROWN = 1.1  # ratio of ranges that counts as grown
 _STEPS = 2  # Gauss-Newton steps a fit
@@ -56,7 +56,7 @@ _HALVINGS = 3  # of a step that does not lower J
 _WORTH = 0.1  # part of J that occasional causes must save,
 _LEAST_WORTH = 20.0  # and -2 log likelihood: of 3 parameters and of a shape of their own, by BIC
 _COLD_NOISE = 0.05  # sigma over the spread of the force where nothing is known,
-_COLD_COUNT = 5.0  # and how many independent values that counts as
+_COLD_COUNT = 1.0  # which counts as so many independent values
 _CONTRADICTION = 9.0  # mean square, in standard deviations, by which a fit may leave the prior: 3 sd
 _GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5), (5, 5))  # coordinate of s, points
 _STEP_OF_RANGE = 0.003  # difference in place of d/dx0, over the range
@@ -207,13 +207,9 @@ class _Solver:
     def contact(self) -> Contact | None:
         before = self._job.before
         occasional = before is not None and before.occasional
-        starts = [] if before is None else [np.array(before.shape)]
-        if self._job.searched or before is None:
-            starts.append(self._mean)
-        points = [self._point(start, occasional) for start in starts]
+        best = self._point(self._mean if before is None else np.array(before.shape), occasional)
         if self._job.searched:
-            points = [self._searched(point, occasional) for point in points]
-        best = min(points, key=lambda point: point.cost)
+            best = self._searched(best, occasional)
         for _ in range(_STEPS):
             best = self._stepped(best, occasional)
         lean, rich = self._point(best.shape, False), self._point(best.shape, True)
@@ -229,7 +225,8 @@ class _Solver:
         gram = z.T @ z
         rms = self._rms(z)
         known = np.isfinite(belief.theta_sd)
-        p0 = np.where(known, belief.theta_sd, np.sqrt(self._spread2) / rms) ** -2.0
+        cold = self._causes.cold * np.sqrt(self._spread2) / rms
+        p0 = np.where(known, belief.theta_sd, cold) ** -2.0
         information = (gram / noise2 + np.diag(p0)) / np.outer(rms, rms)
         moments = (z.T @ self._y / noise2 + p0 * belief.theta) / rms
         acts = np.ones(len(rms), dtype=bool)

@@ -44,6 +44,11 @@ _TYPICAL_BAND = 0.02
 _TYPICAL_SD = (1.5, 1.0, 0.15, 0.05, 1.0)  # of log L, log tau, the two frequencies and log band
 _LEAST_RANGE_M, _LEAST_SPEED_M_S = 1e-4, 1e-3  # below, the motion says nothing of a length or a speed
 
+# Standard deviations before anything is known, over the spread of the force that a term explains. The spring
+# may explain all of it, and a bias has nothing to do with it. Others less: of the first stroke a breath or a
+# mass explain as much, and then foretell the second one wrongly.
+_TERM, _WAVE, _FREE = 0.3, 0.15, 100.0
+
 OCCASIONAL = ("stiffening", "hunt_crossley_damping")
 """Causes that take part only where they explain enough."""
 
@@ -95,6 +100,7 @@ class Causes:
         forces: of theta: all but the waves, in the order of the names.
         positive: of theta: what a passive contact has with one sign only.
         occasional: of theta: see `OCCASIONAL`.
+        cold: standard deviation of each term before anything is known, over the spread of the force.
     """
 
     def __init__(self) -> None:
@@ -105,6 +111,7 @@ class Causes:
         self.forces = [i for i in range(len(self.linear)) if i not in waves]
         self.names = (*(self.linear[i] for i in self.forces), *WAVES, *SHAPE, NOISE)
         self.positive = tuple(i for i in self.forces if _lowest(self.linear[i]) >= 0.0)
+        self.cold = np.array([_part(name) for name in self.linear])
         self.occasional = tuple(i for i, name in enumerate(self.linear) if name.startswith(OCCASIONAL))
 
     def model(self, shape: Array, origin_s: float) -> ContactModel:
@@ -191,6 +198,13 @@ def _coordinate(i: int, value: float) -> float:
 
 def _phase_rad(lead_turns: float, frequency_hz: float, origin_s: float) -> float:
     return 2.0 * pi * remainder(lead_turns - frequency_hz * origin_s, 1.0)
+
+
+def _part(name: str) -> float:
+    """Of the force's spread, what a term may explain before anything is known."""
+    if name.startswith("pulsation"):
+        return _WAVE
+    return {"bias.force_n": _FREE, "mass_damper_spring.stiffness_n_m": 1.0}.get(name, _TERM)
 
 
 def _lowest(name: str) -> float:
