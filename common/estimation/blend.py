@@ -3,17 +3,24 @@
 For each force f that arrives, with p_e what expert e had said of it and h the error of the zero-order hold:
 
     loss_e = min((p_e - f)^2, c^2 max(h^2, mean h^2)),   c = 0.8 (1 + T / 10 s)
-    v_e    = mean loss_e + (0.003 L)^2 + (0.2 L)^2 / (1 + I / (0.1 L^2) + (T / 3 s)^2)
+    v_e    = mean loss_e + (0.003 L)^2 + (0.1 L)^2 / (1 + I / (0.1 L^2) + (T / 6 s)^2)
     w_e    ~ v_e^-4
+    reach  = mean of L, and while T < 5 s of the range of the forces where that is larger
 
-The mean loss is that of the last 2 s (70 %) and 8 s (30 %), mean h^2 that of 8 s; L is the largest |f(t) -
-f(s)| so far, I the integral of h^2, T the time that has been judged. All is relative to L, not to the range
-of the forces: by the range, recordings at rest went to ten times the error of the hold.
+The mean loss is that of the last 2 s (70 %) and 8 s (30 %), mean h^2 that of 8 s, the reach that of T / 4, at
+most 2 s; L is the largest |f(t) - f(s)| so far, I the integral of h^2, T the time that has been judged. All
+is relative to L, not to the range of the forces: by the range, recordings at rest went to ten times the error
+of the hold.
 
 The cap: an early extrapolation far off must not keep an expert out for 8 s. The last term of v_e makes all
-alike while little is known. It is not for the favoured one, which is the odd expert (the first reversal),
-nor for an expert that another run has taught. Losses of the taught are not capped either: what was learned
-elsewhere may be wrong altogether, and is to go at its first contradiction.
+alike while little is known. With 0.2 L, that kept the odd expert in the lead for ten seconds where others had
+long been better. It is not for the favoured one, which is the odd expert (the first reversal), nor for an
+expert that another run has taught. Losses of the taught are not capped either: what was learned elsewhere may
+be wrong altogether, and is to go at its first contradiction.
+
+The blend goes no further than the reach from the newest force. Of a change larger than all before the experts
+have learned the beginning alone, and foretell more of its size: 1.6 times the error of the hold where an
+elastomer is let go, and 1.1 with the reach.
 
 An expert that says nothing (NaN) is judged as the hold, and has no weight while it is silent.
 """
@@ -40,16 +47,20 @@ ZOH, FIRST, OUTSIDE = 0, 1, 1 + len(experts.NAMES)
 FAVOURED, TAUGHT = FIRST + experts.ODD, OUTSIDE + 2
 MEMBERS = len(NAMES)
 
+EARLY_S = 5.0
+"""Judged time in which little is known of L and of the range of the forces."""
+
 _MEMORIES_S = (2.0, 8.0)
 _SHARES = (0.7, 0.3)
 _CAP, _CAP_S = 0.8, 10.0
-_FLOOR, _COLD, _COLD_ERRORS, _COLD_S = 0.003, 0.2, 0.1, 3.0
+_FLOOR, _COLD, _COLD_ERRORS, _COLD_S = 0.003, 0.1, 0.1, 6.0
+_REACH_S, _REACH_SHARE = 2.0, 0.25
 _KICK = 0.1
 _TINY = 1e-200
 
 
 class Blend(Protocol):
-    """Sums of weighted losses by memory, of h^2 within 8 s, and of the weights; I; T; L; w."""
+    """Sums of weighted losses by memory, of h^2 within 8 s, and of the weights; I; T; L; reach; w."""
 
     seen_fast: float
     seen_slow: float
@@ -57,6 +68,7 @@ class Blend(Protocol):
     informed_n2: float
     known_s: float
     largest_n: float
+    reach_n: float
     losses: Annotated[Array, 2, MEMBERS]
     weights: Annotated[Array, MEMBERS]
 
@@ -67,8 +79,8 @@ def begin(blend: NDArray[np.void]) -> None:
 
 
 @kernel
-def judge(blend: Blend, said_n: Array, force_n: float, h: float) -> None:
-    """A force that has come, and what each had said of it; `h`: the time in s that it stands for."""
+def judge(blend: Blend, said_n: Array, force_n: float, range_n: float, h: float) -> None:
+    """A force that has come, what each had said of it, and the range of the forces; `h`: its time in s."""
     error_n2 = (force_n - said_n[ZOH]) ** 2
     keep_fast, keep_slow = math.exp(-h / _MEMORIES_S[0]), math.exp(-h / _MEMORIES_S[1])
     blend.seen_fast = blend.seen_fast * keep_fast + h
@@ -77,6 +89,9 @@ def judge(blend: Blend, said_n: Array, force_n: float, h: float) -> None:
     blend.informed_n2 += h * error_n2
     blend.known_s += h
     blend.largest_n = max(blend.largest_n, math.sqrt(error_n2))
+    largest_n = max(blend.largest_n, range_n) if blend.known_s < EARLY_S else blend.largest_n
+    memory_s = min(_REACH_S, _REACH_SHARE * blend.known_s)
+    blend.reach_n += (largest_n - blend.reach_n) * (1.0 - math.exp(-h / memory_s))
     cap = (_CAP * (1.0 + blend.known_s / _CAP_S)) ** 2 * max(error_n2, blend.zoh_n2 / blend.seen_slow)
     for e in range(MEMBERS):
         loss = error_n2 if math.isnan(said_n[e]) else (said_n[e] - force_n) ** 2

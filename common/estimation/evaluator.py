@@ -17,14 +17,13 @@ from forefeel.common.estimation import blend as blends
 from forefeel.common.estimation import experts
 from forefeel.common.estimation import forces as beliefs
 from forefeel.common.estimation.bank import RING, Bank
-from forefeel.common.estimation.blend import MEMBERS, OUTSIDE, TAUGHT, ZOH
+from forefeel.common.estimation.blend import EARLY_S, MEMBERS, OUTSIDE, TAUGHT, ZOH
 from forefeel.common.estimation.forces import Forces
 from forefeel.common.estimation.regressors import fill
 from forefeel.common.estimation.snapshot import Snapshot, new_snapshot
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.jit import Array, kernel, record, zeros
 
-_EARLY_S = 5.0  # s of judged time in which little is known of the range of the forces
 _BEYOND, _EARLY_BEYOND = 0.1, 1.0  # how far a prediction may be beyond that range, as a part of it
 MODELS = 2
 
@@ -229,14 +228,13 @@ def _heard_n(evaluation: Evaluation, stamp: float) -> float:
 
 @kernel
 def _limited(snapshot: Snapshot, forces: Forces, force_n: float, held_n: float) -> float:
-    """No further from the newest force than it has ever been wrong, and near the range of the forces; but
-    as far as a model says that another run has taught.
+    """Within the reach of the newest force, see `blend`, and near the range of the forces; but as far as a
+    model says that another run has taught.
     """
-    range_n, largest_n, beyond = forces.high_n - forces.low_n, snapshot.largest_n, _BEYOND
-    if snapshot.known_s < _EARLY_S:
-        largest_n, beyond = max(largest_n, range_n), _EARLY_BEYOND
+    beyond = _EARLY_BEYOND if snapshot.known_s < EARLY_S else _BEYOND
     taught_n = (snapshot.weights[TAUGHT] + snapshot.weights[TAUGHT + 1]) * abs(force_n - held_n)
-    largest_n, beyond_n = max(largest_n, taught_n), max(beyond * range_n, taught_n)
-    force_n = min(held_n + largest_n, max(held_n - largest_n, force_n))
+    reach_n = max(snapshot.reach_n, taught_n)
+    beyond_n = max(beyond * (forces.high_n - forces.low_n), taught_n)
+    force_n = min(held_n + reach_n, max(held_n - reach_n, force_n))
     force_n = min(forces.high_n + beyond_n, max(forces.low_n - beyond_n, force_n))
     return force_n if math.isfinite(force_n) else held_n

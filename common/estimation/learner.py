@@ -143,7 +143,7 @@ def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float)
             h,
         )
         trials.judge(knowledge.trial, force_n, evaluation.force_n[i], said_n[ZOH], h)
-    blends.judge(knowledge.blend, said_n, force_n, h)
+    blends.judge(knowledge.blend, said_n, force_n, range_n, h)
     bands.learn(
         knowledge.band, force_n - evaluation.force_n[i], evaluation.half_n[i], evaluation.scale_n[i], h
     )
@@ -158,7 +158,8 @@ def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float)
 def _publish(knowledges: NDArray[np.void], snapshots: NDArray[np.void]) -> None:
     knowledge, snapshot = knowledges[0], snapshots[0]
     forces, blend, band = knowledge.forces, knowledge.blend, knowledge.band
-    snapshot.known_s, snapshot.largest_n = blend.known_s, blend.largest_n
+    snapshot.known_s = blend.known_s
+    snapshot.largest_n, snapshot.reach_n = blend.largest_n, blend.reach_n
     snapshot.first_n, snapshot.low_n, snapshot.high_n = forces.first_n, forces.low_n, forces.high_n
     snapshot.recent_n, snapshot.factor = bands.recent_n(band), bands.factor(band)
     snapshot.radii_m[:] = knowledge.experts.radii_m

@@ -13,8 +13,8 @@ from forefeel.common.jit import Array, record, zeros
 
 class Snapshot(Protocol):
     """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend; f0, range
-    of the forces, largest error of the zero-order hold L, time judged T; of the band the recent error and
-    the factor.
+    of the forces, largest error of the zero-order hold L, reach, time judged T; of the band the recent error
+    and the factor.
 
     renewals: how often the learner has begun anew.
     """
@@ -25,6 +25,7 @@ class Snapshot(Protocol):
     low_n: float
     high_n: float
     largest_n: float
+    reach_n: float
     recent_n: float
     factor: float
     radii_m: Annotated[Array, STOPS]

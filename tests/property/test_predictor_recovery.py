@@ -21,6 +21,7 @@ ANY = st.one_of(st.floats(), st.floats(-100.0, 100.0), st.sampled_from([1e300, -
 @example(np.full(BAD_UNTIL - GOOD, 1e300), True)
 @example(np.full(BAD_UNTIL - GOOD, 30.0), True)
 @example(np.tile([1e300, -1e300], (BAD_UNTIL - GOOD) // 2), True)
+@example(np.full(BAD_UNTIL - GOOD, 5.0), False)  # too near the true ones for a new beginning
 def test_no_force_is_remembered_for_more_than_20_s(bad: np.ndarray, learned: bool) -> None:
     forces = CONTACT.f.copy()
     forces[GOOD:BAD_UNTIL] = bad
@@ -36,7 +37,7 @@ def test_no_force_is_remembered_for_more_than_20_s(bad: np.ndarray, learned: boo
             said[n] = estimate.force_n
     error = said[WELL:] - CONTACT.f[WELL:]
     held = CONTACT.f[WELL - DELAY : -DELAY] - CONTACT.f[WELL:]
-    assert np.sqrt(np.mean(error**2)) < 0.6 * np.sqrt(np.mean(held**2))
+    assert np.sqrt(np.mean(error**2)) < 0.7 * np.sqrt(np.mean(held**2))
 
 
 def test_what_is_no_number_is_left_out() -> None:

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from forefeel.common.estimation.evaluator import Evaluator
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.predictor import Predictor
 from tests.unit.predictor_samples import Array, Sample, contact, drifting, replayed, scored
 
@@ -40,6 +42,24 @@ def test_the_band_covers_95_percent_and_is_narrow(delay_s: float) -> None:
     assert np.mean((said.high - said.low)[rows]) <= 5.0 * said.rms(sample.f, rows)
     assert (said.low <= said.force)[rows].all()
     assert (said.force <= said.high)[rows].all()
+
+
+def test_no_prediction_is_further_from_the_newest_force_than_the_reach() -> None:
+    sample, evaluator = contact(5.0), Evaluator()
+    learner, beyond = Learner(evaluator), []
+    for n in range(len(sample.t)):
+        if n >= 60:
+            evaluator.hear(sample.t[n - 60], sample.f[n - 60])
+            learner.take(sample.t[n - 60], sample.f[n - 60])
+        evaluator.snapshot = learner.publish()
+        learned_n = float(evaluator.snapshot["reach_n"][0])
+        evaluator.snapshot["reach_n"] = 0.01
+        evaluator.move(sample.t[n], sample.x[n])
+        said = evaluator.predict()
+        if said is not None:
+            beyond.append(abs(said.force_n - sample.f[n - 60]))
+    assert max(beyond) == pytest.approx(0.01)
+    assert learned_n > 0.1
 
 
 def test_a_perfect_model_from_outside_is_trusted_from_early_on() -> None:

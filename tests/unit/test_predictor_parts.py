@@ -104,12 +104,12 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     rng = np.random.default_rng(0)
     blend = zeros(record(blends.Blend))
     blends.begin(blend)
-    count, h, zoh_n = blends.MEMBERS, 0.01, 0.5
+    count, h, zoh_n, range_n = blends.MEMBERS, 0.019, 0.5, 3.0
     errors = rng.standard_normal((300, count)) * np.linspace(0.1, 2.0, count)
     errors[:, blends.ZOH] = zoh_n * np.linspace(1.0, 2.0, 300)
     errors[:, 2] = np.nan  # one that says nothing
     for n in range(300):
-        blends.judge(blend[0], 1.0 + errors[n], 1.0, h)
+        blends.judge(blend[0], 1.0 + errors[n], 1.0, range_n, h)
     squares = np.where(np.isnan(errors), errors[:, :1], errors) ** 2
     zoh2, losses = errors[:, 0] ** 2, squares.copy()
     for n in range(300):
@@ -122,11 +122,16 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
         v += share * (fading @ losses) / fading.sum()
     largest = 2 * zoh_n
     v += (0.003 * largest) ** 2
-    cold = (0.2 * largest) ** 2 / (1 + zoh2.sum() * h / (0.1 * largest**2) + (3.0 / 3.0) ** 2)
+    cold = (0.1 * largest) ** 2 / (1 + zoh2.sum() * h / (0.1 * largest**2) + (5.7 / 6.0) ** 2)
     members = np.arange(count)
     v += cold * ((members != blends.FAVOURED) & (members < blends.TAUGHT))
     expected = v**-4 / np.sum(v**-4)
     np.testing.assert_allclose(blend["weights"][0], expected, rtol=1e-9)
+    early = np.arange(1, 301) * h < 5.0
+    shares = -np.expm1(-h / np.minimum(np.arange(1, 301) * h / 4.0, 2.0))
+    left = np.append(np.cumprod(1.0 - shares[:0:-1])[::-1], 1.0)
+    reach_n = (shares * left) @ np.maximum(np.abs(errors[:, 0]), range_n * early)
+    assert blend["reach_n"][0] == pytest.approx(reach_n, rel=1e-9)
     force_n, variance_n2, leading = blends.mean(expected, 1.0 + errors[299])
     speaking = np.where(np.isnan(errors[299]), 0.0, expected) / np.sum(expected[~np.isnan(errors[299])])
     said = np.nan_to_num(1.0 + errors[299])
