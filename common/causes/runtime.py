@@ -176,7 +176,8 @@ class ContactRuntime:
     def revalue(self, values: Sequence[Mapping[str, float]]) -> None:
         """Gives each effect, in the order that they came in, other values; the states stay."""
         for effect, given in zip(self._effects, values, strict=True):
-            effect.revalue(**given)
+            if any(effect.values.get(name) != value for name, value in given.items()):
+                effect.revalue(**given)
         self.linear_values = tuple(value for effect in self._forces for value in effect.linear_values)
 
     def reset_contact(self) -> None:

@@ -25,7 +25,7 @@ from operator import mul
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes.base import Effect, ForceEffect, Site
+from forefeel.common.causes.base import Effect, FactorEffect, ForceEffect, Site
 from forefeel.common.causes.model import ContactModel, EffectEntry
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.runtime import ContactRuntime
@@ -39,9 +39,10 @@ from forefeel.common.estimation.contact_model import (
     shape_slopes,
     typical_shape,
 )
-from forefeel.common.estimation.contact_prior import ContactPrior
+from forefeel.common.estimation.contact_prior import ContactPrior, widened
 from forefeel.common.estimation.identifiability import analyse
 from forefeel.common.estimation.state_filter import GAP_S
+from forefeel.common.estimation.transfer import SensorModel
 
 _EVERY_S = 0.75  # s between two fits
 _TAKES_S = 0.25  # s of stamps from a fit's last sample to its use: it is computed beside the loop
@@ -58,6 +59,10 @@ _LEAST_WORTH = 20.0  # and -2 log likelihood: of 3 parameters and of a shape of 
 _COLD_NOISE = 0.05  # sigma over the spread of the force where nothing is known,
 _COLD_COUNT = 1.0  # which counts as so many independent values
 _CONTRADICTION = 9.0  # mean square, in standard deviations, by which a fit may leave the prior: 3 sd
+_RECENT_S = 1.0  # s of the newest forces that tell whether the contact has changed,
+_RECALLED_S = 6.0  # and of motion before them for the memory of friction and relaxation
+_CHANGED = 5.0  # rms of their errors over sigma that counts as changed
+_CHANGED_BY = 2.0  # of the spread between sessions: how far a changed contact may be from what it was
 _GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5), (5, 5))  # coordinate of s, points
 _STEP_OF_RANGE = 0.003  # difference in place of d/dx0, over the range
 _DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4, 0.05)  # in log L, log tau, Hz and log band
@@ -91,6 +96,7 @@ class Contact:
     occasional: bool = False
     strain: float = 0.0
     contradicted: bool = False
+    since_s: float = -inf
 
     @property
     def standard_deviations(self) -> tuple[float, ...]:
@@ -105,7 +111,8 @@ class _Columns:
     """Rows of phi times sqrt(w), in blocks: what a change of the shape does not touch is computed once.
 
     A cause with a memory is a block of its own, on all samples; those of one site without are one, on the
-    rows only.
+    rows only. What a loaded model has between stage and tip, or at the sensor, gives each a memory, and a
+    factor of the force makes all of them one block.
     """
 
     def __init__(self, causes: Causes, motion: Array, rows: NDArray[np.intp], root: Array) -> None:
@@ -117,24 +124,39 @@ class _Columns:
     def at(self, shape: Array) -> Array:
         """Shape (rows, theta)."""
         gate, *entries = self._causes.model(shape, self._origin_s).effects
-        blocks = []
-        for (site, block), group in groupby(entries, _block):
-            key = (*([gate] if site == "wall" else []), *group)
-            if key not in self._blocks:
-                runtime = ContactModel("", key).runtime()
-                columns = (
-                    runtime.columns(*self._motion)[self._rows] if block else runtime.columns(*self._at_rows)
-                )
-                self._blocks[key] = columns * self._root
-            blocks.append(self._blocks[key])
+        forces, beside = _sorted_by_site(entries)
+        if any(issubclass(effect_class(entry.effect), FactorEffect) for entry in beside):
+            return self._block((gate, *beside, *forces), everywhere=True)
+        blocks: list[Array] = []
+        for (site, remembers), group in groupby(forces, _site_and_memory):
+            before = (gate, *beside) if site == "wall" else tuple(beside)
+            blocks.append(self._block((*before, *group), everywhere=bool(remembers or beside)))
         return np.concatenate(blocks, axis=1)
 
+    def _block(self, entries: tuple[EffectEntry, ...], *, everywhere: bool) -> Array:
+        if entries not in self._blocks:
+            runtime = ContactModel("", entries).runtime()
+            motion = self._motion if everywhere else self._at_rows
+            columns = runtime.columns(*motion, sensed=True)
+            self._blocks[entries] = (columns[self._rows] if everywhere else columns) * self._root
+        return self._blocks[entries]
 
-def _block(entry: EffectEntry) -> tuple[Site, str]:
-    """Site, and the name of a cause with a memory."""
+
+_SITES: tuple[Site, ...] = ("sensor", "shaft", "wall")
+
+
+def _sorted_by_site(entries: list[EffectEntry]) -> tuple[list[EffectEntry], list[EffectEntry]]:
+    """The forces in the order of a runtime's regressors, and what is no force."""
+    forces = [entry for entry in entries if issubclass(effect_class(entry.effect), ForceEffect)]
+    beside = [entry for entry in entries if entry not in forces]
+    return sorted(forces, key=lambda entry: _SITES.index(_site_and_memory(entry)[0])), beside
+
+
+def _site_and_memory(entry: EffectEntry) -> tuple[Site, str]:
+    """Where it acts, and the name of a cause with a memory."""
     kind = effect_class(entry.effect)
     assert issubclass(kind, ForceEffect)
-    return kind.site, "" if kind.reset is Effect.reset else kind.name
+    return entry.site or kind.site, "" if kind.reset is Effect.reset else kind.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +195,8 @@ class Fitting:
         """The contact; None where the samples allow none."""
         with np.errstate(all="ignore"):
             try:
+                if self._changed():
+                    return self._anew()
                 contact = _Solver(self).contact()
                 if contact is None or contact.strain <= _CONTRADICTION:
                     return contact
@@ -181,6 +205,23 @@ class Fitting:
                 return contact and replace(contact, contradicted=True)
             except np.linalg.LinAlgError:
                 return None
+
+    def _changed(self) -> bool:
+        """Whether the newest forces are far from what the contact so far foretells."""
+        if self.before is None or self.searched:
+            return False
+        t, *motion, y = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S]
+        columns = self.before.model.runtime().columns(t, *motion, sensed=True)
+        off = (y - columns @ np.array(self.before.theta))[t > t[-1] - _RECENT_S]
+        return bool(np.sqrt(np.mean(off**2)) > _CHANGED * self.before.noise_n)
+
+    def _anew(self) -> Contact | None:
+        """From the newest samples, with the contact so far as the prior."""
+        assert self.before is not None
+        belief = self.causes.belief(widened(self.before.prior(), _CHANGED_BY))
+        samples = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECENT_S]
+        contact = _Solver(replace(self, samples=samples, belief=belief)).contact()
+        return contact and replace(contact, since_s=float(samples[0, 0]))
 
 
 class _Solver:
@@ -209,11 +250,15 @@ class _Solver:
         occasional = before is not None and before.occasional
         best = self._point(self._mean if before is None else np.array(before.shape), occasional)
         if self._job.searched:
-            best = self._searched(best, occasional)
+            anew = self._point(self._mean, occasional)
+            best = min(
+                (self._searched(each, occasional) for each in (best, anew)), key=lambda each: each.cost
+            )
         for _ in range(_STEPS):
             best = self._stepped(best, occasional)
         lean, rich = self._point(best.shape, False), self._point(best.shape, True)
-        worth = rich.cost < (1.0 - _WORTH) * lean.cost - _LEAST_WORTH
+        foreseen = bool(self._belief.theta[list(self._causes.occasional)].any())
+        worth = rich.cost < (lean.cost if foreseen else (1.0 - _WORTH) * lean.cost - _LEAST_WORTH)
         if worth != occasional:
             best = self._stepped(self._searched(rich if worth else lean, worth), worth)
         return self._result(best, worth)
@@ -353,12 +398,18 @@ class _Solver:
 class ContactFit:
     """Collects samples and hands out fits, one at a time. Time is that of the stamps.
 
+    Args:
+        prior: of an earlier session; as it is to be used, see `widened`.
+        loaded: a model of a diagnosis, whose causes take part, and whose values the prior goes before.
+
     Attributes:
-        contact: the newest that is known; None before any without a prior.
+        contact: the newest that is known; None before any without prior and model.
     """
 
-    def __init__(self, prior: ContactPrior | None = None) -> None:
-        self._causes = Causes()
+    def __init__(self, prior: ContactPrior | None = None, loaded: ContactModel | None = None) -> None:
+        self._causes = Causes(loaded)
+        prior = self._causes.with_loaded(prior)
+        self._sensor = SensorModel(loaded or ContactModel("", ()))
         self._belief = self._causes.belief(prior)
         self.contact = None if prior is None else self._remembered(prior)
         self._contact_s = 0.0 if prior is None else prior.contact_s
@@ -387,10 +438,11 @@ class ContactFit:
     def observe(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, force_n: float) -> None:
         """The motion at a command's stamp and the force in N that answers it.
 
-        Out of order, less than 4 ms after the last, not finite or out of all bounds, it is left out.
+        Out of order, less than 4 ms after the last, not finite, out of all bounds or at the end of the
+        sensor's range, it is left out.
         """
         sample = np.array((t_s, x_m, v_m_s, a_m_s2, force_n))
-        if not (isfinite(t_s) and (np.abs(sample) <= _MOST).all()):
+        if not (isfinite(t_s) and (np.abs(sample) <= _MOST).all()) or self._sensor.at_limit(force_n):
             return
         if self._n == 0:
             self._due_s = t_s + _EVERY_S
@@ -442,6 +494,11 @@ class ContactFit:
             self.contact = contact
             if contact.contradicted:
                 self._belief = self._causes.belief(None)
+            if contact.since_s > -inf:
+                self._belief = self._causes.belief(widened(contact.prior(), _CHANGED_BY))
+                kept = self._samples[:, : self._n][:, self._samples[0, : self._n] >= contact.since_s]
+                self._n = kept.shape[1]
+                self._samples[:, : self._n] = kept
 
 
 class ContactExpert:
@@ -449,12 +506,15 @@ class ContactExpert:
 
     def __init__(self) -> None:
         self._runtime: ContactRuntime | None = None
+        self._sensor = SensorModel(ContactModel("", ()))
         self._theta: tuple[float, ...] = ()
+        self.reset()
 
     def use(self, contact: Contact) -> None:
         """Another contact from now on; what friction and relaxation remember of the motion stays."""
         if self._runtime is None:
-            self._runtime = contact.model.runtime()
+            self._runtime, self._sensor = contact.model.runtime(), SensorModel(contact.model)
+            self.reset()
         else:
             self._runtime.revalue([dict(entry.parameters) for entry in contact.model.effects])
         self._theta = contact.theta
@@ -464,9 +524,10 @@ class ContactExpert:
         if self._runtime is None:
             return nan
         force_n: float = sum(map(mul, self._theta, self._runtime.regressors(t_s, x_m, v_m_s, a_m_s2, dt_s)))
-        return force_n
+        return self._sensor.limited(self._sense(t_s, force_n, dt_s))
 
     def reset(self) -> None:
         """The motion so far is over, as after a new grip."""
+        (self._sense,) = self._sensor.lines(1)
         if self._runtime is not None:
             self._runtime.reset()

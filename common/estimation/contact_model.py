@@ -16,9 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from forefeel.common.causes.base import Effect
 from forefeel.common.causes.model import ContactModel, EffectEntry
+from forefeel.common.causes.periodic import PeriodicForce
 from forefeel.common.causes.registry import effect_class
-from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior
+from forefeel.common.estimation.contact_loaded import OWN, LoadedCauses, loaded_causes
+from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior, exactly, joined, widened
 
 Array = NDArray[np.float64]
 
@@ -31,6 +34,7 @@ SHAPE = (
     "position_dependent_friction.band_m_s",
 )
 WAVES = ("heart.amplitude_n", "heart.second_harmonic_n", "breath.amplitude_n")
+_PULSATIONS = "pulsation", *(f"pulsation-{n}" for n in range(2, 2 * len(WAVES) + 1))
 NOISE = "residual.rms_n"
 _LOGARITHMIC = np.array([False, True, True, False, False, True])
 # A little less than what the causes accept, in m, log m, log s, Hz and log m/s; 2 w_h is a pulsation, too.
@@ -103,10 +107,19 @@ class Causes:
         cold: standard deviation of each term before anything is known, over the spread of the force.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, loaded: ContactModel | None = None) -> None:
+        self._loaded = LoadedCauses((), {}) if loaded is None else loaded_causes(loaded)
+        # By them a factor knows the sign of the force.
+        self._linear: dict[str, dict[str, float]] = {}
+        for name, value in self._loaded.means.items():
+            effect, _, parameter = name.partition(".")
+            if effect in OWN and any(
+                p.linear and p.name == parameter for p in effect_class(effect).parameters
+            ):
+                self._linear.setdefault(effect, {})[parameter] = value
         runtime = self.model(typical_shape(Extent(0.0, 0.0, 0.0))[0], 0.0).runtime()
         self.linear = runtime.linear_names
-        waves = [i for i, name in enumerate(self.linear) if name.startswith("pulsation")]
+        waves = [self.linear.index(f"{name}.amplitude_n") for name in _PULSATIONS]
         self._waves = np.array(waves).reshape(len(WAVES), 2)
         self.forces = [i for i in range(len(self.linear)) if i not in waves]
         self.names = (*(self.linear[i] for i in self.forces), *WAVES, *SHAPE, NOISE)
@@ -122,28 +135,37 @@ class Causes:
             for hz in (heart_hz, 2.0 * heart_hz, breath_hz)
             for lead in (0.0, 0.25)
         ]
+        friction_n = self._loaded.means.get("presliding_hysteresis.force_n", 1.0)
+        hysteresis = {"force_n": friction_n, "stiffness_n_m": friction_n / length_m}
         entries = (
-            EffectEntry("contact_loss", (("contact_position_m", contact_m),)),
-            EffectEntry("bias", ()),
-            EffectEntry("presliding_hysteresis", (("force_n", 1.0), ("stiffness_n_m", 1.0 / length_m))),
-            EffectEntry("position_dependent_friction", (("band_m_s", band_m_s),)),
-            EffectEntry("stress_relaxation", (("time_constant_s", time_s),)),
-            EffectEntry("mass_damper_spring", ()),
-            EffectEntry("stiffening", ()),
-            EffectEntry("hunt_crossley_damping", ()),
+            self._entry("contact_loss", contact_position_m=contact_m),
+            self._entry("bias"),
+            self._entry("presliding_hysteresis", **hysteresis),
+            self._entry("position_dependent_friction", band_m_s=band_m_s),
+            self._entry("stress_relaxation", time_constant_s=time_s),
+            self._entry("mass_damper_spring"),
+            self._entry("stiffening"),
+            self._entry("hunt_crossley_damping"),
             *waves,
+            *self._loaded.further,
         )
         return ContactModel("contact", entries)
+
+    def _entry(self, effect: str, **values: float) -> EffectEntry:
+        return EffectEntry(effect, tuple((self._linear.get(effect, {}) | values).items()))
+
+    def with_loaded(self, prior: ContactPrior | None) -> ContactPrior | None:
+        """The prior, and of the loaded model what the prior does not know."""
+        if not self._loaded.means:
+            return prior
+        loaded = widened(exactly(self._loaded.means), 1.0)
+        return loaded if prior is None else joined(prior, loaded)
 
     def belief(self, prior: ContactPrior | None) -> Belief:
         """What a prior says of theta and shape. Of a wave it knows the size, not the phase."""
         n = len(self.linear)
-        theta, theta_sd, shape, shape_sd = (
-            np.zeros(n),
-            np.full(n, nan),
-            np.full(len(SHAPE), nan),
-            np.full(len(SHAPE), nan),
-        )
+        theta, theta_sd = np.zeros(n), np.full(n, nan)
+        shape, shape_sd = np.full(len(SHAPE), nan), np.full(len(SHAPE), nan)
         if prior is None:
             return Belief(theta, theta_sd, shape, shape_sd, nan, nan)
         known = dict(zip(prior.names, zip(prior.values, prior.standard_deviations, strict=True), strict=True))
@@ -202,13 +224,21 @@ def _phase_rad(lead_turns: float, frequency_hz: float, origin_s: float) -> float
 
 def _part(name: str) -> float:
     """Of the force's spread, what a term may explain before anything is known."""
-    if name.startswith("pulsation"):
+    if issubclass(_kind(name), PeriodicForce):
         return _WAVE
-    return {"bias.force_n": _FREE, "mass_damper_spring.stiffness_n_m": 1.0}.get(name, _TERM)
+    return {
+        "bias.force_n": _FREE,
+        "sensor_drift.rate_n_s": _FREE,
+        "mass_damper_spring.stiffness_n_m": 1.0,
+    }.get(name, _TERM)
 
 
 def _lowest(name: str) -> float:
     """The lower bound of a linear parameter."""
-    effect, _, parameter = name.partition(".")
-    kind = effect_class(effect.partition("-")[0])
-    return next(p.lower for p in kind.parameters if p.name == parameter)
+    parameter = name.partition(".")[2]
+    return next(p.lower for p in _kind(name).parameters if p.name == parameter)
+
+
+def _kind(name: str) -> type[Effect]:
+    """The cause of a linear parameter, such as `stress_relaxation-2.stiffness_n_m`."""
+    return effect_class(name.partition(".")[0].partition("-")[0])

@@ -8,6 +8,7 @@ where prior i lacks a parameter,
 A covariance knows of noise only, not that a vessel changes from day to day; `widened` adds that.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import isfinite
 
@@ -22,6 +23,7 @@ CONTACT = "contact_loss.contact_position_m"
 _SHARES = {"heart.frequency_hz": 0.10, "breath.frequency_hz": 0.15, "stress_relaxation.time_constant_s": 0.3}
 _SHARE = 0.25
 _CONTACT_M = 0.002
+_SURE = 1e-3  # standard deviation of a value that is taken as given, relative
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,12 @@ class ContactPrior:
         return tuple(self.covariance[i][i] ** 0.5 for i in range(len(self.names)))
 
 
+def exactly(means: Mapping[str, float]) -> ContactPrior:
+    """A prior of these means that is as good as sure; see `widened`."""
+    size = [max(_SURE * abs(value), 1e-12) for value in means.values()]
+    return ContactPrior(tuple(means), tuple(means.values()), _rows(np.diag(np.square(size))), 0.0)
+
+
 def merged(first: ContactPrior, second: ContactPrior) -> ContactPrior:
     """Both, weighed by their information; a parameter that only one has keeps its part there."""
     names = (*first.names, *(name for name in second.names if name not in first.names))
@@ -83,6 +91,17 @@ def merged(first: ContactPrior, second: ContactPrior) -> ContactPrior:
         _rows(0.5 * (covariance + covariance.T) * np.outer(scale, scale)),
         first.contact_s + second.contact_s,
     )
+
+
+def joined(first: ContactPrior, second: ContactPrior) -> ContactPrior:
+    """The first, and of the second what the first does not know."""
+    more = [i for i, name in enumerate(second.names) if name not in first.names]
+    n, covariance = len(first.names), np.zeros((len(first.names) + len(more),) * 2)
+    covariance[:n, :n] = np.array(first.covariance).reshape(n, n)
+    covariance[n:, n:] = np.array(second.covariance)[np.ix_(more, more)]
+    names = (*first.names, *(second.names[i] for i in more))
+    values = (*first.values, *(second.values[i] for i in more))
+    return ContactPrior(names, values, _rows(covariance), first.contact_s)
 
 
 def widened(prior: ContactPrior, by: float) -> ContactPrior:

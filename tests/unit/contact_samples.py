@@ -96,9 +96,14 @@ def learned(of: Session, prior: ContactPrior | None = None) -> Contact | None:
     return fit.contact
 
 
-def predicted(of: Session, prior: ContactPrior | None = None, delay_s: float = 0.3) -> Array:
+def predicted(
+    of: Session,
+    prior: ContactPrior | None = None,
+    loaded: ContactModel | None = None,
+    delay_s: float = 0.3,
+) -> Array:
     """The force at each sample when forces arrive after the delay and fits take what they take."""
-    fit, expert, late = ContactFit(prior), ContactExpert(), round(delay_s / DT_S)
+    fit, expert, late = ContactFit(prior, loaded), ContactExpert(), round(delay_s / DT_S)
     rows, force_n, pending = list(samples(of)), np.full(len(of.t), np.nan), None
     if fit.contact is not None:
         expert.use(fit.contact)

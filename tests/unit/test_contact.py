@@ -101,6 +101,15 @@ def test_prior_of_another_contact_is_given_up() -> None:
     assert rms(left_n) < 0.01
 
 
+def test_changed_contact_is_learned_anew() -> None:
+    values = {"stiffness_n_m": 7.5, "time_s": 15.0, "ratio": 1.8, "rest_position_m": 0.0}
+    moved = session(22.0, more=({"effect": "stiffness_change", "parameters": values},))
+    left_n = predicted(moved) - moved.force_n
+
+    assert rms(left_n[(moved.t > 15.5) & (moved.t < 16.0)]) > 0.03
+    assert rms(left_n[moved.t > 19.0]) < 0.006
+
+
 def test_late_and_doubled_samples_are_left_out() -> None:
     ordered = list(samples(FIRST))[:300]
     mixed = [late for i, sample in enumerate(ordered) for late in (sample, ordered[i // 2])]

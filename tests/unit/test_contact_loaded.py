@@ -1,0 +1,92 @@
+"""A model of a diagnosis in the contact model: which causes join, what is known, what it is worth."""
+
+import numpy as np
+import pytest
+
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.estimation.contact import ContactFit
+from forefeel.common.estimation.contact_loaded import loaded_causes
+from forefeel.common.estimation.contact_prior import ContactPrior
+from tests.unit.contact_samples import predicted, session, world
+
+
+def model(*effects: tuple[str, dict[str, float]], site: str | None = None) -> ContactModel:
+    entries: list[dict[str, object]] = [{"effect": name, "parameters": values} for name, values in effects]
+    if site is not None:
+        entries[-1]["site"] = site
+    return ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "found", "effects": entries})
+
+
+def test_shared_cause_gives_means() -> None:
+    found = loaded_causes(
+        model(
+            ("bias", {"force_n": 0.3}),
+            ("mass_damper_spring", {"mass_kg": 0.0, "damping_n_s_m": 0.5, "stiffness_n_m": 12.0}),
+            ("presliding_hysteresis", {"force_n": 0.1, "stiffness_n_m": 50.0}),
+            ("pulsation", {"amplitude_n": 0.02, "frequency_hz": 1.1, "second_harmonic_ratio": 0.5}),
+        )
+    )
+
+    assert found.further == ()
+    assert found.means == pytest.approx(
+        {
+            "mass_damper_spring.damping_n_s_m": 0.5,
+            "mass_damper_spring.stiffness_n_m": 12.0,
+            "presliding_hysteresis.force_n": 0.1,
+            "presliding_hysteresis.length_m": 0.002,
+            "heart.frequency_hz": 1.1,
+            "heart.amplitude_n": 0.02,
+            "heart.second_harmonic_n": 0.01,
+        }
+    )
+
+
+def test_further_cause_joins_by_its_name_in_the_list() -> None:
+    loaded = model(
+        ("backlash", {"width_m": 0.002}),
+        ("stress_relaxation", {"stiffness_n_m": 2.0, "time_constant_s": 0.5}),
+        ("stress_relaxation", {"stiffness_n_m": 3.0, "time_constant_s": 5.0}),
+        ("mains_hum", {"amplitude_n": 0.02, "frequency_hz": 50.0}),
+        ("sensor_spikes", {"rate_hz": 1.0, "amplitude_n": 0.5}),
+        ("bias", {"force_n": 0.3}),
+        site="wall",
+    )
+    found = loaded_causes(loaded)
+
+    further = ["backlash", "stress_relaxation", "mains_hum", "mains_hum", "bias"]
+    assert [entry.effect for entry in found.further] == further
+    assert found.means["stress_relaxation.time_constant_s"] == 0.5
+    assert found.means["stress_relaxation-2.stiffness_n_m"] == 3.0
+    assert found.means["bias-2.force_n"] == 0.3
+    contact = ContactFit(loaded=loaded).contact
+    assert contact is not None
+    assert set(found.means) <= set(contact.model.runtime().linear_names) | set(contact.names)
+
+
+def test_prior_goes_before_loaded_model() -> None:
+    name = "mass_damper_spring.stiffness_n_m"
+    prior = ContactPrior((name,), (9.0,), ((0.01,),), 10.0)
+    values = {"mass_kg": 0.01, "damping_n_s_m": 0.5, "stiffness_n_m": 12.0}
+    contact = ContactFit(prior, model(("mass_damper_spring", values))).contact
+
+    assert contact is not None
+    known = dict(zip(contact.names, contact.values, strict=True))
+    assert known[name] == 9.0
+    assert known["mass_damper_spring.damping_n_s_m"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("backlash", {"width_m": 0.002}),
+        ("quadratic_drag", {"drag_n_s2_m2": 120.0}),
+        ("capstan", {"wrap_rad": 0.4}),
+        ("sensor_lag", {"time_constant_s": 0.08}),
+    ],
+)
+def test_loaded_cause_predicts_what_the_list_lacks(name: str, values: dict[str, float]) -> None:
+    effect: dict[str, object] = {"effect": name, "parameters": values}
+    moved = session(7.0, more=(effect,))
+    error = predicted(moved, loaded=world(effect)) - moved.force_n
+
+    assert np.sqrt(np.mean(error[moved.t > 4.0] ** 2)) < 0.006
