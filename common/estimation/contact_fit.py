@@ -1,0 +1,387 @@
+"""The parameters of the contact model of `contact_model`, by variable projection.
+
+Of rows i with weights w_i, force y_i and regressors phi_i(s) at the shape s:
+
+    J(s, theta) = sum w (y - phi(s)' theta)^2 / sigma^2 + |theta - theta_0|^2 / P_0 + |s - s_0|^2 / S_0  (1)
+    theta(s) = (sum w phi phi' / sigma^2 + P_0^-1)^-1 (sum w phi y / sigma^2 + P_0^-1 theta_0)           (2)
+
+theta(s) is exact; s moves by damped Gauss-Newton steps on (theta, s) together, Kaufman's form of variable
+projection. While the motion reaches new places, each coordinate of s is tried on a grid besides: in where the
+contact begins and in the frequencies J has local minima.
+
+theta_0, P_0, s_0, S_0 and sigma are those of an earlier session where there is one (`ContactPrior`). Without
+it theta_0 = 0 and P_0 is relative to the spread of the force, so that no unit is needed. What a
+passive contact has with one sign only is 0 where (2) would make it negative. sigma^2 is what the fit before
+left over per degree of freedom. A fit that leaves its prior by 3 standard deviations gives it up, and forces
+that are far from what the contact so far foretells begin a new one, with the old one as a wide prior.
+
+Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problems 19 (2003).
+"""
+
+from dataclasses import dataclass, replace
+from itertools import groupby
+from math import inf, isfinite, nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forefeel.common.causes.base import Effect, FactorEffect, ForceEffect, Site
+from forefeel.common.causes.model import ContactModel, EffectEntry
+from forefeel.common.causes.registry import effect_class
+from forefeel.common.estimation.contact_model import (
+    SHAPE,
+    Array,
+    Belief,
+    Causes,
+    Extent,
+    accepted,
+    shape_slopes,
+    typical_shape,
+)
+from forefeel.common.estimation.contact_prior import ContactPrior, widened
+from forefeel.common.estimation.identifiability import analyse
+
+_TAKES_S = 0.25  # s of stamps from a fit's last sample to its use: it is computed beside the loop
+_ROW_S = 1.0 / 60.0  # s between the rows of (1)
+_INDEPENDENT_S = 0.1  # s of force that count as one independent value: what (1) leaves is correlated
+_STEPS = 2  # Gauss-Newton steps a fit
+_HALVINGS = 3  # of a step that does not lower J
+_WORTH = 0.1  # part of J that occasional causes must save,
+_LEAST_WORTH = 20.0  # and -2 log likelihood: of 3 parameters and of a shape of their own, by BIC
+_COLD_NOISE = 0.05  # sigma over the spread of the force where nothing is known,
+_COLD_COUNT = 1.0  # which counts as so many independent values
+_CONTRADICTION = 9.0  # mean square, in standard deviations, by which a fit may leave the prior: 3 sd
+_RECENT_S = 1.0  # s of the newest forces that tell whether the contact has changed,
+_RECALLED_S = 6.0  # and of motion before them for the memory of friction and relaxation
+_CHANGED = 5.0  # rms of their errors over sigma that counts as changed
+CHANGED_BY = 2.0  # of the spread between sessions: how far a changed contact may be from what it was
+_GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5), (5, 5))  # coordinate of s, points
+_STEP_OF_RANGE = 0.003  # difference in place of d/dx0, over the range
+_DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4, 0.05)  # in log L, log tau, Hz and log band
+_SINGULAR = 1e-9  # relative information that every direction has, for the inverse's sake
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What is known of a contact.
+
+    Attributes:
+        model: the causes at their shape. theta: their linear parameters, in the order of its regressors.
+        names, values, standard_deviations, covariance: of all parameters, in SI units as the names say.
+        noise_n: sigma, rms of what the model does not explain.
+        identifiable: what the motion so far leaves undetermined.
+        contact_s: seconds of contact that it was learned from.
+        shape, occasional: where the next fit starts.
+        strain: mean square of how far it is from the prior, in standard deviations of that.
+        contradicted: the prior was given up. since_s: the contact has changed, and earlier samples with it.
+    """
+
+    model: ContactModel
+    theta: tuple[float, ...]
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    noise_n: float
+    identifiable: tuple[str, ...]
+    contact_s: float
+    shape: tuple[float, ...]
+    occasional: bool = False
+    strain: float = 0.0
+    contradicted: bool = False
+    since_s: float = -inf
+
+    @property
+    def standard_deviations(self) -> tuple[float, ...]:
+        return tuple(row[i] ** 0.5 for i, row in enumerate(self.covariance))
+
+    def prior(self) -> ContactPrior:
+        """What is to be kept. Where this run had a prior, that one is part of it."""
+        return ContactPrior(self.names, self.values, self.covariance, self.contact_s)
+
+
+class _Columns:
+    """Rows of phi times sqrt(w), in blocks: what a change of the shape does not touch is computed once.
+
+    A cause with a memory is a block of its own, on all samples; those of one site without are one, on the
+    rows only. What a loaded model has between stage and tip, or at the sensor, gives each a memory, and a
+    factor of the force makes all of them one block.
+    """
+
+    def __init__(self, causes: Causes, motion: Array, rows: NDArray[np.intp], root: Array) -> None:
+        self._causes, self._motion, self._rows, self._root = causes, motion, rows, root[:, None]
+        self._at_rows = motion[:, rows]
+        self._origin_s = float(motion[0, -1])
+        self._blocks: dict[tuple[EffectEntry, ...], Array] = {}
+
+    def at(self, shape: Array) -> Array:
+        """Shape (rows, theta)."""
+        gate, *entries = self._causes.model(shape, self._origin_s).effects
+        forces, beside = _sorted_by_site(entries)
+        if any(issubclass(effect_class(entry.effect), FactorEffect) for entry in beside):
+            return self._block((gate, *beside, *forces), everywhere=True)
+        blocks: list[Array] = []
+        for (site, remembers), group in groupby(forces, _site_and_memory):
+            before = (gate, *beside) if site == "wall" else tuple(beside)
+            blocks.append(self._block((*before, *group), everywhere=bool(remembers or beside)))
+        return np.concatenate(blocks, axis=1)
+
+    def _block(self, entries: tuple[EffectEntry, ...], *, everywhere: bool) -> Array:
+        if entries not in self._blocks:
+            runtime = ContactModel("", entries).runtime()
+            motion = self._motion if everywhere else self._at_rows
+            columns = runtime.columns(*motion, sensed=True)
+            self._blocks[entries] = (columns[self._rows] if everywhere else columns) * self._root
+        return self._blocks[entries]
+
+
+_SITES: tuple[Site, ...] = ("sensor", "shaft", "wall")
+
+
+def _sorted_by_site(entries: list[EffectEntry]) -> tuple[list[EffectEntry], list[EffectEntry]]:
+    """The forces in the order of a runtime's regressors, and what is no force."""
+    forces = [entry for entry in entries if issubclass(effect_class(entry.effect), ForceEffect)]
+    beside = [entry for entry in entries if entry not in forces]
+    return sorted(forces, key=lambda entry: _SITES.index(_site_and_memory(entry)[0])), beside
+
+
+def _site_and_memory(entry: EffectEntry) -> tuple[Site, str]:
+    """Where it acts, and the name of a cause with a memory."""
+    kind = effect_class(entry.effect)
+    assert issubclass(kind, ForceEffect)
+    return entry.site or kind.site, "" if kind.reset is Effect.reset else kind.name
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A shape with its theta(s) and J; `acts`: what of theta is not held at 0, `p0`: diagonal of P_0^-1."""
+
+    shape: Array
+    columns: Array
+    theta: Array
+    cost: float
+    acts: NDArray[np.bool_]
+    p0: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fitting:
+    """One fit as a job that owns its arrays; `solve` is pure.
+
+    `samples`: shape (5, n), stamps in s, motion in m, m/s, m/s^2, force in N.
+    """
+
+    causes: Causes
+    samples: Array
+    belief: Belief
+    before: Contact | None
+    searched: bool
+    motion: Extent
+    contact_s: float
+
+    @property
+    def takes_effect_s(self) -> float:
+        """Stamp in s of the first sample at whose arrival the result may be used."""
+        return float(self.samples[0, -1]) + _TAKES_S
+
+    def solve(self) -> Contact | None:
+        """The contact; None where the samples allow none."""
+        with np.errstate(all="ignore"):
+            try:
+                if self._changed():
+                    return self._anew()
+                contact = _Solver(self).contact()
+                if contact is None or contact.strain <= _CONTRADICTION:
+                    return contact
+                cold = replace(self, belief=self.causes.belief(None), before=None, searched=True)
+                contact = _Solver(cold).contact()
+                return contact and replace(contact, contradicted=True)
+            except np.linalg.LinAlgError:
+                return None
+
+    def _changed(self) -> bool:
+        """Whether the newest forces are far from what the contact so far foretells."""
+        if self.before is None or self.searched:
+            return False
+        t, *motion, y = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S]
+        columns = self.before.model.runtime().columns(t, *motion, sensed=True)
+        off = (y - columns @ np.array(self.before.theta))[t > t[-1] - _RECENT_S]
+        return bool(np.sqrt(np.mean(off**2)) > _CHANGED * self.before.noise_n)
+
+    def _anew(self) -> Contact | None:
+        """From the newest samples, with the contact so far as the prior."""
+        assert self.before is not None
+        belief = self.causes.belief(widened(self.before.prior(), CHANGED_BY))
+        samples = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECENT_S]
+        contact = _Solver(replace(self, samples=samples, belief=belief)).contact()
+        return contact and replace(contact, since_s=float(samples[0, 0]))
+
+
+class _Solver:
+    """J of one job, and the ways to its minimum."""
+
+    def __init__(self, job: Fitting) -> None:
+        self._job, self._causes, self._belief = job, job.causes, job.belief
+        t, y = job.samples[0], job.samples[4]
+        rows = np.flatnonzero(np.diff(np.floor((t - t[0]) / _ROW_S), prepend=-1.0) > 0.0)
+        w = np.minimum(np.diff(t[rows], prepend=t[0] - _ROW_S) / _INDEPENDENT_S, 1.0)
+        self._y, self._count = y[rows] * np.sqrt(w), float(w.sum())
+        self._columns = _Columns(job.causes, job.samples[:4], rows, np.sqrt(w))
+        self._spread2 = max(float(np.cov(y[rows], aweights=w, bias=True)), 1e-18)
+        self._mean, self._sd = job.belief.shape_of(job.motion)
+        self._differences = np.array([_STEP_OF_RANGE * job.motion.range_m, *_DIFFERENCES])
+        self._noise2_before, self._noise_count = self._spread2 * _COLD_NOISE**2, _COLD_COUNT
+        if isfinite(job.belief.noise_n):
+            self._noise2_before = job.belief.noise_n**2
+            self._noise_count = 0.5 * (job.belief.noise_n / job.belief.noise_sd_n) ** 2
+        noise_n = nan if job.before is None else job.before.noise_n
+        noise2 = noise_n**2 if isfinite(noise_n) else self._noise2_before
+        self._noise2 = max(noise2, 1e-6 * self._spread2)
+
+    def contact(self) -> Contact | None:
+        before = self._job.before
+        occasional = before is not None and before.occasional
+        best = self._point(self._mean if before is None else np.array(before.shape), occasional)
+        if self._job.searched:
+            anew = self._point(self._mean, occasional)
+            best = min(
+                (self._searched(each, occasional) for each in (best, anew)), key=lambda each: each.cost
+            )
+        for _ in range(_STEPS):
+            best = self._stepped(best, occasional)
+        lean, rich = self._point(best.shape, False), self._point(best.shape, True)
+        foreseen = bool(self._belief.theta[list(self._causes.occasional)].any())
+        worth = rich.cost < (lean.cost if foreseen else (1.0 - _WORTH) * lean.cost - _LEAST_WORTH)
+        if worth != occasional:
+            best = self._stepped(self._searched(rich if worth else lean, worth), worth)
+        return self._result(best, worth)
+
+    def _point(self, shape: Array, occasional: bool) -> _Point:
+        """(2), by the columns scaled to their rms; what would be negative is held at 0, the worst first."""
+        shape = accepted(shape)
+        z, noise2, belief = self._columns.at(shape), self._noise2, self._belief
+        gram = z.T @ z
+        rms = self._rms(z)
+        known = np.isfinite(belief.theta_sd)
+        cold = self._causes.cold * np.sqrt(self._spread2) / rms
+        p0 = np.where(known, belief.theta_sd, cold) ** -2.0
+        information = (gram / noise2 + np.diag(p0)) / np.outer(rms, rms)
+        moments = (z.T @ self._y / noise2 + p0 * belief.theta) / rms
+        acts = np.ones(len(rms), dtype=bool)
+        if not occasional:
+            acts[list(self._causes.occasional)] = False
+        scaled = np.zeros(len(rms))
+        while True:
+            at = np.flatnonzero(acts)
+            scaled[:] = 0.0
+            scaled[at] = np.linalg.solve(information[np.ix_(at, at)], moments[at])
+            worst = min(self._causes.positive, key=lambda i: scaled[i])
+            if scaled[worst] >= 0.0:
+                break
+            acts[worst] = False
+        off = (shape - self._mean) / self._sd
+        cost = self._y @ self._y / noise2 + p0 @ belief.theta**2 - scaled @ moments + off @ off
+        return _Point(shape, z, scaled / rms, float(cost), acts, p0)
+
+    def _rms(self, columns: Array) -> Array:
+        """Of each column of phi, 1 where it is 0."""
+        rms = np.sqrt(np.einsum("ij,ij->j", columns, columns) / self._count)
+        return np.where(rms > 0.0, rms, 1.0)
+
+    def _searched(self, point: _Point, occasional: bool) -> _Point:
+        """The best of a grid along each coordinate in turn."""
+        for i, count in _GRID:
+            grid = self._mean[i] + self._sd[i] * np.linspace(-2.0, 2.0, count)
+            if i == 0:
+                grid = np.linspace(self._job.motion.low_m, self._job.motion.high_m, count + 2)[1:-1]
+            for value in grid:
+                shape = point.shape.copy()
+                shape[i] = value
+                point = min(point, self._point(shape, occasional), key=lambda each: each.cost)
+        return point
+
+    def _gathered(self, point: _Point) -> tuple[Array, Array]:
+        """A'A / sigma^2 and A'e / sigma^2 of A = (phi, dphi/ds theta) and the residual e."""
+        tangents = []
+        for i, difference in enumerate(self._differences):
+            shape = point.shape.copy()
+            shape[i] += difference
+            tangents.append((self._columns.at(shape) - point.columns) @ point.theta / difference)
+        a = np.column_stack([point.columns, *tangents])
+        e = self._y - point.columns @ point.theta
+        return a.T @ a / self._noise2, a.T @ e / self._noise2
+
+    def _moving(self, point: _Point) -> NDArray[np.bool_]:
+        """What of (theta, s) is not held."""
+        return np.append(point.acts, np.ones(len(self._sd), dtype=bool))
+
+    def _stepped(self, point: _Point, occasional: bool) -> _Point:
+        """After a Gauss-Newton step that is cut until it lowers J; the point itself where none does."""
+        gathered, pull = self._gathered(point)
+        p0 = np.concatenate([point.p0, self._sd**-2.0])
+        pull -= p0 * np.concatenate([point.theta - self._belief.theta, point.shape - self._mean])
+        at = np.flatnonzero(self._moving(point))
+        information = (gathered + np.diag(p0))[np.ix_(at, at)]
+        size = np.sqrt(np.diagonal(information))
+        step = np.linalg.solve(information / np.outer(size, size), pull[at] / size) / size
+        step = np.clip(step[-len(self._sd) :], -self._sd, self._sd)
+        for _ in range(_HALVINGS):
+            shape = np.clip(point.shape + step, self._mean - 3.0 * self._sd, self._mean + 3.0 * self._sd)
+            other = self._point(shape, occasional)
+            if other.cost < point.cost:
+                return other
+            step = 0.3 * step
+        return point
+
+    def _result(self, point: _Point, occasional: bool) -> Contact | None:
+        """The contact at a point; of a parameter that is held at 0 the prior says how well it is known."""
+        gathered, _ = self._gathered(point)
+        acts = self._moving(point)
+        information = np.where(np.outer(acts, acts), gathered, 0.0)
+        information += np.diag(np.concatenate([point.p0, self._sd**-2.0]))
+        size = np.sqrt(np.diagonal(information))
+        scaled = information / np.outer(size, size) + _SINGULAR * np.eye(len(size))
+        covariance = np.linalg.inv(scaled) / np.outer(size, size)
+        e = self._y - point.columns @ point.theta
+        used = float(np.sum((covariance * gathered)[np.ix_(acts, acts)]))
+        count = max(self._count - used, 1.0) + self._noise_count
+        noise_n = float(np.sqrt((e @ e + self._noise_count * self._noise2_before) / count))
+        values, of_named = self._causes.named(point.theta, point.shape, covariance)
+        named = np.zeros((len(values) + 1, len(values) + 1))
+        named[:-1, :-1] = 0.5 * (of_named + of_named.T)
+        named[-1, -1] = 0.5 * noise_n**2 / count
+        if not (np.isfinite(named).all() and np.isfinite(values).all()):
+            return None
+        return Contact(
+            model=self._causes.model(point.shape, float(self._job.samples[0, -1])),
+            theta=tuple(point.theta.tolist()),
+            names=self._causes.names,
+            values=(*values.tolist(), noise_n),
+            covariance=tuple(map(tuple, named.tolist())),
+            noise_n=noise_n,
+            identifiable=self._undetermined(point, gathered, occasional),
+            contact_s=self._job.contact_s,
+            shape=tuple(point.shape.tolist()),
+            occasional=occasional,
+            strain=self._strain(point),
+        )
+
+    def _strain(self, point: _Point) -> float:
+        """Mean square of how far a point is from the prior, in its standard deviations."""
+        of_theta = ((point.theta - self._belief.theta) / self._belief.theta_sd)[self._causes.forces]
+        of_shape = (point.shape - self._belief.shape) / self._belief.shape_sd
+        off = np.concatenate([of_theta, of_shape])
+        return float(np.nanmean(off**2)) if np.isfinite(off).any() else 0.0
+
+    def _undetermined(self, point: _Point, gathered: Array, occasional: bool) -> tuple[str, ...]:
+        """What the rows do not tell better than a contact that nothing is known of."""
+        left_out = () if occasional else self._causes.occasional
+        forces = [i for i in self._causes.forces if i not in left_out]
+        n = len(point.theta)
+        names = [*(self._causes.linear[i] for i in forces), *SHAPE]
+        of_theta = np.sqrt(self._spread2) / self._rms(point.columns)[forces]
+        _, of_shape = typical_shape(self._job.motion)
+        at = [*forces, *range(n, n + len(of_shape))]
+        sd = np.concatenate([of_theta, of_shape])
+        slopes = np.concatenate([np.ones(len(forces)), shape_slopes(point.shape)])
+        scaled = gathered[np.ix_(at, at)] * np.outer(sd, sd)
+        return analyse(scaled, names, (1.0 / (sd * slopes)).tolist()).statements
