@@ -141,6 +141,7 @@ def _ticks() -> None:
         + 0.1 * np.sign(np.gradient(x))
         + 0.01 * rng.standard_normal(count)
     )
+    v = np.gradient(x, _DT_S)
     evaluator = Evaluator()
     learner = Learner(evaluator)
     learning_us, tick_us = [], []
@@ -153,7 +154,7 @@ def _ticks() -> None:
         start_s = time.perf_counter()
         if n >= _DELAY_SAMPLES:
             evaluator.hear(float(t[n - _DELAY_SAMPLES]), float(f[n - _DELAY_SAMPLES]))
-        evaluator.move(float(t[n]), float(x[n]))
+        evaluator.move(float(t[n]), float(x[n]), float(x[n]), float(v[n]))
         evaluator.predict()
         tick_us.append((time.perf_counter() - start_s) * 1e6)
     print("\nforefeel's predictor, 1 kHz, 300 ms (after a second of warm-up)")

@@ -177,7 +177,10 @@ class HapticSample(Message):
 
 
 class ModelParameters(Message):
-    """The identified contact model: values, standard deviations and what the motion lets one tell apart."""
+    """The identified contact model: values, standard deviations and what the motion lets one tell apart.
+
+    `prior`: what it started from; empty where nothing is kept.
+    """
 
     most_bytes: ClassVar[int] = 64 * 1024
     most_items: ClassVar[int] = 256
@@ -191,6 +194,7 @@ class ModelParameters(Message):
     updates: NonNegativeInt
     resets: NonNegativeInt
     innovation_rms_n: Force
+    prior: ShortText = ""
 
 
 class SlaveState(Message):

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.common.estimation.contact_prior import ContactPrior, merged, widened
+from forefeel.common.estimation.contact_prior import ContactPrior, widened
 from forefeel.common.messages import MOST_PARAMETER, MOST_SECONDS, Name, Parameter
 from forefeel.common.state.folder import own_file, sync_folder
 
@@ -156,7 +156,8 @@ def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
 def keep_prior(
     directory: Path, instrument: str, patient: str, learned: ContactPrior, today: date
 ) -> StoredPrior:
-    """Merges what a session learned with what is stored of that instrument and patient, and writes it.
+    """Writes what a session learned of that instrument and patient. What was stored is part of it by its
+    information: the session started from there.
 
     A file is there as before or as new, whatever interrupts the write; it and new folders are for their owner
     alone.
@@ -167,29 +168,19 @@ def keep_prior(
     """
     path = prior_path(directory, instrument, patient)
     before = load_prior(path)
-    prior, sessions = widened(learned, 1.0), 1
-    if before is not None:
-        prior, sessions = _merged(path, before.prior(), prior), before.sessions + 1
     data = {
         "instrument": instrument,
         "patient": patient,
         "date": today,
-        "sessions": sessions,
-        "contact_s": prior.contact_s,
-        "names": prior.names,
-        "values": prior.values,
-        "covariance": prior.covariance,
+        "sessions": 1 if before is None else before.sessions + 1,
+        "contact_s": learned.contact_s,
+        "names": learned.names,
+        "values": learned.values,
+        "covariance": learned.covariance,
     }
     stored = checked(StoredPrior, data, str(path))
     _write(path, {"schema": SCHEMA, **stored.model_dump(mode="json")})
     return stored
-
-
-def _merged(path: Path, before: ContactPrior, learned: ContactPrior) -> ContactPrior:
-    try:
-        return merged(before, learned)
-    except ValueError as error:  # covariances that no session wrote: nearly singular
-        raise ConfigurationError(f"{path}: can not be merged: {error}") from error
 
 
 def forget_prior(directory: Path, instrument: str, patient: str) -> Path:

@@ -9,7 +9,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
 from forefeel.common.events.console import printable
-from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
+from forefeel.common.events.sink import HALTED, NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import (
@@ -51,7 +51,9 @@ class MasterAxis:
         bus: Bus,
         new_id: Callable[[], int],
         event_sink: EventSink = NULL_EVENT_SINK,
+        prior: str = "",
     ) -> None:
+        """`prior`: what the prediction starts from, for whoever reads it."""
         self.name = settings.name
         self.counters: Counter[str] = Counter()
         self.session = Session(new_id)
@@ -73,9 +75,12 @@ class MasterAxis:
         self.events = MasterEvents(bus, event_sink, settings.name)
         self._hand = HandleWatch(handle, self.events.notices, loop.release)
         self._deadman = False
-        self._identifiable: tuple[str, ...] = ()
         self.stopping = False
         self._failed = self._pressed = False
+        self.faulted = False
+        self._prior = printable(prior)
+        if prior:
+            self.events.notices.add(f"prior: {prior}")
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
@@ -114,6 +119,8 @@ class MasterAxis:
         self.session.heard_state(state.session_id, receive_ns)
         if self._slave_state is None or state.stamp_ns > self._slave_state.stamp_ns or state.sequence == 1:
             self._slave_state, self._state_heard_ns = state, receive_ns
+            if state.state in HALTED:
+                self.faulted = True
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
         before, accepted, reason = self.session.state, handshake.accepted, printable(handshake.reason)
@@ -140,7 +147,7 @@ class MasterAxis:
         reading = self._hand.read(now_ns)
         live_state = None if self.stopping else state  # the force fades before the handle is let go
         outputs = self._loop.tick(
-            now_ns, HapticInputs(reading, live_state, stage_position_m, force, self.identification.estimate)
+            now_ns, HapticInputs(reading, live_state, stage_position_m, force, self.identification.snapshot)
         )
         rendered_n = self._hand.render(0.0 if self._failed else outputs.rendered_n, now_ns)
         if reading.estop and (not self._pressed or state is not SafetyState.ESTOPPED):
@@ -204,6 +211,8 @@ class MasterAxis:
     def serve(self, now_ns: int) -> None:
         """Asks for a session when there is none; about every 50 ms."""
         self.events.check(self._hand.fault, now_ns)
+        if self._hand.fault is not None:
+            self.faulted = True
         self.events.write(dict(self._bus.malformed), now_ns)
         self._publish_events(now_ns)
         asks = (
@@ -250,18 +259,10 @@ class MasterAxis:
         del now_ns
         self.identification.run()
 
-    def describe(self, now_ns: int) -> None:
-        """Works out what is identifiable, about 1 Hz."""
-        del now_ns
-        self._identifiable = self.identification.identifiable()
-
     def publish_parameters(self, now_ns: int) -> None:
-        """Gives the loop the contact model as it is known now, and publishes it; about 20 Hz."""
-        self.identification.update_estimate()
-        estimate = self.identification.estimate
-        assert estimate is not None
+        """Publishes the contact as it is known now, about 20 Hz."""
         header = self._parameters.header(self.session.session_id, now_ns)
-        self._parameters.send(model_parameters(header, estimate, self._identifiable))
+        self._parameters.send(model_parameters(header, self.identification, self._prior))
 
     def report(self, now_ns: int) -> None:
         best, state, fault = self._heartbeats.offset, self._shown_state(now_ns), self._hand.fault
@@ -297,7 +298,7 @@ class MasterAxis:
 
     def fail(self, error: BaseException) -> None:
         """A fault of any thread: no force on the hand, no deadman; the slave's watchdog does the rest."""
-        self.stopping = self._failed = True
+        self.stopping = self._failed = self.faulted = True
         self.counters[f"fault_{type(error).__name__}"] += 1
         try:
             self.handle.render(0.0, 0)

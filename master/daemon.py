@@ -4,13 +4,9 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from forefeel.common.bus import Bus
-from forefeel.common.causes.model import ContactModel
-from forefeel.common.clock import Clock
+from forefeel.common.clock import Clock, now_utc
 from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
-from forefeel.common.errors import ConfigurationError
-from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings, default_model
 from forefeel.common.estimation.predictor import compile_kernels
-from forefeel.common.estimation.transfer import lasting
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.model_file import load_model
@@ -22,9 +18,8 @@ from forefeel.master.handle import Handle, HandleDriverSettings
 from forefeel.master.haptics import HapticLoop
 from forefeel.master.identification import IdentificationTask
 from forefeel.master.prediction import ForcePrediction
-from forefeel.master.settings import MasterAxisSettings, MasterSettings, PredictionSettings
-
-_MIN_UPDATES = 250  # a second of informative samples: the first tenth of a stroke teaches nothing
+from forefeel.master.prior import keep, load
+from forefeel.master.settings import MasterAxisSettings, MasterSettings
 
 
 class MasterDaemon:
@@ -51,12 +46,13 @@ class MasterDaemon:
         compile_kernels()  # before a loop runs: the first call must not be a late one
         self.transport = impaired(inner, settings.impairment, "master", runtime)
         self._event_sink, self._now_ns = event_sink, runtime.clock.now_ns
+        self._wanted = [axis.prediction for axis in settings.axes]
         buses = [
             Bus(self.transport, settings.cell, axis.name, runtime.clock, event_sink.rings)
             for axis in settings.axes
         ]
         self.axes = [
-            _axis(settings.cell, axis, bus, new_id, runtime.clock, event_sink)
+            _axis(settings.cell, axis, bus, new_id, runtime, event_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when the daemon can not be composed
@@ -75,7 +71,6 @@ class MasterDaemon:
             ("stop", SECOND_NS // 50, MasterAxis.say_stop),
             ("heartbeat", SECOND_NS // 20, MasterAxis.beat),
             ("identification", SECOND_NS // 200, MasterAxis.identify),
-            ("identifiability", SECOND_NS, MasterAxis.describe),
             ("parameters", SECOND_NS // 20, MasterAxis.publish_parameters),
             ("state", SECOND_NS // 10, MasterAxis.report),
         ):
@@ -103,11 +98,13 @@ class MasterDaemon:
             axis.stopping = True
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes handles and transport; after the loops have ended.
+        """Publishes what is left, closes handles and transport, keeps what was learned where the end is
+        orderly; after the loops have ended.
 
         Each step is taken whatever becomes of the others: what failed is raised then.
         """
         with ExitStack() as steps:  # a stack: the last one first
+            steps.callback(self._keep_priors)
             steps.callback(self.transport.close)
             for axis in reversed(self.axes):
                 steps.callback(axis.handle.close)
@@ -116,39 +113,30 @@ class MasterDaemon:
             for axis in reversed(self.axes):
                 steps.callback(axis.report, now_ns)
 
+    def _keep_priors(self) -> None:
+        for axis, wanted in zip(self.axes, self._wanted, strict=True):
+            faulted = axis.faulted or not axis.stopping
+            line = keep(wanted, axis.identification, faulted, now_utc().date())
+            if line:
+                axis.events.notices.add(f"prior {line}")
+
 
 def _axis(
     cell: str,
     settings: MasterAxisSettings,
     bus: Bus,
     new_id: Callable[[], int],
-    clock: Clock,
+    runtime: Runtime,
     event_sink: EventSink,
 ) -> MasterAxis:
     wanted = settings.prediction
+    prior, origin = load(wanted)
     model = None if wanted.model is None else load_model(wanted.model)
-    prediction = ForcePrediction(settings.limits, model, wanted.velocity_cutoff_hz)
-    identifier = _identifier(model or default_model(), wanted)  # refuses a model with nothing to learn
-    if model is not None:
-        identifier = _identifier(lasting(model), wanted)
-    identification = IdentificationTask(identifier, prediction)
+    prediction = ForcePrediction(settings.limits)
+    identification = IdentificationTask(prediction, prior, model, runtime.compute)
     loop = HapticLoop(prediction, settings.rendering)
-    handle = make_handle(settings.handle, clock)
-    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, event_sink)
-
-
-def _identifier(model: ContactModel, wanted: PredictionSettings) -> ContactIdentifier:
-    settings = IdentificationSettings(
-        memory_s=wanted.memory_s,
-        min_updates=_MIN_UPDATES,
-        cutoff_hz=wanted.cutoff_hz,
-        noise_floor_n=wanted.noise_floor_n,
-        nominal_amplitude_m=wanted.typical_stroke_m / 2,
-    )
-    try:
-        return ContactIdentifier(model, settings)
-    except ValueError as error:
-        raise ConfigurationError(f"{wanted.model or 'prediction'}: {error}") from error
+    handle = make_handle(settings.handle, runtime.clock)
+    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, event_sink, origin)
 
 
 def make_handle(settings: HandleDriverSettings, clock: Clock) -> Handle:

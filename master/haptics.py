@@ -4,7 +4,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from forefeel.common.estimation.evaluator import Estimate
-from forefeel.common.estimation.identification import ContactEstimate
+from forefeel.common.estimation.snapshot import Snapshot
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState
 from forefeel.master.handle import HandleReading
@@ -34,7 +34,7 @@ class HapticInputs(NamedTuple):
     state: SafetyState | None
     stage_position_m: float | None
     force: NewestForce | None
-    estimate: ContactEstimate | None
+    snapshot: Snapshot
 
 
 class HapticOutputs(NamedTuple):
@@ -113,6 +113,6 @@ class HapticLoop:
             self._prediction.reset()
             return None
         newest = inputs.force.sample if inputs.force else None
-        present = Present(now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.estimate, newest)
+        present = Present(now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.snapshot, newest)
         predicted = self._prediction.predict(present)
         return predicted if predicted is not None and isfinite(sum(predicted[:3])) else None

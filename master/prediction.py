@@ -3,17 +3,14 @@
 One stamp joins everything: that of the command. The predictor moves with the setpoint that the limits leave
 of the command, and learns from the force that the slave measured while it executed that command. So the
 delay, its jitter and the two clocks stay out of it, and it is asked for just what it has learned on: the
-drive's lag is part of what it learns. A model of a model.yaml was learned on positions of the stage: it gets
-those that are expected, and takes part in two forms, see `forefeel.common.estimation.loaded`.
+drive's lag is part of what it learns. The contact model is one of the instrument's tip: it moves with the
+position at which the stage is expected.
 """
 
 from typing import NamedTuple, Protocol
 
-from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.evaluator import Estimate, Evaluator
-from forefeel.common.estimation.identification import ContactEstimate
-from forefeel.common.estimation.learner import Learner
-from forefeel.common.estimation.loaded import NOTHING, LoadedContact
+from forefeel.common.estimation.snapshot import Snapshot
 from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import ForceSample, Grip
@@ -23,13 +20,13 @@ _MAX_STEP_S = 0.010  # s, longest step of time that the limits count, as in `sla
 
 
 class Present(NamedTuple):
-    """What is known in a tick: the command that it sends, the model's parameters, the newest force."""
+    """What is known in a tick: the command that it sends, what was learned, the newest force."""
 
     stamp_ns: int
     position_m: float
     velocity_m_s: float
     deadman: bool
-    estimate: ContactEstimate | None
+    snapshot: Snapshot
     newest: ForceSample | None
 
 
@@ -78,58 +75,37 @@ class ExpectedStage:
 
 
 class ForcePrediction:
-    """One axis. `predict` and `reset` run in the haptic loop, `learn` and `publish` in the identification
-    task.
+    """One axis, in the haptic loop.
 
     Args:
         limits: of the axis, as both ends share them.
-        model: of a model.yaml, which then takes part with experts of its own; None without one.
-        velocity_cutoff_hz: of the filter of the model's velocity.
+
+    Attributes:
+        evaluator, stage: what the identification task reads of the loop.
     """
 
-    def __init__(self, limits: AxisLimits, model: ContactModel | None, velocity_cutoff_hz: float) -> None:
-        self._stage = ExpectedStage(limits)
-        self._evaluator = Evaluator()
-        self._learner = Learner(self._evaluator)
-        self._model = None if model is None else LoadedContact(model, velocity_cutoff_hz)
+    def __init__(self, limits: AxisLimits) -> None:
+        self.stage = ExpectedStage(limits)
+        self.evaluator = Evaluator()
         self._origin_ns: int | None = None
         self._newest: ForceSample | None = None
 
     def predict(self, present: Present) -> Estimate | None:
         """See `Prediction`. The newest force counts at once, before it is learned from."""
-        stamp_ns, position_m, velocity_m_s, deadman, estimate, newest = present
+        stamp_ns, position_m, velocity_m_s, deadman, snapshot, newest = present
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
-        setpoint_m = self._stage.setpoint_m(stamp_ns, position_m, velocity_m_s, deadman)
-        forces = NOTHING
-        if self._model is not None:
-            expected_m = self._stage.position_m(stamp_ns, setpoint_m)
-            forces = self._model.move(stamp_ns, expected_m, velocity_m_s, estimate)
+        setpoint_m = self.stage.setpoint_m(stamp_ns, position_m, velocity_m_s, deadman)
+        stage_m = self.stage.position_m(stamp_ns, setpoint_m)
         if newest is not None and newest is not self._newest:
             self._newest = newest
-            if (heard_s := self._stamp_s(newest)) is not None:
-                self._evaluator.hear(heard_s, newest.force_n)
-        t_s = (stamp_ns - self._origin_ns) * 1e-9
-        self._evaluator.move(t_s, setpoint_m, *forces)
-        return self._evaluator.predict()
+            if (heard_s := self.stamp_s(newest)) is not None:
+                self.evaluator.hear(heard_s, newest.force_n)
+        self.evaluator.snapshot = snapshot
+        self.evaluator.move((stamp_ns - self._origin_ns) * 1e-9, setpoint_m, stage_m, velocity_m_s)
+        return self.evaluator.predict()
 
-    def learn(self, sample: ForceSample) -> float:
-        """A force that has arrived, with the readback of the same instant; what of it, in N, is a matter of
-        the motion."""
-        stamp_s, stamp_ns = self._stamp_s(sample), sample.answers_stamp_ns
-        if stamp_s is not None:
-            self._learner.take(stamp_s, sample.force_n)
-        if stamp_ns is None or self._model is None:
-            return sample.force_n
-        self._stage.observe(stamp_ns, sample.position_m)
-        self._model.learn(stamp_ns, sample.force_n)
-        return self._model.of_motion_n(stamp_ns, sample.force_n)
-
-    def publish(self) -> None:
-        """Gives the loop a snapshot of what has been learned."""
-        self._evaluator.snapshot = self._learner.publish()
-
-    def _stamp_s(self, sample: ForceSample) -> float | None:
+    def stamp_s(self, sample: ForceSample) -> float | None:
         """Stamp of the command that a force answers; None where it answers none, or the fixture was open."""
         stamp_ns, origin_ns = sample.answers_stamp_ns, self._origin_ns
         if stamp_ns is None or origin_ns is None or sample.gripper is not Grip.CLOSED:
@@ -137,6 +113,4 @@ class ForcePrediction:
         return (stamp_ns - origin_ns) * 1e-9
 
     def reset(self) -> None:
-        self._evaluator.restart()
-        if self._model is not None:
-            self._model.reset()
+        self.evaluator.restart()

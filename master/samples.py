@@ -4,7 +4,6 @@ from collections.abc import Iterable
 
 from forefeel.common.bus import Header
 from forefeel.common.clock_offset import OffsetEstimate
-from forefeel.common.estimation.identification import ContactEstimate
 from forefeel.common.messages import (
     MOST_FORCE_N,
     MOST_PARAMETER,
@@ -14,6 +13,7 @@ from forefeel.common.messages import (
     within,
 )
 from forefeel.master.haptics import HapticOutputs, NewestForce
+from forefeel.master.identification import IdentificationTask
 
 
 def ages_s(
@@ -60,20 +60,20 @@ def _bounded(force_n: float | None) -> float | None:
     return None if force_n is None else within(force_n, MOST_FORCE_N)
 
 
-def model_parameters(
-    header: Header, estimate: ContactEstimate, identifiable: tuple[str, ...]
-) -> ModelParameters:
+def model_parameters(header: Header, identification: IdentificationTask, prior: str) -> ModelParameters:
+    contact, learned = identification.contact, identification.snapshot.learned
     return ModelParameters(
         **header,
-        names=estimate.names,
-        values=_parameters(estimate.values),
-        standard_deviations=_parameters(estimate.standard_deviations),
-        identifiable=identifiable,
-        valid=estimate.valid,
-        samples=estimate.samples,
-        updates=estimate.updates,
-        resets=estimate.resets,
-        innovation_rms_n=within(estimate.innovation_rms_n, MOST_FORCE_N),
+        names=contact.names if contact else (),
+        values=_parameters(contact.values if contact else ()),
+        standard_deviations=_parameters(contact.standard_deviations if contact else ()),
+        identifiable=contact.identifiable if contact else (),
+        valid=contact is not None,
+        samples=identification.used,
+        updates=identification.fits,
+        resets=identification.renewals,
+        innovation_rms_n=within(float(learned["recent_n"][0]), MOST_FORCE_N),
+        prior=prior[:256],
     )
 
 

@@ -1,11 +1,13 @@
 """The master's YAML file: handle, prediction and rendering of each axis."""
 
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, SerializeAsAny, model_validator
+from pydantic import AfterValidator, Field, SerializeAsAny, model_validator
 
-from forefeel.common.config import Settings
+from forefeel.common.config import Settings, beside_the_file
 from forefeel.common.hardware.driver import driver_settings
+from forefeel.common.prior_file import Key
 from forefeel.common.settings import (
     AxisLimits,
     DaemonSettings,
@@ -23,19 +25,23 @@ _OPERATOR: Any = {"driver": "operator"}  # read as if it stood in the file
 
 
 class PredictionSettings(Settings):
-    """The contact model and how it is learned. `model`: a model.yaml; m, b, k, bias and friction without
-    one.
+    """What the prediction starts from.
 
-    `cutoff_hz`: of the filter that motion and force pass alike before identification; `velocity_cutoff_hz`:
-    of the handle's velocity.
+    `model`: a model.yaml of `forefeel diagnose`. `prior_dir`: a folder, relative to this file, that keeps
+    what was learned of each `instrument` in each `patient` (a pseudonym) for the next session with them;
+    null: nothing is kept.
     """
 
     model: ExistingFile | None = None
-    memory_s: Annotated[float, Field(gt=0, le=3600)] = 2.0
-    cutoff_hz: Annotated[float, Field(gt=0, le=400)] = 15.0
-    velocity_cutoff_hz: Annotated[float, Field(gt=0, le=400)] = 40.0
-    typical_stroke_m: Annotated[float, Field(gt=0, le=10)] = 0.01
-    noise_floor_n: Annotated[float, Field(gt=0, le=1000)] = 0.001
+    prior_dir: Annotated[Path, AfterValidator(beside_the_file)] | None = None
+    instrument: Key | None = None
+    patient: Key | None = None
+
+    @model_validator(mode="after")
+    def _of_whom(self) -> Self:
+        if self.prior_dir is not None and (self.instrument is None or self.patient is None):
+            raise ValueError("prior_dir: expected instrument and patient beside it")
+        return self
 
 
 class RenderingSettings(Settings):
@@ -91,4 +97,7 @@ class MasterSettings(DaemonSettings):
     @model_validator(mode="after")
     def _distinct(self) -> Self:
         require_distinct([axis.name for axis in self.axes])
+        wanted = [axis.prediction for axis in self.axes if axis.prediction.prior_dir is not None]
+        if len({(each.prior_dir, each.instrument, each.patient) for each in wanted}) < len(wanted):
+            raise ValueError("axes: two keep one prior; expected another instrument for each")
         return self

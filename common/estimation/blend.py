@@ -15,8 +15,8 @@ of the hold.
 The cap: an early extrapolation far off must not keep an expert out for 8 s. The last term of v_e makes all
 alike while little is known. With 0.2 L, that kept the odd expert in the lead for ten seconds where others had
 long been better. It is not for the favoured one, which is the odd expert (the first reversal), nor for an
-expert that another run has taught. Losses of the taught are not capped either: what was learned elsewhere may
-be wrong altogether, and is to go at its first contradiction.
+expert that another run has taught: the contact with a prior or of a model.yaml. Losses of the taught are not
+capped either: what was learned elsewhere may be wrong altogether, and is to go at its first contradiction.
 
 The blend goes no further than the reach from the newest force. Of a change larger than all before the experts
 have learned the beginning alone, and foretell more of its size: 1.6 times the error of the hold where an
@@ -34,17 +34,9 @@ from numpy.typing import NDArray
 from forefeel.common.estimation import experts
 from forefeel.common.jit import Array, kernel
 
-NAMES = (
-    "zoh",
-    *experts.NAMES,
-    "model",
-    "model, incremental",
-    "model as loaded",
-    "model as loaded, incremental",
-)
-ZOH, FIRST, OUTSIDE = 0, 1, 1 + len(experts.NAMES)
-"""The hold, the five experts, and the models from outside: identified anew, and as loaded."""
-FAVOURED, TAUGHT = FIRST + experts.ODD, OUTSIDE + 2
+NAMES = ("zoh", *experts.NAMES, "contact", "contact, incremental")
+ZOH, FIRST, CONTACT = 0, 1, 1 + len(experts.NAMES)
+"""The hold, the five experts, the contact model, and behind it f(s) and what the contact changed since."""
 MEMBERS = len(NAMES)
 
 EARLY_S = 5.0
@@ -60,7 +52,10 @@ _TINY = 1e-200
 
 
 class Blend(Protocol):
-    """Sums of weighted losses by memory, of h^2 within 8 s, and of the weights; I; T; L; reach; w."""
+    """Sums of weighted losses by memory, of h^2 within 8 s, and of the weights; I; T; L; reach; w.
+
+    taught: 1 for each member that another run has taught.
+    """
 
     seen_fast: float
     seen_slow: float
@@ -71,11 +66,15 @@ class Blend(Protocol):
     reach_n: float
     losses: Annotated[Array, 2, MEMBERS]
     weights: Annotated[Array, MEMBERS]
+    taught: Annotated[Array, MEMBERS]
 
 
-def begin(blend: NDArray[np.void]) -> None:
-    """Makes a record of zeros one that trusts the hold alone."""
-    blend["weights"][:, ZOH] = 1.0
+def begin(blend: NDArray[np.void], taught: bool) -> None:
+    """Makes a record of zeros one that trusts the contact that another run has taught, by what it says of the
+    change since the newest force, or without one the hold alone.
+    """
+    blend["weights"][:, CONTACT + 1 if taught else ZOH] = 1.0
+    blend["taught"][:, CONTACT:] = taught
 
 
 @kernel
@@ -95,7 +94,7 @@ def judge(blend: Blend, said_n: Array, force_n: float, range_n: float, h: float)
     cap = (_CAP * (1.0 + blend.known_s / _CAP_S)) ** 2 * max(error_n2, blend.zoh_n2 / blend.seen_slow)
     for e in range(MEMBERS):
         loss = error_n2 if math.isnan(said_n[e]) else (said_n[e] - force_n) ** 2
-        if e < TAUGHT:
+        if blend.taught[e] == 0.0:
             loss = min(loss, cap)
         blend.losses[0, e] = blend.losses[0, e] * keep_fast + h * loss
         blend.losses[1, e] = blend.losses[1, e] * keep_slow + h * loss
@@ -111,7 +110,7 @@ def _weigh(blend: Blend) -> None:
     least = math.inf
     for e in range(MEMBERS):
         weights[e] = fast * blend.losses[0, e] + slow * blend.losses[1, e] + _FLOOR**2 * largest_n2 + _TINY
-        if e != FAVOURED and e < TAUGHT:
+        if blend.taught[e] == 0.0 and e != FIRST + experts.ODD:
             weights[e] += cold
         least = min(least, weights[e])
     total = 0.0

@@ -14,8 +14,8 @@ from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.estimation.contact_fit import CHANGED_BY, Contact, Fitting
 from forefeel.common.estimation.contact_model import Causes, Extent
 from forefeel.common.estimation.contact_prior import ContactPrior, widened
+from forefeel.common.estimation.sensor_model import SensorModel
 from forefeel.common.estimation.state_filter import GAP_S
-from forefeel.common.estimation.transfer import SensorModel
 
 __all__ = ["Contact", "ContactExpert", "ContactFit", "Fitting"]
 

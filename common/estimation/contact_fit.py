@@ -115,13 +115,14 @@ class _Columns:
 
     def at(self, shape: Array) -> Array:
         """Shape (rows, theta)."""
-        gate, *entries = self._causes.model(shape, self._origin_s).effects
-        forces, beside = _sorted_by_site(entries)
+        effects = self._causes.model(shape, self._origin_s).effects
+        gate = effects[: effects[0].effect == "contact_loss"]
+        forces, beside = _sorted_by_site(list(effects[len(gate) :]))
         if any(issubclass(effect_class(entry.effect), FactorEffect) for entry in beside):
-            return self._block((gate, *beside, *forces), everywhere=True)
+            return self._block((*gate, *beside, *forces), everywhere=True)
         blocks: list[Array] = []
         for (site, remembers), group in groupby(forces, _site_and_memory):
-            before = (gate, *beside) if site == "wall" else tuple(beside)
+            before = (*gate, *beside) if site == "wall" else tuple(beside)
             blocks.append(self._block((*before, *group), everywhere=bool(remembers or beside)))
         return np.concatenate(blocks, axis=1)
 

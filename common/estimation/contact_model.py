@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes.base import Effect
+from forefeel.common.causes.base import Effect, ForceEffect
 from forefeel.common.causes.model import ContactModel, EffectEntry
 from forefeel.common.causes.periodic import PeriodicForce
 from forefeel.common.causes.registry import effect_class
@@ -109,6 +109,11 @@ class Causes:
 
     def __init__(self, loaded: ContactModel | None = None) -> None:
         self._loaded = LoadedCauses((), {}) if loaded is None else loaded_causes(loaded)
+        # A loaded wall without a contact to lose is touched everywhere.
+        effects = () if loaded is None else loaded.effects
+        kinds = [(entry.effect, effect_class(entry.effect)) for entry in effects]
+        walls = [kind for _, kind in kinds if issubclass(kind, ForceEffect) and kind.site == "wall"]
+        self._gated = not walls or any(name == "contact_loss" for name, _ in kinds)
         # By them a factor knows the sign of the force.
         self._linear: dict[str, dict[str, float]] = {}
         for name, value in self._loaded.means.items():
@@ -128,7 +133,9 @@ class Causes:
         self.occasional = tuple(i for i, name in enumerate(self.linear) if name.startswith(OCCASIONAL))
 
     def model(self, shape: Array, origin_s: float) -> ContactModel:
-        """The causes at that shape, the contact first; a wave's sine is 0 at the stamp `origin_s`."""
+        """The causes at that shape, the contact first where it can be lost; a wave's sine is 0 at the
+        stamp `origin_s`.
+        """
         contact_m, length_m, time_s, heart_hz, breath_hz, band_m_s = shape_values(shape).tolist()
         waves = [
             EffectEntry("pulsation", (("frequency_hz", hz), ("phase_rad", _phase_rad(lead, hz, origin_s))))
@@ -137,8 +144,9 @@ class Causes:
         ]
         friction_n = self._loaded.means.get("presliding_hysteresis.force_n", 1.0)
         hysteresis = {"force_n": friction_n, "stiffness_n_m": friction_n / length_m}
+        gate = (self._entry("contact_loss", contact_position_m=contact_m),) if self._gated else ()
         entries = (
-            self._entry("contact_loss", contact_position_m=contact_m),
+            *gate,
             self._entry("bias"),
             self._entry("presliding_hysteresis", **hysteresis),
             self._entry("position_dependent_friction", band_m_s=band_m_s),

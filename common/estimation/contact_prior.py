@@ -1,10 +1,5 @@
 """What one session learned of a contact, for the next one: means and covariance of named parameters.
 
-Two priors of the same contact are merged by their information: with A_i the inverse of covariance i, and 0
-where prior i lacks a parameter,
-
-    A = A_1 + A_2,   mean = A^-1 (A_1 mean_1 + A_2 mean_2)
-
 A covariance knows of noise only, not that a vessel changes from day to day; `widened` adds that.
 """
 
@@ -71,28 +66,6 @@ def exactly(means: Mapping[str, float]) -> ContactPrior:
     return ContactPrior(tuple(means), tuple(means.values()), _rows(np.diag(np.square(size))), 0.0)
 
 
-def merged(first: ContactPrior, second: ContactPrior) -> ContactPrior:
-    """Both, weighed by their information; a parameter that only one has keeps its part there."""
-    names = (*first.names, *(name for name in second.names if name not in first.names))
-    scale = np.zeros(len(names))
-    for prior in (first, second):
-        at = _places(prior, names)
-        scale[at] = np.maximum(scale[at], prior.standard_deviations)
-    information, moments = np.zeros((len(names), len(names))), np.zeros(len(names))
-    for prior in (first, second):
-        at = _places(prior, names)
-        own = np.linalg.inv(np.array(prior.covariance) / np.outer(scale[at], scale[at]))
-        information[np.ix_(at, at)] += own
-        moments[at] += own @ (np.array(prior.values) / scale[at])
-    covariance = np.linalg.inv(0.5 * (information + information.T))
-    return ContactPrior(
-        names,
-        tuple((covariance @ moments * scale).tolist()),
-        _rows(0.5 * (covariance + covariance.T) * np.outer(scale, scale)),
-        first.contact_s + second.contact_s,
-    )
-
-
 def joined(first: ContactPrior, second: ContactPrior) -> ContactPrior:
     """The first, and of the second what the first does not know."""
     more = [i for i, name in enumerate(second.names) if name not in first.names]
@@ -111,10 +84,6 @@ def widened(prior: ContactPrior, by: float) -> ContactPrior:
         spread = _CONTACT_M if name == CONTACT else _SHARES.get(name, _SHARE) * abs(value)
         covariance[i, i] += (by * spread) ** 2
     return replace(prior, covariance=_rows(covariance))
-
-
-def _places(prior: ContactPrior, names: tuple[str, ...]) -> list[int]:
-    return [names.index(name) for name in prior.names]
 
 
 def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:

@@ -17,15 +17,19 @@ from forefeel.common.estimation import blend as blends
 from forefeel.common.estimation import experts
 from forefeel.common.estimation import forces as beliefs
 from forefeel.common.estimation.bank import RING, Bank
-from forefeel.common.estimation.blend import EARLY_S, MEMBERS, OUTSIDE, TAUGHT, ZOH
+from forefeel.common.estimation.blend import CONTACT, EARLY_S, MEMBERS, ZOH
+from forefeel.common.estimation.contact import Contact, ContactExpert
 from forefeel.common.estimation.forces import Forces
 from forefeel.common.estimation.regressors import fill
-from forefeel.common.estimation.snapshot import Snapshot, new_snapshot
-from forefeel.common.estimation.state_filter import GAP_S
+from forefeel.common.estimation.snapshot import Learned, Snapshot, nothing_learned
+from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.jit import Array, kernel, record, zeros
 
 _BEYOND, _EARLY_BEYOND = 0.1, 1.0  # how far a prediction may be beyond that range, as a part of it
-MODELS = 2
+# Hz, cutoff of the contact's velocity: a lag of 8 ms, below the 15 ms at which a delayed damper is felt. The
+# velocity is led by it, for a friction that turns 8 ms late at every reversal loses a third of its worth.
+_CUTOFF_HZ = 40.0
+_LEAD_S = 2.0 / (2.0 * math.pi * _CUTOFF_HZ)
 
 
 class Estimate(NamedTuple):
@@ -41,9 +45,9 @@ class Evaluation(Protocol):
     """The motion; the forces as they arrived, in order of their stamps; and by sample what was said of it.
 
     newest: the sample of the newest force, -1 where its motion is not known; newest_s, held_n: its stamp
-    and value. heard: how many forces stand in heard_s and heard_n. rows: u of `experts`; said_n: by member;
-    outside_n: what the models from outside gave; force_n, half_n, scale_n: the prediction, NaN where there
-    was none, and its band.
+    and value. heard: how many forces stand in heard_s and heard_n. stage: expected position, velocity and
+    acceleration. contact_n: what the contact gave. rows: u of `experts`; said_n:
+    by member; force_n, half_n, scale_n: the prediction, NaN where there was none, and its band.
     """
 
     newest: float
@@ -55,9 +59,10 @@ class Evaluation(Protocol):
     forces: Forces
     heard_s: Annotated[Array, RING]
     heard_n: Annotated[Array, RING]
+    stage: Annotated[Array, RING, 3]
+    contact_n: Annotated[Array, RING]
     rows: Annotated[Array, RING, experts.ROW]
     said_n: Annotated[Array, RING, MEMBERS]
-    outside_n: Annotated[Array, RING, MODELS]
     force_n: Annotated[Array, RING]
     half_n: Annotated[Array, RING]
     scale_n: Annotated[Array, RING]
@@ -73,7 +78,7 @@ class Evaluator:
     """Contact force at the own motion of now, from what a learner has published.
 
     It is not told the delay: it sees what arrives. Stamps are seconds on one clock, that of the own motion.
-    Before any snapshot every prediction is the newest force. Costs some 2 us a tick.
+    Before any snapshot every prediction is the newest force.
     """
 
     def __init__(self) -> None:
@@ -81,18 +86,33 @@ class Evaluator:
         banks.begin(self.record["bank"])
         beliefs.begin(self.record["forces"])
         self.record["newest"], self.record["newest_s"] = -1.0, -np.inf
-        self.snapshot = new_snapshot()
+        self.snapshot = Snapshot(nothing_learned(), None)
+        self._expert = ContactExpert()
+        self._used: Contact | None = None
+        self._velocity = StateFilter(_CUTOFF_HZ)
+        self._moved_s = -math.inf
         self._out = np.zeros(3)
 
-    def move(
-        self, t_s: float, position_m: float, identified_n: float = math.nan, loaded_n: float = math.nan
-    ) -> bool:
-        """The own motion at stamp `t_s`, and the forces in N of the models from outside, NaN without.
+    def move(self, t_s: float, position_m: float, stage_m: float, velocity_m_s: float) -> None:
+        """The own motion at stamp `t_s`: the setpoint; where the stage is expected then, and the velocity.
 
-        What is not finite, or no later than the last, is left out: False. A pause over 0.1 s begins a new
-        piece: what was learned stays, what the motion has left behind (hysteresis, relaxation) does not.
+        What is not finite, or no later than the last, is left out. A pause over 0.1 s begins a new piece:
+        what was learned stays, what the motion has left behind (hysteresis, relaxation) does not.
         """
-        return _move(self.record, t_s, position_m, identified_n, loaded_n)
+        dt_s = t_s - self._moved_s
+        if not (dt_s > 0.0 and math.isfinite(t_s + position_m + stage_m + velocity_m_s)):
+            return
+        self._moved_s = t_s
+        if (contact := self.snapshot.contact) is not None and contact is not self._used:
+            self._used = contact
+            self._expert.use(contact)
+        if dt_s > GAP_S:
+            self._velocity.reset()
+            self._expert.reset()
+        v, a, _ = self._velocity.step(velocity_m_s, dt_s)
+        stage = (stage_m, v + _LEAD_S * a, a)
+        contact_n = self._expert.move(t_s, *stage, dt_s) if dt_s <= GAP_S else math.nan
+        _move(self.record, t_s, position_m, stage, contact_n)
 
     def hear(self, stamp_s: float, force_n: float) -> None:
         """A force that was measured at `stamp_s`, the stamp of a `move`; an older one than the newest
@@ -103,33 +123,40 @@ class Evaluator:
     def predict(self) -> Estimate | None:
         """The force at the newest `move`; None before any force or any motion."""
         out = self._out
-        if not _predict(self.record, self.snapshot, out):
+        if not _predict(self.record, self.snapshot.learned, out):
             return None
         force_n, half_n, leading = out.tolist()
         return Estimate(force_n, force_n - half_n, force_n + half_n, blends.NAMES[int(leading)])
 
     def restart(self) -> None:
         """The next `move` begins a new piece of motion, as after a gap or a new grip."""
+        self._moved_s = -math.inf
         self.record["bank"]["restart"] = 1.0
 
 
 @kernel
-def _move(records: Evaluations, t: float, x: float, identified_n: float, loaded_n: float) -> bool:
+def _move(
+    records: Evaluations,
+    t: float,
+    x: float,
+    stage: tuple[float, float, float],
+    contact_n: float,
+) -> None:
     evaluation = records[0]
     bank = evaluation.bank
     if not banks.advance(bank, t, x):
-        return False
+        return
     fill(bank)
     n = int(bank.count) - 1
     i = n % RING
     evaluation.force_n[i] = math.nan
-    evaluation.outside_n[i, 0], evaluation.outside_n[i, 1] = identified_n, loaded_n
+    evaluation.stage[i, 0], evaluation.stage[i, 1], evaluation.stage[i, 2] = stage
+    evaluation.contact_n[i] = contact_n
     if evaluation.newest >= 0.0 and n - evaluation.newest >= RING:
         evaluation.newest = -1.0
     for j in range(banks.STOPS):
         if bank.renewed[j] > 0.0:
             experts.clear_stop(evaluation.rows, j)
-    return True
 
 
 @kernel
@@ -160,25 +187,25 @@ def _hold(evaluation: Evaluation, stamp: float, force_n: float) -> None:
 
 
 @kernel
-def _predict(records: Evaluations, snapshots: NDArray[np.void], out: Array) -> bool:
+def _predict(records: Evaluations, learneds: NDArray[np.void], out: Array) -> bool:
     """Writes (force, half width of the band, member that leads); False before any force or motion."""
-    evaluation, snapshot = records[0], snapshots[0]
+    evaluation, learned = records[0], learneds[0]
     n, forces = int(evaluation.bank.count) - 1, evaluation.forces
     if forces.known == 0.0 or n < 0:
         return False
-    if snapshot.renewals != evaluation.renewals:
-        forces.low_n, forces.high_n, evaluation.renewals = snapshot.low_n, snapshot.high_n, snapshot.renewals
+    if learned.renewals != evaluation.renewals:
+        forces.low_n, forces.high_n, evaluation.renewals = learned.low_n, learned.high_n, learned.renewals
     held_n, range_n = evaluation.held_n, forces.high_n - forces.low_n
     force_n, variance_n2, leading = held_n, 0.0, ZOH
     if evaluation.newest >= 0.0:
         said_n = evaluation.said_n[n % RING]
-        _ask(evaluation, snapshot, n, said_n)
-        force_n, variance_n2, leading = blends.mean(snapshot.weights, said_n)
-        force_n = _limited(snapshot, forces, force_n, held_n)
-    scale_n = bands.scale_n(snapshot.recent_n, variance_n2, force_n - held_n, range_n)
-    half_n = scale_n * snapshot.factor
-    if snapshot.largest_n > 0.0:
-        half_n = min(half_n, snapshot.largest_n)
+        _ask(evaluation, learned, n, said_n)
+        force_n, variance_n2, leading = blends.mean(learned.weights, said_n)
+        force_n = _limited(learned, forces, force_n, held_n)
+    scale_n = bands.scale_n(learned.recent_n, variance_n2, force_n - held_n, range_n)
+    half_n = scale_n * learned.factor
+    if learned.largest_n > 0.0:
+        half_n = min(half_n, learned.largest_n)
     elif not math.isfinite(half_n):
         half_n = range_n
     if evaluation.newest >= 0.0:
@@ -189,27 +216,28 @@ def _predict(records: Evaluations, snapshots: NDArray[np.void], out: Array) -> b
 
 
 @kernel
-def _ask(evaluation: Evaluation, snapshot: Snapshot, n: int, said_n: Array) -> None:
+def _ask(evaluation: Evaluation, learned: Learned, n: int, said_n: Array) -> None:
     """What every member of the blend says of sample n."""
     i, j, held_n = n % RING, int(evaluation.newest) % RING, evaluation.held_n
     row, known_row = evaluation.rows[i], evaluation.known_row[0]
-    experts.fill(row, evaluation.bank, i, j, held_n - snapshot.first_n)
+    experts.fill(row, evaluation.bank, i, j, held_n - learned.first_n)
     for k in range(len(experts.LAGS_S)):
         row[experts.PAST + k] = held_n - _heard_n(evaluation, evaluation.newest_s - experts.LAGS_S[k])
     known_row[:] = row
     for k in range(banks.STOPS):
-        if snapshot.radii_m[k] != evaluation.bank.radii_m[k]:
+        if learned.radii_m[k] != evaluation.bank.radii_m[k]:
             experts.clear_stop(evaluation.known_row, k)
     said_n[ZOH] = held_n
-    largest_n = max(snapshot.high_n - snapshot.first_n, snapshot.first_n - snapshot.low_n)
-    members = said_n[blends.FIRST : OUTSIDE]
-    experts.predict(
-        members, snapshot.theta, known_row, held_n, snapshot.first_n, snapshot.largest_n, largest_n
-    )
-    for k in range(MODELS):
-        model_n, then_n = evaluation.outside_n[i, k], evaluation.outside_n[j, k]
-        said_n[OUTSIDE + 2 * k] = model_n
-        said_n[OUTSIDE + 2 * k + 1] = held_n + model_n - then_n
+    largest_n = max(learned.high_n - learned.first_n, learned.first_n - learned.low_n)
+    members = said_n[blends.FIRST : CONTACT]
+    experts.predict(members, learned.theta, known_row, held_n, learned.first_n, learned.largest_n, largest_n)
+    said_n[CONTACT] = evaluation.contact_n[i]
+    said_n[CONTACT + 1] = held_n + evaluation.contact_n[i] - evaluation.contact_n[j]
+    forces = evaluation.forces
+    range_n = forces.high_n - forces.low_n
+    for e in range(CONTACT, MEMBERS):
+        if learned.taught[e] == 0.0 and not math.isnan(said_n[e]):
+            said_n[e] = min(forces.high_n + range_n, max(forces.low_n - range_n, said_n[e]))
 
 
 @kernel
@@ -227,13 +255,13 @@ def _heard_n(evaluation: Evaluation, stamp: float) -> float:
 
 
 @kernel
-def _limited(snapshot: Snapshot, forces: Forces, force_n: float, held_n: float) -> float:
-    """Within the reach of the newest force, see `blend`, and near the range of the forces; but as far as a
-    model says that another run has taught.
+def _limited(learned: Learned, forces: Forces, force_n: float, held_n: float) -> float:
+    """Within the reach of the newest force, see `blend`, and near the range of the forces; but as far as an
+    expert says that another run has taught.
     """
-    beyond = _EARLY_BEYOND if snapshot.known_s < EARLY_S else _BEYOND
-    taught_n = (snapshot.weights[TAUGHT] + snapshot.weights[TAUGHT + 1]) * abs(force_n - held_n)
-    reach_n = max(snapshot.reach_n, taught_n)
+    beyond = _EARLY_BEYOND if learned.known_s < EARLY_S else _BEYOND
+    taught_n = (learned.weights * learned.taught).sum() * abs(force_n - held_n)
+    reach_n = max(learned.reach_n, taught_n)
     beyond_n = max(beyond * (forces.high_n - forces.low_n), taught_n)
     force_n = min(held_n + reach_n, max(held_n - reach_n, force_n))
     force_n = min(forces.high_n + beyond_n, max(forces.low_n - beyond_n, force_n))

@@ -20,8 +20,8 @@ from forefeel.common.estimation.identifiability import (
     informed_directions,
 )
 from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.sensor_model import SensorModel
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
-from forefeel.common.estimation.transfer import SensorModel
 
 _NOISE_BANDWIDTH = (pi / 6.0) / sin(pi / 6.0)
 """Noise bandwidth of a third-order Butterworth low-pass, in units of its cutoff."""

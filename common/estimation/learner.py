@@ -7,12 +7,15 @@ they were foretold.
 """
 
 import math
+from collections.abc import Callable
+from concurrent.futures import Future
 from heapq import heappop, heappush
 from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation import band as bands
 from forefeel.common.estimation import bank as banks
 from forefeel.common.estimation import blend as blends
@@ -24,10 +27,12 @@ from forefeel.common.estimation.band import Band
 from forefeel.common.estimation.bank import RING
 from forefeel.common.estimation.blend import ZOH, Blend
 from forefeel.common.estimation.change import Change
+from forefeel.common.estimation.contact import Contact, ContactFit, Fitting
+from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.evaluator import Evaluation, Evaluations, Evaluator
 from forefeel.common.estimation.experts import Learning
 from forefeel.common.estimation.forces import Forces
-from forefeel.common.estimation.snapshot import new_snapshot
+from forefeel.common.estimation.snapshot import Snapshot, nothing_learned
 from forefeel.common.estimation.trial import Trial
 from forefeel.common.jit import Array, kernel, record, zeros
 
@@ -35,8 +40,13 @@ _PLAIN = blends.FIRST + experts.PLAIN
 
 
 class Knowledge(Protocol):
-    """All that was learned. taken: number of the sample whose force was taken in, plus one, by its place."""
+    """All that was learned. taken: number of the sample whose force was taken in, plus one, by its place.
 
+    said_n2, zoh_n2: integrals of the squared errors of the prediction and of the zero-order hold.
+    """
+
+    said_n2: float
+    zoh_n2: float
     forces: Forces
     experts: Learning
     blend: Blend
@@ -47,30 +57,57 @@ class Knowledge(Protocol):
 
 
 _DTYPE = record(Knowledge)
+_WORSE_THAN_NOTHING = -2
 
 
-def _new_knowledge() -> NDArray[np.void]:
-    knowledge = zeros(_DTYPE)
-    beliefs.begin(knowledge["forces"])
-    experts.begin(knowledge["experts"])
-    blends.begin(knowledge["blend"])
-    bands.begin(knowledge["band"])
-    trials.begin(knowledge["trial"])
-    return knowledge
+Solve = Callable[[Callable[[], Contact | None]], "Future[Contact | None]"]
+"""Where a fit of the contact is computed: at once, or beside the loop."""
+
+
+def at_once(fit: Callable[[], Contact | None]) -> "Future[Contact | None]":
+    future: Future[Contact | None] = Future()
+    future.set_result(fit())
+    return future
 
 
 class Learner:
     """Learns what an evaluator is to know.
 
+    Args:
+        evaluator: whose predictions are judged.
+        prior: of the contact, from an earlier session; as it is to be used.
+        model: of a model.yaml, whose causes take part in the contact.
+        solve: computes the fits of the contact. Whatever it does, a fit takes effect a quarter of a second of
+            stamps after its last sample, or as soon as it is there.
+
     Attributes:
+        fits: of the contact so far.
         renewals: how often it began anew, for what it had learned was worse than nothing, see `trial`.
     """
 
-    def __init__(self, evaluator: Evaluator) -> None:
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        prior: ContactPrior | None = None,
+        model: ContactModel | None = None,
+        solve: Solve = at_once,
+    ) -> None:
         self._evaluation = evaluator.record
-        self._knowledge = _new_knowledge()
+        self._prior, self._model, self._solve = prior, model, solve
         self._early: list[tuple[float, float]] = []
-        self.renewals = 0
+        self.fits, self.renewals = 0, -1
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._knowledge = zeros(_DTYPE)
+        beliefs.begin(self._knowledge["forces"])
+        experts.begin(self._knowledge["experts"])
+        blends.begin(self._knowledge["blend"], self._prior is not None or self._model is not None)
+        bands.begin(self._knowledge["band"])
+        trials.begin(self._knowledge["trial"])
+        self._fit = ContactFit(self._prior, self._model)
+        self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
+        self.renewals += 1
 
     def take(self, stamp_s: float, force_n: float) -> None:
         """A force that was measured at `stamp_s`, the stamp of a motion; in any order, each counts once.
@@ -88,17 +125,40 @@ class Learner:
             self._early.pop()
 
     def _take(self, stamp_s: float, force_n: float) -> None:
-        if not _take(self._knowledge, self._evaluation, stamp_s, force_n):
-            self._knowledge = _new_knowledge()
-            self.renewals += 1
-            _take(self._knowledge, self._evaluation, stamp_s, force_n)
+        n = _take(self._knowledge, self._evaluation, stamp_s, force_n)
+        if n == _WORSE_THAN_NOTHING:
+            self._begin_anew()
+            n = _take(self._knowledge, self._evaluation, stamp_s, force_n)
+        if n >= 0:
+            self._fit_contact(stamp_s, n % RING, force_n)
 
-    def publish(self) -> NDArray[np.void]:
-        """A snapshot of all that is known now."""
-        snapshot = new_snapshot()
-        _publish(self._knowledge, snapshot)
-        snapshot["renewals"] = self.renewals
-        return snapshot
+    def _fit_contact(self, stamp_s: float, place: int, force_n: float) -> None:
+        x_m, v_m_s, a_m_s2 = self._evaluation["stage"][0, place].tolist()
+        self._fit.observe(stamp_s, x_m, v_m_s, a_m_s2, force_n)
+        if self._fitting is not None:
+            fitting, result = self._fitting
+            if stamp_s >= fitting.takes_effect_s and result.done():
+                contact = result.result()
+                self._fit.apply(contact)
+                if contact is not None and contact.contradicted:
+                    self._knowledge["blend"]["taught"] = 0.0
+                self.fits += 1
+                self._fitting = None
+        if self._fitting is None and (due := self._fit.due()) is not None:
+            self._fitting = due, self._solve(due.solve)
+
+    def publish(self) -> Snapshot:
+        """All that is known now."""
+        learned = nothing_learned()
+        _publish(self._knowledge, learned)
+        learned["renewals"] = self.renewals
+        return Snapshot(learned, self._fit.contact)
+
+    @property
+    def ratio(self) -> float:
+        """rms of the prediction over that of the zero-order hold, of all forces so far; NaN before any."""
+        said_n2, zoh_n2 = float(self._knowledge["said_n2"][0]), float(self._knowledge["zoh_n2"][0])
+        return math.sqrt(said_n2 / zoh_n2) if zoh_n2 > 0.0 else math.nan
 
 
 @kernel
@@ -109,21 +169,21 @@ def _moved_s(evaluations: Evaluations) -> float:
 
 
 @kernel
-def _take(knowledges: NDArray[np.void], evaluations: Evaluations, stamp: float, force_n: float) -> bool:
-    """A force that has arrived; False when the learner is to begin anew."""
+def _take(knowledges: NDArray[np.void], evaluations: Evaluations, stamp: float, force_n: float) -> int:
+    """A force that has arrived; the sample that was learned from, -1 without, or `_WORSE_THAN_NOTHING`."""
     knowledge, evaluation = knowledges[0], evaluations[0]
     n = banks.find(evaluation.bank, stamp)
     if n >= 0:
         if knowledge.taken[n % RING] == n + 1.0:
-            return True
+            return -1
         knowledge.taken[n % RING] = n + 1.0
-    forces = knowledge.forces
+    forces, learned = knowledge.forces, -1
     for k in range(beliefs.admit(forces, stamp, force_n)):
         n = banks.find(evaluation.bank, forces.admitted[k, 0])
         if n >= 0 and forces.known >= beliefs.FIRST and not math.isnan(evaluation.force_n[n % RING]):
             _learn(knowledge, evaluation, n, forces.admitted[k, 1])
-    good: bool = knowledge.trial.failed == 0.0
-    return good
+            learned = n if forces.admitted[k, 0] == stamp else learned
+    return learned if knowledge.trial.failed == 0.0 else _WORSE_THAN_NOTHING
 
 
 @kernel
@@ -143,6 +203,8 @@ def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float)
             h,
         )
         trials.judge(knowledge.trial, force_n, evaluation.force_n[i], said_n[ZOH], h)
+    knowledge.said_n2 += h * (force_n - evaluation.force_n[i]) ** 2
+    knowledge.zoh_n2 += h * (force_n - said_n[ZOH]) ** 2
     blends.judge(knowledge.blend, said_n, force_n, range_n, h)
     bands.learn(
         knowledge.band, force_n - evaluation.force_n[i], evaluation.half_n[i], evaluation.scale_n[i], h
@@ -155,13 +217,13 @@ def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float)
 
 
 @kernel
-def _publish(knowledges: NDArray[np.void], snapshots: NDArray[np.void]) -> None:
-    knowledge, snapshot = knowledges[0], snapshots[0]
+def _publish(knowledges: NDArray[np.void], learneds: NDArray[np.void]) -> None:
+    knowledge, learned = knowledges[0], learneds[0]
     forces, blend, band = knowledge.forces, knowledge.blend, knowledge.band
-    snapshot.known_s = blend.known_s
-    snapshot.largest_n, snapshot.reach_n = blend.largest_n, blend.reach_n
-    snapshot.first_n, snapshot.low_n, snapshot.high_n = forces.first_n, forces.low_n, forces.high_n
-    snapshot.recent_n, snapshot.factor = bands.recent_n(band), bands.factor(band)
-    snapshot.radii_m[:] = knowledge.experts.radii_m
-    snapshot.theta[:] = knowledge.experts.theta
-    snapshot.weights[:] = blend.weights
+    learned.known_s = blend.known_s
+    learned.largest_n, learned.reach_n = blend.largest_n, blend.reach_n
+    learned.first_n, learned.low_n, learned.high_n = forces.first_n, forces.low_n, forces.high_n
+    learned.recent_n, learned.factor = bands.recent_n(band), bands.factor(band)
+    learned.radii_m[:] = knowledge.experts.radii_m
+    learned.theta[:] = knowledge.experts.theta
+    learned.weights[:], learned.taught[:] = blend.weights, blend.taught

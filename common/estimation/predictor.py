@@ -1,38 +1,54 @@
 """Both sides of the predictor in one thread, as an evaluation of a recording uses them."""
 
-from math import nan
+from math import inf
 
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.evaluator import Estimate, Evaluator
 from forefeel.common.estimation.learner import Learner
 
 
 class Predictor:
-    """Contact force at the own motion of now; see `Evaluator` and `Learner`."""
+    """Contact force at the own motion of now; see `Evaluator` and `Learner`.
 
-    def __init__(self) -> None:
+    The stage is where the motion says, its velocity the difference of two positions.
+    """
+
+    def __init__(self, model: ContactModel | None = None, prior: ContactPrior | None = None) -> None:
         self._evaluator = Evaluator()
-        self._learner = Learner(self._evaluator)
+        self.learner = Learner(self._evaluator, prior, model)
+        self._evaluator.snapshot = self.learner.publish()
         self._learned = False
+        self._last = (-inf, 0.0)
 
     @property
     def renewals(self) -> int:
-        return self._learner.renewals
+        return self.learner.renewals
 
-    def move(self, t_s: float, position_m: float, identified_n: float = nan, loaded_n: float = nan) -> None:
-        self._evaluator.move(t_s, position_m, identified_n, loaded_n)
+    def move(self, t_s: float, position_m: float) -> None:
+        before_s, before_m = self._last
+        self._publish()
+        if t_s > before_s:
+            self._last = t_s, position_m
+            velocity_m_s = (position_m - before_m) / (t_s - before_s)
+            self._evaluator.move(t_s, position_m, position_m, velocity_m_s)
 
     def observe(self, stamp_s: float, force_n: float) -> None:
         self._evaluator.hear(stamp_s, force_n)
-        self._learner.take(stamp_s, force_n)
+        self.learner.take(stamp_s, force_n)
         self._learned = True
 
     def predict(self) -> Estimate | None:
-        if self._learned:
-            self._evaluator.snapshot = self._learner.publish()
-            self._learned = False
+        self._publish()
         return self._evaluator.predict()
 
+    def _publish(self) -> None:
+        if self._learned:
+            self._evaluator.snapshot = self.learner.publish()
+            self._learned = False
+
     def restart(self) -> None:
+        self._last = (-inf, 0.0)
         self._evaluator.restart()
 
 

@@ -1,5 +1,6 @@
-"""All that the identification task has learned, as it gives it to the haptic loop: nobody changes it."""
+"""All that the identification task has learned, as it gives it to the haptic loop. Nobody changes it."""
 
+from dataclasses import dataclass
 from typing import Annotated, Protocol
 
 import numpy as np
@@ -8,13 +9,14 @@ from numpy.typing import NDArray
 from forefeel.common.estimation import experts
 from forefeel.common.estimation.bank import STOPS
 from forefeel.common.estimation.blend import MEMBERS, ZOH
+from forefeel.common.estimation.contact import Contact
 from forefeel.common.jit import Array, record, zeros
 
 
-class Snapshot(Protocol):
-    """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend; f0, range
-    of the forces, largest error of the zero-order hold L, reach, time judged T; of the band the recent error
-    and the factor.
+class Learned(Protocol):
+    """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend, and which
+    of them another run has taught; f0, range of the forces, largest error of the zero-order hold L, reach,
+    time judged T; of the band the recent error and the factor.
 
     renewals: how often the learner has begun anew.
     """
@@ -31,14 +33,23 @@ class Snapshot(Protocol):
     radii_m: Annotated[Array, STOPS]
     theta: Annotated[Array, len(experts.NAMES), experts.ROW]
     weights: Annotated[Array, MEMBERS]
+    taught: Annotated[Array, MEMBERS]
 
 
-_DTYPE = record(Snapshot)
+_DTYPE = record(Learned)
 
 
-def new_snapshot() -> NDArray[np.void]:
-    """One that knows nothing: the zero-order hold has all the weight."""
-    snapshot = zeros(_DTYPE)
-    snapshot["weights"][:, ZOH] = 1.0
-    snapshot["factor"] = np.inf
-    return snapshot
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """`learned`: one record of `Learned`, in an array. `contact`: None before any is known."""
+
+    learned: NDArray[np.void]
+    contact: Contact | None
+
+
+def nothing_learned() -> NDArray[np.void]:
+    """The zero-order hold has all the weight."""
+    learned = zeros(_DTYPE)
+    learned["weights"][:, ZOH] = 1.0
+    learned["factor"] = np.inf
+    return learned

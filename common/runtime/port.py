@@ -1,12 +1,14 @@
 """The runtime port: loops, tasks, timers and faults."""
 
 from collections.abc import Callable
-from typing import Protocol
+from concurrent.futures import Future
+from typing import Protocol, TypeVar
 
 from forefeel.common.clock import Clock
 from forefeel.common.lateness import Lateness
 from forefeel.common.transport.port import Timers
 
+T = TypeVar("T")
 Tick = Callable[[int], None]
 """Called with the stamp now in ns of the runtime's clock."""
 
@@ -32,6 +34,10 @@ class Runtime(Protocol):
 
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
         """A soft-paced periodic task, on asyncio."""
+        ...
+
+    def compute(self, work: Callable[[], T]) -> "Future[T]":
+        """The result of `work`, which may take long: in a thread of its own, in virtual time at once."""
         ...
 
     def fault(self, error: BaseException) -> None:

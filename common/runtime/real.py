@@ -103,6 +103,9 @@ class RealRuntime:
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
         self._tasks.append((name, period_ns, tick))
 
+    def compute(self, work: Callable[[], T]) -> "Future[T]":
+        return self.host.in_thread(work, "computation")
+
     def on_fault(self, reaction: Callable[[BaseException], None]) -> None:
         self._reactions.append(reaction)
 

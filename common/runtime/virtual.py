@@ -4,11 +4,12 @@ for bit repeatable.
 
 import heapq
 from collections.abc import Callable
+from concurrent.futures import Future
 from itertools import count
 
 from forefeel.common.clock import VirtualClock
 from forefeel.common.lateness import Lateness
-from forefeel.common.runtime.port import Tick
+from forefeel.common.runtime.port import T, Tick
 
 _Event = tuple[int, int, int, Callable[..., None]]
 """(due stamp, order, period or 0, action): a periodic action is given the stamp, a single one nothing."""
@@ -45,6 +46,11 @@ class VirtualRuntime:
     def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
         """Runs `action` once at `due_ns` (now, when that is past)."""
         heapq.heappush(self._events, (max(due_ns, self.clock.now_ns()), next(self._order), 0, action))
+
+    def compute(self, work: Callable[[], T]) -> "Future[T]":
+        future: Future[T] = Future()
+        future.set_result(work())
+        return future
 
     def fault(self, error: BaseException) -> None:
         """In virtual time a fault ends the run at once, with its own traceback."""

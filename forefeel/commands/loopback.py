@@ -53,6 +53,17 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     master_model: Annotated[
         Path | None, typer.Option(metavar="FILE", help="model.yaml of the predictor.")
     ] = None,
+    prior_dir: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Start from what an earlier run learned of this instrument and patient, and keep what this "
+            "one learns; DIR is made.",
+        ),
+    ] = None,
+    patient: Annotated[
+        str | None, typer.Option(metavar="NAME", help="With --prior-dir: the patient; default simulated.")
+    ] = None,
     hide: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="model.yaml of effects that are added to the simulated world."),
@@ -105,6 +116,8 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         columns=mapping_of(columns, None),
         slave_model=slave_model,
         master_model=master_model,
+        prior_dir=prior_dir,
+        patient=patient,
         hide=hide,
         hide_at_s=hide_at,
         world_spread=world_spread,

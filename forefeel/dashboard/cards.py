@@ -98,8 +98,12 @@ def model(view: AxisView, now_ns: int) -> Card:
         "parameters": _parameters(found),
         "statements": _statements(found),
         "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates"
-        f"{_resets(found)}{quiet}",
+        f"{_resets(found)}{_prior(found)}{quiet}",
     }
+
+
+def _prior(found: ModelParameters) -> str:
+    return f" · prior: {printable(found.prior)}" if found.prior else ""
 
 
 def _resets(found: ModelParameters) -> str:

@@ -47,6 +47,8 @@ class LoopbackOptions:
     master_model: Path | None = None
     hide: Path | None = None
     hide_at_s: float = 0.0
+    prior_dir: Path | None = None
+    patient: str | None = None
     world_spread: float = 0.0
     world_seed: int = 0
     hardware: str = "simulated"
@@ -104,6 +106,12 @@ def make_plan(options: LoopbackOptions) -> Plan:
         expected_s = min(duration_s or recording.duration_s, recording.duration_s)
     _load_models(options, slave_axis, master_axis)
     metadata = _metadata(options)
+    if options.prior_dir is not None:
+        master_axis.setdefault("prediction", {}).update(
+            prior_dir=str(options.prior_dir.resolve()),
+            instrument=options.preset or _DEFAULT_PRESET,
+            patient=options.patient or "simulated",
+        )
     if options.world_spread:
         metadata |= _vary_world(options, slave_axis)
     link = {"inbound": options.impairment, "seed": options.seed}
@@ -126,6 +134,10 @@ def _check(options: LoopbackOptions) -> None:
         raise ConfigurationError(f"--duration {options.duration_s:g}: expected 0.5 to 86400 s")
     if options.world_seed and not options.world_spread:
         raise ConfigurationError(f"--world-seed {options.world_seed}: expected only with --world-spread")
+    if options.prior_dir is not None and options.prior_dir.exists() and not options.prior_dir.is_dir():
+        raise ConfigurationError(f"--prior-dir {options.prior_dir}: is a file; expected a folder")
+    if options.patient is not None and options.prior_dir is None:
+        raise ConfigurationError(f"--patient {options.patient}: expected only with --prior-dir")
 
 
 def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -217,6 +229,7 @@ def _refuse_world_options(options: LoopbackOptions) -> None:
         ("--slave-model", options.slave_model),
         ("--hide", options.hide),
         ("--world-spread", options.world_spread or None),
+        ("--prior-dir", options.prior_dir),
     ):
         if value is not None:
             raise ConfigurationError(
@@ -244,7 +257,6 @@ def play(
         "acceleration_limit_m_s2": 2 * limits["max_acceleration_m_s2"],
         "encoder_step_m": min(1e-6, span * 1e-5),
     }
-    master_axis["prediction"] = {"typical_stroke_m": span}
     master_axis["handle"] = {
         "driver": "recording",
         "approach_m_s": _approach(limits),
@@ -267,8 +279,7 @@ def _play_force(
     sign = resisting_sign(recording)
     slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}
     slave_axis["gate"]["force_timeout_s"] = None
-    strongest_n, spread_n = float(np.max(np.abs(force_n))), float(np.std(force_n))
-    master_axis["prediction"]["noise_floor_n"] = max(0.01 * spread_n, 1e-6)
+    strongest_n = float(np.max(np.abs(force_n)))
     scale = min(1.0, HAND_MAX_N / strongest_n) if strongest_n > 0 else 1.0
     master_axis["rendering"] = {"force_scale": scale, "max_force_n": HAND_MAX_N}
     notes = [f"force scale to the hand {scale:.3g}"]

@@ -59,6 +59,8 @@ def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]
     plan.slave_settings()
     plan.master_settings()
     fresh_folder(folder, _OURS, "an earlier run", how.overwrite)
+    if options.prior_dir is not None:
+        _make_prior_dir(options.prior_dir)
     for path in (folder / name for name in _OURS):
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     for note in plan.notes:
@@ -75,6 +77,13 @@ def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]
     if remark := amber_line(report):
         warn(remark)
     return report
+
+
+def _make_prior_dir(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError as error:
+        raise ConfigurationError(f"--prior-dir {folder}: {error.strerror}; expected a folder") from error
 
 
 def _shown(bar: Progress, task: TaskID, plan: Plan) -> Show:

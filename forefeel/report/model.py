@@ -77,13 +77,14 @@ class ParameterFigures(_Part):
 
 
 class ModelFigures(_Part):
-    """How far the identification came; None when it said nothing."""
+    """How far the identification came, and what prior it started from; None when it said nothing."""
 
     valid: bool | None = None
     samples: int | None = None
     updates: int | None = None
     resets: int | None = None
     innovation_rms_n: float | None = None
+    prior: str | None = None
 
 
 class PredictorFigures(_Part):

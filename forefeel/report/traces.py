@@ -199,7 +199,7 @@ def _session_end_ns(run: Run, axis: str, end_ns: int) -> int:
 
 def _parameters(run: Run, axis: str, start_ns: int) -> ParameterTraces | None:
     messages = list(run.messages(axis, PARAMETERS))
-    if not messages:
+    if not messages or not messages[-1].names:
         return None
     names = messages[-1].names
     rows = [i for i, message in enumerate(messages) if _fits(message, names)]

@@ -41,6 +41,8 @@ def _drawn(entry: EffectEntry, spread: float, random: np.random.Generator) -> It
                 value += share * min(_SHIFT_M * spread, _MOST_SHIFT_M)
             case "pulsation", "frequency_hz":
                 value *= 1.0 + share * min(2.0 * spread, _MOST_RATE_SPREAD)
+            case "position_dependent_friction", "band_m_s":
+                pass  # how sharply its sign turns, no property of a vessel
             case "pulsation", "phase_rad":
                 value = pi * share
             case _:

@@ -19,6 +19,7 @@ AXIS = "role: slave\naxes:\n  - "
 NEAR = "--connect tcp/127.0.0.1:9"
 
 
+KEEPS = "prediction: {prior_dir: p, instrument: wire, patient: B}"
 START, CHECK, MASTER = "slave --config", "config check", "role: master\naxes: "
 SETTINGS: list[tuple[str, str, tuple[str, ...], str]] = [
     *((START, f"--duration {text}", ("--duration",), SLAVE) for text in ("soon", "-1", "nan")),
@@ -28,6 +29,9 @@ SETTINGS: list[tuple[str, str, tuple[str, ...], str]] = [
     (CHECK, "", ("f.yaml:3", "driver = 'warp'"), f"{AXIS}stage: {{driver: warp}}"),
     (CHECK, "", ("f.yaml:2", "mars", "satellite"), "role: slave\nimpairment: {inbound: mars}\n"),
     (START, "", ("f.yaml:2", "no.mcap"), "role: slave\nimpairment: {replay: no.mcap}\n"),
+    (CHECK, "", ("f.yaml:2", "patient"), f"{MASTER}[{{prediction: {{prior_dir: p, instrument: wire}}}}]"),
+    (CHECK, "", ("f.yaml:2", "'a/b'"), f"{MASTER}[{{prediction: {{patient: a/b}}}}]"),
+    (CHECK, "", ("two keep one prior",), f"{MASTER}[{{name: a, {KEEPS}}}, {{name: b, {KEEPS}}}]"),
     ("master --config", "", ("no.csv",), f"{MASTER}[{{handle: {{driver: recording, recording: no.csv}}}}]"),
 ]
 """(command, options, words of the complaint, the file)"""
@@ -65,11 +69,15 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     (f"{LOOPBACK} --hide-at 3", ("--hide-at 3", "--hide"), {}),
     (f"{LOOPBACK} --hide @/m.yaml --hide-at -1", ("--hide-at -1", "0 to"), {"m.yaml": BIAS}),
     (f"{LOOPBACK} --hide @/m.yaml", ("second contact effect",), {"m.yaml": CONTACT}),
+    (f"{LOOPBACK} --patient B", ("--patient B", "--prior-dir"), {}),
+    (f"{LOOPBACK} --prior-dir @/priors --patient B.json", ("patient = 'B.json'",), {}),
+    (f"{LOOPBACK} --prior-dir @/f", ("--prior-dir", "is a file"), {"f": "precious"}),
     *((f"{LOOPBACK} --world-spread {text}", ("--world-spread",), {}) for text in ("-0.1", "1", "nan", "B")),
     (f"{LOOPBACK} --world-seed 3", ("--world-seed 3", "--world-spread"), {}),
     (f"{LOOPBACK} --master-model @/m.yaml", ("m.yaml", "no linear parameter"), {"m.yaml": CONTACT}),
     (f"{LOOPBACK} --force N:load", ("N:load", "--recording"), {}),
     (f"{PLAYED} --preset guidewire", ("--preset guidewire", "has forces"), {"run.csv": RECORDING}),
+    (f"{PLAYED} --prior-dir @/priors", ("--prior-dir", "has forces"), {"run.csv": RECORDING}),
     (f"{PLAYED} --world-spread 0.05", ("--world-spread", "has forces"), {"run.csv": RECORDING}),
     (f"{PLAYED} --hide @/m.yaml", ("--hide", "has forces"), {"run.csv": RECORDING, "m.yaml": BIAS}),
     (f"{LOOPBACK} --recording @/a.txt", ("a.txt", ".csv"), {"a.txt": "x"}),

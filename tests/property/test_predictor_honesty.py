@@ -10,13 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.estimation.blend import NAMES
 from forefeel.common.estimation.predictor import Predictor
 from tests.unit.predictor_samples import Array, contact
 
 SAMPLE = contact(duration_s=6.0, rate_hz=200.0, changed=2.0)
 COUNT = len(SAMPLE.t)
-OUTSIDE = 55.0 * SAMPLE.x
+MODEL = ContactModel.from_mapping(
+    {"schema": SCHEMA, "name": "k", "effects": [{"effect": "mass_damper_spring"}]}
+)
 
 
 @dataclass(frozen=True)
@@ -28,14 +31,14 @@ class Everything:
     leading: tuple[str, ...]
 
 
-def everything(x: Array, f: Array, outside: Array, delay: int) -> Everything:
-    predictor = Predictor()
+def everything(x: Array, f: Array, delay: int) -> Everything:
+    predictor = Predictor(MODEL)
     said, experts = np.full((COUNT, 3), np.nan), np.full((COUNT, len(NAMES)), np.nan)
     leading = [""] * COUNT
     for n in range(COUNT):
         if n >= delay:
             predictor.observe(SAMPLE.t[n - delay], f[n - delay])
-        predictor.move(SAMPLE.t[n], x[n], outside[n], 0.9 * outside[n])
+        predictor.move(SAMPLE.t[n], x[n])
         if (estimate := predictor.predict()) is not None:
             said[n], leading[n] = estimate[:3], estimate.leading
         experts[n] = predictor._evaluator.record[0]["said_n"][n]
@@ -43,7 +46,7 @@ def everything(x: Array, f: Array, outside: Array, delay: int) -> Everything:
 
 
 DELAYS = (4, 60, 200)
-ORIGINALS = {delay: everything(SAMPLE.x, SAMPLE.f, OUTSIDE, delay) for delay in DELAYS}
+ORIGINALS = {delay: everything(SAMPLE.x, SAMPLE.f, delay) for delay in DELAYS}
 
 
 def same(one: Array, other: Array) -> NDArray[np.bool_]:
@@ -51,7 +54,7 @@ def same(one: Array, other: Array) -> NDArray[np.bool_]:
     return np.asarray(((one == other) | (np.isnan(one) & np.isnan(other))).all(axis=1))
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(
     delay=st.sampled_from(DELAYS),
     now=st.integers(0, COUNT - 1),
@@ -59,12 +62,11 @@ def same(one: Array, other: Array) -> NDArray[np.bool_]:
     size=st.sampled_from([1e-9, 1.0, 1e6, np.nan]),
 )
 def test_what_was_not_known_changes_no_bit(delay: int, now: int, seed: int, size: float) -> None:
-    noise = size * np.random.default_rng(seed).standard_normal((3, COUNT))
+    noise = size * np.random.default_rng(seed).standard_normal((2, COUNT))
     n = np.arange(COUNT)
     f = np.where(n > now - delay, SAMPLE.f + noise[0], SAMPLE.f)
     x = np.where(n > now, SAMPLE.x + noise[1], SAMPLE.x)
-    outside = np.where(n > now, OUTSIDE + noise[2], OUTSIDE)
-    original, altered = ORIGINALS[delay], everything(x, f, outside, delay)
+    original, altered = ORIGINALS[delay], everything(x, f, delay)
     upto = slice(0, now + 1)
     assert same(original.said, altered.said)[upto].all()
     assert same(original.experts, altered.experts)[upto].all()
@@ -72,12 +74,10 @@ def test_what_was_not_known_changes_no_bit(delay: int, now: int, seed: int, size
 
 
 def test_what_has_arrived_does_change_what_is_said() -> None:
-    altered = everything(SAMPLE.x, np.where(np.arange(COUNT) >= 600, 2.0, 1.0) * SAMPLE.f, OUTSIDE, 60)
+    altered = everything(SAMPLE.x, np.where(np.arange(COUNT) >= 600, 2.0, 1.0) * SAMPLE.f, 60)
     differs = ~same(ORIGINALS[60].said, altered.said)
     assert not differs[:660].any()
     assert differs[660:].mean() > 0.9
-    unmoved = np.flatnonzero(ORIGINALS[60].experts[1000] == altered.experts[1000])
-    assert [NAMES[e] for e in unmoved] == ["model", "model as loaded"]
 
 
 def test_every_expert_speaks_and_several_lead() -> None:

@@ -1,30 +1,33 @@
-"""Whatever forces the predictor was given, and in whatever order, it predicts well again 20 s later."""
+"""Whatever forces the predictor was given, and in whatever order, it predicts well again 5 s later."""
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
 from forefeel.common.estimation.predictor import Predictor
 from tests.unit.predictor_samples import contact
 
 RATE_HZ, DELAY = 100, 20  # samples: 0.2 s
-GOOD, BAD_UNTIL, WELL = 400, 600, 2600
-CONTACT = contact(31.0, RATE_HZ)
-ANY = st.one_of(st.floats(), st.floats(-100.0, 100.0), st.sampled_from([1e300, -1e300, 1.7e308, 5e-324]))
-"""NaN and infinity among them."""
+GOOD, BAD_UNTIL, WELL = 400, 600, 1100  # well: 5 s after the last bad force
+CONTACT = contact(17.0, RATE_HZ)
+COUNT = BAD_UNTIL - GOOD
+RNG = np.random.default_rng(3)
+BAD = {
+    "1e300": np.full(COUNT, 1e300),
+    "either end": np.tile([1e300, -1e300], COUNT // 2),
+    "1e100": np.full(COUNT, 1e100),
+    "30 N": np.full(COUNT, 30.0),
+    "zero": np.zeros(COUNT),
+    "jumps": np.tile([50.0, -60.0], COUNT // 2),
+    "wide": 10.0 ** RNG.uniform(-300, 300, COUNT) * RNG.choice([-1, 1], COUNT),
+    "no numbers": RNG.choice([np.nan, np.inf, -np.inf, 5e-324], COUNT),
+}
 
 
-@settings(max_examples=25, deadline=None)
-@given(hnp.arrays(float, BAD_UNTIL - GOOD, elements=ANY, fill=ANY), st.booleans())
-@example(np.full(BAD_UNTIL - GOOD, 1e300), True)
-@example(np.full(BAD_UNTIL - GOOD, 30.0), True)
-@example(np.tile([1e300, -1e300], (BAD_UNTIL - GOOD) // 2), True)
-@example(np.full(BAD_UNTIL - GOOD, 5.0), False)  # too near the true ones for a new beginning
-def test_no_force_is_remembered_for_more_than_20_s(bad: np.ndarray, learned: bool) -> None:
+@pytest.mark.parametrize("learned", [True, False])
+@pytest.mark.parametrize("bad", BAD)
+def test_no_force_is_remembered_for_more_than_5_s(bad: str, learned: bool) -> None:
     forces = CONTACT.f.copy()
-    forces[GOOD:BAD_UNTIL] = bad
+    forces[GOOD:BAD_UNTIL] = BAD[bad]
     begin = 0 if learned else GOOD  # the bad ones come after good ones, or first
     predictor, said = Predictor(), np.full(len(forces), np.nan)
     for n in range(begin, len(forces)):

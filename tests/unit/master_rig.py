@@ -6,14 +6,11 @@ from typing import Any
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
-from forefeel.common.causes.model import ContactModel
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.estimation.evaluator import Estimate
-from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
 from forefeel.common.messages import (
     EmergencyStop,
-    ForceSample,
     Handshake,
     HapticSample,
     Heartbeat,
@@ -28,7 +25,7 @@ from forefeel.master.axis import MasterAxis
 from forefeel.master.handle import HandleReading, Indication
 from forefeel.master.haptics import HapticLoop
 from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import Present
+from forefeel.master.prediction import ForcePrediction, Present
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterAxisSettings, RenderingSettings
 from tests.unit.dashboard import said
@@ -37,8 +34,6 @@ MS = 1_000_000
 S = SafetyState
 FULL_SCALE_N = 10.0
 SHARED = shared_text("cell", "insertion", AxisLimits())
-BIAS = {"effect": "bias", "parameters": {"force_n": 0.0}}
-MODEL = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "bias", "effects": [BIAS]})
 
 
 class FakeHandle:
@@ -84,14 +79,6 @@ class FakeHandle:
 class FakePredictor:
     def __init__(self) -> None:
         self.answer: float | None = 1.0
-        self.learned = list[ForceSample]()
-
-    def learn(self, sample: ForceSample) -> float:
-        self.learned.append(sample)
-        return sample.force_n
-
-    def publish(self) -> None:
-        pass
 
     def predict(self, present: Present) -> Estimate | None:
         del present
@@ -116,7 +103,7 @@ class Rig:
             MasterAxisSettings(),
             self.handle,
             HapticLoop(self.predictor, RenderingSettings()),
-            IdentificationTask(ContactIdentifier(MODEL, IdentificationSettings()), self.predictor),
+            IdentificationTask(ForcePrediction(AxisLimits())),
             Bus(network.session(self.clock), "cell", "insertion", self.clock),
             ids.__next__,
         )

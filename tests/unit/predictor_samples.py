@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.predictor import Predictor
 
 Array = NDArray[np.float64]
@@ -54,12 +55,14 @@ def contact(duration_s: float = 20.0, rate_hz: float = 200.0, seed: int = 0, cha
     return Sample(t, x + 1e-6 * noise[0], f + 3e-3 * noise[1])
 
 
-def replayed(sample: Sample, delay_s: float, arrival_s: Array | None = None) -> Said:
+def replayed(
+    sample: Sample, delay_s: float, arrival_s: Array | None = None, model: ContactModel | None = None
+) -> Said:
     """Every force as it arrives, `delay_s` late or at `arrival_s` (inf: lost); motion; question."""
     arrival = sample.t + delay_s if arrival_s is None else arrival_s
     order = np.argsort(arrival, kind="stable").tolist()
     t, x, f = sample.t.tolist(), sample.x.tolist(), sample.f.tolist()
-    predictor, said, held, leading = Predictor(), [], [], []
+    predictor, said, held, leading = Predictor(model), [], [], []
     newest, at = (-np.inf, np.nan), 0
     for n, now in enumerate(t):
         while at < len(order) and arrival[order[at]] <= now + 1e-9:

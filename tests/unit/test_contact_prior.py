@@ -1,8 +1,8 @@
-"""A contact's prior: merging by information, widening between sessions, what is no covariance."""
+"""A contact's prior: widening between sessions, what is no covariance."""
 
 import pytest
 
-from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior, merged, widened
+from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior, widened
 
 SPRING = "mass_damper_spring.stiffness_n_m"
 
@@ -11,30 +11,6 @@ def prior(values: dict[str, float], deviation: float = 1.0, contact_s: float = 5
     names = tuple(values)
     rows = tuple(tuple(deviation**2 if a == b else 0.0 for a in names) for b in names)
     return ContactPrior(names, tuple(values.values()), rows, contact_s)
-
-
-def test_merged_weighs_by_information() -> None:
-    both = merged(prior({SPRING: 10.0}, 1.0), prior({SPRING: 20.0}, 2.0, contact_s=7.0))
-
-    assert both.values == pytest.approx((12.0,))
-    assert both.standard_deviations == pytest.approx((0.8**0.5,))
-    assert both.contact_s == 12.0
-
-
-def test_merged_keeps_what_only_one_knows() -> None:
-    both = merged(prior({SPRING: 10.0}), prior({CONTACT: 0.008, SPRING: 12.0}))
-
-    assert both.names == (SPRING, CONTACT)
-    assert both.values == pytest.approx((11.0, 0.008))
-    assert both.standard_deviations == pytest.approx((0.5**0.5, 1.0))
-
-
-def test_merged_moves_what_is_correlated_with_a_better_known() -> None:
-    line = ContactPrior((SPRING, CONTACT), (10.0, 0.0), ((1.0, 0.9), (0.9, 1.0)), 5.0)
-
-    both = merged(line, prior({SPRING: 11.0}, 1e-3))
-
-    assert both.values == pytest.approx((11.0, 0.9), rel=1e-4)
 
 
 def test_widened_adds_spread_of_sessions() -> None:

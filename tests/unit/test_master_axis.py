@@ -227,3 +227,17 @@ def test_the_handle_s_button_stops_and_lets_the_deadman_go_as_long_as_it_is_held
         rig.axis.say_stop(rig.now_ns)
     assert len(rig.stops) >= 5
     assert not any(command.deadman for command in rig.commands[-100:])
+
+
+@pytest.mark.parametrize("state", list(S))
+def test_slave_in_fault_or_stopped_keeps_the_session_out_of_the_prior(rig: Rig, state: S) -> None:
+    rig.step(5, state=state)
+    rig.step(5)
+    assert rig.axis.faulted is (state in {S.FAULT, S.ESTOPPED})
+
+
+def test_failing_handle_keeps_the_session_out_of_the_prior(rig: Rig) -> None:
+    rig.handle.broken = True
+    rig.step()
+    rig.axis.serve(rig.now_ns)
+    assert rig.axis.faulted

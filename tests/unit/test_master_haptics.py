@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.estimation.evaluator import Estimate
+from forefeel.common.estimation.snapshot import Snapshot, nothing_learned
 from forefeel.common.messages import SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
@@ -38,6 +39,9 @@ class Spring:
         self.asked.clear()
 
 
+NOTHING = Snapshot(nothing_learned(), None)
+
+
 class Bench:
     """The loop at 1 kHz, armed and fed with fresh forces unless a test says otherwise."""
 
@@ -57,7 +61,7 @@ class Bench:
             if fresh:
                 self.heard_ns = self.now_ns
             newest = None if self.heard_ns is None else NewestForce(LATE, self.heard_ns, self.late_ns)
-            inputs = HapticInputs(self.reading, self.state, self.stage_m, newest, None)
+            inputs = HapticInputs(self.reading, self.state, self.stage_m, newest, NOTHING)
             out = self.loop.tick(self.now_ns, inputs)
         return out
 

@@ -10,6 +10,7 @@ from forefeel.common.estimation.identification import ContactIdentifier, Identif
 from forefeel.common.estimation.prediction import ContactPredictor
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
+from forefeel.master.identification import IdentificationTask
 from forefeel.master.prediction import ExpectedStage, ForcePrediction, Present
 from tests.unit.dashboard.said import force
 from tests.unit.test_stage_lag import Drive, _reach
@@ -82,15 +83,16 @@ def test_a_model_of_the_readback_needs_the_stage_between() -> None:
 
 @pytest.mark.parametrize("model", [None, SPRING])
 def test_the_predictor_learns_the_lag_with_the_contact(model: ContactModel | None) -> None:
-    bench, prediction = Bench(), ForcePrediction(LIMITS, model, 40.0)
+    bench, prediction = Bench(), ForcePrediction(LIMITS)
+    task = IdentificationTask(prediction, model=model)
     predicted, held = list[float](), list[float]()
     for n in range(10_000):
         stamp_ns, command_m, velocity_m_s = bench.step()
         late = bench.arrived
-        said = prediction.predict(Present(stamp_ns, command_m, velocity_m_s, True, None, late))
+        said = prediction.predict(Present(stamp_ns, command_m, velocity_m_s, True, task.snapshot, late))
         if late is not None:
-            prediction.learn(late)
-            prediction.publish()
+            task.queue.put(late)
+            task.run()
         if n > 5000 and said is not None and late is not None:
             predicted.append(said.force_n - bench.samples[-1].force_n)
             held.append(late.force_n - bench.samples[-1].force_n)
@@ -111,7 +113,8 @@ def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
 
 
 def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:
-    bench, prediction = Bench(), ForcePrediction(LIMITS, None, 40.0)
+    bench, prediction = Bench(), ForcePrediction(LIMITS)
+    task = IdentificationTask(prediction)
     for _ in range(600):
-        present = Present(*bench.step(Grip.OPEN), True, None, bench.arrived)
+        present = Present(*bench.step(Grip.OPEN), True, task.snapshot, bench.arrived)
         assert prediction.predict(present) is None

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
+from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.estimation.evaluator import Evaluator
 from forefeel.common.estimation.learner import Learner
-from forefeel.common.estimation.predictor import Predictor
-from tests.unit.predictor_samples import Array, Sample, contact, drifting, replayed, scored
+from tests.unit.predictor_samples import Array, contact, drifting, replayed, scored
 
-DELAYS_S = (0.02, 0.1, 0.3, 0.5)
-T = np.arange(3000) / 100.0
+DELAYS_S = (0.02, 0.3)
+T = np.arange(2000) / 100.0
 
 
 @pytest.mark.parametrize("delay_s", DELAYS_S)
 @pytest.mark.parametrize("x", [1e-3 * T, np.full_like(T, 0.01)], ids=["constant speed", "standstill"])
 def test_motion_that_tells_nothing_costs_at_most_5_percent_of_the_hold(x: Array, delay_s: float) -> None:
     ratios = []
-    for seed in range(3):
+    for seed in range(2):
         sample = drifting(x, T, seed)
         said, rows = replayed(sample, delay_s), scored(sample, delay_s)
         ratios.append(said.rms(sample.f, rows) / said.zoh_rms(sample.f, rows))
@@ -52,9 +52,9 @@ def test_no_prediction_is_further_from_the_newest_force_than_the_reach() -> None
             evaluator.hear(sample.t[n - 60], sample.f[n - 60])
             learner.take(sample.t[n - 60], sample.f[n - 60])
         evaluator.snapshot = learner.publish()
-        learned_n = float(evaluator.snapshot["reach_n"][0])
-        evaluator.snapshot["reach_n"] = 0.01
-        evaluator.move(sample.t[n], sample.x[n])
+        learned_n = float(evaluator.snapshot.learned["reach_n"][0])
+        evaluator.snapshot.learned["reach_n"] = 0.01
+        evaluator.move(sample.t[n], sample.x[n], sample.x[n], 0.0)
         said = evaluator.predict()
         if said is not None:
             beyond.append(abs(said.force_n - sample.f[n - 60]))
@@ -62,48 +62,26 @@ def test_no_prediction_is_further_from_the_newest_force_than_the_reach() -> None
     assert learned_n > 0.1
 
 
-def test_a_perfect_model_from_outside_is_trusted_from_early_on() -> None:
-    sample = contact(10.0)
-    exact = 60.0 * sample.x + 1.5 * np.gradient(sample.x, sample.t)
-    errors, led = [], []
-    predictor = Predictor()
-    for n in range(len(sample.t)):
-        if n >= 60:
-            predictor.observe(sample.t[n - 60], float(exact[n - 60]))
-        predictor.move(sample.t[n], sample.x[n], float(exact[n]))
-        estimate = predictor.predict()
-        if estimate is not None and 2.0 < sample.t[n] < 5.0:
-            errors.append(estimate.force_n - exact[n])
-            led.append(estimate.leading)
-    without = replayed(Sample(sample.t, sample.x, exact), 0.3)
-    rows = (sample.t > 2.0) & (sample.t < 5.0)
-    assert float(np.sqrt(np.mean(np.square(errors)))) < 0.7 * without.rms(exact, rows)
-    assert any(name.startswith("model") for name in led)
-
-
-def with_loaded(sample: Sample, loaded: Array, late: int = 60) -> Array:
-    """Errors with a model as it was loaded that says this."""
-    predictor, errors = Predictor(), np.full(len(sample.t), np.nan)
-    for n in range(len(sample.t)):
-        if n >= late:
-            predictor.observe(sample.t[n - late], sample.f[n - late])
-        predictor.move(sample.t[n], sample.x[n], np.nan, loaded[n])
-        said = predictor.predict()
-        errors[n] = np.nan if said is None else said.force_n - sample.f[n]
-    return errors
+def wall(factor: float) -> ContactModel:
+    """The contact of the samples, as a diagnosis would have it, or a multiple of it."""
+    spring = {"mass_kg": 0.0, "damping_n_s_m": 1.5 * factor, "stiffness_n_m": 60.0 * factor}
+    effects = [
+        {"effect": "mass_damper_spring", "parameters": spring},
+        {"effect": "coulomb_friction", "parameters": {"force_n": 0.08 * factor}},
+    ]
+    return ContactModel.from_mapping({"schema": SCHEMA, "name": "wall", "effects": effects})
 
 
 def test_a_loaded_model_is_right_at_the_first_stroke() -> None:
     sample = contact(10.0)
-    first = (sample.t > 0.7) & (sample.t < 2.0)
-    errors = with_loaded(sample, sample.f)[first]
-    without = replayed(sample, 0.3)
-    assert float(np.sqrt(np.mean(errors**2))) < 0.2 * without.rms(sample.f, first)
+    first = (sample.t > 0.4) & (sample.t < 1.4)
+    errors_n = (replayed(sample, 0.3, model=wall(1.0)).force - sample.f)[first]
+    assert float(np.sqrt(np.mean(errors_n**2))) < 0.4 * replayed(sample, 0.3).rms(sample.f, first)
 
 
-@pytest.mark.parametrize("factor", [10.0, 0.1, -1.0])
+@pytest.mark.parametrize("factor", [3.0, 0.1])
 def test_a_loaded_model_that_is_wrong_costs_little(factor: float) -> None:
     sample = contact(20.0)
     rows = sample.t > 0.7
-    errors = with_loaded(sample, factor * sample.f)[rows]
-    assert float(np.sqrt(np.mean(errors**2))) < 1.1 * replayed(sample, 0.3).rms(sample.f, rows)
+    said = replayed(sample, 0.3, model=wall(factor))
+    assert said.rms(sample.f, rows) < 1.1 * replayed(sample, 0.3).rms(sample.f, rows)

@@ -103,7 +103,7 @@ class TestExperts:
 def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     rng = np.random.default_rng(0)
     blend = zeros(record(blends.Blend))
-    blends.begin(blend)
+    blends.begin(blend, taught=True)
     count, h, zoh_n, range_n = blends.MEMBERS, 0.019, 0.5, 3.0
     errors = rng.standard_normal((300, count)) * np.linspace(0.1, 2.0, count)
     errors[:, blends.ZOH] = zoh_n * np.linspace(1.0, 2.0, 300)
@@ -111,11 +111,12 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     for n in range(300):
         blends.judge(blend[0], 1.0 + errors[n], 1.0, range_n, h)
     squares = np.where(np.isnan(errors), errors[:, :1], errors) ** 2
+    taught = np.arange(count) >= blends.CONTACT
     zoh2, losses = errors[:, 0] ** 2, squares.copy()
     for n in range(300):
         fading = np.exp(-np.arange(n + 1)[::-1] * h / 8.0)
         cap = (0.8 * (1 + (n + 1) * h / 10.0)) ** 2 * max(zoh2[n], fading @ zoh2[: n + 1] / fading.sum())
-        losses[n, : blends.TAUGHT] = np.minimum(squares[n, : blends.TAUGHT], cap)
+        losses[n, ~taught] = np.minimum(squares[n, ~taught], cap)
     v = np.zeros(count)
     for memory_s, share in ((2.0, 0.7), (8.0, 0.3)):
         fading = np.exp(-np.arange(300)[::-1] * h / memory_s)
@@ -123,8 +124,7 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     largest = 2 * zoh_n
     v += (0.003 * largest) ** 2
     cold = (0.1 * largest) ** 2 / (1 + zoh2.sum() * h / (0.1 * largest**2) + (5.7 / 6.0) ** 2)
-    members = np.arange(count)
-    v += cold * ((members != blends.FAVOURED) & (members < blends.TAUGHT))
+    v += cold * ((np.arange(count) != blends.FIRST + experts.ODD) & ~taught)
     expected = v**-4 / np.sum(v**-4)
     np.testing.assert_allclose(blend["weights"][0], expected, rtol=1e-9)
     early = np.arange(1, 301) * h < 5.0

@@ -36,31 +36,17 @@ def test_own_prior_comes_back_with_the_spread_of_a_session(tmp_path: Path) -> No
     found = start(folder, "A")
     assert found.prior.names == LEARNED.names
     assert found.prior.values == pytest.approx(LEARNED.values)
-    expected = widened(widened(LEARNED, 1.0), 1.0).standard_deviations
+    expected = widened(LEARNED, 1.0).standard_deviations
     assert found.prior.standard_deviations == pytest.approx(expected)
     assert found.origin == "catheter, patient A: 1 session, 12 s of contact"
 
 
-def test_merged_session_knows_better_than_either(tmp_path: Path) -> None:
-    first = keep(tmp_path).prior()
-    other = ContactPrior((SPRING, CONTACT), (9.5, 0.010), ((0.01, 0.0), (0.0, 1e-8)), 20.0)
-    both = keep(tmp_path, learned=other, day=date(2025, 3, 2))
-    assert (both.sessions, both.contact_s, both.date) == (2, 32.0, date(2025, 3, 2))
-    for mine, one, two in zip(
-        both.prior().standard_deviations,
-        first.standard_deviations,
-        widened(other, 1.0).standard_deviations,
-        strict=True,
-    ):
-        assert mine < min(one, two)
-    assert 7.5 < both.values[0] < 9.5
-
-
-def test_session_sure_of_itself_counts_once(tmp_path: Path) -> None:
-    """A covariance that knows of noise only must not outweigh what other sessions found."""
+def test_next_session_takes_the_place_of_what_it_started_from(tmp_path: Path) -> None:
     keep(tmp_path)
-    sure = ContactPrior((SPRING,), (15.0,), ((1e-12,),), 5.0)
-    assert 9.0 < keep(tmp_path, learned=sure).values[0] < 13.0
+    later = ContactPrior((SPRING, CONTACT), (9.5, 0.010), ((0.01, 0.0), (0.0, 1e-8)), 20.0)
+    both = keep(tmp_path, learned=later, day=date(2025, 3, 2))
+    assert (both.sessions, both.contact_s, both.date) == (2, 20.0, date(2025, 3, 2))
+    assert (both.names, both.values, both.covariance) == (later.names, later.values, later.covariance)
 
 
 def test_another_patient_starts_from_the_newest_widened(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ TIME_S = np.cumsum(RNG.uniform(0.8e-3, 1.2e-3, 3000))
 def bank_of(t: NDArray[np.floating[Any]], x: NDArray[np.floating[Any]]) -> Any:  # noqa: ANN401 - a record
     evaluator = Evaluator()
     for stamp, position in zip(t.tolist(), x.tolist(), strict=True):
-        assert evaluator.move(stamp, position)
+        evaluator.move(stamp, position, position, 0.0)
     return evaluator.record["bank"][0]
 
 

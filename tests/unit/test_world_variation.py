@@ -28,6 +28,8 @@ def test_draws_fill_their_range_and_no_more(spread: float, shift_m: float, rate:
         middle, reach = value, spread * value
         if name.endswith("contact_position_m"):
             reach = shift_m
+        elif name.endswith("band_m_s"):
+            reach = 0.0
         elif name.endswith("frequency_hz"):
             reach = rate * value
         elif name.endswith("pulsation phase_rad"):

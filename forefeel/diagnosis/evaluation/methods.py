@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from math import inf, nan
+from math import inf
 from operator import mul
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -245,26 +245,17 @@ def _ns(t_s: float) -> int:
 
 
 class Forefeel:
-    """The predictor that runs in the master; the model of a model.yaml takes part as an expert of its own."""
+    """The predictor that runs in the master; the model of a model.yaml takes part as it was loaded."""
 
     name = "forefeel"
 
     def __init__(self, model: ContactModel | None) -> None:
-        self._predictor = Predictor()
-        self._model = None if model is None else ContactMethod("model", model)
+        self._predictor = Predictor(model)
 
     def move(self, t_s: float, position_m: float) -> None:
-        """Steps the model, then the predictor with what the model says."""
-        model_n = nan
-        if self._model is not None:
-            self._model.move(t_s, position_m)
-            said = self._model.predict()
-            model_n = said.force_n if said is not None else nan
-        self._predictor.move(t_s, position_m, model_n)
+        self._predictor.move(t_s, position_m)
 
     def observe(self, stamp_s: float, force_n: float) -> None:
-        if self._model is not None:
-            self._model.observe(stamp_s, force_n)
         self._predictor.observe(stamp_s, force_n)
 
     def predict(self) -> MethodEstimate | None:
@@ -273,9 +264,6 @@ class Forefeel:
         return None if said is None else MethodEstimate(*said)
 
     def restart(self) -> None:
-        """Both begin a new piece of motion."""
-        if self._model is not None:
-            self._model.restart()
         self._predictor.restart()
 
 

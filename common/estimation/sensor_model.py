@@ -1,0 +1,56 @@
+"""What of a model's sensor can be foretold: its lags and delays, and the end of its range."""
+
+from collections.abc import Callable
+from math import inf
+
+from forefeel.common.causes.base import SensorEffect
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.registry import effect_class
+
+Sense = Callable[[float, float, float], float]
+"""(t s, force N, dt s) -> reading in N."""
+
+
+class SensorModel:
+    """What of a model's sensor can be foretold: its lags and delays, and the end of its range.
+
+    Attributes:
+        limit_n: the largest reading; infinite without a saturation.
+    """
+
+    def __init__(self, model: ContactModel) -> None:
+        self._linear: list[tuple[type[SensorEffect], dict[str, float]]] = []
+        self.limit_n = inf
+        for entry in model.effects:
+            kind, values = effect_class(entry.effect), dict(entry.parameters)
+            if issubclass(kind, SensorEffect) and kind.linear:
+                self._linear.append((kind, values))
+            elif kind.name == "sensor_saturation":
+                self.limit_n = min(self.limit_n, values["limit_n"])
+
+    @property
+    def delays(self) -> bool:
+        return bool(self._linear)
+
+    def lines(self, count: int) -> list[Sense]:
+        """So many fresh chains of lags and delays, each with a memory of its own, at rest."""
+        return [_chained([kind(**values) for kind, values in self._linear]) for _ in range(count)]
+
+    def limited(self, force_n: float) -> float:
+        """The force in N within the range."""
+        return max(-self.limit_n, min(self.limit_n, force_n))
+
+    def at_limit(self, force_n: float) -> bool:
+        """Whether a reading in N tells only that the range has ended."""
+        return abs(force_n) >= 0.999 * self.limit_n
+
+
+def _chained(effects: list[SensorEffect]) -> Sense:
+    senses = [effect.sense for effect in effects]
+
+    def sense(t: float, force_n: float, dt: float) -> float:
+        for one in senses:
+            force_n = one(t, force_n, dt)
+        return force_n
+
+    return sense

@@ -1,0 +1,81 @@
+"""What a session starts from, and when what it learned is kept."""
+
+from datetime import date
+from math import nan
+from pathlib import Path
+
+import pytest
+
+from forefeel.common.estimation.contact_prior import ContactPrior
+from forefeel.common.prior_file import load_prior
+from forefeel.master.identification import IdentificationTask
+from forefeel.master.prior import keep, load, objection
+from forefeel.master.settings import PredictionSettings
+
+LEARNED = ContactPrior(("mass_damper_spring.stiffness_n_m",), (7.5,), ((0.01,),), 12.0)
+DAY = date(2025, 3, 1)
+
+
+class Task(IdentificationTask):
+    """One that has predicted with this ratio, and learned this."""
+
+    ratio, contact_s = 0.0, 12.0
+    learned: ContactPrior | None = None
+
+    def __init__(self, ratio: float, learned: ContactPrior | None = LEARNED) -> None:
+        self.ratio, self.learned = ratio, learned
+
+
+def wanted(folder: Path, patient: str = "A") -> PredictionSettings:
+    return PredictionSettings(prior_dir=folder, instrument="catheter", patient=patient)
+
+
+@pytest.mark.parametrize(
+    ("contact_s", "faulted", "ratio", "word"),
+    [
+        (5.0, False, 0.5, None),
+        (5.0, False, 1.0, None),
+        (4.9, False, 0.5, "4.9 s of contact"),
+        (5.0, True, 0.5, "fault"),
+        (5.0, False, 1.1, "zero-order hold"),
+        (5.0, False, nan, "zero-order hold"),
+    ],
+)
+def test_objection(contact_s: float, faulted: bool, ratio: float, word: str | None) -> None:
+    found = objection(contact_s, ratio, faulted)
+    assert found is None if word is None else word in (found or "")
+
+
+def test_what_one_session_keeps_the_next_starts_from(tmp_path: Path) -> None:
+    assert load(wanted(tmp_path)) == (None, "none yet of catheter")
+    assert keep(wanted(tmp_path), Task(0.5), False, DAY).startswith("kept: catheter, patient A")
+    own, origin = load(wanted(tmp_path))
+    assert own is not None and own.values == pytest.approx(LEARNED.values)
+    assert origin == "catheter, patient A: 1 session, 12 s of contact"
+    other, origin = load(wanted(tmp_path, "B"))
+    assert other is not None and other.standard_deviations > own.standard_deviations
+    assert "another patient" in origin
+
+
+def test_bad_session_changes_nothing(tmp_path: Path) -> None:
+    keep(wanted(tmp_path), Task(0.5), False, DAY)
+    before = load_prior(tmp_path / "catheter" / "A.json")
+    assert keep(wanted(tmp_path), Task(0.5), True, DAY).startswith("not kept: ")
+    assert keep(wanted(tmp_path), Task(1.5), False, DAY).startswith("not kept: ")
+    assert keep(wanted(tmp_path), Task(0.5, None), False, DAY).startswith("not kept: ")
+    assert load_prior(tmp_path / "catheter" / "A.json") == before
+
+
+def test_spoiled_file_is_a_cold_start_that_says_why(tmp_path: Path) -> None:
+    path = tmp_path / "catheter" / "A.json"
+    path.parent.mkdir()
+    path.write_text("{")
+    assert load(wanted(tmp_path)) == (None, f"none, refused: {path}: not JSON; expected a prior")
+    assert keep(wanted(tmp_path), Task(0.5), False, DAY).startswith(f"not kept: {path}: ")
+    assert path.read_text() == "{"
+
+
+def test_without_a_folder_nothing_is_kept(tmp_path: Path) -> None:
+    nobody = PredictionSettings(instrument="catheter", patient="A")
+    assert load(nobody) == (None, "")
+    assert keep(nobody, Task(0.5), False, DAY) == ""
