@@ -12,7 +12,7 @@ import numpy as np
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.estimation.contact_fit import CHANGED_BY, Contact, Fitting
-from forefeel.common.estimation.contact_model import Causes, Extent
+from forefeel.common.estimation.contact_model import Causes, MotionExtent
 from forefeel.common.estimation.contact_prior import ContactPrior, widened
 from forefeel.common.estimation.sensor_model import SensorModel
 from forefeel.common.estimation.state_filter import GAP_S
@@ -54,7 +54,7 @@ class ContactFit:
 
     def _remembered(self, prior: ContactPrior) -> Contact:
         """A prior as a contact, before any sample."""
-        shape, _ = self._belief.shape_of(Extent(0.0, 0.0, 0.0))
+        shape, _ = self._belief.shape_of(MotionExtent(0.0, 0.0, 0.0))
         return Contact(
             model=self._causes.model(shape, 0.0),
             theta=tuple(self._belief.theta.tolist()),
@@ -112,7 +112,7 @@ class ContactFit:
             belief=self._belief,
             before=self.contact,
             searched=t_s < self._new_until_s,
-            motion=Extent(self._low_m, self._high_m, float(np.sqrt(np.mean(samples[2] ** 2)))),
+            motion=MotionExtent(self._low_m, self._high_m, float(np.sqrt(np.mean(samples[2] ** 2)))),
             contact_s=self._contact_s,
         )
 

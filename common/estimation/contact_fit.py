@@ -33,7 +33,7 @@ from forefeel.common.estimation.contact_model import (
     Array,
     Belief,
     Causes,
-    Extent,
+    MotionExtent,
     accepted,
     shape_slopes,
     typical_shape,
@@ -176,7 +176,7 @@ class Fitting:
     belief: Belief
     before: Contact | None
     searched: bool
-    motion: Extent
+    motion: MotionExtent
     contact_s: float
 
     @property

@@ -57,7 +57,7 @@ OCCASIONAL = ("stiffening", "hunt_crossley_damping")
 """Causes that take part only where they explain enough."""
 
 
-class Extent(NamedTuple):
+class MotionExtent(NamedTuple):
     """Of a motion: lowest and highest position in m, rms of the speed in m/s."""
 
     low_m: float
@@ -80,14 +80,14 @@ class Belief:
     noise_n: float
     noise_sd_n: float
 
-    def shape_of(self, motion: Extent) -> tuple[Array, Array]:
+    def shape_of(self, motion: MotionExtent) -> tuple[Array, Array]:
         """Mean and standard deviation of the shape, where the motion so far was of that extent."""
         mean, sd = typical_shape(motion)
         known = np.isfinite(self.shape)
         return np.where(known, self.shape, mean), np.where(known, self.shape_sd, sd)
 
 
-def typical_shape(motion: Extent) -> tuple[Array, Array]:
+def typical_shape(motion: MotionExtent) -> tuple[Array, Array]:
     """Mean and standard deviation of the shape of a contact that nothing is known of."""
     range_m, speed_m_s = max(motion.range_m, _LEAST_RANGE_M), max(motion.speed_m_s, _LEAST_SPEED_M_S)
     lengths = motion.low_m + 0.2 * range_m, np.log(0.01 * range_m)
@@ -122,7 +122,7 @@ class Causes:
                 p.linear and p.name == parameter for p in effect_class(effect).parameters
             ):
                 self._linear.setdefault(effect, {})[parameter] = value
-        runtime = self.model(typical_shape(Extent(0.0, 0.0, 0.0))[0], 0.0).runtime()
+        runtime = self.model(typical_shape(MotionExtent(0.0, 0.0, 0.0))[0], 0.0).runtime()
         self.linear = runtime.linear_names
         waves = [self.linear.index(f"{name}.amplitude_n") for name in _PULSATIONS]
         self._waves = np.array(waves).reshape(len(WAVES), 2)
