@@ -1,6 +1,6 @@
 """Both sides of the predictor in one thread, as an evaluation of a recording uses them."""
 
-from math import inf
+from math import inf, sin
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.contact_prior import ContactPrior
@@ -53,9 +53,15 @@ class Predictor:
 
 
 def compile_kernels() -> None:
-    """Compiles every kernel, or loads what an earlier process compiled; some 20 s the first time."""
+    """Compiles every kernel, or loads what an earlier process compiled; some 30 s the first time.
+
+    Two seconds of samples, so that fits of the contact are among it: the first one beside a running loop held
+    the interpreter for 0.2 s.
+    """
     predictor = Predictor()
-    for n in range(40):
-        predictor.observe((n - 3) * 1e-3, float(n % 5))
-        predictor.move(n * 1e-3, float(n % 7))
+    for n in range(500):
+        t_s = n * 4e-3
+        position_m = 0.01 * sin(5.0 * t_s)
+        predictor.observe(t_s - 12e-3, position_m)
+        predictor.move(t_s, position_m)
         predictor.predict()
