@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.config import deep_merge
 from forefeel.common.errors import ForefeelError, RecordingError, RunError
-from forefeel.common.estimation.identifiability import analyse, information
-from forefeel.common.estimation.paper import PaperRls
+from forefeel.common.estimation.identifiability import analyse
 from forefeel.common.estimation.rls import RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.events.text import quantity
@@ -38,7 +37,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
-from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, Forefeel
+from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, Forefeel, PaperRls
 from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
 from forefeel.loopback.virtual import VirtualLoopback
@@ -421,7 +420,9 @@ def identified(*parts: tuple[float, float]) -> tuple[Array, Array, tuple[str, ..
     rls = product_rls(phi)
     _, paper = learn(time_s, phi, phi @ THETA, 0.0)
     _, product = learn(time_s, phi, phi @ THETA, 0.0, rls)
-    gathered = information(rls.covariance, rls.prior_diagonal, rls.scales)
+    scales = np.array(rls.scales)
+    prior = np.diag(1.0 / (np.array(rls.prior_diagonal) * scales**2))
+    gathered = np.asarray(np.linalg.inv(rls.covariance * np.outer(scales, scales)) - prior, np.float64)
     return paper, product, analyse(gathered, ("m", "b", "k"), rls.scales).statements
 
 

@@ -40,21 +40,6 @@ class Identifiability:
     identified: tuple[bool, ...]
 
 
-def information(
-    covariance: Sequence[Sequence[float]], prior: Sequence[float], scales: Sequence[float]
-) -> Array:
-    """R of the scaled regressors: inv(P) less what the prior (diagonal of P0) put in; shape (n, n)."""
-    scale = np.asarray(scales)
-    scaled = np.asarray(covariance) * np.outer(scale, scale)
-    gathered = np.linalg.inv(scaled) - np.diag(1.0 / (np.asarray(prior) * scale**2))
-    return np.asarray(0.5 * (gathered + gathered.T), dtype=np.float64)
-
-
-def informed_directions(gathered: Array) -> int:
-    """How many independent directions have gathered at least the information of one nominal sample."""
-    return int(np.count_nonzero(np.linalg.eigvalsh(gathered) > LEAST_INFORMATION))
-
-
 def analyse(gathered: Array, names: Sequence[str], scales: Sequence[float]) -> Identifiability:
     """What `gathered`, the information matrix of the scaled regressors, leaves undetermined.
 

@@ -4,8 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from forefeel.common.causes.model import ContactModel
-from forefeel.common.estimation.identification import linear_model
+from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import prepare
@@ -15,6 +14,19 @@ from forefeel.diagnosis.evaluation.score import completed
 
 DELAY_S = 0.3
 _LONGEST = 20_000  # samples that are replayed
+_LINEAR = ContactModel.from_mapping(
+    {
+        "schema": SCHEMA,
+        "name": "m, b, k and bias",
+        "effects": [
+            {
+                "effect": "mass_damper_spring",
+                "parameters": {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 0.0},
+            },
+            {"effect": "bias", "parameters": {"force_n": 0.0}},
+        ],
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +60,7 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
         )
     prepared = prepare(recording, DelayedLink(DELAY_S, 0.0, 0.0, 0))
     errors = []
-    for model in (linear_model(), extended):
+    for model in (_LINEAR, extended):
         trace = replay(recording, prepared.arrivals, METHODS["forefeel"](model))
         errors.append(completed(trace, prepared.zoh) - prepared.force_n)
     hold = completed(prepared.zoh, prepared.zoh) - prepared.force_n

@@ -9,7 +9,12 @@ Floats = NDArray[np.float64]
 
 
 def made_up(
-    duration_s: float = 8.0, period_s: float = 0.01, gap_s: float = 0.4, uneven: float = 0.2, seed: int = 1
+    duration_s: float = 8.0,
+    period_s: float = 0.01,
+    gap_s: float = 0.4,
+    uneven: float = 0.2,
+    seed: int = 1,
+    friction_n: float = 0.05,
 ) -> Recording:
     """Two sines against mass, damper, spring, friction and bias, with noise; a gap in the middle."""
     rng = np.random.default_rng(seed)
@@ -20,7 +25,8 @@ def made_up(
     x = 0.004 * np.sin(w1 * time_s) + 0.002 * np.sin(w2 * time_s + 1)
     v = 0.004 * w1 * np.cos(w1 * time_s) + 0.002 * w2 * np.cos(w2 * time_s + 1)
     a = -0.004 * w1**2 * np.sin(w1 * time_s) - 0.002 * w2**2 * np.sin(w2 * time_s + 1)
-    force_n = 0.05 * a + 2.0 * v + 80.0 * x + 0.05 * np.tanh(v / 1e-3) + 0.3 + rng.normal(0, 2e-3, n)
+    force_n = 0.05 * a + 2.0 * v + 80.0 * x + 0.3 + rng.normal(0, 2e-3, n)
+    force_n += friction_n * np.tanh(v / 1e-3)
     return recording(time_s, x, force_n)
 
 

@@ -10,10 +10,7 @@ from forefeel.common.estimation.identifiability import (
     Array,
     Identifiability,
     analyse,
-    information,
-    informed_directions,
 )
-from forefeel.common.estimation.rls import RecursiveLeastSquares
 
 NAMES = ("m", "b", "k", "bias")
 SCALES = (1.0, 0.5, 0.25, 1.0)
@@ -100,26 +97,3 @@ def test_statements_are_few_and_short_whatever_the_model() -> None:
         assert 1 <= len(result.statements) <= MAX_STATEMENTS
         assert max(map(len, result.statements)) <= MAX_LENGTH
         assert not any(result.identified)
-
-
-@pytest.mark.parametrize(("motion", "directions"), [(still, 1), (steady, 2), (sine(1.0), 3), (two_sines, 4)])
-def test_informed_directions_are_the_rank_of_the_motion(motion: Motion, directions: int) -> None:
-    assert informed_directions(gathered(motion)) == directions
-
-
-def test_the_information_of_an_estimator_is_what_its_samples_brought() -> None:
-    rls = RecursiveLeastSquares(SCALES, memory_s=float("inf"))
-    for t in np.arange(2000) * 0.01:
-        x, v, a = two_sines(t)
-        rls.update((a, v, x, 1.0), 0.0, 0.01)
-    from_estimator = information(rls.covariance, rls.prior_diagonal, rls.scales)
-    np.testing.assert_allclose(from_estimator, gathered(two_sines), rtol=1e-6, atol=1e-6)
-
-
-def test_a_gated_and_forgetting_estimator_on_a_pure_sine_says_so() -> None:
-    rls = RecursiveLeastSquares(SCALES, memory_s=2.0)
-    for t in np.arange(2000) * 0.01:
-        x, v, a = sine(1.0)(t)
-        rls.update((a, v, x, 1.0), x, 0.01)
-    result = analyse(information(rls.covariance, rls.prior_diagonal, rls.scales), NAMES, rls.scales)
-    assert result.statements == ("m and k only as k - 1.00 m",)

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from forefeel.common.causes.model import SCHEMA, ContactModel
-from forefeel.common.estimation.identification import ContactIdentifier, IdentificationSettings
-from forefeel.common.estimation.prediction import ContactPredictor
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.identification import IdentificationTask
@@ -53,32 +51,6 @@ class Bench:
 
 def _rms(errors: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
-
-
-def test_a_model_of_the_readback_needs_the_stage_between() -> None:
-    """One identified model, asked at the command and where the stage is expected: a fifth of the error."""
-    bench, stage = Bench(), ExpectedStage(LIMITS)
-    identifier = ContactIdentifier(SPRING, IdentificationSettings(nominal_amplitude_m=0.02))
-    raw, expected = ContactPredictor(SPRING, 40.0), ContactPredictor(SPRING, 40.0)
-    without, through = list[float](), list[float]()
-    estimate = None
-    for n in range(14_000):
-        stamp_ns, command_m, velocity_m_s = bench.step()
-        if (late := bench.arrived) is not None and late.answers_stamp_ns is not None:
-            stage.observe(late.answers_stamp_ns, late.position_m)
-            identifier.observe(late.stamp_ns, late.position_m, late.force_n)
-        if n % 50 == 0:
-            estimate = identifier.estimate()
-        setpoint_m = stage.setpoint_m(stamp_ns, command_m, velocity_m_s, deadman=True)
-        position_m = stage.position_m(stamp_ns, setpoint_m)
-        says = raw.predict(stamp_ns, command_m, velocity_m_s, estimate)
-        knows = expected.predict(stamp_ns, position_m, velocity_m_s, estimate)
-        if n > 7000 and says is not None and knows is not None:
-            without.append(says - bench.samples[-1].force_n)
-            through.append(knows - bench.samples[-1].force_n)
-    assert len(through) > 6000
-    assert _rms(without) > 0.05
-    assert _rms(through) < 0.2 * _rms(without)
 
 
 @pytest.mark.parametrize("model", [None, SPRING])

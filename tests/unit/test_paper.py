@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from forefeel.common.estimation.paper import PaperRls
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.evaluation.methods import PaperRls
 from studies import paper
 from studies.paper import DELAY_S, THETA, learn, rms, sines
 

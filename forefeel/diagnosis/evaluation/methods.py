@@ -1,34 +1,34 @@
 """The predictors that are compared, all behind one port. None is told the delay: it sees what arrives."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from math import inf
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf, pi
 from operator import mul
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.estimation.identification import (
-    ContactEstimate,
-    ContactIdentifier,
-    IdentificationSettings,
-    linear_model,
-)
-from forefeel.common.estimation.paper import PaperRls
-from forefeel.common.estimation.prediction import ContactPredictor
 from forefeel.common.estimation.predictor import Predictor
+from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.state_filter import GAP_S, StateFilter
+
+Array = NDArray[np.float64]
 
 PAPER_LAMBDA = 0.96  # forgetting factor of a sample; one of the 0.95 to 0.99 that the paper recommends
 LONGEST_LATENESS_S = 60.0
 """A force that is later than this meets no motion: that of its stamp is forgotten."""
 
-# Hz, cutoff of the velocity's filter; the default of the master's `prediction.velocity_cutoff_hz`
+_CUTOFF_HZ = 15.0  # of the filters that motion and force pass before mbk_bias learns from them
+_SETTLING_S = 2.0 / _CUTOFF_HZ  # then a restarted filter is within 0.5 % of its course
+# Hz, of the own velocity: a lag of 8 ms, below the 15 ms at which a delayed damper is felt
 _VELOCITY_CUTOFF_HZ = 40.0
-_ESTIMATE_EVERY_S = 0.05  # s between two estimates: 20 a second, as the master publishes its parameters
-# s in which the stroke is measured
-_STROKE_S = 1.0
-_AMPLITUDE_M = 1e-6, 1e3  # beyond it the default is kept
-_IDENTIFICATION = IdentificationSettings(memory_s=2.0, cutoff_hz=15.0, bounded=False)
+_MEMORY_S = 2.0
+_FEWEST_UPDATES = 200  # before mbk_bias says anything
+_STROKE_S = 1.0  # s in which the stroke is measured
+_LEAST_M, _USUAL_M = 1e-6, 5e-3  # amplitude below which that second was rest, and what is taken then
 
 
 class MethodEstimate(NamedTuple):
@@ -120,6 +120,43 @@ class ZeroOrderHold:
     def restart(self) -> None: ...
 
 
+class PaperRls:
+    """The paper's own recursive least squares, equations (8) to (12), as they stand there: it has none of the
+    safeguards of `forefeel.common.estimation.rls`.
+
+    Reference: "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot based on
+    Parameter Identification".
+
+    Args:
+        n: number of parameters.
+        lam: forgetting factor lambda; 1 is ordinary recursive least squares, the paper recommends 0.95-0.99.
+        delta: P(0) = I / delta (8), "very small".
+        symmetrise: replace P by (P + P') / 2 after each update. The paper does not; without it rounding ends
+            many long runs early.
+
+    Attributes:
+        theta: parameters, shape (n,). covariance: P, shape (n, n).
+    """
+
+    def __init__(self, n: int, lam: float, *, delta: float = 1e-6, symmetrise: bool = False) -> None:
+        self.theta: Array = np.zeros(n)
+        self.covariance: Array = np.eye(n) / delta
+        self._lam = lam
+        self._symmetrise = symmetrise
+
+    def update(self, phi: Sequence[float] | Array, y: float) -> float:
+        """One sample; returns the innovation e(k) (11). Overflow shows as infinity or NaN in `theta`."""
+        phi = np.asarray(phi, dtype=np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):
+            p_phi = self.covariance @ phi
+            gain = p_phi / (self._lam + phi @ p_phi)  # (9)
+            e = float(y - phi @ self.theta)  # (11)
+            self.theta = self.theta + gain * e  # (12)
+            p = (self.covariance - np.outer(gain, phi @ self.covariance)) / self._lam  # (10)
+            self.covariance = 0.5 * (p + p.T) if self._symmetrise else p
+        return e
+
+
 class PaperMethod:
     """The paper's recursive least squares, lambda = 0.96 per sample, on x'', x', x by causal differences.
 
@@ -173,75 +210,87 @@ class PaperMethod:
         return MethodEstimate(sum(map(mul, self._phi, self._theta)))
 
 
-class ContactMethod:
-    """The safe recursive least squares of `forefeel.common.estimation` on one contact model, memory 2 s.
+class MbkBias:
+    """Equation (1) and the bias that every load cell has, f = m x'' + b x' + k x + f0, by the safe recursive
+    least squares of `forefeel.common.estimation.rls`. No parameter is bounded: a recording may hold the
+    reaction.
 
-    The scales of its regressors need a typical stroke: half the range of the own motion in the first second,
-    whose forces wait until then.
+    It learns from motion and force of the same stamps behind the same filter, which so biases nothing (see
+    `state_filter`). The prediction takes the position as it is, so the elastic force has no lag.
 
-    Raises:
-        ValueError: a model without linear parameters.
+    The scales of its regressors are those of a sinusoid of 0.75 Hz, of half the range that the own motion has
+    in the first second; the forces of that second wait until then.
     """
 
-    def __init__(self, name: str, model: ContactModel) -> None:
-        self.name = name
-        self._model = model
-        self._settings = _IDENTIFICATION
-        self._identifier = ContactIdentifier(model, self._settings)
-        self._predictor = ContactPredictor(model, _VELOCITY_CUTOFF_HZ)
+    name = "mbk_bias"
+
+    def __init__(self) -> None:
         self._pairs = Pairs[float]()
-        self._first: list[tuple[float, float]] | None = []
-        self._estimate: ContactEstimate | None = None
-        self._estimated_s = -inf
-        self._force_n: float | None = None
+        self._first: list[tuple[float, float]] = []
+        self._rls: RecursiveLeastSquares | None = None
+        self._position, self._force = StateFilter(_CUTOFF_HZ), StateFilter(_CUTOFF_HZ)
+        self._learned_s = -inf
+        self._settling_s = _SETTLING_S
+        self._velocity = StateFilter(_VELOCITY_CUTOFF_HZ)
         self.restart()
 
     def restart(self) -> None:
-        """The filters of the own motion start anew; the identifier sees the gap by itself."""
+        """The filter of the own velocity starts anew; those of the pairs see the gap by themselves."""
         self._last: tuple[float, float] | None = None
-        self._predictor.reset()
+        self._phi: tuple[float, float, float, float] | None = None
+        self._velocity.reset()
 
     def move(self, t_s: float, position_m: float) -> None:
-        """Learns from what arrived, then predicts."""
+        """Learns from what arrived."""
         self._pairs.remember(t_s, position_m)
-        if self._first is not None:
-            self._measure_stroke(self._first, t_s, position_m)
-        if self._first is None:
-            self._learn(t_s)
-        v = 0.0
-        if self._last is not None:
-            v = (position_m - self._last[1]) / (t_s - self._last[0])
+        if self._rls is None:
+            self._measure_stroke(t_s, position_m)
+        if self._rls is not None:
+            for stamp_s, x, force_n in self._pairs.take():
+                self._learn(self._rls, stamp_s, x, force_n)
+        if self._last is None:
+            self._velocity.step(0.0, 0.0)
+        else:
+            dt = t_s - self._last[0]
+            v, a, _ = self._velocity.step((position_m - self._last[1]) / dt, dt)
+            self._phi = a, v, position_m, 1.0
         self._last = t_s, position_m
-        self._force_n = self._predictor.predict(_ns(t_s), position_m, v, self._estimate)
 
-    def _measure_stroke(self, first: list[tuple[float, float]], t_s: float, position_m: float) -> None:
-        """At the end of the first second the identifier is made anew, for the stroke seen in it."""
-        first.append((t_s, position_m))
-        if t_s - first[0][0] < _STROKE_S:
+    def _measure_stroke(self, t_s: float, position_m: float) -> None:
+        self._first.append((t_s, position_m))
+        if t_s - self._first[0][0] < _STROKE_S:
             return
-        positions_m = [x for _, x in first]
-        amplitude_m = 0.5 * (max(positions_m) - min(positions_m))
-        if _AMPLITUDE_M[0] <= amplitude_m <= _AMPLITUDE_M[1]:
-            settings = replace(self._settings, nominal_amplitude_m=amplitude_m)
-            self._identifier = ContactIdentifier(self._model, settings)
-        self._first = None
+        positions_m = [x for _, x in self._first]
+        stroke_m = 0.5 * (max(positions_m) - min(positions_m))
+        stroke_m = stroke_m if stroke_m >= _LEAST_M else _USUAL_M
+        w = 2.0 * pi * 0.75
+        scales = w * w * stroke_m, w * stroke_m, stroke_m, 1.0
+        self._rls = RecursiveLeastSquares(scales, _MEMORY_S, noise_floor=0.001)
 
-    def _learn(self, t_s: float) -> None:
-        for stamp_s, x, force_n in self._pairs.take():
-            self._identifier.observe(_ns(stamp_s), x, force_n)
-        if t_s - self._estimated_s >= _ESTIMATE_EVERY_S:
-            self._estimate, self._estimated_s = self._identifier.estimate(), t_s
+    def _learn(self, rls: RecursiveLeastSquares, stamp_s: float, position_m: float, force_n: float) -> None:
+        dt = stamp_s - self._learned_s
+        if dt <= 0.0:
+            return
+        self._learned_s = stamp_s
+        if dt > GAP_S:
+            self._position.reset()
+            self._force.reset()
+            self._settling_s = _SETTLING_S
+        x, v, a = self._position.step(position_m, dt)
+        y, _, _ = self._force.step(force_n, dt)
+        if dt <= GAP_S:
+            self._settling_s -= dt
+        if self._settling_s <= 0.0:
+            rls.update((a, v, x, 1.0), y, dt)
 
     def observe(self, stamp_s: float, force_n: float) -> None:
         self._pairs.arrived(stamp_s, force_n)
 
     def predict(self) -> MethodEstimate | None:
-        """The model's force, once its estimate is valid."""
-        return None if self._force_n is None else MethodEstimate(self._force_n, leading="model")
-
-
-def _ns(t_s: float) -> int:
-    return round(t_s * 1e9)
+        """phi(t)' theta, once 200 samples have told something."""
+        if self._phi is None or self._rls is None or self._rls.updates < _FEWEST_UPDATES:
+            return None
+        return MethodEstimate(sum(map(mul, self._phi, self._rls.theta)), leading="model")
 
 
 class Forefeel:
@@ -270,7 +319,7 @@ class Forefeel:
 METHODS: Mapping[str, Callable[[ContactModel | None], Method]] = {
     "zoh": lambda model: ZeroOrderHold(),
     "paper": lambda model: PaperMethod(),
-    "mbk_bias": lambda model: ContactMethod("mbk_bias", linear_model()),
+    "mbk_bias": lambda model: MbkBias(),
     "forefeel": Forefeel,
 }
 """By name: makes one that knows nothing yet. The model of a model.yaml is for forefeel alone."""
