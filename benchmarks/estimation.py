@@ -86,7 +86,7 @@ def _numpy(rows: Array, forces: Array) -> None:
 
 
 def _ours(rows: Array, forces: Array) -> None:
-    """Gate, kick, bounds, UD form."""
+    """Gate, floor of information, UD form."""
     rls = RecursiveLeastSquares((1.0,) * rows.shape[1], 1.0)
     for phi, y in zip(rows.tolist(), forces.tolist(), strict=True):
         rls.update(phi, y, _DT_S)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from forefeel.common.config import deep_merge
 from forefeel.common.errors import ForefeelError, RecordingError, RunError
 from forefeel.common.estimation.identifiability import analyse
-from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.common.estimation.rls import PRIOR_VARIANCE, RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.mcap_reader import read_run
@@ -112,7 +112,7 @@ def product_rls(rows: Array) -> RecursiveLeastSquares:
     """The product's least squares for [m, b, k, ...], none of m, b, k below 0."""
     scales = np.sqrt(np.mean(rows**2, axis=0)).tolist()
     bounds = [(0.0, inf)] * 3 + [(-inf, inf)] * (len(scales) - 3)
-    return RecursiveLeastSquares(scales, MEMORY_S, bounds=bounds)
+    return RecursiveLeastSquares(scales, MEMORY_S, bounds)
 
 
 def updated(rls: Rls, phi: Array, y: float, dt: float) -> Array:
@@ -421,8 +421,8 @@ def identified(*parts: tuple[float, float]) -> tuple[Array, Array, tuple[str, ..
     _, paper = learn(time_s, phi, phi @ THETA, 0.0)
     _, product = learn(time_s, phi, phi @ THETA, 0.0, rls)
     scales = np.array(rls.scales)
-    prior = np.diag(1.0 / (np.array(rls.prior_diagonal) * scales**2))
-    gathered = np.asarray(np.linalg.inv(rls.covariance * np.outer(scales, scales)) - prior, np.float64)
+    informed = np.linalg.inv(rls.covariance * np.outer(scales, scales))
+    gathered = np.asarray(informed - np.eye(len(scales)) / PRIOR_VARIANCE, np.float64)
     return paper, product, analyse(gathered, ("m", "b", "k"), rls.scales).statements
 
 

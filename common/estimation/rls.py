@@ -1,4 +1,4 @@
-"""Recursive least squares that survives hold, collinear motion and changes of the tissue.
+"""Recursive least squares that survives hold and collinear motion.
 
 Letters of the paper: regressor phi, parameters theta, covariance P (in units of the noise variance), gain K,
 innovation e (a priori), forgetting factor lambda. One accepted sample is the paper's
@@ -8,7 +8,7 @@ innovation e (a priori), forgetting factor lambda. One accepted sample is the pa
     (11)  e = y - phi' theta
     (12)  theta = theta + K e
 
-on the factors of P = U D U' (see `ud`). What is added to the paper:
+on the factors of P = U D U'. What is added to the paper:
 
 - lambda = exp(-dt / memory_s): the memory is in seconds, whatever the rate, and dt may vary.
 - Information gate: a sample with phi' P phi <= 1 - lambda brings less than forgetting takes; theta, P stay.
@@ -16,29 +16,21 @@ on the factors of P = U D U' (see `ud`). What is added to the paper:
   `inv(P) = lambda inv(P) + (1 - lambda) inv(P0) + phi phi'` (Salgado, Goodwin and Middleton, Int. J. Control
   47, 1988). The gate alone does not stop wind-up when the motion is collinear (pure sine): the excited
   directions keep it open. The middle term is a measurement "theta_i is what it is", so theta is not pulled.
-- Kick: innovations far above the noise for longer than `kick_after_s` mean another tissue: one sample's worth
-  of prior uncertainty is added to P (the self-perturbing term of Park and Jun, Electronics Letters 28, 1992),
-  within tr(P0).
 - Scaling: U D U' is indifferent to a diagonal scaling of phi, so scales enter through P0 alone.
 - Reported parameters obey physical bounds, see `parameters`.
 """
 
 from collections.abc import Sequence
-from math import exp, inf, isfinite
+from math import exp, inf
 
-from forefeel.common.estimation.ud import Matrix, UdCovariance
+Matrix = list[list[float]]
+
+PRIOR_VARIANCE = 100.0
+"""Of P0 for scaled regressors, in units of the noise variance: all the prior counts as much as a hundredth of
+a sample of usual size."""
 
 _TOP_UP_AT = 0.02
 """Forgotten fraction after which the prior's information is topped up: seldom, yet at most 2 % below it."""
-
-_SURPRISE = 16.0
-"""e^2 over its expected variance above which a sample is surprising (4 sigma)."""
-
-_WARM_UP = 100
-"""Samples before the noise is measured, and again before anything is surprising."""
-
-_FEWEST_SURPRISES = 5
-"""Samples that a kick takes at least, however slow the stream."""
 
 _ABSURD = 1e12
 """phi' P phi above which a regressor is an error of its source: it would outweigh all later samples."""
@@ -51,94 +43,44 @@ _LEAST_LAMBDA = 0.01
 
 
 class RecursiveLeastSquares:
-    """Gated, bounded, exponentially forgetting least squares for n linear parameters.
+    """Gated, bounded, exponentially forgetting least squares for n linear parameters, from theta = 0 (8).
 
     Args:
-        scales: typical magnitude of each regressor, > 0.
+        scales: typical magnitude of each regressor, > 0; P0 is diagonal with PRIOR_VARIANCE / scales_i^2.
         memory_s: time constant of forgetting in s; `math.inf` never forgets (lambda = 1, gate open).
-        prior: theta before the first sample; zeros by default (8).
-        prior_variance: P0 is diagonal with prior_variance / scales_i^2, in units of the noise variance.
         bounds: (lower, upper) of each reported parameter; none by default.
-        noise_floor: standard deviation of y below which nothing is surprising; y's unit.
-        kick_after_s: how long innovations must be surprising before P is inflated; `math.inf` never kicks.
 
     Attributes:
-        updates: samples accepted since the last reset. gated: samples without information.
-        refused: samples that are not finite, or absurd.
-        resets: returns to the prior because the state was not finite. kicks: inflations of P.
-        noise_variance: running variance of e / sqrt(1 + phi' P phi), robust to outliers; y's unit squared.
-        prior_diagonal: diagonal of P0.
-
-    Raises:
-        ValueError: lengths differ, or a value out of its range.
+        updates: samples that were accepted.
     """
 
     def __init__(
         self,
         scales: Sequence[float],
         memory_s: float,
-        *,
-        prior: Sequence[float] | None = None,
-        prior_variance: float = 100.0,
         bounds: Sequence[tuple[float, float]] | None = None,
-        noise_floor: float = 0.0,
-        kick_after_s: float = 0.05,
     ) -> None:
-        n = len(scales)
         self.scales = tuple(scales)
-        self._prior = tuple(prior) if prior is not None else (0.0,) * n
-        self._bounds = tuple(bounds) if bounds is not None else ((-inf, inf),) * n
-        if not n == len(self._prior) == len(self._bounds):
-            raise ValueError(
-                f"{n} scales, {len(self._prior)} prior values, {len(self._bounds)} bounds: expected equal"
-            )
-        for i, scale in enumerate(scales):
-            _require_positive(f"scales[{i}]", scale, finite=True)
-        _require_positive("prior_variance", prior_variance, finite=True)
-        _require_positive("memory_s", memory_s)
-        _require_positive("kick_after_s", kick_after_s)
-        self.prior_diagonal = tuple(prior_variance / (s * s) for s in scales)
         self._memory_s = memory_s
-        self._prior_variance = prior_variance
-        self._noise_floor_2 = noise_floor * noise_floor
-        self._kick_after_s = kick_after_s
-        self.gated = self.refused = self.resets = self.kicks = 0
-        self.reset()
-
-    def reset(self) -> None:
-        """Back to the prior; all counters but `updates` go on."""
+        self._bounds = bounds or ((-inf, inf),) * len(scales)
         self.updates = 0
-        self._theta = list(self._prior)
-        self._p = UdCovariance(self.prior_diagonal)
+        self._theta = [0.0] * len(scales)
+        self._prior = [PRIOR_VARIANCE / (s * s) for s in scales]
+        self._p = UdCovariance(self._prior)
         self._forgotten = 0.0
-        self._surprised_s = 0.0
-        self._seen = 0
-        self.noise_variance = self._noise_floor_2
 
-    def update(self, phi: Sequence[float], y: float, dt: float) -> float | None:
-        """One sample, dt seconds after the last; returns the innovation e (11), or None when it was refused.
-
-        The same calls on the same start give the same floats.
-        """
+    def update(self, phi: Sequence[float], y: float, dt: float) -> None:
+        """One sample, dt seconds after the last; left out where it is not finite, or absurd."""
         e = y
         for i, theta in enumerate(self._theta):
             e -= phi[i] * theta
         f, v, power = self._p.project(phi)
-        # NaN and infinity anywhere in phi, y, dt or the state, and what overflows on the way, fail these
-        # comparisons.
+        # NaN and infinity anywhere in phi, y, dt, and what overflows on the way, fail these comparisons.
         if not (e * e < inf and power < _ABSURD and 0.0 <= dt < inf):
-            self._refuse()
-            return None
-        self._watch(e * e / (1.0 + power), dt)
-        if self._surprised_s > self._kick_after_s:
-            self._kick()
-            f, v, power = self._p.project(phi)
+            return
         lam = max(exp(-dt / self._memory_s), _LEAST_LAMBDA)
         if power > 1.0 - lam:
             self._correct(f, v, lam, e)
-        else:
-            self.gated += 1
-        return e
 
     def _correct(self, f: list[float], v: list[float], lam: float, e: float) -> None:
         """Equations (9), (10), (12), then the floor of information."""
@@ -150,44 +92,9 @@ class RecursiveLeastSquares:
         self.updates += 1
         self._forgotten += 1.0 - lam
         if self._forgotten >= _TOP_UP_AT:
-            for i, variance in enumerate(self.prior_diagonal):
+            for i, variance in enumerate(self._prior):
                 self._p.inform(i, self._forgotten / variance)
             self._forgotten = 0.0
-
-    def _refuse(self) -> None:
-        """Counts the sample; a state that is itself not finite goes back to the prior."""
-        self.refused += 1
-        if not isfinite(sum(self._theta) + sum(map(sum, self._p.matrix))):
-            self.resets += 1
-            self.reset()
-
-    def _watch(self, e_2: float, dt: float) -> None:
-        """Tracks the noise variance and how long the innovation has been far above it."""
-        self._seen += 1
-        count = self._seen - _WARM_UP
-        if count <= 0:
-            return
-        limit = _SURPRISE * max(self.noise_variance, self._noise_floor_2) if count > _WARM_UP else inf
-        if e_2 > limit:
-            self._surprised_s += min(dt, self._kick_after_s / _FEWEST_SURPRISES)
-            # Clipped: an outlier or another tissue is no noise; if it lasts, the variance grows in time.
-            e_2 = limit
-        elif self._surprised_s > 0.0:
-            self._surprised_s = max(self._surprised_s - dt, 0.0)
-        rate = max(dt / (dt + self._memory_s), 1.0 / count)
-        self.noise_variance += rate * (e_2 - self.noise_variance)
-
-    def _kick(self) -> None:
-        """P + diag(1 / scales^2), shrunk as a whole where its scaled trace would pass that of P0."""
-        p = self._p.matrix
-        trace = 0.0
-        for i, scale in enumerate(self.scales):
-            p[i][i] += 1.0 / (scale * scale)
-            trace += p[i][i] * scale * scale
-        shrink = min(1.0, len(p) * self._prior_variance / trace)
-        self._p = UdCovariance.factorised([[shrink * value for value in row] for row in p])
-        self._surprised_s = 0.0
-        self.kicks += 1
 
     @property
     def covariance(self) -> Matrix:
@@ -224,11 +131,6 @@ class RecursiveLeastSquares:
         return min(max(value, lower), upper)
 
 
-def _require_positive(name: str, value: float, finite: bool = False) -> None:
-    if not value > 0.0 or (finite and value == inf):
-        raise ValueError(f"{name} = {value!r}: expected a positive number")
-
-
 def _shift(theta: list[float], p: Matrix, i: int, by: float) -> None:
     """Conditions N(theta, p) on its component i being theta_i + by, in place."""
     gain = [row[i] / max(p[i][i], _TINY) for row in p]
@@ -236,3 +138,69 @@ def _shift(theta: list[float], p: Matrix, i: int, by: float) -> None:
     for k, g in enumerate(gain):
         theta[k] += g * by
         p[k] = [value - g * r for value, r in zip(p[k], row_i, strict=True)]
+
+
+class UdCovariance:
+    """P = U D U' for n parameters (U unit upper triangular, D diagonal), in plain floats; diagonal at first.
+
+    Bierman, Factorization Methods for Discrete Sequential Estimation (1977), chapter V: D stays positive and
+    P symmetric whatever the rounding, without square roots. Up to about ten parameters, plain floats are
+    several times faster than numpy.
+    """
+
+    def __init__(self, diagonal: Sequence[float]) -> None:
+        self._d = list(diagonal)
+        self._u: Matrix = [[0.0] * j for j in range(len(self._d))]  # column j of U, above the diagonal
+
+    def project(self, phi: Sequence[float]) -> tuple[list[float], list[float], float]:
+        """(f, v, power) with f = U' phi, v = D f and power = phi' P phi."""
+        f: list[float] = []
+        v: list[float] = []
+        d = self._d
+        power = 0.0
+        for j, column in enumerate(self._u):
+            f_j = phi[j]
+            for i, u in enumerate(column):
+                f_j += u * phi[i]
+            v_j = d[j] * f_j
+            power += f_j * v_j
+            f.append(f_j)
+            v.append(v_j)
+        return f, v, power
+
+    def correct(self, f: list[float], v: list[float], lam: float) -> tuple[list[float], float]:
+        """P = (I - K phi') P / lambda for the phi that gave f and v; returns (P phi, alpha), the gain being K
+        = P phi / alpha.
+
+        `v` is used up: it becomes P phi (before the correction).
+        """
+        d = self._d
+        alpha = lam
+        for j, column in enumerate(self._u):
+            f_j, v_j, before = f[j], v[j], alpha
+            alpha += f_j * v_j
+            d[j] *= before / (alpha * lam)
+            p = f_j / before
+            for i, u in enumerate(column):
+                k = v[i]
+                column[i] = u - k * p
+                v[i] = k + u * v_j
+        return v, alpha
+
+    def inform(self, i: int, information: float) -> None:
+        """Adds to element (i, i) of inv(P): a measurement of parameter i alone."""
+        phi = [0.0] * len(self._d)
+        phi[i] = information**0.5
+        f, v, _ = self.project(phi)
+        self.correct(f, v, 1.0)
+
+    @property
+    def matrix(self) -> Matrix:
+        """P, exactly symmetric."""
+        n = len(self._d)
+        u = [[self._u[j][i] if i < j else float(i == j) for j in range(n)] for i in range(n)]
+        p = [[0.0] * n for _ in range(n)]
+        for i in range(n):
+            for j in range(i, n):
+                p[i][j] = p[j][i] = sum(u[i][k] * self._d[k] * u[j][k] for k in range(j, n))
+        return p

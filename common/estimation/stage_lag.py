@@ -54,9 +54,7 @@ class StageLag:
         self._sent = CommandRing[_Sent]()
         self._motion = StateFilter(_CUTOFF_HZ)
         self._deviation = StateFilter(_CUTOFF_HZ)
-        self._rls = RecursiveLeastSquares(
-            (_TYPICAL_M_S, _TYPICAL_M_S2), _MEMORY_S, bounds=_BOUNDS, noise_floor=1e-6
-        )
+        self._rls = RecursiveLeastSquares((_TYPICAL_M_S, _TYPICAL_M_S2), _MEMORY_S, _BOUNDS)
         self._lags = (0.0, 0.0)
         self._commanded_ns: int | None = None
         self._observed_ns: int | None = None

@@ -1,7 +1,7 @@
 from math import inf
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -24,14 +24,9 @@ def problems(draw: st.DrawFn) -> Problem:
     return scales, draw(st.lists(sample, min_size=1, max_size=40))
 
 
-def fed(
-    problem: Problem, memory_s: float, prior_variance: float = 100.0, kick_after_s: float = 0.05
-) -> RecursiveLeastSquares:
+def fed(problem: Problem, memory_s: float) -> RecursiveLeastSquares:
     scales, samples = problem
-    bounds = [(-0.5 / s, 1.0 / s) for s in scales]
-    rls = RecursiveLeastSquares(
-        scales, memory_s, bounds=bounds, prior_variance=prior_variance, kick_after_s=kick_after_s
-    )
+    rls = RecursiveLeastSquares(scales, memory_s, [(-0.5 / s, 1.0 / s) for s in scales])
     for phi, y, dt in samples:
         rls.update([p * s for p, s in zip(phi, scales, strict=True)], y, dt)
     return rls
@@ -44,9 +39,9 @@ def scaled_covariance(rls: RecursiveLeastSquares) -> NDArray[np.float64]:
 @given(problems())
 def test_without_forgetting_it_is_batch_least_squares_with_the_prior_as_ridge(problem: Problem) -> None:
     scales, samples = problem
-    rls = fed(problem, inf, prior_variance=10.0)
+    rls = fed(problem, inf)
     phi = np.array([row for row, _, _ in samples])
-    normal = phi.T @ phi + np.eye(len(scales)) / 10.0
+    normal = phi.T @ phi + np.eye(len(scales)) / 100.0
     expected = np.linalg.solve(normal, phi.T @ np.array([y for _, y, _ in samples]))
     np.testing.assert_allclose(np.array(rls.theta) * scales, expected, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(scaled_covariance(rls), np.linalg.inv(normal), rtol=1e-6, atol=1e-9)
@@ -56,22 +51,12 @@ def test_without_forgetting_it_is_batch_least_squares_with_the_prior_as_ridge(pr
 def test_the_covariance_stays_symmetric_positive_and_below_the_prior(
     problem: Problem, memory_s: float
 ) -> None:
-    rls = fed(problem, memory_s, prior_variance=100.0, kick_after_s=inf)
+    rls = fed(problem, memory_s)
     p = scaled_covariance(rls)
     assert np.array_equal(np.array(rls.covariance), np.array(rls.covariance).T)
     eigenvalues = np.linalg.eigvalsh(p)
     assert eigenvalues[0] > 0.0
     assert eigenvalues[-1] <= 100.0 / 0.98 * (1.0 + 1e-9)
-
-
-@settings(max_examples=50)
-@given(problems(), st.floats(1e-3, 10.0))
-def test_with_kicks_too_the_trace_stays_below_that_of_the_prior(problem: Problem, memory_s: float) -> None:
-    scales, samples = problem
-    rls = fed((scales, samples * 8), memory_s, kick_after_s=1e-6)
-    p = scaled_covariance(rls)
-    assert np.linalg.eigvalsh(p)[0] > 0.0
-    assert np.trace(p) <= 1.1 * 100.0 * len(scales)
 
 
 @given(problems(), st.floats(0.01, 10.0))
@@ -95,4 +80,3 @@ def test_no_float_can_break_it(problem: Problem, phi: list[float], y: float, dt:
     rls.update(list(rls.scales), 1.0, 0.001)
     assert np.isfinite(rls.parameters).all()
     assert np.isfinite(rls.covariance).all()
-    assert rls.resets == 0

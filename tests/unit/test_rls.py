@@ -43,22 +43,22 @@ def excited(rng: Random, n: int) -> list[float]:
 
 def test_one_sample_is_equations_9_to_12() -> None:
     rng, memory_s = Random(3), 5.0
-    rls = RecursiveLeastSquares((1.0, 2.0, 0.5), memory_s, prior_variance=10.0)
-    p, theta, lam = np.diag([10.0, 2.5, 40.0]), np.zeros(3), exp(-DT / memory_s)
+    rls = RecursiveLeastSquares((1.0, 2.0, 0.5), memory_s)
+    p, theta, lam = np.diag([100.0, 25.0, 400.0]), np.zeros(3), exp(-DT / memory_s)
     for _ in range(20):
         phi, y = np.array(excited(rng, 3)), rng.gauss(0.0, 1.0)
         gain = p @ phi / (lam + phi @ p @ phi)
         e = y - phi @ theta
         theta = theta + gain * e
         p = (np.eye(3) - np.outer(gain, phi)) @ p / lam
-        assert rls.update(phi.tolist(), y, DT) == pytest.approx(e, rel=1e-9)
+        rls.update(phi.tolist(), y, DT)
     assert rls.theta == pytest.approx(theta, rel=1e-9)
     assert np.allclose(rls.covariance, p, rtol=1e-9, atol=0.0)
 
 
 def test_forgetting_returns_to_the_information_of_the_prior() -> None:
     rng, memory_s, prior = Random(4), 0.2, np.diag([100.0, 25.0])
-    rls = RecursiveLeastSquares((1.0, 2.0), memory_s, prior_variance=100.0)
+    rls = RecursiveLeastSquares((1.0, 2.0), memory_s)
     lam, information = exp(-DT / memory_s), np.linalg.inv(prior)
     for _ in range(3000):
         phi = np.array([rng.gauss(0.0, 1.0), 0.0])
@@ -83,42 +83,11 @@ def test_a_sample_without_information_changes_nothing() -> None:
     rng, rls = Random(5), RecursiveLeastSquares((1.0, 1.0), memory_s=1.0)
     for _ in range(3000):
         rls.update(excited(rng, 2), rng.gauss(0.0, 0.1), DT)
-    theta, p, updates, gated = rls.theta, rls.covariance, rls.updates, rls.gated
-    assert rls.update((0.01, 0.01), 0.05, DT) is not None
-    assert (rls.theta, rls.covariance, rls.updates, rls.gated) == (theta, p, updates, gated + 1)
-
-
-def samples_until_adapted(kick_after_s: float) -> tuple[int, RecursiveLeastSquares]:
-    rng = Random(6)
-    rls = RecursiveLeastSquares((1.0, 1.0), memory_s=4.0, kick_after_s=kick_after_s)
-    for _ in range(8000):
-        phi = excited(rng, 2)
-        rls.update(phi, 2.0 * phi[0] + phi[1] + rng.gauss(0.0, 0.01), DT)
-    assert rls.kicks == 0
-    for i in range(40_000):
-        phi = excited(rng, 2)
-        rls.update(phi, 5.0 * phi[0] + phi[1] + rng.gauss(0.0, 0.01), DT)
-        if abs(rls.theta[0] - 5.0) < 0.3:
-            return i, rls
-    raise AssertionError("never adapted")
-
-
-def test_a_kick_adapts_to_another_tissue_much_faster_than_forgetting() -> None:
-    kicked, rls = samples_until_adapted(0.05)
-    forgetting, _ = samples_until_adapted(inf)
-    assert kicked < 400
-    assert forgetting > 4000
-    assert 1 <= rls.kicks <= 3
-    assert scaled_trace(rls) <= 200.0
-
-
-def test_a_single_outlier_is_no_other_tissue() -> None:
-    rng, rls = Random(7), RecursiveLeastSquares((1.0, 1.0), memory_s=2.0)
-    for i in range(6000):
-        phi = excited(rng, 2)
-        rls.update(phi, phi[0] + rng.gauss(0.0, 0.01) + (5.0 if i % 500 == 499 else 0.0), DT)
-    assert rls.kicks == 0
-    assert rls.noise_variance**0.5 == pytest.approx(0.01, rel=0.25)
+    before = rls.theta, rls.covariance, rls.updates
+    rls.update((0.01, 0.01), 0.05, DT)
+    assert (rls.theta, rls.covariance, rls.updates) == before
+    rls.update((1.0, 1.0), 0.05, DT)
+    assert rls.updates == before[2] + 1
 
 
 @pytest.mark.parametrize(
@@ -136,25 +105,12 @@ def test_a_single_outlier_is_no_other_tissue() -> None:
         ((1.0, 1.0), 1e200, DT),
     ],
 )
-def test_numbers_that_are_no_measurement_are_refused_and_counted(
-    phi: tuple[float, float], y: float, dt: float
-) -> None:
+def test_numbers_that_are_no_measurement_are_left_out(phi: tuple[float, float], y: float, dt: float) -> None:
     rls = RecursiveLeastSquares((1.0, 1.0), memory_s=1.0)
     rls.update((0.3, 0.7), 1.0, DT)
-    before = (rls.theta, rls.covariance, rls.noise_variance, rls.updates)
-    assert rls.update(phi, y, dt) is None
-    assert (rls.theta, rls.covariance, rls.noise_variance, rls.updates) == before
-    assert (rls.refused, rls.resets) == (1, 0)
-
-
-def test_a_state_that_is_not_finite_goes_back_to_the_prior() -> None:
-    rls = RecursiveLeastSquares((1.0, 1.0), memory_s=1.0, prior=(0.5, -0.5))
-    rls.update((0.3, 0.7), 1.0, DT)
-    rls._theta[0] = nan
-    assert rls.update((0.3, 0.7), 1.0, DT) is None
-    assert (rls.resets, rls.updates, rls.theta) == (1, 0, (0.5, -0.5))
-    assert rls.covariance == [[100.0, 0.0], [0.0, 100.0]]
-    assert rls.update((0.3, 0.7), 1.0, DT) is not None
+    before = (rls.theta, rls.covariance, rls.updates)
+    rls.update(phi, y, dt)
+    assert (rls.theta, rls.covariance, rls.updates) == before
 
 
 def test_a_bound_keeps_the_fit_where_the_motion_can_not_tell_parameters_apart() -> None:
@@ -177,23 +133,6 @@ def test_the_bounded_parameters_are_the_constrained_least_squares() -> None:
     q = np.array(rows)[:, 1]
     assert rls.parameters[0] == 0.0
     assert rls.parameters[1] == pytest.approx(float(q @ np.array(forces) / (q @ q + 0.01)), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("build", "text"),
-    [
-        (lambda: RecursiveLeastSquares((1.0, 0.0), 1.0), r"scales\[1\] = 0.0"),
-        (lambda: RecursiveLeastSquares((1.0, inf), 1.0), r"scales\[1\] = inf"),
-        (lambda: RecursiveLeastSquares((1.0,), -1.0), "memory_s = -1.0"),
-        (lambda: RecursiveLeastSquares((1.0,), nan), "memory_s = nan"),
-        (lambda: RecursiveLeastSquares((1.0,), 1.0, prior_variance=0.0), "prior_variance = 0.0"),
-        (lambda: RecursiveLeastSquares((1.0,), 1.0, prior=(1.0, 2.0)), "2 prior values"),
-        (lambda: RecursiveLeastSquares((1.0,), 1.0, bounds=()), "0 bounds"),
-    ],
-)
-def test_settings_out_of_range_are_refused(build: Callable[[], object], text: str) -> None:
-    with pytest.raises(ValueError, match=text):
-        build()
 
 
 class Estimator(Protocol):
@@ -274,12 +213,11 @@ def worst_errors(estimator: Estimator, samples: list[Sample]) -> dict[str, float
 
 def test_after_a_hold_the_force_error_stays_near_the_noise_where_the_paper_diverges() -> None:
     samples = hold_scenario()
-    rls = RecursiveLeastSquares((0.1, 0.015, 0.004, 1.0), memory_s=2.0, noise_floor=0.001)
+    rls = RecursiveLeastSquares((0.1, 0.015, 0.004, 1.0), memory_s=2.0)
     ours, paper = worst_errors(rls, samples), worst_errors(PaperRls(4), samples)
     for segment in ("hold 1", "after hold 1", "hold 2", "after hold 2"):
         assert ours[segment] < 2.0 * NOISE_N, segment
     assert min(paper["after hold 1"], paper["after hold 2"]) > 1.0
-    assert (rls.refused, rls.resets) == (0, 0)
     assert scaled_trace(rls) < 400.0 / 0.98
 
 
@@ -288,6 +226,6 @@ def test_the_same_samples_give_the_same_floats() -> None:
         rng, rls = Random(10), RecursiveLeastSquares((1.0, 1.0, 1.0), memory_s=0.3)
         for _ in range(2000):
             rls.update(excited(rng, 3), rng.gauss(0.0, 1.0), rng.uniform(0.0, 0.003))
-        return rls.theta, rls.covariance, rls.parameters, rls.noise_variance
+        return rls.theta, rls.covariance, rls.parameters
 
     assert run() == run()

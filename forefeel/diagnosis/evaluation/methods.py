@@ -265,7 +265,7 @@ class MbkBias:
         stroke_m = stroke_m if stroke_m >= _LEAST_M else _USUAL_M
         w = 2.0 * pi * 0.75
         scales = w * w * stroke_m, w * stroke_m, stroke_m, 1.0
-        self._rls = RecursiveLeastSquares(scales, _MEMORY_S, noise_floor=0.001)
+        self._rls = RecursiveLeastSquares(scales, _MEMORY_S)
 
     def _learn(self, rls: RecursiveLeastSquares, stamp_s: float, position_m: float, force_n: float) -> None:
         dt = stamp_s - self._learned_s
