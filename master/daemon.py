@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock, now_utc
 from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.predictor import compile_kernels
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
@@ -116,7 +117,7 @@ class MasterDaemon:
     def _keep_priors(self) -> None:
         for axis, wanted in zip(self.axes, self._wanted, strict=True):
             faulted = axis.faulted or not axis.stopping
-            line = keep(wanted, axis.identification, faulted, now_utc().date())
+            line = keep(wanted, axis.identification.learner, faulted, now_utc().date())
             if line:
                 axis.events.notices.add(f"prior {line}")
 
@@ -133,7 +134,9 @@ def _axis(
     prior, origin = load(wanted)
     model = None if wanted.model is None else load_model(wanted.model)
     prediction = ForcePrediction(settings.limits)
-    identification = IdentificationTask(prediction, prior, model, runtime.compute)
+    identification = IdentificationTask(
+        prediction, Learner(prediction.evaluator, prior, model, runtime.compute)
+    )
     loop = HapticLoop(prediction, settings.rendering)
     handle = make_handle(settings.handle, runtime.clock)
     return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, event_sink, origin)

@@ -4,8 +4,8 @@ from datetime import date
 
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.estimation.contact_prior import ContactPrior
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.prior_file import keep_prior, nearest
-from forefeel.master.identification import IdentificationTask
 from forefeel.master.settings import PredictionSettings
 
 LEAST_CONTACT_S = 5.0
@@ -39,13 +39,13 @@ def objection(contact_s: float, ratio: float, faulted: bool) -> str | None:
     return None
 
 
-def keep(wanted: PredictionSettings, task: IdentificationTask, faulted: bool, today: date) -> str:
+def keep(wanted: PredictionSettings, learner: Learner, faulted: bool, today: date) -> str:
     """Writes what a session learned into the file of its instrument and patient, unless there is an
     objection; in one line what became of it. Empty where the settings name no folder.
     """
     if wanted.prior_dir is None or wanted.instrument is None or wanted.patient is None:
         return ""
-    learned, why = task.learned, objection(task.contact_s, task.ratio, faulted)
+    learned, why = learner.learned, objection(learner.contact_s, learner.ratio, faulted)
     if learned is None or why is not None:
         return f"not kept: {why or 'nothing was learned'}"
     try:

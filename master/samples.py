@@ -61,7 +61,7 @@ def _bounded(force_n: float | None) -> float | None:
 
 
 def model_parameters(header: Header, identification: IdentificationTask, prior: str) -> ModelParameters:
-    contact, learned = identification.contact, identification.snapshot.learned
+    contact, learned = identification.snapshot.contact, identification.snapshot.learned
     return ModelParameters(
         **header,
         names=contact.names if contact else (),
@@ -70,8 +70,8 @@ def model_parameters(header: Header, identification: IdentificationTask, prior: 
         identifiable=contact.identifiable if contact else (),
         valid=contact is not None,
         samples=identification.used,
-        updates=identification.fits,
-        resets=identification.renewals,
+        updates=identification.learner.fits,
+        resets=identification.learner.renewals,
         innovation_rms_n=within(float(learned["recent_n"][0]), MOST_FORCE_N),
         prior=prior[:256],
     )

@@ -155,6 +155,19 @@ class Learner:
         return Snapshot(learned, self._fit.contact)
 
     @property
+    def contact_s(self) -> float:
+        """Seconds of contact in this session."""
+        contact = self._fit.contact
+        before_s = self._prior.contact_s if self._prior is not None else 0.0
+        return 0.0 if contact is None else contact.contact_s - before_s
+
+    @property
+    def learned(self) -> ContactPrior | None:
+        """What this session has to tell the next one."""
+        contact = self._fit.contact
+        return contact.prior() if contact is not None and self.fits else None
+
+    @property
     def ratio(self) -> float:
         """rms of the prediction over that of the zero-order hold, of all forces so far; NaN before any."""
         said_n2, zoh_n2 = float(self._knowledge["said_n2"][0]), float(self._knowledge["zoh_n2"][0])

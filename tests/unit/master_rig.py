@@ -9,6 +9,7 @@ from forefeel.common.bus import Bus, Publisher
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.estimation.evaluator import Estimate
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.messages import (
     EmergencyStop,
     Handshake,
@@ -97,13 +98,14 @@ class Rig:
         self.clock = VirtualClock(1000 * MS)
         network = MemoryBus()
         self.handle, self.predictor = FakeHandle(), FakePredictor()
+        prediction = ForcePrediction(AxisLimits())
         ids = count(101)
         self.axis = MasterAxis(
             "cell",
             MasterAxisSettings(),
             self.handle,
             HapticLoop(self.predictor, RenderingSettings()),
-            IdentificationTask(ForcePrediction(AxisLimits())),
+            IdentificationTask(prediction, Learner(prediction.evaluator)),
             Bus(network.session(self.clock), "cell", "insertion", self.clock),
             ids.__next__,
         )

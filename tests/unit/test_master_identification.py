@@ -7,6 +7,7 @@ from random import Random
 import numpy as np
 import pytest
 
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
@@ -40,7 +41,7 @@ class Master:
 
     def __init__(self) -> None:
         self.prediction = ForcePrediction(AxisLimits(workspace_m=(-0.1, 0.1)))
-        self.task = IdentificationTask(self.prediction)
+        self.task = IdentificationTask(self.prediction, Learner(self.prediction.evaluator))
         self.said_n = list[float | None]()
 
     def step(self, newest: ForceSample | None) -> None:
@@ -107,7 +108,7 @@ def test_the_master_predicts_what_an_evaluation_does_bit_for_bit() -> None:
         if late is not None:
             predictor.observe(((n - DELAY) * MS) * 1e-9, measured_n[n - DELAY])
     assert master.said_n == evaluated_n
-    assert master.task.contact is not None
+    assert master.task.snapshot.contact is not None
 
 
 def test_the_contact_is_found_through_loss_and_disorder() -> None:
@@ -126,7 +127,7 @@ def test_the_contact_is_found_through_loss_and_disorder() -> None:
             )
             master.learn(arrived)
             waiting = [each for each in waiting if each[0] > n]
-    contact = master.task.contact
+    contact = master.task.snapshot.contact
     assert contact is not None
     values = dict(zip(contact.names, contact.values, strict=True))
     assert values["mass_damper_spring.stiffness_n_m"] == pytest.approx(STIFFNESS_N_M, rel=0.05)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from forefeel.common.causes.model import SCHEMA, ContactModel
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.identification import IdentificationTask
@@ -56,7 +57,7 @@ def _rms(errors: list[float]) -> float:
 @pytest.mark.parametrize("model", [None, SPRING])
 def test_the_predictor_learns_the_lag_with_the_contact(model: ContactModel | None) -> None:
     bench, prediction = Bench(), ForcePrediction(LIMITS)
-    task = IdentificationTask(prediction, model=model)
+    task = IdentificationTask(prediction, Learner(prediction.evaluator, model=model))
     predicted, held = list[float](), list[float]()
     for n in range(10_000):
         stamp_ns, command_m, velocity_m_s = bench.step()
@@ -86,7 +87,7 @@ def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
 
 def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:
     bench, prediction = Bench(), ForcePrediction(LIMITS)
-    task = IdentificationTask(prediction)
+    task = IdentificationTask(prediction, Learner(prediction.evaluator))
     for _ in range(600):
         present = Present(*bench.step(Grip.OPEN), True, task.snapshot, bench.arrived)
         assert prediction.predict(present) is None

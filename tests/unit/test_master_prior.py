@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from forefeel.common.estimation.contact_prior import ContactPrior
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.prior_file import load_prior
-from forefeel.master.identification import IdentificationTask
 from forefeel.master.prior import keep, load, objection
 from forefeel.master.settings import PredictionSettings
 
@@ -16,7 +16,7 @@ LEARNED = ContactPrior(("mass_damper_spring.stiffness_n_m",), (7.5,), ((0.01,),)
 DAY = date(2025, 3, 1)
 
 
-class Task(IdentificationTask):
+class Session(Learner):
     """One that has predicted with this ratio, and learned this."""
 
     ratio, contact_s = 0.0, 12.0
@@ -48,7 +48,7 @@ def test_objection(contact_s: float, faulted: bool, ratio: float, word: str | No
 
 def test_what_one_session_keeps_the_next_starts_from(tmp_path: Path) -> None:
     assert load(wanted(tmp_path)) == (None, "none yet of catheter")
-    assert keep(wanted(tmp_path), Task(0.5), False, DAY).startswith("kept: catheter, patient A")
+    assert keep(wanted(tmp_path), Session(0.5), False, DAY).startswith("kept: catheter, patient A")
     own, origin = load(wanted(tmp_path))
     assert own is not None and own.values == pytest.approx(LEARNED.values)
     assert origin == "catheter, patient A: 1 session, 12 s of contact"
@@ -58,11 +58,11 @@ def test_what_one_session_keeps_the_next_starts_from(tmp_path: Path) -> None:
 
 
 def test_bad_session_changes_nothing(tmp_path: Path) -> None:
-    keep(wanted(tmp_path), Task(0.5), False, DAY)
+    keep(wanted(tmp_path), Session(0.5), False, DAY)
     before = load_prior(tmp_path / "catheter" / "A.json")
-    assert keep(wanted(tmp_path), Task(0.5), True, DAY).startswith("not kept: ")
-    assert keep(wanted(tmp_path), Task(1.5), False, DAY).startswith("not kept: ")
-    assert keep(wanted(tmp_path), Task(0.5, None), False, DAY).startswith("not kept: ")
+    assert keep(wanted(tmp_path), Session(0.5), True, DAY).startswith("not kept: ")
+    assert keep(wanted(tmp_path), Session(1.5), False, DAY).startswith("not kept: ")
+    assert keep(wanted(tmp_path), Session(0.5, None), False, DAY).startswith("not kept: ")
     assert load_prior(tmp_path / "catheter" / "A.json") == before
 
 
@@ -71,11 +71,11 @@ def test_spoiled_file_is_a_cold_start_that_says_why(tmp_path: Path) -> None:
     path.parent.mkdir()
     path.write_text("{")
     assert load(wanted(tmp_path)) == (None, f"none, refused: {path}: not JSON; expected a prior")
-    assert keep(wanted(tmp_path), Task(0.5), False, DAY).startswith(f"not kept: {path}: ")
+    assert keep(wanted(tmp_path), Session(0.5), False, DAY).startswith(f"not kept: {path}: ")
     assert path.read_text() == "{"
 
 
 def test_without_a_folder_nothing_is_kept(tmp_path: Path) -> None:
     nobody = PredictionSettings(instrument="catheter", patient="A")
     assert load(nobody) == (None, "")
-    assert keep(nobody, Task(0.5), False, DAY) == ""
+    assert keep(nobody, Session(0.5), False, DAY) == ""
