@@ -3,8 +3,7 @@
 from math import isfinite
 from typing import NamedTuple
 
-from forefeel.common.estimation.evaluator import Estimate
-from forefeel.common.estimation.snapshot import Snapshot
+from forefeel.common.estimation.evaluator import Estimate, Snapshot
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState
 from forefeel.master.handle import HandleReading

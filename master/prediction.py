@@ -9,8 +9,7 @@ position at which the stage is expected.
 
 from typing import NamedTuple, Protocol
 
-from forefeel.common.estimation.evaluator import Estimate, Evaluator
-from forefeel.common.estimation.snapshot import Snapshot
+from forefeel.common.estimation.evaluator import Estimate, Evaluator, Snapshot
 from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import ForceSample, Grip

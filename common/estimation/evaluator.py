@@ -6,6 +6,7 @@ Nothing is learned here. What was said of each sample waits in a ring, until its
 """
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
@@ -20,8 +21,6 @@ from forefeel.common.estimation.bank import RING, Bank
 from forefeel.common.estimation.blend import CONTACT, EARLY_S, MEMBERS, ZOH
 from forefeel.common.estimation.contact import Contact, ContactExpert
 from forefeel.common.estimation.forces import Forces
-from forefeel.common.estimation.regressors import fill
-from forefeel.common.estimation.snapshot import Learned, Snapshot, nothing_learned
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.jit import Array, kernel, record, zeros
 
@@ -39,6 +38,51 @@ class Estimate(NamedTuple):
     low_n: float
     high_n: float
     leading: str
+
+
+class Learned(Protocol):
+    """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend, and which
+    of them another run has taught; f0, range of the forces, largest error of the zero-order hold L, reach,
+    time judged T; of the band the recent error and the factor.
+
+    renewals: how often the learner has begun anew.
+    """
+
+    renewals: float
+    known_s: float
+    first_n: float
+    low_n: float
+    high_n: float
+    largest_n: float
+    reach_n: float
+    recent_n: float
+    factor: float
+    radii_m: Annotated[Array, banks.STOPS]
+    theta: Annotated[Array, len(experts.NAMES), experts.ROW]
+    weights: Annotated[Array, MEMBERS]
+    taught: Annotated[Array, MEMBERS]
+
+
+_LEARNED = record(Learned)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """All that the learner has learned, as it gives it to the evaluator; nobody changes it.
+
+    `learned`: one record of `Learned`, in an array. `contact`: None before any is known.
+    """
+
+    learned: NDArray[np.void]
+    contact: Contact | None
+
+
+def nothing_learned() -> NDArray[np.void]:
+    """The zero-order hold has all the weight."""
+    learned = zeros(_LEARNED)
+    learned["weights"][:, ZOH] = 1.0
+    learned["factor"] = np.inf
+    return learned
 
 
 class Evaluation(Protocol):
@@ -146,7 +190,7 @@ def _move(
     bank = evaluation.bank
     if not banks.advance(bank, t, x):
         return
-    fill(bank)
+    banks.fill(bank)
     n = int(bank.count) - 1
     i = n % RING
     evaluation.force_n[i] = math.nan
@@ -222,7 +266,9 @@ def _ask(evaluation: Evaluation, learned: Learned, n: int, said_n: Array) -> Non
     row, known_row = evaluation.rows[i], evaluation.known_row[0]
     experts.fill(row, evaluation.bank, i, j, held_n - learned.first_n)
     for k in range(len(experts.LAGS_S)):
-        row[experts.PAST + k] = held_n - _heard_n(evaluation, evaluation.newest_s - experts.LAGS_S[k])
+        past_s = evaluation.newest_s - experts.LAGS_S[k]
+        past = banks.last_until(evaluation.heard_s, int(evaluation.heard), past_s)
+        row[experts.PAST + k] = held_n - evaluation.heard_n[past % RING]
     known_row[:] = row
     for k in range(banks.STOPS):
         if learned.radii_m[k] != evaluation.bank.radii_m[k]:
@@ -238,20 +284,6 @@ def _ask(evaluation: Evaluation, learned: Learned, n: int, said_n: Array) -> Non
     for e in range(CONTACT, MEMBERS):
         if learned.taught[e] == 0.0 and not math.isnan(said_n[e]):
             said_n[e] = min(forces.high_n + range_n, max(forces.low_n - range_n, said_n[e]))
-
-
-@kernel
-def _heard_n(evaluation: Evaluation, stamp: float) -> float:
-    """The force of that stamp, or the last one before it; the oldest where it is earlier than all."""
-    count = int(evaluation.heard)
-    low, high = max(0, count - RING), count - 1
-    while low < high:
-        middle = (low + high + 1) // 2
-        if evaluation.heard_s[middle % RING] <= stamp + 1e-7:
-            low = middle
-        else:
-            high = middle - 1
-    return float(evaluation.heard_n[low % RING])
 
 
 @kernel

@@ -8,7 +8,7 @@ regressor j at its usual size, so that no regressor needs a scale or a unit. Wha
 apart the ridge decides, in favour of small theta; it does not fade, so nothing winds up. At standstill
 nothing is added or forgotten: an hour of rest must not outweigh what the motion has taught.
 
-With phi the regressors of the motion (`regressors`), t now, s the stamp of the newest force, f0 the force
+With phi the regressors of the motion (`bank`), t now, s the stamp of the newest force, f0 the force
 before motion, and a(l) = f(s) - f(s - l) the past of the force at six lags l, all experts are ranges of one
 row
 

@@ -19,21 +19,17 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation import band as bands
 from forefeel.common.estimation import bank as banks
 from forefeel.common.estimation import blend as blends
-from forefeel.common.estimation import change as changes
-from forefeel.common.estimation import experts
+from forefeel.common.estimation import experts, validity
 from forefeel.common.estimation import forces as beliefs
-from forefeel.common.estimation import trial as trials
 from forefeel.common.estimation.band import Band
 from forefeel.common.estimation.bank import RING
 from forefeel.common.estimation.blend import ZOH, Blend
-from forefeel.common.estimation.change import Change
 from forefeel.common.estimation.contact import Contact, ContactFit, Fitting
 from forefeel.common.estimation.contact_prior import ContactPrior
-from forefeel.common.estimation.evaluator import Evaluation, Evaluations, Evaluator
+from forefeel.common.estimation.evaluator import Evaluation, Evaluations, Evaluator, Snapshot, nothing_learned
 from forefeel.common.estimation.experts import Learning
 from forefeel.common.estimation.forces import Forces
-from forefeel.common.estimation.snapshot import Snapshot, nothing_learned
-from forefeel.common.estimation.trial import Trial
+from forefeel.common.estimation.validity import Change, Trial
 from forefeel.common.jit import Array, kernel, record, zeros
 
 _PLAIN = blends.FIRST + experts.PLAIN
@@ -82,7 +78,7 @@ class Learner:
 
     Attributes:
         fits: of the contact so far.
-        renewals: how often it began anew, for what it had learned was worse than nothing, see `trial`.
+        renewals: how often it began anew, for what it had learned was worse than nothing, see `validity`.
     """
 
     def __init__(
@@ -104,7 +100,7 @@ class Learner:
         experts.begin(self._knowledge["experts"])
         blends.begin(self._knowledge["blend"], self._prior is not None or self._model is not None)
         bands.begin(self._knowledge["band"])
-        trials.begin(self._knowledge["trial"])
+        validity.begin(self._knowledge["trial"])
         self._fit = ContactFit(self._prior, self._model)
         self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
         self.renewals += 1
@@ -215,14 +211,14 @@ def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float)
             force_n - forces.first_n,
             h,
         )
-        trials.judge(knowledge.trial, force_n, evaluation.force_n[i], said_n[ZOH], h)
+        validity.judge(knowledge.trial, force_n, evaluation.force_n[i], said_n[ZOH], h)
     knowledge.said_n2 += h * (force_n - evaluation.force_n[i]) ** 2
     knowledge.zoh_n2 += h * (force_n - said_n[ZOH]) ** 2
     blends.judge(knowledge.blend, said_n, force_n, range_n, h)
     bands.learn(
         knowledge.band, force_n - evaluation.force_n[i], evaluation.half_n[i], evaluation.scale_n[i], h
     )
-    if changes.noticed(knowledge.change, said_n[_PLAIN] - force_n, range_n, h):
+    if validity.noticed(knowledge.change, said_n[_PLAIN] - force_n, range_n, h):
         experts.discount(knowledge.experts)
         blends.discount(knowledge.blend)
     if not (math.isfinite(knowledge.blend.weights[ZOH]) and math.isfinite(knowledge.experts.theta.sum())):

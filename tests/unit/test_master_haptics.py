@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.estimation.evaluator import Estimate
-from forefeel.common.estimation.snapshot import Snapshot, nothing_learned
+from forefeel.common.estimation.evaluator import Estimate, Snapshot, nothing_learned
 from forefeel.common.messages import SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
