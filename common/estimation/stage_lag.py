@@ -6,29 +6,35 @@ follows a command c like the first terms of its transfer function's Taylor serie
     x_s = c - T1 c' + T2 c''                                                                      (S1)
 
 T1 is the lag in s (zero for a drive with full velocity feed-forward), T2 in s^2 what is left under
-acceleration (1 / w^2 for a servo of bandwidth w). Both come from recursive least squares over pairs of a
-command and the readback that answers it; derivatives and the readback's deviation pass the same filter.
+acceleration (1 / w^2 for a servo of bandwidth w). Both come from recursive least squares in information form,
+as in `experts`, over pairs of a command and the readback that answers it; derivatives and the readback's
+deviation y = x_s - c pass the same filter. With u = (-c', c''), h the time since the last pair and m the
+square of the motion over that of usual motion, at most 1,
+
+    R <- lambda R + h u u',   r <- lambda r + h u y,   lambda = exp(-m h / 20 s),   T = (R + D)^-1 r     (S2)
+
+so that as much is forgotten as is learned, and a hand that trembles while it holds takes nothing away. D is
+the information of a millisecond of usual motion.
 
 Reference: Astrom and Hagglund, PID Controllers, 2nd ed. (1995), chapter 2, the method of moments.
 """
 
-from math import isfinite
+from math import exp, isfinite
 from typing import NamedTuple
 
-from forefeel.common.estimation.rls import RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.slots import CommandRing
 
 _CUTOFF_HZ = 20.0  # Hz, cutoff of both filters
-_MEMORY_S = 20.0  # s, time constant of forgetting
+_MEMORY_S = 20.0  # s of usual motion, time constant of forgetting
 # s after a start of the filters in which nothing is learned: 12 time constants of their slowest poles, each
 # 1 / (pi _CUTOFF_HZ) = 16 ms
 _SETTLING_S = 0.2
 _EVERY_S = 0.004  # s, least time between two readbacks that are learned: 250 Hz, over 12 times the cutoff
-_MIN_UPDATES = 250  # updates before the lag is used: 1 s of motion at 250 Hz
-_PUBLISH_EVERY = 20  # updates between two lags that are used: 80 ms at 250 Hz
-# m/s and m/s^2, usual velocity and acceleration of a stage, which scale the prior
-_TYPICAL_M_S, _TYPICAL_M_S2 = 0.02, 0.3
+_KNOWN_S = 1.0  # s of motion before the lag is used
+_TYPICAL_M_S, _TYPICAL_M_S2 = 0.02, 0.3  # m/s and m/s^2, usual velocity and acceleration of a stage
+_STILL = 1e-4  # m of standstill
+_RIDGE_S = 0.001
 _BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))  # s of T1 and s^2 of T2, lower and upper bound
 
 
@@ -47,28 +53,19 @@ class StageLag:
     replaced as a whole, and one tuple.
 
     Attributes:
-        lag_s, lag2_s2: T1 and T2 in use; zero until enough has been seen of a moving stage.
+        lags: T1 in s and T2 in s^2, in use; zero until enough has been seen of a moving stage.
     """
 
     def __init__(self) -> None:
+        self.lags = (0.0, 0.0)
         self._sent = CommandRing[_Sent]()
         self._motion = StateFilter(_CUTOFF_HZ)
         self._deviation = StateFilter(_CUTOFF_HZ)
-        self._rls = RecursiveLeastSquares((_TYPICAL_M_S, _TYPICAL_M_S2), _MEMORY_S, _BOUNDS)
-        self._lags = (0.0, 0.0)
+        self._sums = [0.0] * 5  # of R: 11, 12, 22; of r: 1, 2
+        self._known_s = 0.0
         self._commanded_ns: int | None = None
         self._observed_ns: int | None = None
         self._since_restart_s = 0.0
-
-    @property
-    def lag_s(self) -> float:
-        """T1 in s."""
-        return self._lags[0]
-
-    @property
-    def lag2_s2(self) -> float:
-        """T2 in s^2."""
-        return self._lags[1]
 
     def command(self, stamp_ns: int, position_m: float) -> float:
         """The position in m at which the stage will answer the command of that stamp."""
@@ -80,7 +77,7 @@ class StageLag:
             self._motion.reset()
         _, v, a = self._motion.step(position_m, dt)
         self._sent.put(stamp_ns, _Sent(position_m, v, a))
-        lag_s, lag2_s2 = self._lags
+        lag_s, lag2_s2 = self.lags
         return position_m - lag_s * v + lag2_s2 * a
 
     def observe(self, stamp_ns: int, readback_m: float) -> None:
@@ -101,7 +98,22 @@ class StageLag:
         y, _, _ = self._deviation.step(readback_m - sent.position_m, dt)
         self._since_restart_s += dt
         if self._since_restart_s > _SETTLING_S:
-            self._rls.update((-sent.velocity_m_s, sent.acceleration_m_s2), y, dt)
-            if self._rls.updates >= _MIN_UPDATES and self._rls.updates % _PUBLISH_EVERY == 0:
-                first, second = self._rls.parameters
-                self._lags = (first, second)
+            self._learn(-sent.velocity_m_s, sent.acceleration_m_s2, y, dt)
+
+    def _learn(self, u1: float, u2: float, y: float, h: float) -> None:
+        """(S2); T2 is the best one for the T1 that its bounds have left."""
+        motion = min(1.0, (u1 / _TYPICAL_M_S) ** 2 + (u2 / _TYPICAL_M_S2) ** 2)
+        keep, products = exp(-motion * h / _MEMORY_S), (u1 * u1, u1 * u2, u2 * u2, u1 * y, u2 * y)
+        self._sums = [keep * total + h * product for total, product in zip(self._sums, products, strict=True)]
+        self._known_s += h if motion > _STILL else 0.0
+        if self._known_s < _KNOWN_S:
+            return
+        r11, r12, r22, r1, r2 = self._sums
+        r11 += _RIDGE_S * _TYPICAL_M_S**2
+        r22 += _RIDGE_S * _TYPICAL_M_S2**2
+        first = _within((r22 * r1 - r12 * r2) / (r11 * r22 - r12 * r12), _BOUNDS[0])
+        self.lags = first, _within((r2 - r12 * first) / r22, _BOUNDS[1])
+
+
+def _within(value: float, bounds: tuple[float, float]) -> float:
+    return min(max(value, bounds[0]), bounds[1])
