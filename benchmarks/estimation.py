@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.estimation.evaluator import Evaluator
 from forefeel.common.estimation.learner import Learner
-from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.diagnosis.evaluation.rls import RecursiveLeastSquares
 
 Array = NDArray[np.float64]
 Update = Callable[[Array, Array], None]

@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 from forefeel.common.config import deep_merge
 from forefeel.common.errors import ForefeelError, RecordingError, RunError
 from forefeel.common.estimation.identifiability import analyse
-from forefeel.common.estimation.rls import PRIOR_VARIANCE, RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.mcap_reader import read_run
@@ -39,6 +38,7 @@ from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, Forefeel, PaperRls
 from forefeel.diagnosis.evaluation.replay import replay
+from forefeel.diagnosis.evaluation.rls import PRIOR_VARIANCE, RecursiveLeastSquares
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report import drawing

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from forefeel.common.estimation.rls import RecursiveLeastSquares
+from forefeel.diagnosis.evaluation.rls import RecursiveLeastSquares
 
 number = st.floats(-10.0, 10.0).map(lambda value: round(value, 6))
 step_s = st.floats(1e-5, 5.0)

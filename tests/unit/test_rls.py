@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from forefeel.common.estimation.rls import RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import StateFilter
+from forefeel.diagnosis.evaluation.rls import RecursiveLeastSquares
 
 DT = 0.001
 

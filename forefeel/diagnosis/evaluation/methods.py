@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.predictor import Predictor
-from forefeel.common.estimation.rls import RecursiveLeastSquares
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
+from forefeel.diagnosis.evaluation.rls import RecursiveLeastSquares
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,7 @@ class ZeroOrderHold:
 
 class PaperRls:
     """The paper's own recursive least squares, equations (8) to (12), as they stand there: it has none of the
-    safeguards of `forefeel.common.estimation.rls`.
+    safeguards of `forefeel.diagnosis.evaluation.rls`.
 
     Reference: "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot based on
     Parameter Identification".
@@ -212,7 +212,7 @@ class PaperMethod:
 
 class MbkBias:
     """Equation (1) and the bias that every load cell has, f = m x'' + b x' + k x + f0, by the safe recursive
-    least squares of `forefeel.common.estimation.rls`. No parameter is bounded: a recording may hold the
+    least squares of `forefeel.diagnosis.evaluation.rls`. No parameter is bounded: a recording may hold the
     reaction.
 
     It learns from motion and force of the same stamps behind the same filter, which so biases nothing (see
