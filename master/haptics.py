@@ -7,7 +7,7 @@ from forefeel.common.estimation.evaluator import Estimate, Snapshot
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState
 from forefeel.master.handle import HandleReading
-from forefeel.master.prediction import Prediction, Present
+from forefeel.master.prediction import ForcePrediction, Present
 from forefeel.master.rendering import ForceRenderer
 from forefeel.master.settings import RenderingSettings
 
@@ -71,7 +71,7 @@ class Clutch:
 class HapticLoop:
     """Handle in, command out, force out."""
 
-    def __init__(self, prediction: Prediction, settings: RenderingSettings) -> None:
+    def __init__(self, prediction: ForcePrediction, settings: RenderingSettings) -> None:
         self.clutch = Clutch()
         self._prediction = prediction
         self._renderer = ForceRenderer(settings)

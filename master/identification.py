@@ -33,7 +33,7 @@ class IdentificationTask:
         """Learns from what has arrived since the last call, in the order of the stamps, and publishes it."""
         samples = [sample for sample in self.queue.drain() if self._usable(sample)]
         for sample in sorted(samples, key=lambda sample: sample.answers_stamp_ns or 0):
-            self._prediction.stage.observe(sample.answers_stamp_ns or 0, sample.position_m)
+            self._prediction.lag.observe(sample.answers_stamp_ns or 0, sample.position_m)
             if (stamp_s := self._prediction.stamp_s(sample)) is not None:
                 self.learner.take(stamp_s, sample.force_n)
         self.snapshot = self.learner.publish()

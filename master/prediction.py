@@ -7,7 +7,7 @@ drive's lag is part of what it learns. The contact model is one of the instrumen
 position at which the stage is expected.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from forefeel.common.estimation.evaluator import Estimate, Evaluator, Snapshot
 from forefeel.common.estimation.stage_lag import StageLag
@@ -29,30 +29,16 @@ class Present(NamedTuple):
     newest: ForceSample | None
 
 
-class Prediction(Protocol):
-    """The contact force at the operator's present motion; asked at every tick of the haptic loop."""
-
-    def predict(self, present: Present) -> Estimate | None:
-        """The force for the command that is sent now; None before any force has arrived."""
-        ...
-
-    def reset(self) -> None:
-        """The motion so far is over, as after a new grip; what was learned stays."""
-        ...
-
-
-class ExpectedStage:
-    """Where the stage is expected when it executes a command: behind the limits of both ends, then its
-    lag, so that what a drive can not do is not mistaken for its lag.
-    """
+class ExpectedSetpoint:
+    """What the slave's limits will leave of a command; what they forbid must not pass for the drive's lag."""
 
     def __init__(self, limits: AxisLimits) -> None:
-        self._lag, self._workspace_m = StageLag(), limits.workspace_m
+        self._workspace_m = limits.workspace_m
         self._limiter = MotionLimiter(limits, limits.max_acceleration_m_s2)
         self._previous_ns: int | None = None
 
-    def setpoint_m(self, stamp_ns: int, position_m: float, velocity_m_s: float, deadman: bool) -> float:
-        """What the slave's limits will leave of the command of that stamp.
+    def follow(self, stamp_ns: int, position_m: float, velocity_m_s: float, deadman: bool) -> float:
+        """The setpoint in m for the command of that stamp.
 
         Without the deadman nothing moves: the command is the stage's own position, as the network says it.
         """
@@ -65,37 +51,34 @@ class ExpectedStage:
             self._limiter.follow(position_m, velocity_m_s, 0.0, dt_s)
         return self._limiter.position_m
 
-    def position_m(self, stamp_ns: int, setpoint_m: float) -> float:
-        """Where the drive will be when it answers that setpoint, by the lag that has been identified."""
-        return self._lag.command(stamp_ns, setpoint_m)
-
-    def observe(self, stamp_ns: int, readback_m: float) -> None:
-        self._lag.observe(stamp_ns, readback_m)
-
 
 class ForcePrediction:
-    """One axis, in the haptic loop.
+    """The contact force at the operator's present motion, of one axis; asked at every tick of its loop.
 
     Args:
         limits: of the axis, as both ends share them.
 
     Attributes:
-        evaluator, stage: what the identification task reads of the loop.
+        evaluator, lag: what the identification task reads of the loop.
     """
 
     def __init__(self, limits: AxisLimits) -> None:
-        self.stage = ExpectedStage(limits)
+        self.lag = StageLag()
+        self._setpoint = ExpectedSetpoint(limits)
         self.evaluator = Evaluator()
         self._origin_ns: int | None = None
         self._newest: ForceSample | None = None
 
     def predict(self, present: Present) -> Estimate | None:
-        """See `Prediction`. The newest force counts at once, before it is learned from."""
+        """The force for the command that is sent now; None before any force has arrived.
+
+        The newest force counts at once, before it is learned from.
+        """
         stamp_ns, position_m, velocity_m_s, deadman, snapshot, newest = present
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
-        setpoint_m = self.stage.setpoint_m(stamp_ns, position_m, velocity_m_s, deadman)
-        stage_m = self.stage.position_m(stamp_ns, setpoint_m)
+        setpoint_m = self._setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman)
+        stage_m = self.lag.command(stamp_ns, setpoint_m)
         if newest is not None and newest is not self._newest:
             self._newest = newest
             if (heard_s := self.stamp_s(newest)) is not None:
@@ -112,4 +95,5 @@ class ForcePrediction:
         return (stamp_ns - origin_ns) * 1e-9
 
     def reset(self) -> None:
+        """The motion so far is over, as after a new grip; what was learned stays."""
         self.evaluator.restart()

@@ -135,7 +135,6 @@ class Evaluator:
         self._used: Contact | None = None
         self._velocity = StateFilter(_CUTOFF_HZ)
         self._moved_s = -math.inf
-        self._out = np.zeros(3)
 
     def move(self, t_s: float, position_m: float, stage_m: float, velocity_m_s: float) -> None:
         """The own motion at stamp `t_s`: the setpoint; where the stage is expected then, and the velocity.
@@ -166,11 +165,10 @@ class Evaluator:
 
     def predict(self) -> Estimate | None:
         """The force at the newest `move`; None before any force or any motion."""
-        out = self._out
-        if not _predict(self.record, self.snapshot.learned, out):
+        force_n, half_n, leading = _predict(self.record, self.snapshot.learned)
+        if math.isnan(force_n):
             return None
-        force_n, half_n, leading = out.tolist()
-        return Estimate(force_n, force_n - half_n, force_n + half_n, blends.NAMES[int(leading)])
+        return Estimate(force_n, force_n - half_n, force_n + half_n, blends.NAMES[leading])
 
     def restart(self) -> None:
         """The next `move` begins a new piece of motion, as after a gap or a new grip."""
@@ -231,12 +229,12 @@ def _hold(evaluation: Evaluation, stamp: float, force_n: float) -> None:
 
 
 @kernel
-def _predict(records: Evaluations, learneds: NDArray[np.void], out: Array) -> bool:
-    """Writes (force, half width of the band, member that leads); False before any force or motion."""
+def _predict(records: Evaluations, learneds: NDArray[np.void]) -> tuple[float, float, int]:
+    """(force, half width of the band, member that leads); the force is NaN before any force or motion."""
     evaluation, learned = records[0], learneds[0]
     n, forces = int(evaluation.bank.count) - 1, evaluation.forces
     if forces.known == 0.0 or n < 0:
-        return False
+        return math.nan, math.nan, ZOH
     if learned.renewals != evaluation.renewals:
         forces.low_n, forces.high_n, evaluation.renewals = learned.low_n, learned.high_n, learned.renewals
     held_n, range_n = evaluation.held_n, forces.high_n - forces.low_n
@@ -255,8 +253,7 @@ def _predict(records: Evaluations, learneds: NDArray[np.void], out: Array) -> bo
     if evaluation.newest >= 0.0:
         i = n % RING
         evaluation.force_n[i], evaluation.half_n[i], evaluation.scale_n[i] = force_n, half_n, scale_n
-    out[0], out[1], out[2] = force_n, half_n, leading
-    return True
+    return force_n, half_n, leading
 
 
 @kernel

@@ -151,7 +151,7 @@ def predict(
 def learn(learning: Learning, row: Array, stamp_s: float, step_n: float, force_n: float, h: float) -> None:
     """Adds a force that has come, as `step_n` = f(t) - f(s) and as `force_n` = f - f0; solves every 20 ms."""
     keep = math.exp(-h / _MEMORY_S)
-    _add(learning.information, learning.moments, row, step_n, force_n, h, keep)
+    _add(learning, row, step_n, force_n, h, keep)
     learning.weight_s = learning.weight_s * keep + h
     if stamp_s - learning.solved_s >= _SOLVE_EVERY_S:
         solve(learning)
@@ -159,9 +159,8 @@ def learn(learning: Learning, row: Array, stamp_s: float, step_n: float, force_n
 
 
 @fast_kernel
-def _add(
-    information: Array, moments: Array, row: Array, step_n: float, force_n: float, h: float, keep: float
-) -> None:
+def _add(learning: Learning, row: Array, step_n: float, force_n: float, h: float, keep: float) -> None:
+    information, moments = learning.information, learning.moments
     for i in range(ROW):
         weighted = h * row[i]
         moments[0, i] = keep * moments[0, i] + weighted * step_n
@@ -186,32 +185,15 @@ def renew_stops(learning: Learning, radii_m: Array) -> None:
 def solve(learning: Learning) -> None:
     """theta of every expert."""
     for e in range(len(NAMES)):
-        _solve(
-            learning.information,
-            learning.moments[_LEVEL[e]],
-            learning.theta[e],
-            learning.factor,
-            learning.solution,
-            learning.weight_s,
-            _BEGIN[e],
-            _END[e],
-            _RHO_S[e],
-        )
+        _solve(learning, e)
 
 
 @fast_kernel
-def _solve(  # noqa: PLR0913, PLR0917 - slices of one record, which fast loops want apart
-    information: Array,
-    moments: Array,
-    theta: Array,
-    factor: Array,
-    y: Array,
-    weight_s: float,
-    begin: int,
-    end: int,
-    rho_s: float,
-) -> None:
-    """Cholesky factor of R + D within the range, and the two triangular systems."""
+def _solve(learning: Learning, e: int) -> None:
+    """Cholesky factor of R + D within the range of expert e, and the two triangular systems."""
+    information, moments, theta = learning.information, learning.moments[_LEVEL[e]], learning.theta[e]
+    factor, y, weight_s = learning.factor, learning.solution, learning.weight_s
+    begin, end, rho_s = _BEGIN[e], _END[e], _RHO_S[e]
     for i in range(begin, end):
         for j in range(begin, i + 1):
             total = information[i, j]

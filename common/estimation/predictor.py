@@ -21,10 +21,6 @@ class Predictor:
         self._learned = False
         self._last = (-inf, 0.0)
 
-    @property
-    def renewals(self) -> int:
-        return self.learner.renewals
-
     def move(self, t_s: float, position_m: float) -> None:
         before_s, before_m = self._last
         self._publish()

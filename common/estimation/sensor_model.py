@@ -28,10 +28,6 @@ class SensorModel:
             elif kind.name == "sensor_saturation":
                 self.limit_n = min(self.limit_n, values["limit_n"])
 
-    @property
-    def delays(self) -> bool:
-        return bool(self._linear)
-
     def lines(self, count: int) -> list[Sense]:
         """So many fresh chains of lags and delays, each with a memory of its own, at rest."""
         return [_chained([kind(**values) for kind, values in self._linear]) for _ in range(count)]

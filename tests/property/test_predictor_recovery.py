@@ -50,7 +50,7 @@ def test_what_is_no_number_is_left_out() -> None:
         for odd in (np.nan, np.inf, -np.inf):
             dirty.observe(CONTACT.t[n - DELAY], odd)
         assert dirty.predict() == clean.predict()
-    assert dirty.renewals == 0
+    assert dirty.learner.renewals == 0
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -60,4 +60,4 @@ def test_a_contact_that_is_learned_is_never_forgotten(seed: int) -> None:
         predictor.observe(sample.t[n - DELAY], sample.f[n - DELAY])
         predictor.move(sample.t[n], sample.x[n])
         predictor.predict()
-    assert predictor.renewals == 0
+    assert predictor.learner.renewals == 0

@@ -77,7 +77,7 @@ class FakeHandle:
         self.shown = indication
 
 
-class FakePredictor:
+class FakePredictor(ForcePrediction):
     def __init__(self) -> None:
         self.answer: float | None = 1.0
 

@@ -10,7 +10,7 @@ from forefeel.common.estimation.evaluator import Estimate, Snapshot, nothing_lea
 from forefeel.common.messages import SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
-from forefeel.master.prediction import Present
+from forefeel.master.prediction import ForcePrediction, Present
 from forefeel.master.settings import RenderingSettings
 from tests.unit.dashboard.said import force
 
@@ -21,7 +21,7 @@ SETTINGS = RenderingSettings()
 LATE = force(1, 0, (1, 0), force_n=0.7)
 
 
-class Spring:
+class Spring(ForcePrediction):
     """A predictor whose answer the test decides; notes what it was asked."""
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ from forefeel.common.estimation.learner import Learner
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import ExpectedStage, ForcePrediction, Present
+from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction, Present
 from tests.unit.dashboard.said import force
 from tests.unit.test_stage_lag import Drive, _reach
 
@@ -75,14 +75,14 @@ def test_the_predictor_learns_the_lag_with_the_contact(model: ContactModel | Non
 
 def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
     """A jump of 50 mm under 0.1 m/s and 5 m/s2, and back to the stage without the deadman."""
-    stage = ExpectedStage(AxisLimits(max_velocity_m_s=0.1, max_acceleration_m_s2=5.0))
-    stage.setpoint_m(0, 0.0, 0.0, deadman=False)
-    positions_m = [stage.setpoint_m(n * MS, 0.05, 0.0, deadman=True) for n in range(1, 700)]
+    setpoint = ExpectedSetpoint(AxisLimits(max_velocity_m_s=0.1, max_acceleration_m_s2=5.0))
+    setpoint.follow(0, 0.0, 0.0, deadman=False)
+    positions_m = [setpoint.follow(n * MS, 0.05, 0.0, deadman=True) for n in range(1, 700)]
     speeds_m_s = np.diff(positions_m) / 1e-3
     assert speeds_m_s.max() == pytest.approx(0.1, rel=1e-6)
     assert np.abs(np.diff(speeds_m_s)).max() <= 5.0e-3 * (1 + 1e-6)
     assert positions_m[-1] == pytest.approx(0.05, abs=1e-9)
-    assert stage.setpoint_m(701 * MS, 0.01, 0.0, deadman=False) == 0.01
+    assert setpoint.follow(701 * MS, 0.01, 0.0, deadman=False) == 0.01
 
 
 def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:
