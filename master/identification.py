@@ -1,7 +1,9 @@
 """The identification task: learns from the forces that arrive late, and publishes what it knows."""
 
+from operator import itemgetter
+
 from forefeel.common.estimation.learner import Learner
-from forefeel.common.messages import ForceSample, Grip
+from forefeel.common.messages import ForceSample
 from forefeel.common.slots import BoundedQueue
 from forefeel.master.prediction import ForcePrediction
 
@@ -31,16 +33,11 @@ class IdentificationTask:
 
     def run(self) -> None:
         """Learns from what has arrived since the last call, in the order of the stamps, and publishes it."""
-        samples = [sample for sample in self.queue.drain() if self._usable(sample)]
-        for sample in sorted(samples, key=lambda sample: sample.answers_stamp_ns or 0):
+        samples = self.queue.drain()
+        known = [(s, sample) for sample in samples if (s := self._prediction.stamp_s(sample)) is not None]
+        self.used += len(known)
+        self.unused += len(samples) - len(known)
+        for stamp_s, sample in sorted(known, key=itemgetter(0)):
             self._prediction.lag.observe(sample.answers_stamp_ns or 0, sample.position_m)
-            if (stamp_s := self._prediction.stamp_s(sample)) is not None:
-                self.learner.take(stamp_s, sample.force_n)
+            self.learner.take(stamp_s, sample.force_n)
         self.snapshot = self.learner.publish()
-
-    def _usable(self, sample: ForceSample) -> bool:
-        """Whether it answers a command, with the instrument held."""
-        usable = sample.valid and sample.gripper is Grip.CLOSED and sample.answers_stamp_ns is not None
-        self.used += usable
-        self.unused += not usable
-        return usable

@@ -88,9 +88,10 @@ class ForcePrediction:
         return self.evaluator.predict()
 
     def stamp_s(self, sample: ForceSample) -> float | None:
-        """Stamp of the command that a force answers; None where it answers none, or the fixture was open."""
+        """Stamp of the command that a force answers; None where it is not valid, or the fixture was open."""
         stamp_ns, origin_ns = sample.answers_stamp_ns, self._origin_ns
-        if stamp_ns is None or origin_ns is None or sample.gripper is not Grip.CLOSED:
+        usable = sample.valid and sample.gripper is Grip.CLOSED
+        if stamp_ns is None or origin_ns is None or not usable:
             return None
         return (stamp_ns - origin_ns) * 1e-9
 

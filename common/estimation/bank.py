@@ -121,7 +121,9 @@ def advance(bank: Bank, t: float, x: float) -> bool:
     if math.isnan(bank.origin_m) and n - bank.start == 2:
         _begin_range(bank, n, t, x)
     _widen(bank)
-    if abs(x - bank.rest_m) > smallest_radius_m(bank):
+    # the radius of the smallest stop, about a 256th of the range of motion; what is less counts as rest
+    smallest_m = 0.0 if bank.octave == NO_OCTAVE else 2.0 ** (bank.octave - STOPS)
+    if abs(x - bank.rest_m) > smallest_m:
         bank.rest_m, bank.moved_s = x, t
     i = n % RING
     bank.t_s[i], bank.x_m[i] = t, x
@@ -144,13 +146,6 @@ def _believed(bank: Bank, n: int, x: float, dt: float) -> float:
         return x
     bank.suspect_m = x
     return before
-
-
-@kernel
-def smallest_radius_m(bank: Bank) -> float:
-    """Radius of the smallest stop, about a 256th of the range of motion; what is less counts as rest."""
-    octave = bank.octave
-    return 0.0 if octave == NO_OCTAVE else 2.0 ** (octave - STOPS)
 
 
 @kernel

@@ -20,7 +20,6 @@ Reference: Astrom and Hagglund, PID Controllers, 2nd ed. (1995), chapter 2, the 
 """
 
 from math import exp, isfinite
-from typing import NamedTuple
 
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.slots import CommandRing
@@ -38,14 +37,6 @@ _RIDGE_S = 0.001
 _BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))  # s of T1 and s^2 of T2, lower and upper bound
 
 
-class _Sent(NamedTuple):
-    """A command as it was sent: position in m, filtered derivatives."""
-
-    position_m: float
-    velocity_m_s: float
-    acceleration_m_s2: float
-
-
 class StageLag:
     """T1 and T2 of (S1), and the expected position for a command.
 
@@ -58,7 +49,7 @@ class StageLag:
 
     def __init__(self) -> None:
         self.lags = (0.0, 0.0)
-        self._sent = CommandRing[_Sent]()
+        self._sent = CommandRing[tuple[float, float, float]]()  # position in m, filtered derivatives
         self._motion = StateFilter(_CUTOFF_HZ)
         self._deviation = StateFilter(_CUTOFF_HZ)
         self._sums = [0.0] * 5  # of R: 11, 12, 22; of r: 1, 2
@@ -76,7 +67,7 @@ class StageLag:
         if dt >= GAP_S:
             self._motion.reset()
         _, v, a = self._motion.step(position_m, dt)
-        self._sent.put(stamp_ns, _Sent(position_m, v, a))
+        self._sent.put(stamp_ns, (position_m, v, a))
         lag_s, lag2_s2 = self.lags
         return position_m - lag_s * v + lag2_s2 * a
 
@@ -95,10 +86,11 @@ class StageLag:
         if dt >= GAP_S:
             self._deviation.reset()
             self._since_restart_s = 0.0
-        y, _, _ = self._deviation.step(readback_m - sent.position_m, dt)
+        position_m, v, a = sent
+        y, _, _ = self._deviation.step(readback_m - position_m, dt)
         self._since_restart_s += dt
         if self._since_restart_s > _SETTLING_S:
-            self._learn(-sent.velocity_m_s, sent.acceleration_m_s2, y, dt)
+            self._learn(-v, a, y, dt)
 
     def _learn(self, u1: float, u2: float, y: float, h: float) -> None:
         """(S2); T2 is the best one for the T1 that its bounds have left."""

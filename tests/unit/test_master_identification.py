@@ -150,5 +150,6 @@ def test_a_force_that_says_nothing_of_the_contact_is_counted_and_not_learned_fro
 
 def test_a_queue_that_overflows_drops_the_oldest_and_counts_them() -> None:
     master = Master()
+    master.step(None)
     master.learn(answer(n, 1.0) for n in range(8192 + 100))
     assert (master.task.queue.dropped, master.task.used) == (100, 8192)
