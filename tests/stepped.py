@@ -11,7 +11,7 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.lateness import Lateness
 from forefeel.common.runtime.port import Tick
 from forefeel.common.runtime.real import Fault, Host, HostTimers, Loop
-from forefeel.common.runtime.threads import Worker
+from forefeel.common.runtime.threads import Gaps, Worker
 from forefeel.common.transport.port import OnFault
 
 T = TypeVar("T")
@@ -82,6 +82,9 @@ class SteppedHost(Host):
         except Exception as error:  # noqa: BLE001 - raised where the result is asked for
             future.set_exception(error)
         return future
+
+    def gaps(self) -> Gaps:
+        return Gaps(self.clock, longest_s=0.0)
 
     def prepare_process(self) -> str:
         return "memory as it was"

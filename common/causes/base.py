@@ -115,6 +115,11 @@ class Effect(ABC):
     def reset(self) -> None:  # noqa: B027 - an effect without memory has nothing to forget
         """Forgets the state, as after a new contact."""
 
+    @property
+    def remembers(self) -> bool:
+        """Whether what it gives depends on more than the motion at this instant."""
+        return type(self).reset is not Effect.reset
+
 
 class ForceEffect(Effect):
     """A force that adds to the others; positive resists insertion."""

@@ -97,6 +97,10 @@ class _AlongDirection(ForceEffect):
     def reset(self) -> None:
         self._direction.reset()
 
+    @property
+    def remembers(self) -> bool:
+        return self.values["breakaway_m"] > 0.0
+
 
 @lazy_kernel
 def _wound(steps: Array) -> Array:

@@ -19,6 +19,10 @@ class EffectEntry:
     parameters: tuple[tuple[str, float], ...]
     site: Site | None = None
 
+    def instance(self) -> Effect:
+        """The effect at rest."""
+        return effect_class(self.effect)(**dict(self.parameters))
+
     def to_mapping(self) -> dict[str, object]:
         site = {} if self.site is None else {"site": self.site}
         return {"effect": self.effect, **site, "parameters": dict(self.parameters)}
@@ -59,7 +63,7 @@ class ContactModel:
 
     def runtime(self) -> ContactRuntime:
         """A fresh composition, every state at rest."""
-        return ContactRuntime([(effect_class(e.effect)(**dict(e.parameters)), e.site) for e in self.effects])
+        return ContactRuntime([(entry.instance(), entry.site) for entry in self.effects])
 
 
 def _mapping(value: object, place: str) -> Mapping[str, object]:

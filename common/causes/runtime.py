@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from math import prod
 from operator import mul
 
@@ -17,6 +18,36 @@ from forefeel.common.causes.base import (
     Site,
 )
 from forefeel.common.causes.numerics import Array, intervals_s
+
+SITES: tuple[Site, ...] = "sensor", "shaft", "wall"
+"""In the order of a runtime's regressors."""
+
+
+class WallMotion:
+    """An instrument's motion as the effects of the wall see it: in contact only, and each contact by itself.
+
+    Args:
+        contact: what decides on contact; without it the wall is touched throughout.
+        t, x, v, a, dt: as of `ForceEffect.columns`.
+    """
+
+    def __init__(
+        self, contact: ContactEffect | None, t: Array, x: Array, v: Array, a: Array, dt: Array
+    ) -> None:
+        depth = x if contact is None else contact.penetrations_m(x, v)
+        touching = np.ones(len(t), dtype=bool) if contact is None else ~np.isnan(depth)
+        self._rows = np.flatnonzero(touching)
+        self._motion = [each[self._rows] for each in (t, depth, v, a, dt)]
+        starts = np.flatnonzero(np.diff(self._rows, prepend=-2) > 1).tolist()
+        self._contacts = [slice(*ends) for ends in pairwise([*starts, len(self._rows)])]
+        self._n = len(t)
+
+    def columns(self, effect: ForceEffect) -> Array:
+        """Those of an effect, 0 without contact; shape (n, its linear parameters)."""
+        columns = np.zeros((self._n, len(effect.linear_names)))
+        for part in self._contacts if effect.remembers else [slice(None)]:
+            columns[self._rows[part]] = effect.columns(*(each[part] for each in self._motion))
+        return columns
 
 
 class ContactRuntime:
@@ -63,7 +94,7 @@ class ContactRuntime:
 
     def _compose_forces(self, effects: Sequence[tuple[Effect, Site | None]]) -> None:
         """Sorts the force effects by site and numbers those of equal name."""
-        by_site: dict[Site, list[ForceEffect]] = {"sensor": [], "shaft": [], "wall": []}
+        by_site: dict[Site, list[ForceEffect]] = {site: [] for site in SITES}
         labels: dict[ForceEffect, str] = {}
         count: Counter[str] = Counter()
         for effect, site in effects:
@@ -138,7 +169,8 @@ class ContactRuntime:
         for motion in self._motions:
             x, v, a = motion.path(t, x, v, a, dt)
         acting = [effect.columns(t, x, v, a, dt) for effect in self._shaft]
-        acting += self._wall_columns(t, x, v, a, dt)
+        wall = WallMotion(self._contact, t, x, v, a, dt)
+        acting += [wall.columns(effect) for effect in self._wall]
         own = np.concatenate([np.empty((len(t), 0)), *acting], axis=1)
         if self._factors:
             force_n = own @ np.array(self.linear_values[len(self.linear_values) - own.shape[1] :])
@@ -156,22 +188,6 @@ class ContactRuntime:
         for sensor in self._sensors:
             force_n = sensor.readings(t, force_n, dt)
         return force_n
-
-    def _wall_columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> list[Array]:
-        if self._contact is None:
-            return [effect.columns(t, x, v, a, dt) for effect in self._wall]
-        depth = self._contact.penetrations_m(x, v)
-        touching = ~np.isnan(depth)
-        edges = np.flatnonzero(np.diff(touching, prepend=False, append=False))
-        each = [slice(first, last) for first, last in zip(edges[::2], edges[1::2], strict=True)]
-        blocks = []
-        for effect in self._wall:
-            forgets = type(effect).reset is not Effect.reset
-            block = np.zeros((len(t), len(effect.linear_names)))
-            for part in each if forgets else [touching]:
-                block[part] = effect.columns(t[part], depth[part], v[part], a[part], dt[part])
-            blocks.append(block)
-        return blocks
 
     def revalue(self, values: Sequence[Mapping[str, float]]) -> None:
         """Gives each effect, in the order that they came in, other values; the states stay."""

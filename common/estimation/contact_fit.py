@@ -18,16 +18,25 @@ that are far from what the contact so far foretells begin a new one, with the ol
 Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problems 19 (2003).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import groupby
 from math import inf, isfinite, nan
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes.base import Effect, FactorEffect, ForceEffect, Site
+from forefeel.common.causes.base import (
+    ContactEffect,
+    FactorEffect,
+    ForceEffect,
+    MotionEffect,
+    SensorEffect,
+    Site,
+)
 from forefeel.common.causes.model import ContactModel, EffectEntry
-from forefeel.common.causes.registry import effect_class
+from forefeel.common.causes.numerics import intervals_s
+from forefeel.common.causes.runtime import SITES, WallMotion
 from forefeel.common.estimation.contact_model import (
     SHAPE,
     Array,
@@ -99,57 +108,99 @@ class Contact:
         return ContactPrior(self.names, self.values, self.covariance, self.contact_s)
 
 
-class _Columns:
-    """Rows of phi times sqrt(w), in blocks: what a change of the shape does not touch is computed once.
+Pause = Callable[[], object]
+"""Called between the pieces of a fit, which take some .05 ms each."""
 
-    A cause with a memory is a block of its own, on all samples; those of one site without are one, on the
-    rows only. What a loaded model has between stage and tip, or at the sensor, gives each a memory, and a
-    factor of the force makes all of them one block.
+
+class _Block(NamedTuple):
+    """The columns of one cause at the rows, times sqrt(w), shape (its theta, rows)."""
+
+    entry: EffectEntry
+    gate: EffectEntry | None
+    effect: ForceEffect
+    rows: Array
+
+
+class _Columns:
+    """Rows of phi times sqrt(w), cause by cause: what a change of the shape does not touch stays.
+
+    A cause with a memory, or before a sensor with one, is computed on all samples, others on the rows only.
     """
 
-    def __init__(self, causes: Causes, motion: Array, rows: NDArray[np.intp], root: Array) -> None:
-        self._causes, self._motion, self._rows, self._root = causes, motion, rows, root[:, None]
-        self._at_rows = motion[:, rows]
+    def __init__(
+        self,
+        causes: Causes,
+        motion: Array,
+        rows: NDArray[np.intp],
+        root: Array,
+        shape: Array,
+        pause: Pause,
+    ) -> None:
+        self._pause = pause
+        self._causes, self._rows, self._root = causes, rows, root
         self._origin_s = float(motion[0, -1])
-        self._blocks: dict[tuple[EffectEntry, ...], Array] = {}
+        entries = causes.model(shape, self._origin_s).effects
+        effects = [entry.instance() for entry in entries]
+        forces = [(i, e, entries[i].site) for i, e in enumerate(effects) if isinstance(e, ForceEffect)]
+        sites = [(i, site or effect.site) for i, effect, site in forces]
+        self._sites = sorted(sites, key=lambda each: SITES.index(each[1]))
+        self._contact = next((i for i, e in enumerate(effects) if isinstance(e, ContactEffect)), None)
+        self._sensors = [e for e in effects if isinstance(e, SensorEffect) and e.linear]
+        self._factored = any(isinstance(e, FactorEffect) for e in effects)
+        t, x, v, a = motion
+        dt = intervals_s(t)
+        stage = np.stack([t, x, v, a, dt])
+        for effect in effects:
+            if isinstance(effect, MotionEffect):
+                x, v, a = effect.path(t, x, v, a, dt)
+        instrument = np.stack([t, x, v, a, dt])
+        self._motions = {"sensor": stage, "shaft": instrument, "wall": instrument}
+        self._gate: EffectEntry | None = None
+        self._walls: dict[bool, WallMotion] = {}
+        self._newest: dict[int, _Block] = {}
 
     def at(self, shape: Array) -> Array:
         """Shape (rows, theta)."""
-        effects = self._causes.model(shape, self._origin_s).effects
-        gate = effects[: effects[0].effect == "contact_loss"]
-        forces, beside = _sorted_by_site(list(effects[len(gate) :]))
-        if any(issubclass(effect_class(entry.effect), FactorEffect) for entry in beside):
-            return self._block((*gate, *beside, *forces), everywhere=True)
-        blocks: list[Array] = []
-        for (site, remembers), group in groupby(forces, _site_and_memory):
-            before = (*gate, *beside) if site == "wall" else tuple(beside)
-            blocks.append(self._block((*before, *group), everywhere=bool(remembers or beside)))
-        return np.concatenate(blocks, axis=1)
+        model = self._causes.model(shape, self._origin_s)
+        if self._factored:  # by the sum of all
+            columns = model.runtime().columns(*self._motions["sensor"][:4], sensed=True)
+            return columns[self._rows] * self._root[:, None]
+        gate = None if self._contact is None else model.effects[self._contact]
+        if gate != self._gate:
+            self._gate, self._walls = gate, {}
+        for i, site in self._sites:
+            self._renew(i, model.effects[i], site)
+        return np.concatenate([self._newest[i].rows for i, _ in self._sites]).T
 
-    def _block(self, entries: tuple[EffectEntry, ...], *, everywhere: bool) -> Array:
-        if entries not in self._blocks:
-            runtime = ContactModel("", entries).runtime()
-            motion = self._motion if everywhere else self._at_rows
-            columns = runtime.columns(*motion, sensed=True)
-            self._blocks[entries] = (columns[self._rows] if everywhere else columns) * self._root
-        return self._blocks[entries]
+    def _renew(self, i: int, entry: EffectEntry, site: Site) -> None:
+        """The block of one cause, where its shape or that of the contact is another one."""
+        newest = self._newest.get(i)
+        same = newest is not None and newest.entry == entry
+        if newest is not None and same and (site != "wall" or newest.gate == self._gate):
+            return
+        self._pause()
+        effect = newest.effect if newest is not None and same else entry.instance()
+        assert isinstance(effect, ForceEffect)
+        everywhere = effect.remembers or bool(self._sensors)
+        if site == "wall":
+            columns = self._wall(everywhere).columns(effect)
+        else:
+            columns = effect.columns(*self._motion(site, everywhere))
+        t, *_, dt = self._motions[site]
+        for sensor in self._sensors:
+            columns = np.stack([sensor.readings(t, column, dt) for column in columns.T], axis=1)
+        rows = (columns[self._rows] if everywhere else columns).T * self._root
+        self._newest[i] = _Block(entry, self._gate, effect, rows)
 
+    def _wall(self, everywhere: bool) -> WallMotion:
+        if everywhere not in self._walls:
+            contact = None if self._gate is None else self._gate.instance()
+            assert contact is None or isinstance(contact, ContactEffect)
+            self._walls[everywhere] = WallMotion(contact, *self._motion("wall", everywhere))
+        return self._walls[everywhere]
 
-_SITES: tuple[Site, ...] = ("sensor", "shaft", "wall")
-
-
-def _sorted_by_site(entries: list[EffectEntry]) -> tuple[list[EffectEntry], list[EffectEntry]]:
-    """The forces in the order of a runtime's regressors, and what is no force."""
-    forces = [entry for entry in entries if issubclass(effect_class(entry.effect), ForceEffect)]
-    beside = [entry for entry in entries if entry not in forces]
-    return sorted(forces, key=lambda entry: _SITES.index(_site_and_memory(entry)[0])), beside
-
-
-def _site_and_memory(entry: EffectEntry) -> tuple[Site, str]:
-    """Where it acts, and the name of a cause with a memory."""
-    kind = effect_class(entry.effect)
-    assert issubclass(kind, ForceEffect)
-    return entry.site or kind.site, "" if kind.reset is Effect.reset else kind.name
+    def _motion(self, site: Site, everywhere: bool) -> Array:
+        return self._motions[site] if everywhere else self._motions[site][:, self._rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,17 +235,17 @@ class Fitting:
         """Stamp in s of the first sample at whose arrival the result may be used."""
         return float(self.samples[0, -1]) + _TAKES_S
 
-    def solve(self) -> Contact | None:
+    def solve(self, pause: Pause = lambda: None) -> Contact | None:
         """The contact; None where the samples allow none."""
         with np.errstate(all="ignore"):
             try:
                 if self._changed():
-                    return self._anew()
-                contact = _Solver(self).contact()
+                    return self._anew(pause)
+                contact = _Solver(self, pause).contact()
                 if contact is None or contact.strain <= _CONTRADICTION:
                     return contact
                 cold = replace(self, belief=self.causes.belief(None), before=None, searched=True)
-                contact = _Solver(cold).contact()
+                contact = _Solver(cold, pause).contact()
                 return contact and replace(contact, contradicted=True)
             except np.linalg.LinAlgError:
                 return None
@@ -208,27 +259,28 @@ class Fitting:
         off = (y - columns @ np.array(self.before.theta))[t > t[-1] - _RECENT_S]
         return bool(np.sqrt(np.mean(off**2)) > _CHANGED * self.before.noise_n)
 
-    def _anew(self) -> Contact | None:
+    def _anew(self, pause: Pause) -> Contact | None:
         """From the newest samples, with the contact so far as the prior."""
         assert self.before is not None
         belief = self.causes.belief(widened(self.before.prior(), CHANGED_BY))
         samples = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECENT_S]
-        contact = _Solver(replace(self, samples=samples, belief=belief)).contact()
+        contact = _Solver(replace(self, samples=samples, belief=belief), pause).contact()
         return contact and replace(contact, since_s=float(samples[0, 0]))
 
 
 class _Solver:
     """J of one job, and the ways to its minimum."""
 
-    def __init__(self, job: Fitting) -> None:
+    def __init__(self, job: Fitting, pause: Pause) -> None:
+        self._pause = pause
         self._job, self._causes, self._belief = job, job.causes, job.belief
         t, y = job.samples[0], job.samples[4]
         rows = np.flatnonzero(np.diff(np.floor((t - t[0]) / _ROW_S), prepend=-1.0) > 0.0)
         w = np.minimum(np.diff(t[rows], prepend=t[0] - _ROW_S) / _INDEPENDENT_S, 1.0)
         self._y, self._count = y[rows] * np.sqrt(w), float(w.sum())
-        self._columns = _Columns(job.causes, job.samples[:4], rows, np.sqrt(w))
         self._spread2 = max(float(np.cov(y[rows], aweights=w, bias=True)), 1e-18)
         self._mean, self._sd = job.belief.shape_of(job.motion)
+        self._columns = _Columns(job.causes, job.samples[:4], rows, np.sqrt(w), self._mean, pause)
         self._differences = np.array([_STEP_OF_RANGE * job.motion.range_m, *_DIFFERENCES])
         self._noise2_before, self._noise_count = self._spread2 * _COLD_NOISE**2, _COLD_COUNT
         if isfinite(job.belief.noise_n):
@@ -260,6 +312,7 @@ class _Solver:
         """(2), by the columns scaled to their rms; what would be negative is held at 0, the worst first."""
         shape = accepted(shape)
         z, noise2, belief = self._columns.at(shape), self._noise2, self._belief
+        self._pause()
         gram = z.T @ z
         rms = self._rms(z)
         known = np.isfinite(belief.theta_sd)

@@ -25,6 +25,7 @@ from forefeel.common.estimation.band import Band
 from forefeel.common.estimation.bank import RING
 from forefeel.common.estimation.blend import ZOH, Blend
 from forefeel.common.estimation.contact import Contact, ContactFit, Fitting
+from forefeel.common.estimation.contact_fit import Pause
 from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.evaluator import Evaluation, Evaluations, Evaluator, Snapshot, nothing_learned
 from forefeel.common.estimation.experts import Learning
@@ -56,13 +57,14 @@ _DTYPE = record(Knowledge)
 _WORSE_THAN_NOTHING = -2
 
 
-Solve = Callable[[Callable[[], Contact | None]], "Future[Contact | None]"]
+Fit = Callable[[Pause], Contact | None]
+Solve = Callable[[Fit], "Future[Contact | None]"]
 """Where a fit of the contact is computed: at once, or beside the loop."""
 
 
-def at_once(fit: Callable[[], Contact | None]) -> "Future[Contact | None]":
+def at_once(fit: Fit) -> "Future[Contact | None]":
     future: Future[Contact | None] = Future()
-    future.set_result(fit())
+    future.set_result(fit(lambda: None))
     return future
 
 

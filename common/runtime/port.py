@@ -11,6 +11,7 @@ from forefeel.common.transport.port import Timers
 T = TypeVar("T")
 Tick = Callable[[int], None]
 """Called with the stamp now in ns of the runtime's clock."""
+Pause = Callable[[], object]
 
 
 class Runtime(Protocol):
@@ -36,8 +37,11 @@ class Runtime(Protocol):
         """A soft-paced periodic task, on asyncio."""
         ...
 
-    def compute(self, work: Callable[[], T]) -> "Future[T]":
-        """The result of `work`, which may take long: in a thread of its own, in virtual time at once."""
+    def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
+        """The result of `work`, which may take long: in a thread of its own, in virtual time at once.
+
+        It calls what it is given between pieces of at most some 0.1 ms.
+        """
         ...
 
     def fault(self, error: BaseException) -> None:

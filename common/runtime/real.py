@@ -6,14 +6,15 @@ import asyncio
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
+from functools import partial
 from typing import Protocol, TypeVar
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.lateness import Lateness
-from forefeel.common.runtime.port import Tick
+from forefeel.common.runtime.port import Pause, Tick
 from forefeel.common.runtime.realtime import RealtimeThread, prepare_process, prepare_thread
-from forefeel.common.runtime.threads import Worker, in_thread
+from forefeel.common.runtime.threads import Gaps, Worker, in_thread
 from forefeel.common.transport.port import OnFault, Timers
 from forefeel.common.transport.timers import TimerThread
 
@@ -55,6 +56,9 @@ class Host:
     def in_thread(self, work: Callable[[], T], name: str) -> "Future[T]":
         return in_thread(work, name)
 
+    def gaps(self) -> Gaps:
+        return Gaps(self.clock)
+
     def prepare_process(self) -> str:
         return prepare_process()
 
@@ -78,6 +82,7 @@ class RealRuntime:
         self.stopping = asyncio.Event()
         self.error: BaseException | None = None
         self.timers = self.host.timers(self.fault)
+        self._gaps = self.host.gaps()
         self._priority = priority
         self._memory = "not started"
         self._loops: list[Loop] = []
@@ -96,15 +101,19 @@ class RealRuntime:
         return tuple(loop.lateness.ticks for loop in self._loops)
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        thread = self.host.loop(name, period_ns, tick, self.fault)
+        def ticked(now_ns: int) -> None:
+            tick(now_ns)
+            self._gaps.begin(now_ns + period_ns // 2)
+
+        thread = self.host.loop(name, period_ns, ticked, self.fault)
         self._loops.append(thread)
         return thread.lateness
 
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
         self._tasks.append((name, period_ns, tick))
 
-    def compute(self, work: Callable[[], T]) -> "Future[T]":
-        return self.host.in_thread(work, "computation")
+    def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
+        return self.host.in_thread(partial(work, self._gaps.wait), "computation")
 
     def on_fault(self, reaction: Callable[[BaseException], None]) -> None:
         self._reactions.append(reaction)

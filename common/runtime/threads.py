@@ -2,9 +2,13 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from time import sleep
 from typing import TypeVar
+
+from forefeel.common.clock import Clock
 
 T = TypeVar("T")
 
@@ -26,6 +30,41 @@ def in_thread(work: Callable[[], T], name: str) -> "Future[T]":
 
     Thread(target=run, name=name, daemon=True).start()
     return future
+
+
+class Gaps:
+    """The time between the ticks of a loop, in which long work beside it goes on.
+
+    Whoever waits for the interpreter lock asks for it only when nobody has let it go for a switch interval.
+    numpy lets it go, and takes it back, in every operation: beside it a loop waited for up to 6 ms.
+
+    Args:
+        clock: of the loop.
+        longest_s: s after which work goes on without a tick, as when the loop has ended.
+    """
+
+    def __init__(self, clock: Clock, longest_s: float = 0.01) -> None:
+        self._clock, self._longest_s = clock, longest_s
+        self._until_ns = -1
+        self._begun: SimpleQueue[None] = SimpleQueue()
+
+    def begin(self, until_ns: int) -> None:
+        """From the loop, after a tick; does not block."""
+        self._until_ns = until_ns
+        if self._begun.empty():
+            self._begun.put(None)
+
+    def wait(self) -> bool:
+        """Until a gap, or for `longest_s`: then False."""
+        if self._clock.now_ns() <= self._until_ns:
+            return True
+        with suppress(Empty):
+            self._begun.get_nowait()  # of the gap that is over
+        try:
+            self._begun.get(timeout=self._longest_s)
+        except Empty:
+            return False
+        return True
 
 
 class Worker:

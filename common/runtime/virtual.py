@@ -9,7 +9,7 @@ from itertools import count
 
 from forefeel.common.clock import VirtualClock
 from forefeel.common.lateness import Lateness
-from forefeel.common.runtime.port import T, Tick
+from forefeel.common.runtime.port import Pause, T, Tick
 
 _Event = tuple[int, int, int, Callable[..., None]]
 """(due stamp, order, period or 0, action): a periodic action is given the stamp, a single one nothing."""
@@ -47,9 +47,9 @@ class VirtualRuntime:
         """Runs `action` once at `due_ns` (now, when that is past)."""
         heapq.heappush(self._events, (max(due_ns, self.clock.now_ns()), next(self._order), 0, action))
 
-    def compute(self, work: Callable[[], T]) -> "Future[T]":
+    def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
         future: Future[T] = Future()
-        future.set_result(work())
+        future.set_result(work(lambda: None))
         return future
 
     def fault(self, error: BaseException) -> None:

@@ -18,7 +18,7 @@ from forefeel.common.codec import decode
 from forefeel.common.config import checked
 from forefeel.common.lateness import Lateness
 from forefeel.common.messages import Message
-from forefeel.common.runtime.port import T, Tick
+from forefeel.common.runtime.port import Pause, T, Tick
 from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.topics import SAFETY_EVENT, SLAVE_STATE, Topic, parse_key
 from forefeel.common.transport.impaired import ImpairedTransport
@@ -126,7 +126,7 @@ class Host:
     def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
         self._runtime.call_at(due_ns - self._offset_ns, action)
 
-    def compute(self, work: Callable[[], T]) -> "Future[T]":
+    def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
         return self._runtime.compute(work)
 
     def fault(self, error: BaseException) -> None:

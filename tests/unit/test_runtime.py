@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from forefeel.common.clock import MonotonicClock
+from forefeel.common.clock import MonotonicClock, VirtualClock
 from forefeel.common.errors import RunError
 from forefeel.common.runtime import realtime
 from forefeel.common.runtime.real import RealRuntime
@@ -18,10 +18,23 @@ from forefeel.common.runtime.realtime import (
     WakeUp,
     prepare_thread,
 )
+from forefeel.common.runtime.threads import Gaps
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
 
 MS = 1_000_000
+
+
+def test_long_work_goes_on_between_ticks_only() -> None:
+    clock = VirtualClock(0)
+    gaps = Gaps(clock, longest_s=0.0)
+
+    assert not gaps.wait()
+    gaps.begin(MS // 2)
+    assert gaps.wait()
+    assert gaps.wait()
+    clock.set_ns(MS)
+    assert not gaps.wait()
 
 
 # --- the loop of a real-time thread, in the thread of the test ---
