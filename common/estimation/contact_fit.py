@@ -360,6 +360,7 @@ class _Solver:
             shape = point.shape.copy()
             shape[i] += difference
             tangents.append((self._columns.at(shape) - point.columns) @ point.theta / difference)
+        self._pause()
         a = np.column_stack([point.columns, *tangents])
         e = self._y - point.columns @ point.theta
         return a.T @ a / self._noise2, a.T @ e / self._noise2
@@ -428,6 +429,7 @@ class _Solver:
 
     def _undetermined(self, point: _Point, gathered: Array, occasional: bool) -> tuple[str, ...]:
         """What the rows do not tell better than a contact that nothing is known of."""
+        self._pause()
         left_out = () if occasional else self._causes.occasional
         forces = [i for i in self._causes.forces if i not in left_out]
         n = len(point.theta)
@@ -438,4 +440,5 @@ class _Solver:
         sd = np.concatenate([of_theta, of_shape])
         slopes = np.concatenate([np.ones(len(forces)), shape_slopes(point.shape)])
         scaled = gathered[np.ix_(at, at)] * np.outer(sd, sd)
+        self._pause()
         return analyse(scaled, names, (1.0 / (sd * slopes)).tolist()).statements
