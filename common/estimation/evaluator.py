@@ -90,8 +90,8 @@ class Evaluation(Protocol):
 
     newest: the sample of the newest force, -1 where its motion is not known; newest_s, held_n: its stamp
     and value. heard: how many forces stand in heard_s and heard_n. stage: expected position, velocity and
-    acceleration. contact_n: what the contact gave. rows: u of `experts`; said_n:
-    by member; force_n, half_n, scale_n: the prediction, NaN where there was none, and its band.
+    acceleration. contact_n: what the contact gave; steadily_n: the same without the steps where another fit
+    took over. rows: u of `experts`; said_n: by member; force_n, half_n, scale_n: the prediction, NaN where there was none, and its band.
     """
 
     newest: float
@@ -105,6 +105,7 @@ class Evaluation(Protocol):
     heard_n: Annotated[Array, RING]
     stage: Annotated[Array, RING, 3]
     contact_n: Annotated[Array, RING]
+    steadily_n: Annotated[Array, RING]
     rows: Annotated[Array, RING, experts.ROW]
     said_n: Annotated[Array, RING, MEMBERS]
     force_n: Annotated[Array, RING]
@@ -135,6 +136,8 @@ class Evaluator:
         self._used: Contact | None = None
         self._velocity = StateFilter(_CUTOFF_HZ)
         self._moved_s = -math.inf
+        self._contact_n = math.nan
+        self._steps_n = 0.0
 
     def move(self, t_s: float, position_m: float, stage_m: float, velocity_m_s: float) -> None:
         """The own motion at stamp `t_s`: the setpoint; where the stage is expected then, and the velocity.
@@ -146,7 +149,9 @@ class Evaluator:
         if not (dt_s > 0.0 and math.isfinite(t_s + position_m + stage_m + velocity_m_s)):
             return
         self._moved_s = t_s
-        if (contact := self.snapshot.contact) is not None and contact is not self._used:
+        contact = self.snapshot.contact
+        renewed = contact is not None and contact is not self._used
+        if contact is not None and renewed:
             self._used = contact
             self._expert.use(contact)
         if dt_s > GAP_S:
@@ -155,7 +160,10 @@ class Evaluator:
         v, a, _ = self._velocity.step(velocity_m_s, dt_s)
         stage = (stage_m, v + _LEAD_S * a, a)
         contact_n = self._expert.move(t_s, *stage, dt_s) if dt_s <= GAP_S else math.nan
-        _move(self.record, t_s, position_m, stage, contact_n)
+        if renewed and math.isfinite(self._contact_n - contact_n):
+            self._steps_n += self._contact_n - contact_n
+        self._contact_n = contact_n
+        _move(self.record, t_s, position_m, stage, contact_n, contact_n + self._steps_n)
 
     def hear(self, stamp_s: float, force_n: float) -> None:
         """A force that was measured at `stamp_s`, the stamp of a `move`; an older one than the newest
@@ -183,6 +191,7 @@ def _move(
     x: float,
     stage: tuple[float, float, float],
     contact_n: float,
+    steadily_n: float,
 ) -> None:
     evaluation = records[0]
     bank = evaluation.bank
@@ -193,7 +202,7 @@ def _move(
     i = n % RING
     evaluation.force_n[i] = math.nan
     evaluation.stage[i, 0], evaluation.stage[i, 1], evaluation.stage[i, 2] = stage
-    evaluation.contact_n[i] = contact_n
+    evaluation.contact_n[i], evaluation.steadily_n[i] = contact_n, steadily_n
     if evaluation.newest >= 0.0 and n - evaluation.newest >= RING:
         evaluation.newest = -1.0
     for j in range(banks.STOPS):
@@ -275,7 +284,7 @@ def _ask(evaluation: Evaluation, learned: Learned, n: int, said_n: Array) -> Non
     members = said_n[blends.FIRST : CONTACT]
     experts.predict(members, learned.theta, known_row, held_n, learned.first_n, learned.largest_n, largest_n)
     said_n[CONTACT] = evaluation.contact_n[i]
-    said_n[CONTACT + 1] = held_n + evaluation.contact_n[i] - evaluation.contact_n[j]
+    said_n[CONTACT + 1] = held_n + evaluation.steadily_n[i] - evaluation.steadily_n[j]
     forces = evaluation.forces
     range_n = forces.high_n - forces.low_n
     for e in range(CONTACT, MEMBERS):

@@ -138,8 +138,10 @@ class Learner:
             if stamp_s >= fitting.takes_effect_s and result.done():
                 contact = result.result()
                 self._fit.apply(contact)
-                if contact is not None and contact.contradicted:
-                    self._knowledge["blend"]["taught"] = 0.0
+                if contact is not None:
+                    self._knowledge["blend"]["unexplained_n"] = contact.noise_n
+                    if contact.contradicted:
+                        self._knowledge["blend"]["taught"] = 0.0
                 self.fits += 1
                 self._fitting = None
         if self._fitting is None and (due := self._fit.due()) is not None:
