@@ -91,7 +91,8 @@ class Evaluation(Protocol):
     newest: the sample of the newest force, -1 where its motion is not known; newest_s, held_n: its stamp
     and value. heard: how many forces stand in heard_s and heard_n. stage: expected position, velocity and
     acceleration. contact_n: what the contact gave; steadily_n: the same without the steps where another fit
-    took over. rows: u of `experts`; said_n: by member; force_n, half_n, scale_n: the prediction, NaN where there was none, and its band.
+    took over. rows: u of `experts`; said_n: by member; force_n, half_n, scale_n: the prediction,
+    NaN where there was none, and its band.
     """
 
     newest: float
