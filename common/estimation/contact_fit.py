@@ -297,9 +297,7 @@ class _Solver:
         best = self._point(self._mean if before is None else np.array(before.shape), occasional)
         if self._job.searched:
             anew = self._point(self._mean, occasional)
-            best = min(
-                (self._searched(each, occasional) for each in (best, anew)), key=lambda each: each.cost
-            )
+            best = self._searched(min(best, anew, key=lambda each: each.cost), occasional)
         for _ in range(_STEPS):
             best = self._stepped(best, occasional)
         lean, rich = self._point(best.shape, False), self._point(best.shape, True)
