@@ -423,7 +423,7 @@ def identified(*parts: tuple[float, float]) -> tuple[Array, Array, tuple[str, ..
     scales = np.array(rls.scales)
     informed = np.linalg.inv(rls.covariance * np.outer(scales, scales))
     gathered = np.asarray(informed - np.eye(len(scales)) / PRIOR_VARIANCE, np.float64)
-    return paper, product, analyse(gathered, ("m", "b", "k"), rls.scales).statements
+    return paper, product, analyse(gathered, ("m", "b", "k"), rls.scales)
 
 
 def not_identifiable() -> Section:

@@ -161,6 +161,6 @@ class ContactExpert:
 
     def reset(self) -> None:
         """The motion so far is over, as after a new grip."""
-        (self._sense,) = self._sensor.lines(1)
+        self._sense = self._sensor.line()
         if self._runtime is not None:
             self._runtime.reset()

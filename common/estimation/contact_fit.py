@@ -440,4 +440,4 @@ class _Solver:
         slopes = np.concatenate([np.ones(len(forces)), shape_slopes(point.shape)])
         scaled = gathered[np.ix_(at, at)] * np.outer(sd, sd)
         self._pause()
-        return analyse(scaled, names, (1.0 / (sd * slopes)).tolist()).statements
+        return analyse(scaled, names, (1.0 / (sd * slopes)).tolist())

@@ -10,7 +10,6 @@ Diagnostics (1980), ch. 3.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +31,7 @@ MAX_STATEMENTS = 4  # texts in a result
 MAX_LENGTH = 200  # characters of a text; within the 256 of `messages.ShortText`
 
 
-@dataclass(frozen=True, slots=True)
-class Identifiability:
-    """`statements`: what is not determined, empty when all is. `identified`: per parameter, as the names."""
-
-    statements: tuple[str, ...]
-    identified: tuple[bool, ...]
-
-
-def analyse(gathered: Array, names: Sequence[str], scales: Sequence[float]) -> Identifiability:
+def analyse(gathered: Array, names: Sequence[str], scales: Sequence[float]) -> tuple[str, ...]:
     """What `gathered`, the information matrix of the scaled regressors, leaves undetermined.
 
     Args:
@@ -49,19 +40,16 @@ def analyse(gathered: Array, names: Sequence[str], scales: Sequence[float]) -> I
         scales: the n magnitudes that the regressors were divided by.
 
     Returns:
-        At most MAX_STATEMENTS texts of at most MAX_LENGTH characters, and n booleans.
+        At most MAX_STATEMENTS texts of at most MAX_LENGTH characters; none where all is determined.
     """
     excited = [i for i in range(len(names)) if gathered[i, i] >= LEAST_INFORMATION]
     quiet = [i for i in range(len(names)) if i not in excited]
     texts = [f"{_listed([names[i] for i in quiet])} not excited"] if quiet else []
-    free: set[int] = set(quiet)
     for direction in _free_directions(gathered, excited, np.asarray(scales)):
-        free.update(direction)
         texts.append(_describe(direction, names))
     if len(texts) > MAX_STATEMENTS:
         texts[MAX_STATEMENTS - 1 :] = [f"{len(texts) - MAX_STATEMENTS + 1} more combinations not determined"]
-    identified = tuple(i not in free for i in range(len(names)))
-    return Identifiability(tuple(_cut(text) for text in texts), identified)
+    return tuple(map(_cut, texts))
 
 
 def _free_directions(gathered: Array, excited: list[int], scales: Array) -> list[dict[int, float]]:

@@ -28,9 +28,16 @@ class SensorModel:
             elif kind.name == "sensor_saturation":
                 self.limit_n = min(self.limit_n, values["limit_n"])
 
-    def lines(self, count: int) -> list[Sense]:
-        """So many fresh chains of lags and delays, each with a memory of its own, at rest."""
-        return [_chained([kind(**values) for kind, values in self._linear]) for _ in range(count)]
+    def line(self) -> Sense:
+        """A fresh chain of its lags and delays, at rest."""
+        senses = [kind(**values).sense for kind, values in self._linear]
+
+        def sense(t: float, force_n: float, dt: float) -> float:
+            for one in senses:
+                force_n = one(t, force_n, dt)
+            return force_n
+
+        return sense
 
     def limited(self, force_n: float) -> float:
         """The force in N within the range."""
@@ -39,14 +46,3 @@ class SensorModel:
     def at_limit(self, force_n: float) -> bool:
         """Whether a reading in N tells only that the range has ended."""
         return abs(force_n) >= 0.999 * self.limit_n
-
-
-def _chained(effects: list[SensorEffect]) -> Sense:
-    senses = [effect.sense for effect in effects]
-
-    def sense(t: float, force_n: float, dt: float) -> float:
-        for one in senses:
-            force_n = one(t, force_n, dt)
-        return force_n
-
-    return sense
