@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.predictor import Predictor
 
 Array = NDArray[np.float64]
@@ -56,13 +57,17 @@ def contact(duration_s: float = 20.0, rate_hz: float = 200.0, seed: int = 0, cha
 
 
 def replayed(
-    sample: Sample, delay_s: float, arrival_s: Array | None = None, model: ContactModel | None = None
+    sample: Sample,
+    delay_s: float,
+    arrival_s: Array | None = None,
+    model: ContactModel | None = None,
+    prior: ContactPrior | None = None,
 ) -> Said:
     """Every force as it arrives, `delay_s` late or at `arrival_s` (inf: lost); motion; question."""
     arrival = sample.t + delay_s if arrival_s is None else arrival_s
     order = np.argsort(arrival, kind="stable").tolist()
     t, x, f = sample.t.tolist(), sample.x.tolist(), sample.f.tolist()
-    predictor, said, held, leading = Predictor(model), [], [], []
+    predictor, said, held, leading = Predictor(model, prior), [], [], []
     newest, at = (-np.inf, np.nan), 0
     for n, now in enumerate(t):
         while at < len(order) and arrival[order[at]] <= now + 1e-9:
