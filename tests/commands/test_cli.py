@@ -82,11 +82,11 @@ def test_the_settings_of_a_plan_load_again_as_they_are(tmp_path: Path) -> None:
     assert dump_yaml(load_daemon(master)) == dump_yaml(plan.master_settings())
 
 
-def test_a_loopback_run_reports_and_replaces_itself_only_when_asked(
+def test_a_loopback_run_reports_as_its_recording_does_and_replaces_itself_only_when_asked(
     run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    line = f"loopback --virtual-time --duration 3 --impairment lan --seed 1 --out {out}".split()
+    line = f"loopback --virtual-time --duration 2 --impairment lan --seed 1 --out {out}".split()
     assert run(line) == 0
     said = capsys.readouterr()
     report = said.out
@@ -94,6 +94,10 @@ def test_a_loopback_run_reports_and_replaces_itself_only_when_asked(
     assert len(report.splitlines()) == 10
     assert json.loads((out / "report.json").read_text())["armed_share"] > 0.9
     assert {"recording.mcap", "report.json", "report.html"} <= {path.name for path in out.iterdir()}
+    assert run(f"report {out}/recording.mcap --out {tmp_path}/new/folder".split()) == 0
+    for name in ("report.json", "report.html"):
+        assert (tmp_path / "new" / "folder" / name).read_bytes() == (out / name).read_bytes()
+    capsys.readouterr()
     before = (out / "recording.mcap").read_bytes()
     (out / "notes.txt").write_text("mine")
     assert run(line) == 2
@@ -129,19 +133,6 @@ def test_no_command_prints_the_help(
     shown = capsys.readouterr()
     assert shown.err == ""
     assert len(shown.out.splitlines()) > 5
-
-
-def test_report_of_a_recording_equals_that_of_the_run(
-    run: Callable[[Sequence[str]], int], tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    assert run(f"loopback --virtual-time --duration 3 --out {out}".split()) == 0
-    again = f"report {out}/recording.mcap --out {tmp_path}/new/folder".split()
-    assert run(again) == 0
-    for name in ("report.json", "report.html"):
-        assert (tmp_path / "new" / "folder" / name).read_bytes() == (out / name).read_bytes()
-    assert run(again) == 2
-    assert run([*again, "--overwrite"]) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -83,7 +83,7 @@ def test_what_is_no_number_is_left_out() -> None:
 
 
 def test_a_contact_that_is_learned_is_never_forgotten() -> None:
-    sample, predictor = contact(40.0, RATE_HZ, changed=3.0), Predictor()
+    sample, predictor = contact(30.0, RATE_HZ, changed=3.0), Predictor()
     for n in range(DELAY, len(sample.t)):
         predictor.observe(sample.t[n - DELAY], sample.f[n - DELAY])
         predictor.move(sample.t[n], sample.x[n])

@@ -14,7 +14,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended import extended_model
 
-RATE_HZ, SECONDS = 500.0, 20.0
+RATE_HZ, SECONDS = 500.0, 12.0
 
 
 def motion(rate_hz: float = RATE_HZ) -> tuple[Floats, Floats, Floats, Floats]:

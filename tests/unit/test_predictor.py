@@ -9,11 +9,12 @@ from forefeel.common.estimation.learner import Learner
 from tests.unit.predictor_samples import Array, contact, drifting, replayed, scored
 
 DELAYS_S = (0.02, 0.3)
-T = np.arange(2000) / 100.0
+T = np.arange(1500) / 100.0
 
 
-@pytest.mark.parametrize("delay_s", DELAYS_S)
-@pytest.mark.parametrize("x", [1e-3 * T, np.full_like(T, 0.01)], ids=["constant speed", "standstill"])
+@pytest.mark.parametrize(
+    ("x", "delay_s"), [(1e-3 * T, 0.02), (np.full_like(T, 0.01), 0.3)], ids=["constant speed", "standstill"]
+)
 def test_motion_that_tells_nothing_costs_at_most_5_percent_of_the_hold(x: Array, delay_s: float) -> None:
     sample = drifting(x, T, 0)
     said, rows = replayed(sample, delay_s), scored(sample, delay_s)
@@ -22,17 +23,17 @@ def test_motion_that_tells_nothing_costs_at_most_5_percent_of_the_hold(x: Array,
 
 @pytest.mark.parametrize("factor", [3.0, 0.4])
 def test_another_tissue_is_learned_within_seconds(factor: float) -> None:
-    sample = contact(60.0, changed=factor)
+    sample = contact(40.0, changed=factor)
     said = replayed(sample, 0.3)
-    before = (sample.t > 20.0) & (sample.t < 30.0)
-    after = (sample.t > 35.0) & (sample.t < 45.0)
+    before = (sample.t > 10.0) & (sample.t < 20.0)
+    after = (sample.t > 25.0) & (sample.t < 35.0)
     assert said.rms(sample.f, after) < 2.5 * max(1.0, factor) * said.rms(sample.f, before)
     assert said.rms(sample.f, after) < 0.25 * said.zoh_rms(sample.f, after)
 
 
 @pytest.mark.parametrize("delay_s", DELAYS_S)
 def test_the_band_covers_95_percent_and_is_narrow(delay_s: float) -> None:
-    sample = contact(40.0)
+    sample = contact(25.0)
     said, rows = replayed(sample, delay_s), scored(sample, delay_s)
     inside = ((said.low <= sample.f) & (sample.f <= said.high))[rows]
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
@@ -69,16 +70,11 @@ def wall(factor: float) -> ContactModel:
     return ContactModel.from_mapping({"schema": SCHEMA, "name": "wall", "effects": effects})
 
 
-def test_a_loaded_model_is_right_at_the_first_stroke() -> None:
-    sample = contact(10.0)
-    first = (sample.t > 0.4) & (sample.t < 1.4)
-    errors_n = (replayed(sample, 0.3, model=wall(1.0)).force - sample.f)[first]
-    assert float(np.sqrt(np.mean(errors_n**2))) < 0.4 * replayed(sample, 0.3).rms(sample.f, first)
-
-
-@pytest.mark.parametrize("factor", [3.0, 0.1])
-def test_a_loaded_model_that_is_wrong_costs_little(factor: float) -> None:
-    sample = contact(20.0)
-    rows = sample.t > 0.7
-    said = replayed(sample, 0.3, model=wall(factor))
-    assert said.rms(sample.f, rows) < 1.1 * replayed(sample, 0.3).rms(sample.f, rows)
+def test_a_loaded_model_is_right_at_the_first_stroke_and_costs_little_where_it_is_wrong() -> None:
+    sample = contact(12.0)
+    first, rows = (sample.t > 0.4) & (sample.t < 1.4), sample.t > 0.7
+    cold, right, hard, soft = (
+        replayed(sample, 0.3, model=model) for model in (None, wall(1.0), wall(3.0), wall(0.1))
+    )
+    assert right.rms(sample.f, first) < 0.4 * cold.rms(sample.f, first)
+    assert max(hard.rms(sample.f, rows), soft.rms(sample.f, rows)) < 1.1 * cold.rms(sample.f, rows)
