@@ -17,7 +17,7 @@ WALL_N_M = 400.0
 
 
 def _felt(**rendering: str | float | bool) -> dict[str, NDArray[np.float64]]:
-    """Eight seconds of strokes against the wall: speed of the handle and energy, ms by ms."""
+    """Ten seconds of strokes against the wall: speed of the handle and energy, ms by ms."""
     loop = VirtualLoopback(_plan(rendering), seed=1)
     loop.run(lambda _done_s: None)
     heard = Heard(loop.payloads)
@@ -35,7 +35,7 @@ def _plan(rendering: dict[str, Any]) -> Plan:
     slave["limits"] = master["limits"] = {"max_force_n": 40.0}
     master["rendering"] = {"max_force_n": 8.0, "max_slew_n_s": 200.0, **rendering}
     master["handle"] |= {"home_m": 0.0, "depth_m": 0.015}
-    return replace(plan, duration_s=8.0)
+    return replace(plan, duration_s=10.0)
 
 
 def test_reflecting_the_delayed_force_is_unstable_and_the_predicted_force_is_not() -> None:
