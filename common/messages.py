@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 3  # version of these messages; other versions are refused, except in a handshake
+PROTOCOL_VERSION = 4  # version of these messages; other versions are refused, except in a handshake
 
 NonNegativeInt = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Int64 = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
