@@ -25,7 +25,7 @@ from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
 from forefeel.dashboard.lights import lights
 from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
-from forefeel.report.wording import micros, number, scale, split_unit
+from forefeel.report.wording import deviating, micros, number
 
 Card = dict[str, Any]
 _BINS = 36  # bars of the histogram of the delay
@@ -36,13 +36,12 @@ _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `s
 _TIMING_S = 3.5
 _ROLES = ("master", "slave")
 # rows of the table of parameters
-_MOST_PARAMETERS = 12
+_MOST_PARAMETERS = 24
 _LEADS = {
     "": "nobody yet",
     "zoh": "zero-order hold: the newest force that arrived",
 }
 _TICK_US = 1000.0  # us, period of a loop at 1 kHz
-_CONTACT = "mass_damper_spring"
 
 
 def numbers(view: AxisView, now_ns: int) -> Card:
@@ -116,15 +115,12 @@ def _parameters(found: ModelParameters) -> list[Card]:
 
 
 def _parameter(name: str, value: float, deviation: float) -> Card:
-    effect, _, parameter = printable(name).rpartition(".")
-    label, plain_unit = split_unit(parameter)
-    factor, unit = scale(plain_unit, max(abs(value), deviation))
-    own = "" if effect in {"", _CONTACT} else f"{effect.replace('_', ' ')}: "
+    said = deviating(printable(name), value, deviation)
     return {
-        "name": f"{own}{label}",
-        "value": f"{factor * value:.3g}",
-        "deviation": f"{factor * deviation:.2g}",
-        "unit": unit,
+        "name": said.label,
+        "value": said.value,
+        "deviation": said.deviation,
+        "unit": said.unit,
         "known": _known(value, deviation),
     }
 

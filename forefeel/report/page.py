@@ -45,7 +45,7 @@ from forefeel.report.states import START_S
 from forefeel.report.summary import last_timing, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, CommandTraces, ParameterTraces, axis_traces
-from forefeel.report.wording import DISCLAIMER, in_order, micros, number, ratio, share
+from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, share
 
 FILES = ("report.json", "report.html")
 REASONS = {
@@ -60,7 +60,7 @@ _TRIM = 0.002
 """Share of the highest and of the lowest values of a trace that may lie outside of its picture."""
 
 # parameters that are drawn, in two columns
-_MOST_PARAMETERS = 12
+_MOST_PARAMETERS = 24
 _DETAIL_S = 4.0  # of the force that is drawn large
 _LONGEST = 99  # characters of a line in the terminal
 _STATE_COLOURS: dict[SafetyState | None, str] = {
@@ -269,7 +269,8 @@ def _parameter(axes: Axes, known: ParameterTraces, index: int) -> None:
     limit_y(axes, (values - twice)[later], (values + twice)[later])
     band(axes, known.time_s, values - twice, values + twice)
     plot(axes, known.time_s, values, BLUE, known.names[index], width=1.3)
-    axes.set_title(known.names[index])
+    label, unit = named(known.names[index])
+    axes.set_title(f"{label} in {unit}" if unit else label)
 
 
 def _lateness(known: Mapping[str, LoopTiming]) -> Figure:

@@ -5,7 +5,7 @@ from markupsafe import Markup
 
 from forefeel.common.events.text import UNKNOWN, quantity
 from forefeel.report.drawing import Drawing
-from forefeel.report.wording import DISCLAIMER, micros, number, ratio, share
+from forefeel.report.wording import DISCLAIMER, deviating, micros, number, ratio, share
 
 
 def environment() -> Environment:
@@ -17,7 +17,7 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    words = {word.__name__: word for word in (quantity, micros, share, ratio, number)}
+    words = {word.__name__: word for word in (quantity, micros, share, ratio, number, deviating)}
     made.globals.update(words, svg=_svg, disclaimer=DISCLAIMER, unknown=UNKNOWN)
     return made
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import floor, isfinite, log10
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from forefeel.common.events.text import PREFIXES, UNKNOWN, power_of_1000, quantity
 
@@ -84,6 +84,35 @@ def split_unit(name: str) -> tuple[str, str]:
         if name.endswith(end) and len(name) > len(end):
             return name.removesuffix(end).replace("_", " "), unit
     return name.replace("_", " "), ""
+
+
+def named(parameter: str) -> tuple[str, str]:
+    """(label, unit) of `cause.parameter`: `heart.amplitude_n` is `heart: amplitude` in `N`.
+
+    The paper's own three, of `mass_damper_spring`, need no cause.
+    """
+    cause, _, own = parameter.rpartition(".")
+    label, unit = split_unit(own)
+    return (label if cause in {"", "mass_damper_spring"} else f"{cause.replace('_', ' ')}: {label}"), unit
+
+
+class Deviating(NamedTuple):
+    """A parameter with its standard deviation, both in `unit`."""
+
+    label: str
+    value: str
+    deviation: str
+    unit: str
+
+
+def deviating(parameter: str, value: float, deviation: float) -> Deviating:
+    label, plain = named(parameter)
+    factor, unit = scale(plain, max(abs(value), deviation))
+    return Deviating(label, _rounded(factor * value, 3), _rounded(factor * deviation, 2), unit)
+
+
+def _rounded(value: float, digits: int) -> str:
+    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def scale(unit: str, largest: float) -> tuple[float, str]:

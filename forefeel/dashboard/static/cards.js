@@ -66,7 +66,7 @@ function showEnergy(card) {
 
 function showModel(card) {
   const rows = card.parameters.map(({ name, value, deviation, unit, known }) => row([
-    cell(name, "cut"), cell(value, "n"), cell(`± ${deviation}`, "n"), cell(unit, "unit"),
+    cell(name, "name"), cell(value, "n"), cell(`± ${deviation}`, "n"), cell(unit, "unit"),
     knownCell(known),
   ]));
   node("parameters").replaceChildren(...rows);
