@@ -9,6 +9,8 @@ over that of the zero-order hold, on
   the paper's impairment at that round trip; beside them what the master predicted in the run itself;
 - `--generated N` recordings: steps, ramps, pushes by a hand, noise and free motion in turn.
 
+`--ablation` prints instead what `forefeel` reaches without each of its parts, see `prediction_ablation`.
+
 A method whose package is not installed is left out; the extra `bench` has all.
 """
 
@@ -18,7 +20,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from math import exp, inf
 from pathlib import Path
@@ -29,6 +31,7 @@ from numpy.typing import NDArray
 
 from benchmarks.links import listed
 from benchmarks.markdown import Table
+from benchmarks.prediction_ablation import VARIANTS
 from benchmarks.prediction_peers import PEERS
 from forefeel.common.errors import InputError, RecordingError
 from forefeel.common.events.text import quantity
@@ -266,6 +269,33 @@ def stressed(seeds: range, delays_s: Sequence[float], methods: Sequence[str]) ->
     return rows
 
 
+def ablated(delay_s: float, worlds: Mapping[str, Mapping[str, Recording]]) -> list[Row]:
+    """Prints a table of the geometric means on each world's recordings, a row for each part left out."""
+    prepared = {
+        world: {
+            name: prepare(each, DelayedLink(delay_s))
+            for name, each in recordings.items()
+            if each.force_n is not None
+        }
+        for world, recordings in worlds.items()
+    }
+    print(f"\nablation, {1e3 * delay_s:g} ms: rms error / that of zoh, geometric mean (worst)\n")
+    table, rows = Table(["", *worlds], ""), list[Row]()
+    for variant, context in VARIANTS.items():
+        cells = list[str]()
+        for world, recordings in prepared.items():
+            with context():
+                found = [
+                    replace(row, method=variant)
+                    for name, each in recordings.items()
+                    for row in scored(world, name, each, delay_s, ["forefeel"])
+                ]
+            cells.append(f"{_geometric_mean(found)} ({_worst(found)})")
+            rows += found
+        table.add([variant, *cells])
+    return rows
+
+
 def _group(delay_s: float) -> str:
     return "100 to 500 ms" if 0.1 <= delay_s <= 0.5 else f"{1e3 * delay_s:g} ms"
 
@@ -303,16 +333,21 @@ def main(words: Sequence[str]) -> None:
     parser.add_argument(
         "--first-seed", type=int, default=0, metavar="SEED", help="of those, one after another"
     )
+    parser.add_argument("--ablation", action="store_true", help="of forefeel alone")
     parser.add_argument("--json", type=Path, metavar="FILE", help="the figures, too")
     asked = parser.parse_args(words)
     methods = [name for name in asked.methods if _installed(name)]
     recordings = {} if asked.data is None else measured(asked.data)
     rows = list[Row]()
     for delay_s in asked.delays:
+        runs = {f"{p} {seed}": demo(p, seed, delay_s) for p in _DEMO for seed in asked.demo}
+        if asked.ablation:
+            worlds = {"recordings": recordings, "demo world": {n: run for n, (run, _) in runs.items()}}
+            rows += ablated(delay_s, {world: each for world, each in worlds.items() if each})
+            continue
         if recordings:
             rows += compared("recordings", delay_s, {n: (r, "") for n, r in recordings.items()}, methods)
-        if asked.demo:
-            runs = {f"{p} {seed}": demo(p, seed, delay_s) for p in _DEMO for seed in asked.demo}
+        if runs:
             rows += compared("demo world", delay_s, runs, methods)
     if asked.generated:
         seeds = range(asked.first_seed, asked.first_seed + asked.generated)
