@@ -62,7 +62,7 @@ def interrupted_run(folder: Path, complete: Callable[[Run], bool], *words: str) 
         return run is not None and run.count(AXIS, FORCE) > 0 and moved(run) and complete(run)
 
     try:
-        wait_until(done, 3 * PATIENCE_S, "motion", every_s=0.7)
+        wait_until(done, 3 * PATIENCE_S, "motion", every_s=2.0)  # each reads all that was recorded
         loopback.interrupt()
         assert loopback.wait() == 1, loopback.text
         assert "Traceback" not in loopback.text
