@@ -93,7 +93,7 @@ def typical_shape(motion: MotionExtent) -> tuple[Array, Array]:
     range_m, speed_m_s = max(motion.range_m, _LEAST_RANGE_M), max(motion.speed_m_s, _LEAST_SPEED_M_S)
     lengths = motion.low_m + 0.2 * range_m, np.log(0.01 * range_m)
     mean = np.array([*lengths, np.log(_TYPICAL_S), *_TYPICAL_HZ, np.log(_TYPICAL_BAND * speed_m_s)])
-    return mean, np.array([range_m, *_TYPICAL_SD])
+    return accepted(mean), np.array([range_m, *_TYPICAL_SD])
 
 
 class Causes:

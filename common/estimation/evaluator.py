@@ -150,10 +150,9 @@ class Evaluator:
         if not (dt_s > 0.0 and math.isfinite(t_s + position_m + stage_m + velocity_m_s)):
             return
         self._moved_s = t_s
-        contact = self.snapshot.contact
-        renewed = contact is not None and contact is not self._used
-        if contact is not None and renewed:
-            self._used = contact
+        contact, renewed = self.snapshot.contact, False
+        if contact is not None and contact is not self._used:
+            self._used, renewed = contact, True
             self._expert.use(contact)
         if dt_s > GAP_S:
             self._velocity.reset()

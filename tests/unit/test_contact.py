@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from forefeel.common.estimation.contact import Contact, ContactExpert, ContactFit
+from forefeel.common.estimation.contact_model import Causes, MotionExtent, typical_shape
 from forefeel.common.estimation.contact_prior import CONTACT, widened
 from tests.unit.contact_samples import TRUE, Session, learned, predicted, samples, session
 
@@ -60,6 +61,12 @@ def test_fit_of_passive_contact_has_no_negative_parameter() -> None:
     found = dict(zip(pulled.names, pulled.values, strict=True))
     signed = {"bias.force_n", "stiffening.quadratic_n_m2", "stiffening.cubic_n_m3"}
     assert all(value >= 0.0 for name, value in found.items() if name not in signed)
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e6])
+def test_causes_accept_the_typical_shape_of_any_motion(size: float) -> None:
+    shape, _ = typical_shape(MotionExtent(-size, size, size))
+    assert Causes().model(shape, 0.0).runtime().linear_names == Causes().linear
 
 
 def test_fit_at_rest_says_what_it_lacks() -> None:
