@@ -48,6 +48,11 @@ _FEW = 3
 """So many rivals fit into a sentence."""
 
 
+def failure(error: Exception) -> str:
+    """What a part of the results says in its place where it failed: one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
 def caution(flag: str) -> str:
     return FLAGS.get(flag, flag.replace("_", " "))
 
@@ -79,9 +84,12 @@ def gain_text(held: HeldOut) -> str:
 
 
 def answer(
-    recording: Recording, diagnosis: Diagnosis, across: "Across | None", given: str | None = None
+    recording: Recording, diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[str]:
-    """A few lines for the terminal, the last one says what this is not. `given`: name of the simulation."""
+    """A few lines for the terminal, the last one says what this is not.
+
+    `given`: name of the simulation. `across`: the prediction, or why it failed.
+    """
     said = _LEFT_OUT if diagnosis.causes else _RIVALS if diagnosis.rivals else headline(diagnosis)
     lines = [
         f"{_printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
@@ -192,14 +200,15 @@ def unknown_parameters(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _predicted(across: "Across | None") -> list[str]:
-    lines = []
-    if across is not None:
-        lines.append(
-            f"Predicted   {1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
-            f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold"
-        )
-    return lines
+def _predicted(across: "Across | str | None") -> list[str]:
+    if across is None:
+        return []
+    if isinstance(across, str):
+        return [f"Predicted   failed: {across}"]
+    return [
+        f"Predicted   {1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
+        f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold"
+    ]
 
 
 def _listed(names: list[str], word: str = "and") -> str:

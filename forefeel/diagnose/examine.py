@@ -1,8 +1,9 @@
 """One recording from the file to the texts of its results; nothing is written."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,12 +11,12 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import ConfigurationError, RecordingError, RunError
+from forefeel.common.errors import ConfigurationError, ForefeelError, RecordingError, RunError
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import NamedColumns, mapping_of
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.diagnose.answer import answer
+from forefeel.diagnose.answer import answer, failure
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose, diagnose_together
 from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.verdict import Diagnosis
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
 
 JSON, PAGE, MODEL = "diagnosis.json", "report.html", "model.yaml"
-FILES = MODEL, PAGE, JSON
-"""In the order in which they are written: who finds the document finds the rest."""
+FILES = MODEL, JSON, PAGE
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,15 +48,21 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The diagnosis, the short answer and the text of each of `FILES` that was asked for."""
+    """The diagnosis, the short answer and the text of each of `FILES` that is there.
+
+    `page_failed`: why there is no page, in one line.
+    """
 
     diagnosis: Diagnosis
     lines: tuple[str, ...]
     texts: Mapping[str, str]
+    page_failed: str | None = None
 
 
-def examine(task: Task, tell: Tell = lambda stage: None) -> Result:
-    """Reads, diagnoses, predicts, draws; on one core, for the arrays are small and threads would wait.
+def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callable[[], str]]:
+    """Reads, diagnoses, predicts: (the result without its page, what draws that page).
+
+    On one core, for the arrays are small and threads would wait. The page raises RunError where it fails.
 
     Raises:
         InputError: the recording can not be read or diagnosed, or the given model fails on it; one line.
@@ -65,12 +71,13 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> Result:
     try:
         with threadpool_limits(1):
             return _examined(task, tell)
-    except (ArithmeticError, LookupError, ValueError, MemoryError) as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise RunError(f"{task.file}: the diagnosis failed, {reason}") from error
+    except ForefeelError:
+        raise
+    except Exception as error:
+        raise RunError(f"{task.file}: the diagnosis failed, {failure(error)}") from error
 
 
-def _examined(task: Task, tell: Tell) -> Result:
+def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     tell("reading")
     recordings = [load_recording(f, mapping_of(task.columns), task.axis) for f in (task.file, *task.beside)]
     if task.beside:
@@ -90,15 +97,20 @@ def _examined(task: Task, tell: Tell) -> Result:
     if named and task.replay:  # without a cause there is no other model to predict with
         tell("prediction")
         across = _prediction(recording, model)
-    texts = {MODEL: dump_mapping(model.to_mapping())}
-    if task.page:
+    texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(diagnosed, across)}
+    given = None if task.given is None else task.given.name
+    lines = tuple(answer(recording, diagnosed.diagnosis, across, given))
+    return Result(diagnosed.diagnosis, lines, texts), partial(_page, task, diagnosed, across, texts[MODEL])
+
+
+def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None", model_yaml: str) -> str:
+    try:
         from forefeel.diagnose.page import render_page  # noqa: PLC0415 - loads what draws
 
-        tell("report")
-        texts[PAGE] = render_page(recording, diagnosed, across, task.given, texts[MODEL])
-    texts[JSON] = _document(diagnosed, across)
-    given = None if task.given is None else task.given.name
-    return Result(diagnosed.diagnosis, tuple(answer(recording, diagnosed.diagnosis, across, given)), texts)
+        with threadpool_limits(1):
+            return render_page(diagnosed.recording, diagnosed, across, task.given, model_yaml)
+    except Exception as error:
+        raise RunError(f"{task.file}: diagnosed, but {PAGE} failed, {failure(error)}") from error
 
 
 def _title(recording: Recording, diagnosis: Diagnosis) -> str:
@@ -108,19 +120,22 @@ def _title(recording: Recording, diagnosis: Diagnosis) -> str:
     return f"{recording.name}, {diagnosis.verdict}: mass, damper, spring and bias"
 
 
-def _prediction(recording: Recording, model: ContactModel) -> "Across | None":
+def _prediction(recording: Recording, model: ContactModel) -> "Across | str | None":
+    """None of a recording that is too short to be replayed; why it failed, in one line."""
     from forefeel.diagnosis.prediction import across_delay  # noqa: PLC0415 - loads the predictor
 
     try:
         return across_delay(recording, model)
-    except RecordingError:  # too short to be replayed
+    except RecordingError:
         return None
+    except Exception as error:  # noqa: BLE001 - the verdict stands without it
+        return failure(error)
 
 
-def _document(diagnosed: Diagnosed, across: "Across | None") -> str:
+def _document(diagnosed: Diagnosed, across: "Across | str | None") -> str:
     document = {
         **diagnosed.diagnosis.to_mapping(),
-        "prediction_300_ms": None if across is None else across.to_mapping(),
+        "prediction_300_ms": None if across is None or isinstance(across, str) else across.to_mapping(),
     }
     return json.dumps(_finite(document), indent=2, allow_nan=False) + "\n"
 

@@ -20,7 +20,7 @@ from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.report.wording import DISCLAIMER
-from forefeel.terminal import answer, progress, say, table
+from forefeel.terminal import answer, complain, progress, say, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"
 EARLIER = "an earlier diagnosis"
@@ -128,6 +128,8 @@ def _take(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, wr
     save(folder, outcome.result, [])
     written.append(f"{file.stem}/")
     summary.diagnosed[file.stem] = outcome.result.diagnosis
+    if outcome.result.page_failed is not None:
+        complain(outcome.result.page_failed)
 
 
 def save(folder: Path, result: Result, written: list[str]) -> None:

@@ -1,7 +1,8 @@
 """report.html of a diagnosis: the verdict in words, what is wrong in figures, each cause and its evidence."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from forefeel.diagnose.answer import (
     caution,
     equation,
     expected_text,
+    failure,
     gain_text,
     headline,
     on_readings,
@@ -61,6 +63,7 @@ _FORMS = {
 """What a form of a cause says beyond its name."""
 
 ON_READINGS = "Seen on the readings"
+NOT_DRAWN = "A picture that failed"
 
 Value = TypeVar("Value")
 _DETAIL_S = 5.0  # of the worst stretch
@@ -94,22 +97,25 @@ class ParameterRow:
 def render_page(
     recording: Recording,
     diagnosed: Diagnosed,
-    across: Across | None,
+    across: Across | str | None,
     given: ContactModel | None = None,
     model_yaml: str = "",
 ) -> str:
     """The diagnosis with its figures as one HTML file that needs nothing else."""
     diagnosis, curves = diagnosed.diagnosis, Curves.of(diagnosed.analysis, given)
+    cautions = [*unknown_parameters(diagnosis), *(caution(flag) for flag in diagnosis.flags)]
+    if isinstance(across, str):
+        cautions.append(f"the prediction failed, {across}")
     return render(
         "diagnose/page.html.j2",
         recording=recording,
         diagnosis=diagnosis,
-        across=across,
+        across=across if isinstance(across, Across) else None,
         headline=headline(diagnosis),
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),
         on_readings_label=ON_READINGS,
-        cautions=[*unknown_parameters(diagnosis), *(caution(flag) for flag in diagnosis.flags)],
+        cautions=cautions,
         equation=equation(diagnosis),
         elsewhere=None if diagnosis.other_motion is None else expected_text(diagnosis.other_motion),
         simulation=named(curves),
@@ -146,10 +152,11 @@ def _drawn(stem: str, curves: Curves, name: str) -> tuple[str, Drawing | None]:
     """(what its form says, its picture)."""
     for fault in curves.analysis.faults:
         if fault.name == name:
-            return "", sensor_picture(stem, curves.analysis, fault)
+            return "", _attempted(partial(sensor_picture, stem, curves.analysis, fault))
     for full in curves.analysis.fit.model:
         if base_name(full) == name:
-            return _FORMS.get(full.partition(":")[2], ""), picture(stem, curves, full)
+            form = _FORMS.get(full.partition(":")[2], "")
+            return form, _attempted(partial(picture, stem, curves, full))
     return "", None
 
 
@@ -206,14 +213,23 @@ def drawings(stem: str, curves: Curves, diagnosis: Diagnosis) -> list[Drawing]:
     """Force over time and its worst stretch; what is left over time, over the motion, its spectrum, its
     size.
     """
-    return [
-        _force(stem, curves),
-        _detail(stem, curves),
-        _over_time(stem, curves, diagnosis),
-        _over_motion(stem, curves),
-        _spectrum(stem, curves),
-        _sizes(stem, curves, diagnosis),
-    ]
+    attempts = (
+        partial(_force, stem, curves),
+        partial(_detail, stem, curves),
+        partial(_over_time, stem, curves, diagnosis),
+        partial(_over_motion, stem, curves),
+        partial(_spectrum, stem, curves),
+        partial(_sizes, stem, curves, diagnosis),
+    )
+    return [_attempted(attempt) for attempt in attempts]
+
+
+def _attempted(draw: Callable[[], Value]) -> Value | Drawing:
+    """A picture that fails is one line in its place."""
+    try:
+        return draw()
+    except Exception as error:  # noqa: BLE001 - the page stands without it
+        return Drawing(NOT_DRAWN, failure(error), "")
 
 
 def named(curves: Curves) -> str:

@@ -14,7 +14,7 @@ from multiprocessing import active_children, get_context, resource_tracker
 
 from forefeel.child_process import die_with
 from forefeel.common.errors import ConfigurationError, EndpointError, InputError, RunError
-from forefeel.diagnose.examine import Result, Task, examine
+from forefeel.diagnose.examine import PAGE, Result, Task, examine
 from forefeel.interrupt import SIGNALS
 
 _PATIENCE_S = 10  # s for the scheduler's answer
@@ -74,11 +74,17 @@ def outcomes(
 def attempt(task: Task) -> TaskOutcome:
     """A task that never raises what belongs to its recording only."""
     try:
-        return TaskOutcome(task, examine(task))
+        result, page = examine(task)
     except InputError as error:
         return TaskOutcome(task, skipped=" ".join(str(error).split()))
     except RunError as error:
         return TaskOutcome(task, failed=" ".join(str(error).split()))
+    if not task.page:
+        return TaskOutcome(task, result)
+    try:
+        return TaskOutcome(task, replace(result, texts={**result.texts, PAGE: page()}))
+    except RunError as error:
+        return TaskOutcome(task, replace(result, page_failed=str(error)))
 
 
 @contextmanager

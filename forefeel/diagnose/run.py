@@ -1,15 +1,15 @@
 """One diagnosis from its options to the answer."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from forefeel.common.errors import ConfigurationError
-from forefeel.diagnose.examine import FILES, JSON, Task, examine
+from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.diagnose.examine import FILES, JSON, PAGE, Task, examine
 from forefeel.diagnose.folder import EARLIER, recordings_in, run_folder, save
-from forefeel.files import folder_named_after, fresh_folder
+from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
-from forefeel.terminal import answer, stages
+from forefeel.terminal import answer, complain, say, stages
 
 _LONG = {
     "search": "searching for causes",
@@ -31,6 +31,8 @@ def run_diagnosis(
 ) -> None:
     """Diagnoses a file, or every recording of a folder; prints the answer. `together`: one answer to all.
 
+    The answer is printed and written before the page is drawn.
+
     Raises:
         InputError: the file can not be diagnosed, or none of the folder; nothing was written.
         ConfigurationError: several sources without `together`, or options that do not go together.
@@ -50,13 +52,29 @@ def run_diagnosis(
         raise ConfigurationError(
             f"--scheduler: {first} is no folder to diagnose one by one; expected a folder of recordings"
         )
+    name = "together" if beside else first.stem
     with ends_in_order("diagnosis", out) as written:
         fresh_folder(out, FILES, EARLIER, overwrite)
-        with stages("together" if beside else first.stem, _LONG) as tell:
-            result = examine(task, tell)
+        with stages(name, _LONG) as tell:
+            result, page = examine(task, tell)
         save(out, result, written)
-    where = f"{', '.join(sorted(result.texts, reverse=True))} in {out}"
-    answer(*result.lines, where, document=lambda: result.texts[JSON])
+        where = f"{', '.join(result.texts)} in {out}"
+        answer(*result.lines, where, document=lambda: result.texts[JSON])
+        if task.page:
+            _draw(page, name, out, written)
+
+
+def _draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:
+    """A page that fails is one line: the diagnosis is there."""
+    try:
+        with stages(name, _LONG) as tell:
+            tell("report")
+            text = page()
+    except RunError as error:
+        complain(str(error))
+        return
+    write_all(out, {PAGE: text}, written)
+    say(f"{PAGE} in {out}")
 
 
 def _together(sources: Sequence[Path]) -> list[Path]:

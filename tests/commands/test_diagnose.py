@@ -114,6 +114,28 @@ def test_folder_skips_bad_recordings_and_keeps_earlier_diagnosis(
     assert set(summary["skipped"]) == {"short.csv", "rubs.parquet", "done.csv"}
 
 
+@pytest.mark.parametrize("source", ["strokes.csv", "."])
+@pytest.mark.usefixtures("one_process")
+def test_page_that_fails_leaves_verdict(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str
+) -> None:
+    out = tmp_path / "out"
+    results = out if source == "strokes.csv" else out / "strokes"
+    put(tmp_path / "strokes.csv", made(6.0, friction_n=FRICTION_N))
+
+    def broken(*_: object) -> str:
+        if source == "strokes.csv":
+            assert names(results) == FILES - {"report.html"}
+            assert "coulomb_friction" in capsys.readouterr().out
+        raise IndexError("list index out of range")
+
+    monkeypatch.setattr("forefeel.diagnose.page.render_page", broken)
+    assert run(["diagnose", str(tmp_path / source), "--out", str(out)]) == 0
+    assert "strokes.csv: diagnosed, but report.html failed, IndexError" in capsys.readouterr().err
+    assert names(results) == FILES - {"report.html"}
+    assert document(results)["verdict"] == "cause_found"
+
+
 @pytest.mark.usefixtures("one_process")
 def test_diagnosis_that_fails_does_not_stop_others(
     run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -71,6 +71,22 @@ def test_rivals_are_listed_and_not_named_as_cause(rubbing: Diagnosed) -> None:
     assert not any(line.startswith(("Cause", "Extended")) for line in lines)
 
 
+def test_picture_or_prediction_that_fails_is_one_line(
+    rubbing: Diagnosed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> object:
+        raise IndexError("no stroke")
+
+    monkeypatch.setattr("forefeel.diagnose.page.picture", broken)
+    monkeypatch.setattr("forefeel.diagnose.page.density", broken)
+    page = render_page(rubbing.recording, rubbing, "ValueError: no arrival")
+    check_page(page, drawings=5)
+    assert page.count("IndexError: no stroke") == 2
+    lines = answer(rubbing.recording, rubbing.diagnosis, "ValueError: no arrival")
+    assert "Predicted   failed: ValueError: no arrival" in lines
+    assert "ValueError: no arrival" in page
+
+
 def test_answer_has_cause_prediction_and_caution(rubbing: Diagnosed) -> None:
     across = Across(0.3, 0.2, 0.05, 0.02)
     found = replace(rubbing.diagnosis, flags=("non_uniform",))
