@@ -166,7 +166,7 @@ def _in_narrower_band(
         signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
     except ValueError:
         return None
-    other = RecordingRegression(signals, regression.extent.speed_band)
+    other = RecordingRegression(signals, regression.extent.speed_band, seen=regression.look)
     residual = other.residual(other.fit(fit.model))
     other.whiten_by(noise_of(residual, signals, floor))
     return other, Search(other).refined(other.fit(fit.model), most=_TRIALS)

@@ -138,7 +138,7 @@ class Judge:
     def _not_driven(self) -> bool:
         """Whether the force's own past tells more of it than the motion does."""
         explained = 1.0 - (self.residual_n / self.force_n) ** 2
-        if explained > _DRIVEN:
+        if max(explained, self.regression.look.explained) > _DRIVEN:
             return False
         foretold = predictable_share(self.regression, self.regression.signals.force, _AHEAD_S)
         return foretold > _KNOWN and 1.0 - foretold < _MUCH_LESS * (1.0 - explained)

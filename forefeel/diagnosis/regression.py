@@ -32,6 +32,7 @@ from forefeel.common.causes.candidate import (
 from forefeel.common.causes.catalogue import CANDIDATES, kin
 from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED
 from forefeel.common.error_size import Floats
+from forefeel.diagnosis.look import Look, look
 from forefeel.diagnosis.noise import Noise, white
 from forefeel.diagnosis.signals import Mask, Signals, extent_of
 
@@ -141,11 +142,18 @@ class RecordingRegression:
     Attributes:
         signals, extent: what is fitted.
         noise, coloured: by which residuals are whitened, and whether it was learned; assign with `whiten_by`.
+        look: what plain regressions see; by default of these signals.
         sense: +1 when a positive force resists, -1 when the recording shows the reaction.
         parts_s: of several recordings as one, when each but the first begins, in s since the start.
     """
 
-    def __init__(self, signals: Signals, speed_band: float, parts_s: tuple[float, ...] = ()) -> None:
+    def __init__(
+        self,
+        signals: Signals,
+        speed_band: float,
+        parts_s: tuple[float, ...] = (),
+        seen: Look | None = None,
+    ) -> None:
         self.signals, self.parts_s = signals, parts_s
         self.extent = extent_of(signals, speed_band)
         s = signals
@@ -162,16 +170,14 @@ class RecordingRegression:
             int(np.clip(most / (16.0 * len(s.t)), 16, 4000)) for most in (_KEPT_BYTES, _KEPT_SPECTRA_BYTES)
         )
         self._base = [s.linear_spectrum(d) for d in (2, 1, 0)]
-        self.sense = 1.0
+        self.look = look(s, self._motion) if seen is None else seen
+        self.sense = self.look.sense
         self.whiten_by(white())
-        resisting, self.sense = self.fit({"bias": ()}), -1.0
-        if resisting.rss <= self.fit({"bias": ()}).rss:
-            self.sense = 1.0
 
     def like(self, signals: Signals) -> "RecordingRegression":
-        """The same bench along another motion: band, noise, extent and sense are this one's."""
-        other = RecordingRegression(signals, self.extent.speed_band)
-        other.extent, other.sense = self.extent, self.sense
+        """The same bench along another motion: band, noise, extent and look are this one's."""
+        other = RecordingRegression(signals, self.extent.speed_band, seen=self.look)
+        other.extent = self.extent
         other.whiten_by(self.noise)
         return other
 

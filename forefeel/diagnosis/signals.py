@@ -138,6 +138,14 @@ class Signals:
         ]
         return np.concatenate(parts)
 
+    def force_spectrum(self) -> Spectrum:
+        """Filtered spectrum of the force."""
+        parts = [
+            self._cut(grid, f_spec, grid.padded, 0)
+            for grid, (_, f_spec) in zip(self.pieces, self._raw, strict=True)
+        ]
+        return np.concatenate(parts)
+
     def spectrum(self, fine: Floats) -> Spectrum:
         """Filtered spectrum of a column that is given on the fine grid."""
         parts = [

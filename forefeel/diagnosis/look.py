@@ -1,0 +1,140 @@
+"""A look before the search: which way the axis points, and how much of the force plain regressions explain.
+
+Columns of the motion with coefficients that can only take energy (Lawson and Hanson's non-negative least
+squares), judged on held-out blocks, in the band of the strokes and in the whole band: a slow force that has
+nothing to do with the strokes decides neither. What is seen here steers and vetoes; it names nothing.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import nnls
+
+from forefeel.common.causes.candidate import MotionGrid, Spectrum
+from forefeel.common.causes.friction import wound
+from forefeel.common.causes.numerics import lagged
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.signals import Signals
+
+Family = Literal["friction", "relaxation", "stiffening"]
+
+FAMILIES: tuple[Family, ...] = "friction", "relaxation", "stiffening"
+_BLOCKS = 8
+_RIDGE = 1e-9
+_SLOW = 0.05  # of the speed's power: half of the frequency below which it lies is slower than the strokes
+_STEEP = 8  # power of the high-pass, fourth order forwards and backwards
+_PRESLIDING = 0.01, 0.05, 0.2  # of the stroke
+_RELAXING_S = 0.1, 1.0, 10.0
+_TRUSTED, _CLEAR = 0.3, 0.05  # explained in the band, and by how much one direction explains more
+_SEEN = 0.25  # of what mass, damper and spring leave: a family that takes less is not seen
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What plain regressions see of a recording; shares of the force's variance on held-out blocks.
+
+    Attributes:
+        sense: +1 where a positive force resists, -1 where the recording shows the reaction.
+        slow_hz: what is slower than the strokes, in Hz.
+        spring, spring_in_band: explained by mass, damper and spring, in the whole band and above `slow_hz`.
+        explained: by the best of the families, in the better band.
+        family: which takes most of what mass, damper and spring leave; None where none takes a quarter.
+    """
+
+    sense: float
+    slow_hz: float
+    spring: float
+    spring_in_band: float
+    explained: float
+    family: Family | None
+
+
+def look(signals: Signals, motion: MotionGrid) -> Look:
+    """Looks at a conditioned recording; `motion` is that of the stage on the fine grid."""
+    columns = _columns(signals, motion)
+    slow_hz, gain = _high_pass(signals)
+    whole, band = _Band(signals, columns, 1.0), _Band(signals, columns, gain)
+    dry = ("base", "friction")
+    found = {sense: band.explained(dry, sense) for sense in (1.0, -1.0)}
+    if max(found.values()) < _TRUSTED or abs(found[1.0] - found[-1.0]) < _CLEAR:
+        found = {sense: whole.explained(dry, sense) for sense in found}
+    sense = max(found, key=lambda each: found[each])
+    shares: dict[Family | None, float] = {None: -np.inf}
+    falls: dict[Family | None, float] = {None: _SEEN}
+    for part in (whole, band):
+        left = 1.0 - part.explained(("base",), sense)
+        for name in FAMILIES:
+            share = part.explained(("base", name), sense)
+            shares[name] = max(shares.get(name, share), share)
+            falls[name] = max(falls.get(name, 0.0), 1.0 - (1.0 - share) / max(left, 1e-300))
+        shares[None] = max(shares[None], part.explained(tuple(columns), sense))
+    spring, in_band = (part.explained(("base",), sense) for part in (whole, band))
+    return Look(
+        sense, slow_hz, spring, in_band, max(shares.values()), max(falls, key=lambda each: falls[each])
+    )
+
+
+class _Band:
+    """Columns and force of the rows that count, through one more filter, cut into blocks."""
+
+    def __init__(self, signals: Signals, columns: dict[str, list[Spectrum]], gain: Floats | float) -> None:
+        rows = signals.rows
+        names = [name for name, own in columns.items() for _ in own]
+        self._owners = np.array(names)
+        table = np.column_stack(
+            [signals.column(spectrum * gain)[rows] for own in columns.values() for spectrum in own]
+        )
+        force = signals.column(signals.force_spectrum() * gain)[rows]
+        self._force = force - force.mean()
+        table -= table.mean(axis=0)
+        self._table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
+        self._blocks = np.array_split(np.arange(len(force)), _BLOCKS)
+
+    def explained(self, families: Sequence[str], sense: float) -> float:
+        """Share of the force's variance on held-out blocks."""
+        table, force = self._table[:, np.isin(self._owners, families)], sense * self._force
+        left = np.empty_like(force)
+        gram, moment = table.T @ table, table.T @ force
+        ridge = _RIDGE * len(force) * np.eye(len(gram))
+        for block in self._blocks:
+            part = table[block]
+            factor = np.linalg.cholesky(gram - part.T @ part + ridge)
+            theta, _ = nnls(factor.T, np.linalg.solve(factor, moment - part.T @ force[block]))
+            left[block] = force[block] - part @ theta
+        return 1.0 - float(np.mean(left**2) / max(np.mean(force**2), 1e-300))
+
+
+def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
+    low, high = np.quantile(motion.x, (0.05, 0.95))
+    depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
+    dry = [motion.direction, *(wound(motion, share * max(high - low, 1e-300)) for share in _PRESLIDING)]
+    return {
+        "base": [signals.linear_spectrum(derivative) for derivative in (2, 1, 0)],
+        "friction": [signals.spectrum(column) for column in dry],
+        "relaxation": [signals.spectrum(_maxwell(motion, tau_s)) for tau_s in _RELAXING_S],
+        "stiffening": [signals.spectrum(sign * depth**power) for power in (2, 3) for sign in (1.0, -1.0)],
+    }
+
+
+def _maxwell(motion: MotionGrid, tau_s: float) -> Floats:
+    """Length of the spring of a spring and a damper in series, at rest at the start of each piece."""
+    parts = [
+        motion.x[p]
+        - lagged(
+            motion.x[p], np.diff(motion.t[p], prepend=motion.t[p.start]), tau_s, float(motion.x[p.start])
+        )
+        for p in motion.pieces
+    ]
+    return np.concatenate(parts)
+
+
+def _high_pass(signals: Signals) -> tuple[float, Floats]:
+    """Corner in Hz below the strokes, and the gain at each frequency of a spectrum."""
+    frequency_hz = signals.omega / (2.0 * np.pi)
+    order = np.argsort(frequency_hz, kind="stable")
+    power = np.cumsum(np.abs(signals.linear_spectrum(1)[order]) ** 2)
+    slow_hz = 0.5 * float(frequency_hz[order][np.searchsorted(power, _SLOW * power[-1])])
+    with np.errstate(divide="ignore"):
+        return slow_hz, 1.0 / (1.0 + (slow_hz / frequency_hz) ** _STEEP)
