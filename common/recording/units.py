@@ -1,6 +1,7 @@
 """Units of imported columns, each with its factor to SI, and the text `unit:column` that names both."""
 
 from dataclasses import dataclass
+from math import isclose
 from typing import Literal
 
 from forefeel.common.errors import RecordingError
@@ -30,6 +31,15 @@ def parse_column(quantity: Quantity, text: str) -> tuple[str, float]:
             f"{quantity} = {text!r}: unknown unit {unit!r}, expected {', '.join(TO_SI[quantity])}"
         )
     return column, TO_SI[quantity][unit]
+
+
+def rescaled(quantity: Quantity, text: str, factor: float) -> str | None:
+    """`text`, e.g. `m:laser`, in the unit that is `factor` times as large; None: there is none."""
+    column, to_si = parse_column(quantity, text)
+    for unit, other in TO_SI[quantity].items():
+        if isclose(other, factor * to_si):
+            return f"{unit}:{column}"
+    return None
 
 
 @dataclass(frozen=True, slots=True)

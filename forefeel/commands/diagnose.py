@@ -47,6 +47,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = True,
     page: Annotated[bool, typer.Option(help="Draw report.html.")] = True,
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier diagnosis in DIR.")] = False,
+    as_is: Annotated[bool, typer.Option("--as-is", help="Ask nothing about units.")] = False,
     time_column: TimeColumn = None,
     position_column: PositionColumn = None,
     force_column: ForceColumn = None,
@@ -59,5 +60,6 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
 
     columns = time_column, position_column, force_column
     with output(as_json, quiet):
-        task = Task(files[0], (), columns, axis, load_model(model) if model else None, replay, page)
+        given = load_model(model) if model else None
+        task = Task(files[0], (), columns, axis, given, replay, page, as_is)
         run_diagnosis(files, out, task, together, jobs, scheduler, overwrite)

@@ -1,6 +1,7 @@
 """One recording from the file to the texts of its results; nothing is written."""
 
 import json
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -14,11 +15,13 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, ForefeelError, RecordingError, RunError
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
-from forefeel.common.recording.units import NamedColumns, mapping_of
+from forefeel.common.recording.units import Mapping as ColumnMapping
+from forefeel.common.recording.units import NamedColumns, mapping_of, rescaled
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnose.answer import answer, failure
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose, diagnose_together
 from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.terminal import Tell
 
@@ -34,7 +37,7 @@ class Task:
     """What to diagnose. `given` is the simulation to compare with; `axis` one of an MCAP file.
 
     `beside`: further recordings of the same bench, for one answer to all. `replay`: whether the force is
-    predicted across a delay, too. `page`: whether report.html is made.
+    predicted across a delay, too. `page`: whether report.html is made. `as_is`: nothing is asked about units.
     """
 
     file: Path
@@ -44,6 +47,7 @@ class Task:
     given: ContactModel | None = None
     replay: bool = True
     page: bool = True
+    as_is: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +84,9 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callab
 def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     tell("reading")
     recordings = [load_recording(f, mapping_of(task.columns), task.axis) for f in (task.file, *task.beside)]
+    for recording in recordings:
+        if not task.as_is and (asked := question(recording)) is not None:
+            raise RecordingError(_asked(task, recording, asked))
     if task.beside:
         diagnosed = diagnose_together(recordings, tell, task.given)
     else:
@@ -101,6 +108,22 @@ def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     given = None if task.given is None else task.given.name
     lines = tuple(answer(recording, diagnosed.diagnosis, across, given))
     return Result(diagnosed.diagnosis, lines, texts), partial(_page, task, diagnosed, across, texts[MODEL])
+
+
+def _asked(task: Task, recording: Recording, asked: Question) -> str:
+    """The question, with the command to type where another unit answers it."""
+    mapping = mapping_of(task.columns) or ColumnMapping(force="N:force_n")
+    column: str = getattr(mapping, asked.quantity)
+    other = None if task.file.suffix == ".mcap" else rescaled(asked.quantity, column, asked.factor)
+    doubt = f"{recording.source}: {column.partition(':')[2]} {asked.text}"
+    if other is None:
+        return f"{doubt}; expected s, m and N, or --as-is where it is true"
+    words = ["forefeel", "diagnose", str(task.file), *map(str, task.beside)]
+    words += ["--together"] if task.beside else []
+    columns = dict(zip(("time", "position", "force"), task.columns, strict=True)) | {asked.quantity: other}
+    words += [word for name, text in columns.items() if text for word in (f"--{name}", text)]
+    unit = other.partition(":")[0]
+    return f"{doubt} (--as-is: that is true); is it {unit}? then type: {shlex.join(words)}"
 
 
 def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None", model_yaml: str) -> str:

@@ -1,8 +1,10 @@
 """`forefeel diagnose` as a person uses it."""
 
 import json
+import shlex
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -155,6 +157,23 @@ def test_diagnosis_that_fails_does_not_stop_others(
     assert run(["diagnose", str(folder), "--out", str(out)]) == 1
     assert "a.csv: the diagnosis failed, LinAlgError: Singular matrix" in capsys.readouterr().err
     assert names(out) == {"b", "summary.json"}
+
+
+def test_millimetres_are_asked_for_with_command_that_works(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    recording = made(5.0, friction_n=FRICTION_N)
+    put(tmp_path / "in mm.csv", replace(recording, position_m=1e3 * recording.position_m))
+    assert run(["diagnose", "in mm.csv"]) == 2
+    asked = capsys.readouterr().err
+    assert "position_m spans 15.3 m" in asked
+    assert not (tmp_path / "in mm").exists()
+    command = shlex.split(asked.partition("then type: ")[2])
+    assert command == ["forefeel", "diagnose", "in mm.csv", "--position", "mm:position_m"]
+    assert run([*command[1:], "--no-page"]) == 0
+    assert document(tmp_path / "in mm")["verdict"] == "cause_found"
+    assert run(["diagnose", "in mm.csv", "--as-is", "--no-page", "--overwrite"]) == 0
 
 
 def test_of_several_axes_one_has_to_be_named(
