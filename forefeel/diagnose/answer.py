@@ -18,6 +18,9 @@ FLAGS = {
     "gaps": "the recording has gaps; nothing was assumed about what happened in them",
     "clipped": "where the force stood at the end of its range it was left out",
     "searched_on_stretches": "stretches of it were diagnosed; the model was held against all of it",
+    "step_response": "the force has a few levels only, and the motion was simulated from it: strokes would "
+    "tell friction, or a spring that stiffens",
+    "ramp_and_hold": "one ramp and hold: it tells whether the force fades, not friction, damping or mass",
     "short": "under 10 s, so what is slow (relaxation, drift, breath) can hardly be told",
     "force_is_the_reaction": "a positive force pushes along the motion here; signs were turned",
 }

@@ -64,9 +64,7 @@ class Curves:
         moving = motion.x, motion.v, since_reversal(motion), way
         x, v, since, direction = (np.interp(signals.t, signals.fine_t, fine) for fine in moving)
         simulated = (
-            regression.predicted(regression.fit({"bias": ()}))
-            if given is None
-            else _force_of(given, regression, motion)
+            regression.predicted(analysis.base) if given is None else _force_of(given, regression, motion)
         )
         extended = regression.predicted(analysis.fit)
         return cls(

@@ -16,6 +16,7 @@ from forefeel.diagnosis.search import ADD, Search
 from forefeel.diagnosis.sensor_faults import Cleaned, Fault, clean
 from forefeel.diagnosis.signals import Signals
 
+Progress = Callable[[str], None]
 _ROUNDS = 3
 _NARROWER = 0.7
 _TRIALS = 40
@@ -28,9 +29,12 @@ _SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
+    """`base`: the simulation that causes are missed in: mass, damper, spring and the load cell's zero."""
+
     cleaned: Cleaned
     regression: RecordingRegression
     search: Search
+    base: ModelFit
     fit: ModelFit
     recording: Recording
     narrower: tuple[RecordingRegression, ModelFit] | None
@@ -69,9 +73,8 @@ class Analysis:
         return replace(self, search=search, fit=fit, narrower=narrower)
 
     def baseline(self) -> "Analysis":
-        """The same with the simulation that the causes are missed in: mass, damper, spring and bias."""
-        cleaned = replace(self.cleaned, faults=[])
-        return replace(self, fit=self.regression.fit({"bias": ()}), cleaned=cleaned, narrower=None)
+        """The same with the simulation alone."""
+        return replace(self, fit=self.base, cleaned=replace(self.cleaned, faults=[]), narrower=None)
 
     def noise_floor_n(self) -> float | None:
         """rms of the noise in the band, never more than is left; None where the recording does not tell."""
@@ -98,7 +101,7 @@ class Analysis:
 
 def analyse(
     recording: Recording,
-    progress: Callable[[str], None] = lambda stage: None,
+    progress: Progress = lambda stage: None,
     names: Sequence[str] | None = None,
     parts_s: tuple[float, ...] = (),
 ) -> Analysis:
@@ -132,7 +135,8 @@ def analyse(
         if set(fit.model) == known:
             break
     narrower = _in_narrower_band(recording, cleaned, regression, fit, floor)
-    return Analysis(cleaned, regression, search, fit, recording, narrower, floor)
+    base = regression.fit({"bias": ()})
+    return Analysis(cleaned, regression, search, base, fit, recording, narrower, floor)
 
 
 def conditioned(

@@ -1,6 +1,6 @@
 """The diagnosis of one recording: what is named, and with how much trust."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,21 +11,21 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import Analysis, analyse
+from forefeel.diagnosis.analysis import Analysis, Progress, analyse
 from forefeel.diagnosis.feedback import FLAG as FEEDS_THE_MOTION
 from forefeel.diagnosis.feedback import feeds_the_motion
 from forefeel.diagnosis.joined_recordings import Joined, joined, unclocked
 from forefeel.diagnosis.judge import judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
 from forefeel.diagnosis.other_motion import with_expectation
+from forefeel.diagnosis.ramp_and_hold import diagnosed_hold, held
 from forefeel.diagnosis.residual import predictable_share
+from forefeel.diagnosis.step_response import diagnosed_step, is_step
 from forefeel.diagnosis.verdict import Diagnosis, ModelError
 
 LEAST_S = 3.0
 _LIKE_NOISE = 0.3
 _NO_ANSWER = 0.98
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,24 +75,34 @@ def diagnose_together(
 
 def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel | None) -> Diagnosed:
     recording = of.recording if isinstance(of, Joined) else of
-    parts = (unclocked(), of.parts_s) if isinstance(of, Joined) else (None, ())
+    names, parts_s = (unclocked(), of.parts_s) if isinstance(of, Joined) else (None, ())
+    step = not parts_s and is_step(recording)
+    hold = None if parts_s or step else held(recording)
+    long = hold is None and not step and is_long(recording)
     try:
-        long = is_long(recording)
-        analysis = (analyse_long if long else analyse)(recording, progress, *parts)
+        if step:
+            found, analysis = diagnosed_step(recording)
+        elif hold is not None:
+            found, analysis = diagnosed_hold(recording, hold)
+        else:
+            analysis = (analyse_long if long else analyse)(recording, progress, names, parts_s)
+            found, analysis = _weighed(analysis, progress)
     except ValueError as error:
         raise RecordingError(f"{recording.source}: {error}") from error
-    if _says_nothing(analysis):
-        raise RecordingError(
-            f"{recording.source}: the force is flat but for noise, expected an answer to the motion"
-        )
-    progress("trust")
-    found, analysis = judged(analysis)
     gaps = of.gaps if isinstance(of, Joined) else len(recording.segments()) > 1
     flags = _flags(found.flags, gaps, long)
     if feeds_the_motion(analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit):
         flags = (*flags, FEEDS_THE_MOTION)
-    found = with_expectation(replace(found, flags=flags), analysis)
+    found = replace(found, flags=flags)
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis, recording)
+
+
+def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysis]:
+    if _says_nothing(analysis):
+        raise ValueError("the force is flat but for noise, expected an answer to the motion")
+    progress("trust")
+    found, analysis = judged(analysis)
+    return with_expectation(found, analysis), analysis
 
 
 def _flags(flags: Sequence[str], gaps: bool, long: bool) -> tuple[str, ...]:
@@ -146,8 +156,7 @@ def _says_nothing(analysis: Analysis) -> bool:
     """Whether the motion tells nothing of the force, nor the force of itself."""
     regression = analysis.regression
     rows = regression.signals.rows
-    left = regression.fit({"bias": ()})
-    residual = regression.residual(left)
+    residual = regression.residual(analysis.base)
     share = float(np.var(residual[rows]) / np.var(regression.signals.force[rows]))
     named = set(analysis.fit.model) - {"bias"} or analysis.faults
     return not named and share > _NO_ANSWER and predictable_share(regression, residual) < _LIKE_NOISE

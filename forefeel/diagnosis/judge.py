@@ -1,6 +1,6 @@
 """Weighs an analysis: what is named, and with how much trust."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -89,7 +89,7 @@ class Judge:
         self.analysis, self.fullest = analysis, fullest
         self.regression, self.search, self.fit = analysis.regression, analysis.search, analysis.fit
         self.faults = analysis.faults
-        self.base = self.regression.fit({"bias": ()})  # no simulation is blamed for the zero of a load cell
+        self.base = analysis.base
         self.before = held_out_errors(self.regression, self.base)
         self.after = held_out_errors(self.regression, self.fit)
         self.held_out = gain(self.regression, self.before, self.after)
@@ -103,13 +103,13 @@ class Judge:
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
         less = self._untellable or self._inexplicable()
         if less is not None:
-            return self._without_cause(*less, names)
-        causes = self._causes()
-        if causes:
-            return self._result("cause_found", causes, (), None, names)
+            verdict, rivals, motion = less
+            return self.said(verdict, motion, rivals, names)
+        if self.fit.model or self.faults:
+            return self.said("cause_found", suspected=names)
         if self.floor_n is None:
-            return self._without_cause("nothing_found", (), NOISE_TELLING_MOTION, set())
-        return self._without_cause("nothing_missing", (), None, set())
+            return self.said("nothing_found", NOISE_TELLING_MOTION)
+        return self.said("nothing_missing")
 
     @cached_property
     def _untellable(self) -> Less | None:
@@ -298,19 +298,14 @@ class Judge:
         evidence = _evidence(plain, likelihood, own)
         return Cause(plain, probability, told(self.parameters[plain]), evidence, gain_n, explained)
 
-    def _without_cause(
-        self, verdict: VerdictName, rivals: tuple[tuple[str, ...], ...], motion: str | None, names: set[str]
-    ) -> Diagnosis:
-        return self._result(verdict, (), rivals, motion, names)
-
-    def _result(
+    def said(
         self,
         verdict: VerdictName,
-        causes: tuple[Cause, ...],
-        rivals: tuple[tuple[str, ...], ...],
-        motion: str | None,
-        names: set[str],
+        motion: str | None = None,
+        rivals: tuple[tuple[str, ...], ...] = (),
+        suspected: Iterable[str] = (),
     ) -> Diagnosis:
+        """The verdict with its numbers; `motion`: to record next."""
         held = HeldOut(
             self.held_out.before_n,
             self.held_out.after_n,
@@ -320,7 +315,7 @@ class Judge:
         )
         return Diagnosis(
             verdict,
-            causes,
+            self._causes() if verdict == "cause_found" else (),
             rivals,
             motion,
             self.analysis.flags(),
@@ -328,7 +323,7 @@ class Judge:
             model_error(self.held_out.before_n, self.force_n, intervals(self.regression, self.base)),
             model_error(self.held_out.after_n, self.force_n, self.parameters),
             held,
-            suspected=tuple(sorted(names)),
+            suspected=tuple(sorted(suspected)),
         )
 
 

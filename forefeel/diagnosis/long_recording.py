@@ -14,7 +14,7 @@ rms by half.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -23,7 +23,7 @@ import numpy as np
 from forefeel.common.causes.candidate import Model, base_name
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import Analysis, analyse, residual_rms_n
+from forefeel.diagnosis.analysis import Analysis, Progress, analyse, residual_rms_n
 from forefeel.diagnosis.band import cutoff_hz
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.sensor_faults import Fault, clean
@@ -116,8 +116,6 @@ _MORE, _MUCH_MORE = 1.15, 1.5  # times the stretch's rms, of all chunks and of t
 _LEAST_ROWS = 50  # of a chunk that is compared
 _CHANGE = "stiffness_change"
 _RARE_S = 300.0  # s in which faults are looked for at once, for some are rare
-
-Progress = Callable[[str], None]
 
 
 def stretch_s(recording: Recording) -> float:

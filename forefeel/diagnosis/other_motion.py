@@ -48,7 +48,7 @@ def with_expectation(found: Diagnosis, analysis: Analysis) -> Diagnosis:
     if found.verdict != "cause_found" or not set(analysis.fit.model) - {"bias"}:
         return found
     regression = analysis.regression
-    base, left_n = regression.fit({"bias": ()}), found.held_out.rmse_after_n
+    base, left_n = analysis.base, found.held_out.rmse_after_n
     if found.noise_floor_n is None:
         noise_share = 1.0 - predictable_share(regression, regression.residual(analysis.fit))
     else:

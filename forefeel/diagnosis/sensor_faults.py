@@ -21,6 +21,7 @@ MAINS_HZ = 50.0, 60.0
 _PILE = 8.0
 _LEAST_PILE = 0.002
 _WHOLE = 0.02
+_MOST_CLIPPED = 0.5  # of the samples: more is how the force is made
 _LINE = 8.0
 _SLOW_HZ = 40.0  # sampling rate at which a line is looked for, shifted to zero; its lines reach +- 8 Hz
 _FILTER_STEPS = 12  # length of the filter before it, in slow samples: 8 Hz pass, 32 Hz are stopped by 90 dB
@@ -102,7 +103,9 @@ def _saturation(cleaned: Cleaned, step: float | None) -> None:
         if at is not None:
             cleaned.clipped |= at
             found.append(limit)
-    if found:
+    if found and np.mean(cleaned.clipped) > _MOST_CLIPPED:
+        cleaned.clipped = np.zeros_like(cleaned.clipped)  # a force of two levels has no top
+    elif found:
         limit = float(max(np.abs(found)))
         share = float(np.mean(cleaned.clipped))
         spread = 1e-3 * limit if step is None else 0.5 * step

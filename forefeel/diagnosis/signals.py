@@ -317,10 +317,25 @@ def _near(bad: Mask, t: Floats, period_s: float, reach_s: float) -> Mask:
     return np.asarray(count[high] > count[low])
 
 
+def _travelled_m(x: Floats) -> Floats:
+    """Quantiles of .005, .05, .95, .995 of the positions; over the way, not the time, where that says three
+    times as much: an axis that hardly moves for most of the time has its strokes in the rest.
+    """
+    levels = (0.005, 0.05, 0.95, 0.995)
+    by_time = np.quantile(x, levels)
+    way = np.cumsum(np.abs(np.diff(x)))
+    if not len(way) or not way[-1]:
+        return by_time
+    order = np.argsort(x[1:], kind="stable")
+    share = np.cumsum(np.diff(way, prepend=0.0)[order]) / way[-1]
+    by_way = x[1:][order][np.minimum(np.searchsorted(share, levels), len(order) - 1)]
+    return by_way if by_way[2] - by_way[1] > 3.0 * (by_time[2] - by_time[1]) else by_time
+
+
 def extent_of(signals: Signals, speed_band: float) -> Extent:
     """What a recording can tell apart: from the motion as recorded, robust against its extremes."""
     recorded = signals.recorded
-    low, q1, q2, high = np.quantile(signals.fine_x[recorded], (0.005, 0.05, 0.95, 0.995))
+    low, q1, q2, high = _travelled_m(signals.fine_x[recorded])
     return Extent(
         signals.cutoff_hz,
         float(signals.t[-1] - signals.t[0]),

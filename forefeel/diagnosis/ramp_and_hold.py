@@ -1,0 +1,189 @@
+"""A ramp and hold, the relaxation test of tissue: the position stands while the force fades, or does not.
+
+    f = k x + sum_i k_i q_i + f_0,   q_i' = x' - q_i / tau_i     (Maxwell branches)
+
+That a force fades is no proof of it: a load cell that drifts fades, too. The fading over the hold, described
+by a Prony series with times spread evenly in the logarithm and weights of one sign (non-negative least
+squares), has to foretell the bins that it was not fitted to, and a straight line must not.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from forefeel.common.causes.catalogue import fingerprint
+from forefeel.common.causes.numerics import intervals_s, lagged
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.analysis import Analysis, conditioned
+from forefeel.diagnosis.identifiability import GENERAL_MOTION, turning_points
+from forefeel.diagnosis.search import Search
+from forefeel.diagnosis.sensor_faults import clean
+from forefeel.diagnosis.separable import Separable, separable
+from forefeel.diagnosis.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, ModelError, VerdictName
+
+FLAG = "ramp_and_hold"
+_HELD, _STILL = 0.7, 0.03  # of the samples in one run, within so much of the range from the median
+_STROKE, _MOST_TURNS = 0.2, 3  # of the range; to the hold, back, and what overshoots
+_MOST_SAMPLES = 20_000
+_TIMES, _BINS = 12, 40
+_LEAST_FADE, _EARLY, _AT_ONCE = 0.05, 0.1, 0.3  # of the rise; first part of the hold; of the fading in it
+_FOLLOWS, _FAR_BELOW = 0.05, 5.0  # left of the held-out bins' variance; times more that a line leaves
+_DRAWS = 1000
+_SECOND = 0.9  # of what one branch leaves, that two leave at most
+_NAMES = (
+    ("stiffness_n_m", "time_constant_s"),
+    ("second_stiffness_n_m", "second_time_constant_s"),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hold:
+    """Stamps from the start, position and force of a ramp and hold, and which samples are the hold."""
+
+    t: Floats
+    x: Floats
+    f: Floats
+    run: slice
+
+    def branches(self, log_times: Floats) -> Floats:
+        """Columns of k, f_0 and each branch."""
+        own = [self.x - lagged(self.x, intervals_s(self.t), tau, self.x[0]) for tau in np.exp(log_times)]
+        return np.column_stack([self.x, np.ones_like(self.x), *own])
+
+    @property
+    def bins(self) -> NDArray[np.int64]:
+        """Of each sample of the hold, even in the logarithm of the time since it began."""
+        since_s = self.t[self.run] - self.t[self.run.start]
+        first_s = max(float(since_s[min(3, len(since_s) - 1)]), 1e-3 * float(since_s[-1]))
+        edges_s = np.geomspace(first_s, since_s[-1], _BINS)[:-1]
+        return np.asarray(np.searchsorted(edges_s, since_s, side="right"))
+
+    def fitted(self) -> list[Separable]:
+        """With no, one and two branches."""
+        since_s = self.t[self.run] - self.t[self.run.start]
+        times = np.log(np.geomspace(4.0 * np.median(np.diff(self.t)), 0.5 * since_s[-1], _TIMES))
+        starts = [list(map(np.array, combinations(times, count))) for count in range(3)]
+        return [separable(self.branches, self.f, each) for each in starts]
+
+    def relaxes(self) -> bool:
+        """Whether it fades early and much, as a Prony series and not as a line."""
+        since_s, f, bins = self.t[self.run] - self.t[self.run.start], self.f[self.run], self.bins
+        count = np.bincount(bins)
+        used = count > 0
+        until_s, mean = (np.bincount(bins, each)[used] / count[used] for each in (since_s, f))
+        rise = float(mean[0]) - float(self.f[0] if self.run.start else f[0])
+        fading = (mean[0] - mean) * np.sign(rise)
+        early = float(np.interp(_EARLY * since_s[-1], until_s, fading))
+        if fading[-1] < _LEAST_FADE * abs(rise) or early < _AT_ONCE * fading[-1]:
+            return False
+        times = np.geomspace(max(until_s[0], 1e-9), since_s[-1], _TIMES)
+        prony, line = (
+            _left_of_held_out(table, fading)
+            for table in (1.0 - np.exp(-until_s[:, None] / times), until_s[:, None])
+        )
+        return prony < _FOLLOWS and line > _FAR_BELOW * prony
+
+    def held_out(self, log_times: Floats) -> Floats:
+        """Errors over the hold of two fits, each to the ramp and every second bin, at the other bins."""
+        table, left, odd = self.branches(log_times), np.empty_like(self.f), np.full(len(self.f), -1)
+        odd[self.run] = self.bins % 2
+        for fold in (0, 1):
+            theta = np.linalg.lstsq(table[odd != fold], self.f[odd != fold], rcond=None)[0]
+            left[odd == fold] = self.f[odd == fold] - table[odd == fold] @ theta
+        return left[self.run]
+
+
+def held(recording: Recording) -> Hold | None:
+    """None where the recording is no ramp and hold."""
+    assert recording.force_n is not None
+    every = slice(None, None, 1 + len(recording) // _MOST_SAMPLES)
+    t, x, f = (c[every] for c in (recording.time_s, recording.position_m, recording.force_n))
+    still = np.abs(x - np.median(x)) < _STILL * np.ptp(x)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0])
+    strokes = len(turning_points(x.tolist(), _STROKE * float(np.ptp(x)))) > _MOST_TURNS
+    if strokes or stop - start <= _HELD * len(x):
+        return None
+    return Hold(t - t[0], x, f, slice(int(start), int(stop)))
+
+
+def diagnosed_hold(recording: Recording, hold: Hold) -> tuple[Diagnosis, Analysis]:
+    """Whether the material relaxes during the hold; nothing else is told by one.
+
+    Raises:
+        ValueError: too few samples in a row.
+    """
+    spring, one, two = hold.fitted()
+    found = two if np.sum(two.left**2) < _SECOND * np.sum(one.left**2) else one
+    sense = float(np.sign(spring.theta[0])) or 1.0
+    known = sense * found.theta[2:] > found.doubts()[len(found.log_shape) + 2 :]
+    relaxes = bool(known.all()) and hold.relaxes()
+    found = found if relaxes else spring
+    before, after = (hold.held_out(each.log_shape) for each in (spring, found))
+    held_out = _gain(before, after, hold.bins)
+    models = _model(spring, before, hold, sense), _model(found, after, hold, sense)
+    causes = (_relaxation(found, sense, held_out),) if relaxes else ()
+    analysis = _analysis(recording, spring, found, sense)
+    verdict: VerdictName = "cause_found" if relaxes else "nothing_found"
+    motion, flags = None if relaxes else GENERAL_MOTION, (*analysis.flags(), FLAG)
+    return Diagnosis(verdict, causes, (), motion, flags, None, *models, held_out), analysis
+
+
+def _analysis(recording: Recording, spring: Separable, found: Separable, sense: float) -> Analysis:
+    """The two models, as pages and model.yaml show those of any recording."""
+    cleaned = clean(recording)
+    regression = conditioned(recording, cleaned)
+    regression.sense = sense
+    name = "stress_relaxation:two" if len(found.log_shape) == 2 else "stress_relaxation"
+    shape = tuple(map(float, np.exp(found.log_shape)))
+    base, fit = regression.fit({"bias": ()}), regression.fit({"bias": (), **({name: shape} if shape else {})})
+    base.coefficients[:] = 0.0, 0.0, *spring.theta
+    no_start = [value for size in found.theta[2:] for value in (float(size), 0.0)]
+    fit.coefficients[:] = 0.0, 0.0, *found.theta[:2], *no_start
+    return Analysis(cleaned, regression, Search(regression, []), base, fit, recording, None, None)
+
+
+def _relaxation(found: Separable, sense: float, held: HeldOut) -> Cause:
+    doubts, count = found.doubts(), len(found.log_shape)
+    parameters = {}
+    for i, (stiffness, time) in enumerate(_NAMES[:count]):
+        size, log_s = float(sense * found.theta[2 + i]), found.log_shape[i]
+        doubt = float(doubts[count + 2 + i])
+        parameters[stiffness] = Interval(size, size - doubt, size + doubt)
+        ends = np.exp([log_s, log_s - doubts[i], log_s + doubts[i]])
+        parameters[time] = Interval(*map(float, ends))
+    words = "the force of the hold fades as a Prony series that foretells every second part of it"
+    name = "stress_relaxation"
+    evidence = Evidence(fingerprint(name), 0.0, held.gain, held.gain_low, held.gain_high, words)
+    gain_n = held.rmse_before_n - held.rmse_after_n
+    explained_n = float(np.sqrt(max(held.rmse_before_n**2 - held.rmse_after_n**2, 0.0)))
+    return Cause(name, 1.0, parameters, evidence, gain_n, explained_n)
+
+
+def _model(found: Separable, errors: Floats, hold: Hold, sense: float) -> ModelError:
+    stiffness, doubt = float(sense * found.theta[0]), float(found.doubts()[len(found.log_shape)])
+    told = {"stiffness_n_m": Interval(stiffness, stiffness - doubt, stiffness + doubt)}
+    values = {"stiffness_n_m": stiffness, "bias.force_n": float(sense * found.theta[1])}
+    rms_n = float(np.sqrt(np.mean(errors**2)))
+    return ModelError(rms_n, values, 100.0 * (1.0 - rms_n / float(np.std(hold.f))), told)
+
+
+def _gain(before: Floats, after: Floats, bins: NDArray[np.int64]) -> HeldOut:
+    """rms of two series of errors, and 1 - after / before with its bootstrap interval over bins."""
+    power = np.array([[np.sum(e[bins == k] ** 2) for e in (before, after)] for k in np.unique(bins)])
+    drawn = power[np.random.default_rng(0).integers(len(power), size=(_DRAWS, len(power)))].sum(axis=1)
+    low, high = np.quantile(1.0 - np.sqrt(drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300)), (0.025, 0.975))
+    rms = [float(np.sqrt(np.mean(e**2))) for e in (before, after)]
+    return HeldOut(rms[0], rms[1], 1.0 - rms[1] / max(rms[0], 1e-300), float(low), float(high))
+
+
+def _left_of_held_out(table: Floats, fading: Floats) -> float:
+    """Share of the variance of every second bin that a fit to the others leaves; the start is free."""
+    columns = np.column_stack([np.ones(len(table)), -np.ones(len(table)), table])
+    theta, _ = nnls(columns[::2], fading[::2])
+    rest = fading[1::2]
+    return float(np.mean((rest - columns[1::2] @ theta) ** 2) / max(np.var(rest), 1e-300))

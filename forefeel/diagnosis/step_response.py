@@ -1,0 +1,134 @@
+"""A step response: the force has a few levels, and the motion answers it.
+
+Of such a force nothing is learned as a function of the motion: it is constant while the motion rings. The
+motion is simulated from the force instead (output error; Ljung, System Identification, 2nd ed., 1999, section
+4.2):
+
+    x = x_0 + y / k + free decay,   y'' + 2 zeta w y' + w^2 y = w^2 f,   m = k / w^2,   b = 2 zeta w m
+
+For w and zeta the rest is linear.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.analysis import Analysis, conditioned
+from forefeel.diagnosis.identifiability import GENERAL_MOTION
+from forefeel.diagnosis.regression import BASE
+from forefeel.diagnosis.search import Search
+from forefeel.diagnosis.sensor_faults import Cleaned
+from forefeel.diagnosis.separable import separable
+from forefeel.diagnosis.verdict import Diagnosis, HeldOut, Interval, ModelError, VerdictName
+
+_LEVELS, _OF_THE_SAMPLES = 4, 0.95
+_RARELY = 0.02  # of the samples, at most, between which the force changes
+_MOST_SAMPLES = 20_000
+_FASTEST = 0.25  # of the sampling rate
+_FREQUENCIES, _RATIOS = 24, (0.03, 0.1, 0.3, 0.7, 1.5, 4.0)
+_UNKNOWN = 1.5  # of a logarithm, half of its interval: more is not told by the recording
+_ANSWERS = 0.95  # of the position's variance, for the answer to be that of mass, damper and spring
+FLAG = "step_response"
+
+
+@dataclass(frozen=True, slots=True)
+class StepResponse:
+    """Those of mass, damping and stiffness that show, with 95 % intervals; `sense` -1: the force pulls.
+
+    explained: share of the position's variance that the simulated one has. left_n: rms of the rest, in N of
+    the spring.
+    """
+
+    parameters: dict[str, Interval]
+    sense: float
+    explained: float
+    left_n: float
+
+
+def is_step(recording: Recording) -> bool:
+    """Whether four levels hold nearly all samples of the force, and it hardly ever changes."""
+    assert recording.force_n is not None
+    _, counts = np.unique(recording.force_n, return_counts=True)
+    most = np.sort(counts)[-_LEVELS:].sum()
+    changes = np.count_nonzero(np.diff(recording.force_n))
+    return bool(most > _OF_THE_SAMPLES * len(recording) and changes < _RARELY * len(recording))
+
+
+def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis]:
+    """Whether a mass on a spring answers the force, and what it is; no cause is named.
+
+    Raises:
+        ValueError: too few samples in a row.
+    """
+    assert recording.force_n is not None
+    nowhere = np.zeros(len(recording), dtype=np.bool_)
+    cleaned = Cleaned(np.array(recording.force_n), nowhere, nowhere, np.zeros(len(recording)))
+    regression = conditioned(recording, cleaned)
+    found = step_response(recording)
+    regression.sense = found.sense
+    base = regression.fit({"bias": ()})
+    base.coefficients[:3] = [
+        found.sense * found.parameters[name].value if name in found.parameters else 0.0 for name in BASE
+    ]
+    base.coefficients[3] = 0.0
+    base.coefficients[3] = float(np.mean(regression.residual(base)[regression.signals.rows]))
+    analysis = Analysis(cleaned, regression, Search(regression, []), base, base, recording, None, None)
+    values = {name: interval.value for name, interval in found.parameters.items()}
+    fit_percent = 100.0 * (1.0 - float(np.sqrt(1.0 - found.explained)))
+    error = ModelError(found.left_n, values, fit_percent, found.parameters)
+    held = HeldOut(found.left_n, found.left_n, 0.0, 0.0, 0.0)
+    answers = found.explained > _ANSWERS
+    verdict: VerdictName = "nothing_missing" if answers else "unexplained"
+    motion = None if answers else GENERAL_MOTION
+    flags = (*analysis.flags(), FLAG)
+    return Diagnosis(verdict, (), (), motion, flags, None, error, error, held), analysis
+
+
+def step_response(recording: Recording) -> StepResponse:
+    """The linear system that answers the force best; the force holds from each stamp to the next."""
+    period_s, x, f = _evenly(recording)
+    frequencies = np.geomspace(0.5 / (period_s * len(x)), _FASTEST / period_s, _FREQUENCIES)
+    ringing = np.abs(np.fft.rfft(np.diff(x), 8 * len(x)))
+    frequencies = np.append(frequencies, np.fft.rfftfreq(8 * len(x), period_s)[np.argmax(ringing)])
+    starts = [np.log([2.0 * np.pi * each, zeta]) for each, zeta in product(frequencies, _RATIOS)]
+    found = separable(lambda shape: _columns(shape, f, period_s), x, starts)
+    w, zeta = found.log_shape
+    gain = float(found.theta[0]) or 1e-300
+    logs = np.array([-2.0 * w, np.log(2.0) + zeta - w, 0.0]) - np.log(abs(gain))
+    slopes = np.array([[-2.0, 0.0, -1.0 / gain], [-1.0, 1.0, -1.0 / gain], [0.0, 0.0, -1.0 / gain]])
+    variance = np.einsum("ij,jk,ik->i", slopes, found.covariance[:3, :3], slopes)
+    doubts = np.minimum(1.96 * np.sqrt(variance), _UNKNOWN)
+    told = {
+        name: Interval(*map(float, np.exp([log, log - doubt, log + doubt])))
+        for name, log, doubt in zip(BASE, logs, doubts, strict=True)
+        if doubt < _UNKNOWN
+    }
+    left_n = float(np.std(found.left)) / abs(gain)
+    return StepResponse(told, float(np.sign(gain)), 1.0 - float(np.var(found.left) / np.var(x)), left_n)
+
+
+def _evenly(recording: Recording) -> tuple[float, Floats, Floats]:
+    """Period in s, position and force; the force is the last one that was set."""
+    assert recording.force_n is not None
+    t = recording.time_s
+    count = min(len(t), _MOST_SAMPLES)
+    even_s = np.linspace(t[0], t[-1], count)
+    last = np.searchsorted(t, even_s + 1e-9 * (t[-1] - t[0]), side="right") - 1
+    x = np.interp(even_s, t, recording.position_m)
+    return float(even_s[1] - even_s[0]), x, np.asarray(recording.force_n[last])
+
+
+def _columns(log_shape: Floats, f: Floats, period_s: float) -> Floats:
+    """Answer to the force, offset, and two free decays, shape (n, 4)."""
+    w, zeta = np.exp(log_shape)
+    numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * zeta * w, w * w]), period_s)
+    answer = lfilter(numerator[0], denominator, f - f[0]) + f[0]
+    pulse = np.zeros_like(f)
+    pulse[0] = 1.0
+    decay = lfilter([1.0], denominator, pulse)
+    later = np.concatenate([[0.0], decay[:-1]])
+    return np.column_stack([answer, np.ones_like(f), decay, later])

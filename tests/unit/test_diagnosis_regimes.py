@@ -1,0 +1,83 @@
+"""The first experiments of anyone with a bench: a step of the force, a ramp and hold."""
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter
+
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnose.answer import answer
+from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.ramp_and_hold import held
+from forefeel.diagnosis.verdict import Diagnosis
+
+MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M = 0.4, 3.0, 900.0
+
+
+def stepped(way: float, rubbing_n: float = 0.0) -> Recording:
+    """A rig that is set swinging by steps of .5 N, at 111 Hz, seen by an encoder of 1 um."""
+    period_s = 1.0 / 111.0
+    t = np.asarray(np.arange(int(6.0 / period_s)) * period_s)
+    f = np.where((t > 0.5) & (t < 3.2), 0.5, 0.0)
+    stuck = np.where(t > 3.2, rubbing_n, 0.0)  # what dry friction keeps of the first step
+    system = [1.0], [MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M]
+    numerator, denominator, _ = cont2discrete(system, period_s)
+    x = lfilter(numerator[0], denominator, f + stuck)
+    return Recording("step", t, np.asarray(1e-6 * np.round(1e6 * way * x)), np.asarray(f), "step.csv")
+
+
+def ramped(fading: bool, drift_n_s: float = 0.0, way: float = 1.0) -> Recording:
+    """5 mm in 1 s and held for 116 s; Maxwell branches of .7, 8 and 60 s, or none."""
+    t = np.arange(2400) / 20.0
+    x = 5e-3 * np.clip(t - 2.0, 0.0, 1.0)
+    f = 200.0 * x + drift_n_s * t + 3e-3 * np.random.default_rng(2).standard_normal(len(t))
+    for tau_s, stiffness in ((0.7, 80.0), (8.0, 60.0), (60.0, 60.0)) if fading else ():
+        decay = np.exp(-0.05 / tau_s)
+        f += stiffness * lfilter([decay], [1.0, -decay], np.diff(x, prepend=0.0))
+    return Recording("hold", t, way * x, f, "hold.csv")
+
+
+def diagnosed(recording: Recording) -> Diagnosis:
+    found = diagnose(recording)
+    assert answer(recording, found.diagnosis, None)
+    extended_model(found.analysis, "made")
+    return found.diagnosis
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_mass_on_a_spring_that_answers_a_step_lacks_nothing(way: float) -> None:
+    found = diagnosed(stepped(way))
+    assert found.verdict == "nothing_missing"
+    assert ("force_is_the_reaction" in found.flags) == (way < 0.0)
+    truth = MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M
+    for name, value in zip(("mass_kg", "damping_n_s_m", "stiffness_n_m"), truth, strict=True):
+        assert found.baseline.parameters[name] == pytest.approx(value, rel=0.02)
+
+
+def test_a_rig_that_does_not_come_back_is_not_explained() -> None:
+    found = diagnosed(stepped(1.0, rubbing_n=0.3))
+    assert found.verdict == "unexplained"
+    assert found.suggested_motion
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_hold_in_which_the_force_fades_is_relaxation(way: float) -> None:
+    found = diagnosed(ramped(fading=True, way=way))
+    (cause,) = found.causes
+    assert cause.name == "stress_relaxation"
+    assert cause.parameters["time_constant_s"].low < 8.0 < cause.parameters["second_time_constant_s"].high
+    assert found.extended.parameters["stiffness_n_m"] == pytest.approx(200.0, rel=0.05)
+    assert found.held_out.gain_low > 0.8
+
+
+@pytest.mark.parametrize("drift_n_s", [0.0, -3e-3])
+def test_a_hold_in_which_the_cell_drifts_names_nothing(drift_n_s: float) -> None:
+    found = diagnosed(ramped(fading=False, drift_n_s=drift_n_s))
+    assert (found.verdict, found.causes) == ("nothing_found", ())
+
+
+def test_strokes_after_a_long_rest_are_no_hold() -> None:
+    t = np.arange(6000) / 100.0
+    x: Floats = np.where(t > 50.0, 5e-3 * np.sin(2 * np.pi * 0.7 * t), 0.0)
+    assert held(Recording("rest", t, x, 100.0 * x, "rest.csv")) is None
