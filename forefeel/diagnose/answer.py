@@ -118,8 +118,9 @@ def answer(
 
 
 def noise_text(diagnosis: Diagnosis) -> str:
-    """The noise floor; `unknown` where the recording does not tell."""
-    return "unknown" if diagnosis.noise_floor_n is None else quantity(diagnosis.noise_floor_n, "N")
+    """At most, as it holds what is fast and not modelled; `unknown`: the recording does not tell."""
+    floor_n = diagnosis.noise_floor_n
+    return "unknown" if floor_n is None else f"at most {quantity(floor_n, 'N')}"
 
 
 def named(diagnosis: Diagnosis) -> str:

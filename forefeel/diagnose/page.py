@@ -132,7 +132,7 @@ def render_page(
 def _section(stem: str, curves: Curves, cause: Cause) -> CauseSection:
     parameters = [shown(name, interval) for name, interval in cause.parameters.items()]
     explained = ("Its share of the force, rms", quantity(cause.explained_n, "N"))
-    evidence = [explained, *_evidence(cause.evidence, cause.probability)]
+    evidence = [explained, *_evidence(cause.evidence)]
     form, drawing = _drawn(stem, curves, cause.name)
     return CauseSection(
         cause.name, words(cause.name), _fingerprint(cause.name), form, parameters, evidence, drawing
@@ -166,20 +166,12 @@ def _fingerprint(name: str) -> str:
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-def _evidence(evidence: Evidence, probability: float) -> list[tuple[str, str]]:
-    """Held-out gain, likelihood, probability; a fault of the sensor is seen on the readings themselves."""
-    found = []
+def _evidence(evidence: Evidence) -> list[tuple[str, str]]:
+    """The held-out gain; a fault of the sensor is seen on the readings themselves."""
     if evidence.gain:
         ends = f"{100 * evidence.gain_low:.0f} to {100 * evidence.gain_high:.0f} %"
-        found.append(("Error on held-out blocks, less by", f"{100 * evidence.gain:.0f} % ({ends})"))
-    if not evidence.likelihood:
-        return [*found, (ON_READINGS, evidence.words)]
-    likely = "over 99.9 %" if probability > 0.999 else f"{100 * probability:.1f} %"
-    return [
-        *found,
-        ("Penalised -2 log likelihood, less by", f"{evidence.likelihood:.0f}"),
-        ("Probability, against leaving it out", likely),
-    ]
+        return [("Error on held-out blocks, less by", f"{100 * evidence.gain:.0f} % ({ends})")]
+    return [] if evidence.likelihood else [(ON_READINGS, evidence.words)]
 
 
 def _rows(diagnosis: Diagnosis) -> list[ParameterRow]:
@@ -334,7 +326,7 @@ def _sizes(stem: str, curves: Curves, diagnosis: Diagnosis) -> Drawing:
     shown += [(cause.name, cause.explained_n, GREY) for cause in diagnosis.causes]
     shown.append(("left by the extended model", rms(curves.after[rows]), BLUE))
     if diagnosis.noise_floor_n is not None:
-        shown.append(("noise floor", diagnosis.noise_floor_n, BLACK))
+        shown.append(("noise, at most", diagnosis.noise_floor_n, BLACK))
     figure = new_figure(0.75 + 0.33 * len(shown))
     bars(figure.subplots(), *(list(column) for column in zip(*shown, strict=True)))
     caption = (

@@ -293,10 +293,9 @@ class Judge:
         without, own = self._alone[name]
         gain_n, plain = own.before_n - own.after_n, base_name(name)
         likelihood = without.score - self.fit.score
-        probability = 1.0 / (1.0 + float(np.exp(-0.5 * min(likelihood, 100.0))))
         explained = float(np.sqrt(max(own.before_n**2 - own.after_n**2, 0.0)))
         evidence = _evidence(plain, likelihood, own)
-        return Cause(plain, probability, told(self.parameters[plain]), evidence, gain_n, explained)
+        return Cause(plain, told(self.parameters[plain]), evidence, gain_n, explained)
 
     def said(
         self,
@@ -345,7 +344,7 @@ def _fault_cause(fault: Fault) -> Cause:
     """A fault of the sensor is seen on the readings, which are freed of it before models are compared."""
     parameters = {key: Interval(*map(float, values)) for key, values in fault.parameters.items()}
     evidence = Evidence(fingerprint(fault.name), 0.0, 0.0, 0.0, 0.0, fault.evidence)
-    return Cause(fault.name, 1.0, parameters, evidence, 0.0, float(fault.rms_n))
+    return Cause(fault.name, parameters, evidence, 0.0, float(fault.rms_n))
 
 
 def _unbounded(size: Interval) -> bool:

@@ -161,7 +161,7 @@ def _relaxation(found: Separable, sense: float, held: HeldOut) -> Cause:
     evidence = Evidence(fingerprint(name), 0.0, held.gain, held.gain_low, held.gain_high, words)
     gain_n = held.rmse_before_n - held.rmse_after_n
     explained_n = float(np.sqrt(max(held.rmse_before_n**2 - held.rmse_after_n**2, 0.0)))
-    return Cause(name, 1.0, parameters, evidence, gain_n, explained_n)
+    return Cause(name, parameters, evidence, gain_n, explained_n)
 
 
 def _model(found: Separable, errors: Floats, hold: Hold, sense: float) -> ModelError:

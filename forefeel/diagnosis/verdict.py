@@ -1,9 +1,9 @@
-"""The result of a diagnosis, as diagnosis.json holds it (schema forefeel.diagnosis/1)."""
+"""The result of a diagnosis, as diagnosis.json holds it (schema forefeel.diagnosis/2)."""
 
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
-SCHEMA = "forefeel.diagnosis/1"
+SCHEMA = "forefeel.diagnosis/2"
 
 VerdictName = Literal[
     "nothing_missing",
@@ -41,7 +41,6 @@ class Cause:
     """One named cause; `gain_n`: by how much the held-out rms falls with it, in N; `explained_n`: its rms."""
 
     name: str
-    probability: float
     parameters: dict[str, Interval]
     evidence: Evidence
     gain_n: float

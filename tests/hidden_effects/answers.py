@@ -43,8 +43,8 @@ def from_document(document: Mapping[str, Any], seconds: float) -> Answer:
     Raises:
         KeyError: a field of the schema is missing.
     """
-    if document["schema"] != "forefeel.diagnosis/1":
-        raise KeyError(f"schema {document['schema']!r}, expected 'forefeel.diagnosis/1'")
+    if document["schema"] != "forefeel.diagnosis/2":
+        raise KeyError(f"schema {document['schema']!r}, expected 'forefeel.diagnosis/2'")
     return Answer(
         verdict=document["verdict"],
         names=tuple(cause["name"] for cause in document["causes"]),
