@@ -39,8 +39,15 @@ def intervals(
     covariance = covariance_of(regression, fit)
     theta, sizes = _point(fit)
     rng = np.random.default_rng(0)
-    draws = rng.multivariate_normal(
-        theta, 0.5 * (covariance + covariance.T), size=_DRAWS, method="eigh", check_valid="ignore"
+    size = np.sqrt(np.diag(covariance))  # sizes of one model differ by up to 1e30: what is left of a decay
+    size[size == 0.0] = 1.0
+    correlation = covariance / np.outer(size, size)
+    draws = theta + size * rng.multivariate_normal(
+        np.zeros(len(theta)),
+        0.5 * (correlation + correlation.T),
+        size=_DRAWS,
+        method="eigh",
+        check_valid="ignore",
     )
     start_s, sense = regression.signals.origin_s, regression.sense
     values = _named(fit, theta, sizes, start_s, sense)
