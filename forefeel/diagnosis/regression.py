@@ -92,7 +92,7 @@ def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tup
 
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
-_KEPT_BYTES, _KEPT_SPECTRA_BYTES = 5e7, 2e7
+_KEPT_BYTES, _KEPT_SPECTRA_BYTES = 1.5e8, 1e8
 _WHITE = 2  # taps of no colour
 _FROM_THE_STAGE: tuple[Site, ...] = "sensor", "shaft"  # sites that a mass before the contact may have
 C = TypeVar("C", bound=Changing)
@@ -162,14 +162,14 @@ class RecordingRegression:
             s.decimated, _on(s.piecewise(), s.fine_t, s.piecewise(fine=False), s.t, s.force),
         )  # fmt: skip
         self._motions: OrderedDict[object, MotionGrid] = OrderedDict()
-        self._spectra: OrderedDict[object, list[Spectrum]] = OrderedDict()
+        self._spectra: OrderedDict[object, Spectrum] = OrderedDict()
         self._whitened: OrderedDict[object, Block] = OrderedDict()
         self._made = 0
         self._aligning: tuple[object, Spectrum | None] = (), None
         self._kept, self._kept_spectra = (
             int(np.clip(most / (16.0 * len(s.t)), 16, 4000)) for most in (_KEPT_BYTES, _KEPT_SPECTRA_BYTES)
         )
-        self._base = [s.linear_spectrum(d) for d in (2, 1, 0)]
+        self._base = np.stack([s.linear_spectrum(d) for d in (2, 1, 0)])
         self.look = look(s, self._motion) if seen is None else seen
         self.sense = self.look.sense
         self.whiten_by(white())
@@ -264,14 +264,13 @@ class RecordingRegression:
             return candidate.columns(self.signals.t, shape)
         if _has_no_column(candidate):
             return np.empty((len(self.signals.t), 0))
-        spectra = self._aligned(model, name, shape, candidate)
-        return np.column_stack([self.signals.column(spectrum) for spectrum in spectra])
+        return self.signals.column(self._aligned(model, name, shape, candidate)).T
 
-    def _aligned(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
+    def _aligned(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> Spectrum:
         """Spectra of a cause's columns as the load cell shows them."""
         spectra = self._columns(model, name, shape, candidate)
         factor = None if isinstance(candidate, ReadingColumns) else self._alignment(model)
-        return spectra if factor is None else [spectrum * factor for spectrum in spectra]
+        return spectra if factor is None else spectra * factor
 
     def _alignment(self, model: Model) -> Spectrum | None:
         key = frame(model, Alignment)
@@ -303,7 +302,8 @@ class RecordingRegression:
         return self._motions[key]
 
     def _white_block(self, model: Model, name: str, shape: Shape) -> "Block":
-        key = (frame(model, Changing), name, shape)
+        moved = () if isinstance(CANDIDATES.get(name), ReadingColumns) else frame(model, Changing)
+        key = (moved, name, shape)
         if key not in self._whitened:
             columns = self._white_columns(model, name, shape)
             self._made += 1
@@ -320,15 +320,12 @@ class RecordingRegression:
         if _has_no_column(candidate):
             return np.empty((len(self.target), 0))
         spectra = self._aligned(model, name, shape, candidate)
-        columns = np.empty((len(self.target), len(spectra)), order="F")
-        for i, spectrum in enumerate(spectra):
-            columns[:, i] = self.signals.column(spectrum * self._whitener)[self._counted]
-        return columns
+        return self.signals.column(spectra * self._whitener)[:, self._counted].T
 
     def _white(self, columns: Floats) -> Floats:
         return self.noise.whiten(columns, self._pieces)[self.rows] / self.noise.innovation_n
 
-    def _columns(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
+    def _columns(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> Spectrum:
         moved = frame(model, Transmission, Modulation)
         if candidate is None and not moved:
             return self._base
@@ -337,17 +334,14 @@ class RecordingRegression:
             _keep(self._spectra, key, self._fresh(model, shape, candidate), self._kept_spectra)
         return self._spectra[key]
 
-    def _fresh(self, model: Model, shape: Shape, candidate: Candidate | None) -> list[Spectrum]:
+    def _fresh(self, model: Model, shape: Shape, candidate: Candidate | None) -> Spectrum:
         motion = self.motion(model)
         if isinstance(candidate, Mode):
-            driven = (
-                self.signals.spectrum(motion.a * motion.touching)
-                if motion is not self._motion
-                else self._base[0]
-            )
-            return candidate.spectra(self.signals.omega, driven, shape)
+            moved = motion is not self._motion
+            driven = self.signals.spectrum(motion.a * motion.touching) if moved else self._base[0]
+            return np.stack(candidate.spectra(self.signals.omega, driven, shape))
         if isinstance(candidate, ReadingColumns):
-            return [self.signals.spectrum(column) for column in candidate.columns(motion.t, shape).T]
+            return self.signals.spectrum(candidate.columns(motion.t, shape).T)
         if candidate is None:
             columns = [self._accelerated(model, motion), motion.v * motion.touching, motion.x]
         elif isinstance(candidate, Transmission):
@@ -363,7 +357,7 @@ class RecordingRegression:
             factor = modulation.factor(motion, wrap)
             carried = candidate is None and mass_site(model) == "sensor"  # the mass, which is before it
             columns = [columns[0] if carried else factor * columns[0], *(factor * c for c in columns[1:])]
-        return [self.signals.spectrum(column) for column in columns]
+        return self.signals.spectrum(np.stack(columns))
 
     def _accelerated(self, model: Model, motion: MotionGrid) -> Floats:
         """The mass's acceleration, where it is."""

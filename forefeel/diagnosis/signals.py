@@ -147,20 +147,20 @@ class Signals:
         return np.concatenate(parts)
 
     def spectrum(self, fine: Floats) -> Spectrum:
-        """Filtered spectrum of a column that is given on the fine grid."""
+        """Filtered spectrum of columns that are given on the fine grid, shape (..., fine)."""
         parts = [
-            self._cut(grid, rfft(fine[self.fine_starts[i] : self.fine_starts[i + 1]]), grid.fine, 0)
-            for i, grid in enumerate(self.pieces)
+            self._cut(grid, rfft(fine[..., piece]), grid.fine, 0)
+            for grid, piece in zip(self.pieces, self.piecewise(), strict=True)
         ]
-        return np.concatenate(parts)
+        return np.concatenate(parts, axis=-1)
 
     def column(self, spectrum: Spectrum) -> Floats:
-        """A spectrum back in time, on the coarse grid."""
+        """Spectra back in time, on the coarse grid, shape (..., coarse)."""
         parts = [
-            irfft(spectrum[self._spec_starts[i] : self._spec_starts[i + 1]], grid.coarse)
+            irfft(spectrum[..., self._spec_starts[i] : self._spec_starts[i + 1]], grid.coarse)
             for i, grid in enumerate(self.pieces)
         ]
-        return np.concatenate(parts)
+        return np.concatenate(parts, axis=-1)
 
     def piecewise(self, fine: bool = True) -> Sequence[slice]:
         """Where each piece lies on the fine or on the coarse grid."""
@@ -179,7 +179,7 @@ class Signals:
 
     def _cut(self, grid: SignalPiece, spectrum: Spectrum, length: int, derivative: int) -> Spectrum:
         bins = grid.coarse // 2 + 1
-        cut = spectrum[:bins] * (self._gains[grid] * (grid.coarse / length))
+        cut = spectrum[..., :bins] * (self._gains[grid] * (grid.coarse / length))
         if derivative:
             cut *= (2j * np.pi * np.arange(bins) / grid.span_s) ** derivative
         return np.asarray(cut)
@@ -226,14 +226,16 @@ def _grid(time_s: Floats, cutoff_hz: float) -> SignalPiece | None:
     period_s = float(np.median(np.diff(time_s)))
     samples = int((time_s[-1] - time_s[0]) / period_s + 1e-6) + 1
     pad_s = max(2.0 * edge_s, min(_PAD_S, 0.1 * samples * period_s))
-    padded = next_fast_len(samples + int(pad_s / period_s) + 2, real=True)
+    padded = _even_fast_length(samples + int(pad_s / period_s) + 2)
     span_s = padded * period_s
-    coarse = min(next_fast_len(int(2.0 * cutoff_hz * span_s) + 2, real=True), padded)
-    coarse += coarse % 2
-    fine = min(next_fast_len(int(_FINE_PER_BAND * cutoff_hz * span_s), real=True), max(padded, 2 * coarse))
+    coarse = min(_even_fast_length(int(2.0 * cutoff_hz * span_s) + 2), padded)
+    fine = min(_even_fast_length(int(_FINE_PER_BAND * cutoff_hz * span_s)), max(padded, 2 * coarse))
     fine = max(fine, coarse)
-    fine += fine % 2
     return SignalPiece(float(time_s[0]), period_s, samples, padded, fine, coarse)
+
+
+def _even_fast_length(least: int) -> int:
+    return 2 * int(next_fast_len((least + 1) // 2, real=True))
 
 
 def _uniform(
