@@ -81,13 +81,11 @@ def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
 def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tuple[Floats, float]:
     """As `solve_normal`; the `first` coefficients have the sense of the force or are zero."""
     free = np.ones(len(moment), dtype=np.bool_)
-    for _ in range(1 + first):
+    coefficients, explained = solve_normal(gram, moment)
+    while (coefficients[:first] * sense < 0.0).any():
+        free[:first] &= coefficients[:first] * sense >= 0.0
         coefficients = np.zeros(len(moment))
         coefficients[free], explained = solve_normal(gram[np.ix_(free, free)], moment[free])
-        negative = coefficients[:first] * sense < 0.0
-        if not negative.any():
-            break
-        free[:first] &= ~negative
     return coefficients, explained
 
 
@@ -96,9 +94,10 @@ _KEPT_BYTES, _KEPT_SPECTRA_BYTES = 1.5e8, 1e8
 _WHITE = 2  # taps of no colour
 _FROM_THE_STAGE: tuple[Site, ...] = "sensor", "shaft"  # sites that a mass before the contact may have
 C = TypeVar("C", bound=Changing)
+Frame = tuple[tuple[str, Shape], ...]
 _LEAST_SIDE = 0.03  # of the samples, on each side of a play
 _NEAR_ZERO = 0.1  # of the range of the force, by which its zero may be off: where it is small
-_MOST_PRODUCTS = 40_000
+_MOST_PRODUCTS = 100_000
 _CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
 
 
@@ -197,7 +196,7 @@ class RecordingRegression:
 
     def fit(self, model: Model) -> ModelFit:
         """Least squares at these shapes, by inner products that are remembered."""
-        blocks = [self._white_block(model, name, shape) for name, shape in [("", ()), *model.items()]]
+        blocks = self._blocks(model)
         owners = self._owners(model, blocks)
         gram, moment = self._normal(blocks)
         coefficients, explained = solve_passive(gram, moment, self.sense, len(BASE))
@@ -219,7 +218,7 @@ class RecordingRegression:
 
     def design(self, model: Model) -> tuple[Floats, tuple[str, ...]]:
         """Whitened columns that count and the owner of each."""
-        blocks = [self._white_block(model, name, shape) for name, shape in [("", ()), *model.items()]]
+        blocks = self._blocks(model)
         return np.hstack([block.columns for block in blocks]), self._owners(model, blocks)
 
     @staticmethod
@@ -247,14 +246,12 @@ class RecordingRegression:
         return gram, moment
 
     def _product(self, a: "Block", b: "Block") -> Floats:
-        if a.number > b.number:
-            return self._product(b, a).T
-        key = a.number, b.number
-        found = self._products.get(key)
+        found = self._products.get((a.number, b.number))
         if found is None:
             if len(self._products) > _MOST_PRODUCTS:
                 self._products.clear()
-            found = self._products[key] = a.columns.T @ b.columns
+            found = a.columns.T @ b.columns
+            self._products[a.number, b.number], self._products[b.number, a.number] = found, found.T
         return found
 
     def block(self, model: Model, name: str, shape: Shape) -> Floats:
@@ -301,9 +298,12 @@ class RecordingRegression:
             _keep(self._motions, key, motion, 8)
         return self._motions[key]
 
-    def _white_block(self, model: Model, name: str, shape: Shape) -> "Block":
-        moved = () if isinstance(CANDIDATES.get(name), ReadingColumns) else frame(model, Changing)
-        key = (moved, name, shape)
+    def _blocks(self, model: Model) -> list["Block"]:
+        moved = frame(model, Changing)
+        return [self._white_block(model, moved, *cause) for cause in [("", ()), *model.items()]]
+
+    def _white_block(self, model: Model, moved: Frame, name: str, shape: Shape) -> "Block":
+        key = (() if isinstance(CANDIDATES.get(name), ReadingColumns) else moved), name, shape
         if key not in self._whitened:
             columns = self._white_columns(model, name, shape)
             self._made += 1
@@ -406,7 +406,7 @@ def _on(fine: Sequence[slice], fine_t: Floats, coarse: Sequence[slice], t: Float
     return np.concatenate(parts)
 
 
-def frame(model: Model, *kinds: type[Changing]) -> tuple[tuple[str, Shape], ...]:
+def frame(model: Model, *kinds: type[Changing]) -> Frame:
     """What in a model changes the columns of all others; sorted, so that it can be a key."""
     return tuple(sorted((n, shape) for n, shape in model.items() if isinstance(CANDIDATES[n], kinds)))
 
