@@ -23,9 +23,9 @@ from forefeel.common.causes.numerics import Array, lazy_kernel
 # m/s, half the width of the linear band; chosen, not measured: a wider one makes slow friction viscous, a
 # narrower one lets it chatter where a servo comes to rest
 BAND_M_S = 1e-5
-BREAKAWAY = Parameter("breakaway_m", "m", 0.0, 0.0, 1.0, linear=False)
+BREAKAWAY = Parameter("breakaway_m", "m", 0.0, 0.0, 1e6, linear=False)
 """Distance over which friction goes from rest to its full size; 0 where it has it at once."""
-BAND = Parameter("band_m_s", "m/s", BAND_M_S, BAND_M_S, 1.0, linear=False)
+BAND = Parameter("band_m_s", "m/s", BAND_M_S, BAND_M_S, 1e5, linear=False)
 """Half the width of the linear band; wider than by default where the speed itself is not known so well."""
 # of the stroke, and how many are tried; chosen: a refined one ends where presliding_hysteresis begins
 _SHORTEST, _LONGEST, _LENGTHS = 1e-5, 6e-4, 4
@@ -216,7 +216,7 @@ class StribeckFriction(_AlongDirection):
     parameters = (
         Parameter("coulomb_n", "N", 0.0, 0.0, 1e4),
         Parameter("static_n", "N", 0.0, 0.0, 1e4),
-        Parameter("stribeck_velocity_m_s", "m/s", 0.005, 1e-6, 1e2, linear=False),
+        Parameter("stribeck_velocity_m_s", "m/s", 0.005, 1e-9, 1e5, linear=False),
         BREAKAWAY,
     )
     reference = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994, Gaussian form"
@@ -317,7 +317,7 @@ class PreslidingHysteresis(ForceEffect):
     site = "shaft"
     parameters = (
         Parameter("force_n", "N", 0.01, 1e-6, 1e4),
-        Parameter("stiffness_n_m", "N/m", 50.0, 1e-3, 1e9, linear=False),
+        Parameter("stiffness_n_m", "N/m", 50.0, 1e-6, 1e12, linear=False),
     )
     reference = "Dahl, A Solid Friction Model, Aerospace Corporation TOR-0158(3107-18)-1, 1968"
     fingerprint = "a curve over the distance since the last reversal that saturates, the same at any speed"

@@ -188,7 +188,7 @@ class PositionMap(ForceEffect):
     site = "shaft"
     parameters = (
         *(Parameter(name, "N", 0.0, -1e4, 1e4) for name in _NAMES),
-        Parameter("period_m", "m", 0.01, 1e-6, 1e3, linear=False),
+        Parameter("period_m", "m", 0.01, 1e-9, 1e6, linear=False),
     )
     reference = "Fourier series; gravity of a joint: Armstrong, Khatib and Burdick, ICRA 1986"
     fingerprint = "a curve over position, the same in both directions, at any speed and at rest"

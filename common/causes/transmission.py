@@ -48,7 +48,7 @@ class Backlash(MotionEffect):
     """
 
     name = "backlash"
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("width_m", "m", 0.0, 0.0, 1e2, linear=False),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("width_m", "m", 0.0, 0.0, 1e6, linear=False),)
     reference = "Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989, the play operator"
     fingerprint = "after each reversal the force stands still over a constant width of the position"
     words = "play between stage and instrument"
@@ -147,7 +147,7 @@ class Play(Backlash):
     name = "play"
     parameters = (
         *Backlash.parameters,
-        Parameter("rest_position_m", "m", 0.0, -1e2, 1e2, linear=False),
+        Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),
         Parameter("settling_s", "s", HELD_S, 0.0, HELD_S, linear=False),
     )
     fingerprint = (

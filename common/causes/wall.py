@@ -63,7 +63,7 @@ class ExponentialWall(ForceEffect):
     site = "wall"
     parameters = (
         Parameter("exponential_n", "N", 0.0, 0.0, 1e4),
-        Parameter("length_m", "m", 0.01, 1e-5, 1e2, linear=False),
+        Parameter("length_m", "m", 0.01, 1e-9, 1e6, linear=False),
     )
     reference = "Fung, Elasticity of soft tissues in simple elongation, Am. J. Physiol. 213, 1967"
     fingerprint = "a curve over position that steepens without end, the same on the way in and out"
@@ -286,7 +286,7 @@ class StiffnessChange(ForceEffect):
         Parameter("stiffness_n_m", "N/m", 1.0, 1e-9, 1e9),
         Parameter("time_s", "s", 0.0, -1e9, 1e9, linear=False),
         Parameter("ratio", "", 1.0, 0.0, 1e3, linear=False),
-        Parameter("rest_position_m", "m", 0.0, -1e3, 1e3, linear=False),
+        Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),
     )
     reference = "spring with a step in its stiffness; punctures: Okamura et al., IEEE T-BME 51(10), 2004"
     fingerprint = "nothing up to an instant, proportional to position from then on"
@@ -371,7 +371,7 @@ class ContactLoss(ContactEffect):
 
     name = "contact_loss"
     parameters = (
-        Parameter("contact_position_m", "m", 0.0, -1e3, 1e3, linear=False),
+        Parameter("contact_position_m", "m", 0.0, -1e6, 1e6, linear=False),
         Parameter("release_s", "s", 0.0, 0.0, 1e3, linear=False),
     )
     reference = "Signorini's unilateral contact condition"

@@ -7,6 +7,7 @@ import numpy as np
 
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.error_size import Floats
+from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.band import cutoff_hz, speed_band_m_s
 from forefeel.diagnosis.noise import LEAST_CORNER_HZ, Noise, autoregression
@@ -114,14 +115,13 @@ def analyse(
         parts_s: see `RecordingRegression`.
 
     Raises:
-        ValueError: too few samples in a row.
+        RecordingError: too few samples in a row.
     """
     progress("sensor")
     cleaned = clean(recording)
     regression = conditioned(recording, cleaned, parts_s)
     signals = regression.signals
-    if np.count_nonzero(regression.rows) < _LEAST_ROWS:
-        raise ValueError(f"fewer than {_LEAST_ROWS} samples of the force can be compared with the motion")
+    _require(regression, recording, _LEAST_ROWS)
     progress("search")
     floor = noise_floor(recording, cleaned.force_n, cleaned.clipped)
     search = Search(regression, names, 0.0 if floor is None else _in_band_n(floor, signals))
@@ -145,12 +145,21 @@ def conditioned(
     """The recording below its cutoff, ready to be fitted.
 
     Raises:
-        ValueError: too few samples in a row.
+        RecordingError: too few samples in a row.
     """
     cutoff = cutoff_hz(recording, cleaned.force_n)
     signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
     reach_hz = min(2.0 * cutoff, signals.motion_reach_hz)
-    return RecordingRegression(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz), parts_s)
+    regression = RecordingRegression(
+        signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz), parts_s
+    )
+    _require(regression, recording, 1)
+    return regression
+
+
+def _require(regression: RecordingRegression, recording: Recording, least: int) -> None:
+    if np.count_nonzero(regression.rows) < least:
+        raise RecordingError(f"{recording.source}: fewer than {least} samples of the force can be compared")
 
 
 def _in_narrower_band(
@@ -168,7 +177,7 @@ def _in_narrower_band(
     cutoff = _NARROWER * regression.signals.cutoff_hz
     try:
         signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
-    except ValueError:
+    except RecordingError:
         return None
     other = RecordingRegression(signals, regression.extent.speed_band, seen=regression.look)
     residual = other.residual(other.fit(fit.model))

@@ -79,16 +79,13 @@ def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel |
     step = not parts_s and is_step(recording)
     hold = None if parts_s or step else held(recording)
     long = hold is None and not step and is_long(recording)
-    try:
-        if step:
-            found, analysis = diagnosed_step(recording)
-        elif hold is not None:
-            found, analysis = diagnosed_hold(recording, hold)
-        else:
-            analysis = (analyse_long if long else analyse)(recording, progress, names, parts_s)
-            found, analysis = _weighed(analysis, progress)
-    except ValueError as error:
-        raise RecordingError(f"{recording.source}: {error}") from error
+    if step:
+        found, analysis = diagnosed_step(recording)
+    elif hold is not None:
+        found, analysis = diagnosed_hold(recording, hold)
+    else:
+        analysis = (analyse_long if long else analyse)(recording, progress, names, parts_s)
+        found, analysis = _weighed(analysis, progress)
     gaps = of.gaps if isinstance(of, Joined) else len(recording.segments()) > 1
     flags = _flags(found.flags, gaps, long)
     if feeds_the_motion(analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit):
@@ -99,7 +96,9 @@ def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel |
 
 def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysis]:
     if _says_nothing(analysis):
-        raise ValueError("the force is flat but for noise, expected an answer to the motion")
+        raise RecordingError(
+            f"{analysis.recording.source}: the force is flat but for noise, expected an answer to the motion"
+        )
     progress("trust")
     found, analysis = judged(analysis)
     return with_expectation(found, analysis), analysis
@@ -139,8 +138,10 @@ def check(recording: Recording) -> None:
         raise RecordingError(f"{place}: no force, expected a column with the measured force")
     if recording.duration_s < LEAST_S:
         raise RecordingError(f"{place}: {recording.duration_s:.3g} s long, expected at least {LEAST_S:g} s")
-    if float(np.ptp(recording.position_m)) == 0.0 or _is_noise(recording.position_m):
+    if float(np.ptp(recording.position_m)) == 0.0:
         raise RecordingError(f"{place}: the position never changes, expected motion")
+    if _is_noise(recording.position_m):
+        raise RecordingError(f"{place}: the position is noise or single jumps, expected motion")
     if float(np.ptp(recording.force_n)) == 0.0:
         raise RecordingError(f"{place}: the force never changes, expected a measured force")
 

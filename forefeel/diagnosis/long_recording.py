@@ -22,6 +22,7 @@ import numpy as np
 
 from forefeel.common.causes.candidate import Model, base_name
 from forefeel.common.error_size import Floats
+from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse, residual_rms_n
 from forefeel.diagnosis.band import cutoff_hz
@@ -152,7 +153,7 @@ def analyse_long(
     """The analysis of stretches; see the module. `names`, `parts_s`: as in `analyse`.
 
     Raises:
-        ValueError: no stretch without gaps is long enough.
+        RecordingError: no stretch without gaps is long enough.
     """
     progress("sensor, in chunks")
     cleaned, unusable, faults = cleaned_everywhere(recording, chunks_of(recording, _RARE_S))
@@ -219,7 +220,7 @@ class Whole:
             assert part.force_n is not None
             try:
                 signals = Signals(part, part.force_n, like.signals.cutoff_hz, self.unusable[chunk])
-            except ValueError:  # too few samples in a row
+            except RecordingError:  # too few samples in a row
                 continue
             if np.count_nonzero(signals.rows) < _LEAST_ROWS:
                 continue

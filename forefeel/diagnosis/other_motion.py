@@ -21,6 +21,7 @@ from numpy.random import Generator
 from scipy.fft import irfft, rfft
 
 from forefeel.common.error_size import Floats
+from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.held_out import plain_columns
@@ -114,7 +115,7 @@ def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Ite
         recording = Recording("other", t + signals.origin_s, path, np.zeros_like(t), "other")
         try:
             other = Signals(recording, np.zeros_like(t), signals.cutoff_hz, np.zeros(len(t), dtype=np.bool_))
-        except ValueError:
+        except RecordingError:
             continue
         other.moved_to(signals.origin_s)
         yield regression.like(other)

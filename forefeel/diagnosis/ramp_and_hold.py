@@ -115,7 +115,7 @@ def diagnosed_hold(recording: Recording, hold: Hold) -> tuple[Diagnosis, Analysi
     """Whether the material relaxes during the hold; nothing else is told by one.
 
     Raises:
-        ValueError: too few samples in a row.
+        RecordingError: too few samples in a row.
     """
     spring, one, two = hold.fitted()
     found = two if np.sum(two.left**2) < _SECOND * np.sum(one.left**2) else one

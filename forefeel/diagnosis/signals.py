@@ -20,6 +20,7 @@ from scipy.signal import welch
 
 from forefeel.common.causes.candidate import Extent, Spectrum
 from forefeel.common.error_size import Floats
+from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 
 Mask = NDArray[np.bool_]
@@ -97,11 +98,13 @@ class Signals:
             motion.append(self._motion(grid, x_spec))
             coarse.append(self._coarse(grid, f_spec, bad | _unsettled(x)))
         if not self.pieces:
-            raise ValueError("no stretch without gaps is long enough")
+            raise RecordingError(f"{recording.source}: no stretch without gaps is long enough")
         self.fine_t, self.fine_x, self.fine_v, self.fine_a = (
             np.concatenate(c) for c in zip(*motion, strict=True)
         )
         self.t, self.force, self.rows = (np.concatenate(c) for c in zip(*coarse, strict=True))
+        if not self.rows.any():
+            raise RecordingError(f"{recording.source}: no sample of the force stands beside the motion")
         self.starts = np.cumsum([0, *(p.coarse for p in self.pieces)])
         self.fine_starts = np.cumsum([0, *(p.fine for p in self.pieces)])
         self._spec_starts = np.cumsum([0, *(p.coarse // 2 + 1 for p in self.pieces)])

@@ -62,7 +62,7 @@ def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis]:
     """Whether a mass on a spring answers the force, and what it is; no cause is named.
 
     Raises:
-        ValueError: too few samples in a row.
+        RecordingError: too few samples in a row.
     """
     assert recording.force_n is not None
     nowhere = np.zeros(len(recording), dtype=np.bool_)
@@ -93,7 +93,7 @@ def step_response(recording: Recording) -> StepResponse:
     period_s, x, f = _evenly(recording)
     frequencies = np.geomspace(0.5 / (period_s * len(x)), _FASTEST / period_s, _FREQUENCIES)
     ringing = np.abs(np.fft.rfft(np.diff(x), 8 * len(x)))
-    frequencies = np.append(frequencies, np.fft.rfftfreq(8 * len(x), period_s)[np.argmax(ringing)])
+    frequencies = np.append(frequencies, np.fft.rfftfreq(8 * len(x), period_s)[1 + np.argmax(ringing[1:])])
     starts = [np.log([2.0 * np.pi * each, zeta]) for each, zeta in product(frequencies, _RATIOS)]
     found = separable(lambda shape: _columns(shape, f, period_s), x, starts)
     w, zeta = found.log_shape
