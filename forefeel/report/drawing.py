@@ -224,6 +224,8 @@ def medians(x: Floats, y: Floats, bins: int) -> tuple[Floats, Floats]:
 
 def _binned(x: Floats, bins: int) -> list[NDArray[np.intp]]:
     """The rows of each bin that has some; half of the edges at equal counts, half at equal distances."""
+    if not len(x):
+        return []
     inner = np.linspace(0.0, 1.0, bins // 2 + 1)[1:-1]
     edges = np.sort(np.concatenate([np.quantile(x, inner), x.min() + inner * np.ptp(x)]))
     order = np.argsort(x, kind="stable")
