@@ -251,7 +251,7 @@ def finish(axes: Axes, x: str, y: str, columns: int = 4, legend: bool = True, ma
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.margins(x=margin)
-    if legend:
+    if legend and axes.get_legend_handles_labels()[0]:
         axes.legend(ncols=columns, loc="lower left", bbox_to_anchor=(0, 1))
 
 
