@@ -14,13 +14,16 @@ _LINE_SHARE = 0.985
 _ALIKE = 1.2  # ratio of frequencies and of sizes within which two lines are one
 _STEADY = 0.06
 
-_FRICTION = {
-    "coulomb_friction",
-    "backlash",
-    "presliding_hysteresis",
-    "stribeck_friction",
-    "position_dependent_friction",
-}
+FRICTION = frozenset(
+    {
+        "coulomb_friction",
+        "stribeck_friction",
+        "presliding_hysteresis",
+        "position_dependent_friction",
+        "capstan",
+    }
+)
+"""Dry friction in any of its descriptions."""
 _LINEAR = {"time_delay", "sensor_lag", "unmodelled_resonance", "stress_relaxation"}
 
 SEPARATING: tuple[tuple[frozenset[str], str], ...] = (
@@ -51,7 +54,7 @@ SEPARATING: tuple[tuple[frozenset[str], str], ...] = (
         "the same positions again, later",
     ),
 )
-RIVALS_AT_CONSTANT_SPEED = "bias", "coulomb_friction", "sensor_drift", "stress_relaxation"
+RIVALS_AT_CONSTANT_SPEED = "coulomb_friction", "sensor_drift", "stress_relaxation"
 GENERAL_MOTION = (
     "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
 )
@@ -84,12 +87,6 @@ def motion_kind(signals: Signals) -> MotionKind:
         return "constant_speed"
     longest = max(map(len, inside))
     return "single_frequency" if _one_line([v for v in inside if 2 * len(v) > longest]) else "rich"
-
-
-def rivals_of_a_line(candidates: set[str]) -> tuple[str, ...]:
-    """Names that one frequency at one amplitude can not tell apart, those that were suspected among them."""
-    together = _FRICTION | {"stiffening", "hunt_crossley_damping", "quadratic_drag", "asymmetric_damping"}
-    return tuple(sorted(candidates | (together if candidates & together or not candidates else _LINEAR)))
 
 
 def _straight(signals: Signals) -> bool:

@@ -1,6 +1,6 @@
 """Weighs an analysis: what is named, and with how much trust."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -11,11 +11,12 @@ from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.held_out import RmsGain, gain, held_out_errors
 from forefeel.diagnosis.identifiability import (
+    FRICTION,
     GENERAL_MOTION,
     NOISE_TELLING_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
+    MotionKind,
     motion_kind,
-    rivals_of_a_line,
     separating_motion,
     turns,
 )
@@ -43,6 +44,8 @@ _LEAST_GAIN_OF_FLOOR = 0.01
 _WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it
 _RIVAL = 6.0
 _NEAR = 0.3  # of what the cause explains: no rival begins farther off on the grid
+_AS_GOOD = 0.03  # lower end of the held-out gain over a rival, up to which it does as well
+_MOST_RIVALS = 3
 _FORETOLD = 0.3
 _STRUCTURE = 0.135
 _FLEXIBLE = 0.1
@@ -61,8 +64,8 @@ _MUCH_LESS = 0.25  # of what the motion leaves unexplained: what the own past th
 _AHEAD_S = 0.2  # s by which the force's own past has to foretell it: longer than any contact rings
 _KNOWN = 0.3  # least share that it has to foretell, to say that something else drives the force
 
-Less = tuple[VerdictName, tuple[tuple[str, ...], ...], str | None]
-"""A verdict without a cause, its rivals, and the motion to record next."""
+Less = tuple[VerdictName, str | None, tuple[tuple[str, ...], ...]]
+"""A verdict without a cause, the motion to record next, and groups of rivals."""
 
 
 def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
@@ -101,10 +104,9 @@ class Judge:
     def diagnosis(self) -> Diagnosis:
         """The verdict by the rules of the design: named only when three pieces of evidence agree."""
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
-        less = self._untellable or self._inexplicable()
+        less = self._inexplicable()
         if less is not None:
-            verdict, rivals, motion = less
-            return self.said(verdict, motion, rivals, names)
+            return self.said(*less, suspected=names)
         if self.fit.model or self.faults:
             return self.said("cause_found", suspected=names)
         if self.floor_n is None:
@@ -112,27 +114,20 @@ class Judge:
         return self.said("nothing_missing")
 
     @cached_property
-    def _untellable(self) -> Less | None:
-        """Where the motion is too plain to tell causes apart."""
-        kind = motion_kind(self.regression.signals)
-        if kind == "constant_speed":
-            return "not_separable", (RIVALS_AT_CONSTANT_SPEED,), GENERAL_MOTION
-        physical = {base_name(name) for name in self.fit.model}
-        if kind == "single_frequency" and physical:
-            rivals = rivals_of_a_line(physical)
-            return "not_separable", (rivals,), separating_motion(set(rivals))
-        return None
+    def _kind(self) -> MotionKind:
+        return motion_kind(self.regression.signals)
 
     def _inexplicable(self) -> Less | None:
         """Where the model is not all that there is, or not the only one."""
+        if self._kind == "constant_speed":
+            return "not_separable", GENERAL_MOTION, (RIVALS_AT_CONSTANT_SPEED,)
         if self._not_driven():
-            return "not_driven_by_this_axis", (), None
+            return "not_driven_by_this_axis", None, ()
         if self._structure_left() and not self._stands_beside_the_rest():
-            return "unexplained", (), GENERAL_MOTION
-        groups = self._rival_groups()
+            return "unexplained", GENERAL_MOTION, ()
+        groups = self._rivals_of_a_line() if self._kind == "single_frequency" else self._rival_groups()
         if groups:
-            together = {name for group in groups for name in group}
-            return "not_separable", groups, separating_motion(together)
+            return "not_separable", separating_motion({name for group in groups for name in group}), groups
         return None
 
     def _not_driven(self) -> bool:
@@ -205,32 +200,47 @@ class Judge:
 
     def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
         """For each cause the names that would do as well in its place."""
-        groups: list[tuple[str, ...]] = []
         taken = {base_name(each) for each in self.fit.model}
+        groups = []
         for name in self.fit.model:
-            rest, _ = self._alone[name]
-            equals = {
-                base_name(other)
-                for other in self.search.names
-                if base_name(other) not in taken | kin(base_name(name))
-                and self.search.open_to(rest, other)
+            rivals = [
+                (trial.score, base_name(other))
+                for other, trial in self._replacements(name, taken | kin(base_name(name)))
+                if trial.score < self.fit.score + _RIVAL
                 and not (name == "bias" and CANDIDATES[other].costly)  # it may hold a constant itself
-                and self._as_good(rest, other)
-            }
-            if equals:
-                groups.append((base_name(name), *sorted(equals)))
+            ]
+            groups += _group(name, rivals)
         return tuple(groups)
 
-    def _as_good(self, rest: ModelFit, other: str) -> bool:
+    def _rivals_of_a_line(self) -> tuple[tuple[str, ...], ...]:
+        """Of a motion of one frequency: the largest cause and what foretells held-out blocks as well in its
+        place. Kinds of dry friction are one claim, and none is another's rival.
+        """
+        causes = [name for name in self.fit.model if name != "bias"]
+        if not causes:
+            return ()
+        largest = max(causes, key=lambda name: self._alone[name][1].before_n)
+        claim = FRICTION if base_name(largest) in FRICTION else kin(base_name(largest))
+        rivals = []
+        for other, trial in self._replacements(largest, claim | {"bias"}):
+            against = gain(self.regression, held_out_errors(self.regression, trial), self.after)
+            if against.low <= _AS_GOOD:
+                rivals.append((against.before_n, base_name(other)))
+        return tuple(_group(largest, rivals))
+
+    def _replacements(self, name: str, closed: Container[str]) -> Iterator[tuple[str, ModelFit]]:
+        """The models in which another form takes a cause's place, where they are near on the grid."""
+        rest, _ = self._alone[name]
         worst = self.fit.score + _RIVAL + _NEAR * abs(rest.score - self.fit.score)
-        trial = self.search.best_with(rest, other, worst)
-        if trial is None or trial.score >= self.fit.score + _RIVAL:
-            return False
-        return trial.score < self.fit.score + _RIVAL
+        for other in self.search.names:
+            if base_name(other) not in closed and self.search.open_to(rest, other):
+                trial = self.search.best_with(rest, other, worst)
+                if trial is not None:
+                    yield other, trial
 
     def doubted(self) -> str | None:
         """The cause of the model that has the least for it among those that have too little; None: none."""
-        if self._untellable is not None:
+        if self._kind == "constant_speed":
             return None
         weak = [name for name in self.fit.model if self._is_weak(name)]
         return min(weak, key=lambda name: self._alone[name][0].score, default=None)
@@ -324,6 +334,12 @@ class Judge:
             held,
             suspected=tuple(sorted(suspected)),
         )
+
+
+def _group(name: str, rivals: Iterable[tuple[float, str]]) -> list[tuple[str, ...]]:
+    """A cause and the best of its rivals, which are (how bad, name); nothing without any."""
+    names = dict.fromkeys(rival for _, rival in sorted(rivals))
+    return [(base_name(name), *list(names)[: _MOST_RIVALS - 1])] if names else []
 
 
 def model_error(

@@ -7,6 +7,7 @@ their shape parameters; mass, damping and stiffness always take part.
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TypeVar
 
 import numpy as np
@@ -79,14 +80,23 @@ def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
 
 
 def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tuple[Floats, float]:
-    """As `solve_normal`; the `first` coefficients have the sense of the force or are zero."""
-    free = np.ones(len(moment), dtype=np.bool_)
-    coefficients, explained = solve_normal(gram, moment)
-    while (coefficients[:first] * sense < 0.0).any():
-        free[:first] &= coefficients[:first] * sense >= 0.0
-        coefficients = np.zeros(len(moment))
-        coefficients[free], explained = solve_normal(gram[np.ix_(free, free)], moment[free])
-    return coefficients, explained
+    """As `solve_normal`; the `first` coefficients have the sense of the force or are zero.
+
+    Where one of them has not, every set of them is tried: two that a sine does not tell apart, as mass and
+    stiffness, are large and of both signs, and no sequence of leaving out finds the best set.
+    """
+    best, explained = solve_normal(gram, moment)
+    if not (best[:first] * sense < 0.0).any():
+        return best, explained
+    best, explained = np.zeros(len(moment)), -np.inf
+    for used in product((True, False), repeat=first):
+        free = np.ones(len(moment), dtype=np.bool_)
+        free[:first] = used
+        inner, trial = solve_normal(gram[np.ix_(free, free)], moment[free])
+        if trial > explained and not (inner[: sum(used)] * sense < 0.0).any():
+            best, explained = np.zeros(len(moment)), trial
+            best[free] = inner
+    return best, explained
 
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 from scipy.signal import lfilter
 
 from forefeel.common.error_size import Floats
@@ -13,7 +14,7 @@ from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.held_out import block_numbers, gain
 from forefeel.diagnosis.identifiability import turns
 from forefeel.diagnosis.noise import autoregression
-from forefeel.diagnosis.regression import RecordingRegression, solve
+from forefeel.diagnosis.regression import RecordingRegression, solve, solve_passive
 from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.sensor_faults import clean, comb_step
 from forefeel.diagnosis.signals import Signals
@@ -109,6 +110,18 @@ def test_variable_projection_finds_shapes_off_its_grid(name: str, truth: float) 
     assert found.model[name][0] == pytest.approx(truth, rel=0.05)
 
 
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_passive_least_squares_of_columns_that_are_nearly_one(sense: float) -> None:
+    """As Lawson and Hanson's, where two of the columns differ by a thousandth."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        table = rng.standard_normal((50, 3))
+        table[:, 1] = -table[:, 0] + 1e-3 * table[:, 1]
+        target = rng.standard_normal(50)
+        found, _ = solve_passive(table.T @ table, table.T @ target, sense, 3)
+        assert table @ found == pytest.approx(sense * table @ nnls(table, sense * target)[0], abs=1e-6)
+
+
 def test_the_bootstrap_over_blocks_covers_a_known_gain() -> None:
     """Two predictors of one strongly coloured series, errors 1 and 0.8: 95 % intervals hold the true gain."""
     t, x, v, a = motion(7, seconds=40.0)
@@ -184,15 +197,16 @@ def test_turns_are_counted_by_their_size() -> None:
     assert turns(t + 0.05 * np.sin(20.0 * t)) == turns(np.empty(0)) == 0
 
 
-def test_one_frequency_names_nothing_alone() -> None:
+def test_one_frequency_tells_dry_friction_and_no_delay() -> None:
+    """Friction has harmonics that nothing else gives; a late force is one more damper."""
     t = np.arange(int(20.0 * RATE)) / RATE
     w = 2.0 * np.pi * 1.3
     x, v, a = 0.01 * np.sin(w * t), 0.01 * w * np.cos(w * t), -0.01 * w * w * np.sin(w * t)
-    f = linear(x, v, a) + 0.06 * np.tanh(v / 1e-4) + noise(13, len(t))
-    found = diagnose(recording(t, x, f)).diagnosis
-    assert found.verdict == "not_separable"
-    assert found.causes == ()
-    assert found.suggested_motion
+    rubbing = linear(x, v, a) + 0.06 * np.tanh(v / 1e-4) + noise(13, len(t))
+    late = np.interp(t - 0.02, t, linear(x, v, a)) + noise(13, len(t))
+    named, unnamed = (diagnose(recording(t, x, f)).diagnosis for f in (rubbing, late))
+    assert [cause.name for cause in named.causes] == ["coulomb_friction"]
+    assert unnamed.causes == ()
 
 
 def test_the_extended_model_gives_the_force() -> None:
