@@ -10,11 +10,14 @@ _LEAST_HZ = 30.0
 _MOST = 0.45  # of the sampling rate
 _SHARE = 0.9
 _BEYOND = 1.2
+MOST_ROWS = 9_000
+"""Of the regression, at twice the cutoff: some 5 s of processor time."""
+_SLOW_MOTION, _SLOW_FORCE = 0.95, 0.99  # of the power of speed and force below half of a lower cutoff
 
 
 def cutoff_hz(recording: Recording, force_n: Floats) -> float:
     """1.2 times the frequency below which lies 90 % of the force's power that goes with the motion; at
-    least 30 Hz.
+    least 30 Hz, or what makes `MOST_ROWS` of a long recording that is slower than half of that.
     """
     rate = recording.rate_hz
     most, least = _MOST * rate, min(_LEAST_HZ, _MOST * rate)
@@ -26,6 +29,13 @@ def cutoff_hz(recording: Recording, force_n: Floats) -> float:
     v = np.gradient(x) * rate
     frequency, cross = csd(v, f, rate, nperseg=count)
     motion, force = welch(v, rate, nperseg=count)[1], welch(f, rate, nperseg=count)[1]
+    whole_hz = MOST_ROWS / (2.0 * recording.duration_s)
+    slow = frequency <= 0.5 * whole_hz
+    if whole_hz < least and all(
+        np.sum(power[slow]) > share * np.sum(power)
+        for power, share in ((motion, _SLOW_MOTION), (force, _SLOW_FORCE))
+    ):
+        return whole_hz
     coherent = np.abs(cross) ** 2 / np.maximum(motion * force, 1e-300)
     averages = max(1.0, 1.8 * len(x) / count)
     power = force * np.where(coherent > 3.0 / averages, coherent, 0.0)

@@ -25,7 +25,7 @@ from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse, residual_rms_n
-from forefeel.diagnosis.band import cutoff_hz
+from forefeel.diagnosis.band import MOST_ROWS, cutoff_hz
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.sensor_faults import Fault, clean
 from forefeel.diagnosis.signals import Mask, Signals
@@ -109,7 +109,6 @@ FLAG = "searched_on_stretches"
 _LONG = 30_000  # samples; a shorter recording is searched whole unless its force is fast
 _STRETCH_S, _STRETCH_SAMPLES, _LEAST_S = 60.0, 20_000, 6.0  # searched at once, in s and samples
 _MORE_THAN_ONE = 1.5  # times that length: a recording of less is searched whole
-_MOST_ROWS = 9_000  # of the regression, at twice the cutoff: some 5 s of processor time
 _PROBE_S = 20.0  # s in the middle of a recording by which its cutoff is judged
 _CHUNKS, _CHUNK_S = 16.0, (10.0, 60.0)  # chunks of a recording, and bounds of their length in s
 _SPREAD, _WORST = 6, 3  # short stretches over the whole length, and in the worst chunks
@@ -125,10 +124,9 @@ def stretch_s(recording: Recording) -> float:
 
 
 def is_long(recording: Recording) -> bool:
-    """Whether a recording is searched on stretches; others are searched whole."""
-    if len(recording) > _LONG:
-        return recording.duration_s > _MORE_THAN_ONE * stretch_s(recording)
-    return recording.duration_s > _MORE_THAN_ONE * _fast_s(recording)
+    """Whether a recording is searched on stretches; others are searched whole, slow ones decimated."""
+    length_s = stretch_s(recording) if len(recording) > _LONG else _with_most_rows_s(recording)
+    return recording.duration_s > _MORE_THAN_ONE * length_s
 
 
 def _usual_s(recording: Recording) -> float:
@@ -136,12 +134,15 @@ def _usual_s(recording: Recording) -> float:
 
 
 def _fast_s(recording: Recording) -> float:
-    """What gives so many rows of the regression, judged by the middle of the recording."""
+    """What gives the most rows of the regression, judged by the middle of the recording."""
     count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
     middle = (len(recording) - count) // 2
-    part = cut(recording, slice(middle, middle + count))
-    assert part.force_n is not None
-    return max(_LEAST_S, _MOST_ROWS / (2.0 * cutoff_hz(part, part.force_n)))
+    return _with_most_rows_s(cut(recording, slice(middle, middle + count)))
+
+
+def _with_most_rows_s(recording: Recording) -> float:
+    assert recording.force_n is not None
+    return max(_LEAST_S, MOST_ROWS / (2.0 * cutoff_hz(recording, recording.force_n)))
 
 
 def analyse_long(

@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.band import cutoff_hz
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.long_recording import FLAG, chunks_of, cleaned_everywhere, is_long
 
@@ -75,3 +76,13 @@ def test_rare_spikes_are_counted_over_the_whole() -> None:
     assert faults[0].parameters["rate_hz"][0] == pytest.approx(12 / SECONDS, rel=0.2)
     assert np.max(np.abs(np.asarray(cleaned.force_n) - force)) < 0.05
     assert "sensor_spikes" in [cause.name for cause in diagnose(whole).diagnosis.causes]
+
+
+def test_slow_recording_of_minutes_is_decimated_and_searched_whole() -> None:
+    t = np.arange(int(400.0 * 60.0)) / 60.0
+    slow = recording(t, 5e-3 * np.sin(2.0 * np.pi * 1.3 * t), 0.3 * np.sin(2.0 * np.pi * 1.3 * t))
+    assert not is_long(slow)
+    assert slow.force_n is not None
+    assert cutoff_hz(slow, slow.force_n) == pytest.approx(9_000 / (2.0 * 400.0), rel=1e-3)
+    fast = recording(t, slow.position_m, slow.force_n + 0.05 * np.sin(2.0 * np.pi * 9.0 * t))
+    assert is_long(fast)
