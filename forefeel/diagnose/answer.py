@@ -21,6 +21,7 @@ FLAGS = {
     "step_response": "the force has a few levels only, and the motion was simulated from it: strokes would "
     "tell friction, or a spring that stiffens",
     "ramp_and_hold": "one ramp and hold: it tells whether the force fades, not friction, damping or mass",
+    "slow_force": "mass, damper and spring explain the strokes; what is left is slower than they are",
     "short": "under 10 s, so what is slow (relaxation, drift, breath) can hardly be told",
     "force_is_the_reaction": "a positive force pushes along the motion here; signs were turned",
 }

@@ -46,6 +46,10 @@ _RIVAL = 6.0
 _NEAR = 0.3  # of what the cause explains: no rival begins farther off on the grid
 _AS_GOOD = 0.03  # lower end of the held-out gain over a rival, up to which it does as well
 _MOST_RIVALS = 3
+# share of the strokes' force that mass, damper and spring explain, and by how much more than of all of it
+_STROKES_EXPLAINED, _MORE_THAN_WHOLE = 0.8, 0.04
+LINEAR_BENDS = frozenset({"time_delay", "sensor_lag", "unmodelled_resonance"})
+SLOW = "slow_force"
 _FORETOLD = 0.3
 _STRUCTURE = 0.135
 _FLEXIBLE = 0.1
@@ -106,7 +110,7 @@ class Judge:
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
         less = self._inexplicable()
         if less is not None:
-            return self.said(*less, suspected=names)
+            return self.said(*less, suspected=() if self._slow else names)
         if self.fit.model or self.faults:
             return self.said("cause_found", suspected=names)
         if self.floor_n is None:
@@ -121,6 +125,8 @@ class Judge:
         """Where the model is not all that there is, or not the only one."""
         if self._kind == "constant_speed":
             return "not_separable", GENERAL_MOTION, (RIVALS_AT_CONSTANT_SPEED,)
+        if self._slow:
+            return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
         if self._structure_left() and not self._stands_beside_the_rest():
@@ -129,6 +135,19 @@ class Judge:
         if groups:
             return "not_separable", separating_motion({name for group in groups for name in group}), groups
         return None
+
+    @cached_property
+    def _slow(self) -> bool:
+        """Whether what is left is slower than the strokes, which a spring explains, and only a linear bend of
+        them is named: such a name is how the search puts the one into the other.
+        """
+        seen = self.regression.look
+        slower = 1.0 - seen.spring_in_band < 0.5 * (1.0 - seen.spring)  # most of what is left
+        if not slower or seen.spring_in_band < max(_STROKES_EXPLAINED, seen.spring + _MORE_THAN_WHOLE):
+            return False
+        causes = [name for name in self.fit.model if name != "bias"]
+        first = max(causes, key=lambda name: self._alone[name][1].before_n, default=None)
+        return first is None or base_name(first) in LINEAR_BENDS
 
     def _not_driven(self) -> bool:
         """Whether the force's own past tells more of it than the motion does."""
@@ -327,7 +346,7 @@ class Judge:
             self._causes() if verdict == "cause_found" else (),
             rivals,
             motion,
-            self.analysis.flags(),
+            (*self.analysis.flags(), *([SLOW] if self._slow else [])),
             self.floor_n,
             model_error(self.held_out.before_n, self.force_n, intervals(self.regression, self.base)),
             model_error(self.held_out.after_n, self.force_n, self.parameters),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from forefeel.common.causes.base import ForceEffect
 from forefeel.common.causes.catalogue import CANDIDATES, kin
@@ -112,3 +113,17 @@ def test_a_cause_that_does_not_say_how_it_is_fitted_is_found_as_well(
     monkeypatch.setitem(CANDIDATES, name, GenericForce(kind).candidate())
     (cause,) = diagnose(recorded(body(0.03), effect(name, **values))).diagnosis.causes
     assert cause.name == name
+
+
+def test_a_spring_beside_a_slow_force_of_its_own_is_given_no_delay() -> None:
+    """The force wanders with the position, as where a hand holds both; the search bends the spring for it."""
+    rng, t = np.random.default_rng(0), np.arange(6000) / 100.0
+    quick = np.interp(t, np.arange(0.0, 62.0, 2.0), rng.standard_normal(31))
+    size = np.interp(t, np.arange(0.0, 61.0, 3.0), rng.standard_normal(21))
+    walk = np.interp(t, np.arange(0.0, 62.0, 2.0), np.cumsum(rng.standard_normal(31)))
+    strokes = 5e-3 * (1.0 + 0.3 * size) * np.sin(2.0 * np.pi * np.cumsum(0.8 + 0.3 * quick) / 100.0)
+    slow = 0.2 * gaussian_filter1d(walk, 100.0)
+    force = 100.0 * strokes - 0.45 * slow + 0.01 * rng.standard_normal(len(t))
+    found = diagnose(Recording("slow", t, strokes + 3e-3 * slow, force, "slow.csv")).diagnosis
+    assert found.verdict == "unexplained"
+    assert "slow_force" in found.flags
