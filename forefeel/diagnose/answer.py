@@ -6,7 +6,7 @@ from forefeel.common.causes.catalogue import equation as cause_equation
 from forefeel.common.causes.catalogue import words
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut
+from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look
 from forefeel.report.wording import DISCLAIMER, shown, split_unit
 
 if TYPE_CHECKING:
@@ -104,6 +104,7 @@ def answer(
         lines += [f"{'Rivals' if i == 0 else '':<12}{name}: {words(name)}" for i, name in enumerate(group)]
     if diagnosis.suggested_motion:
         lines.append(f"Record next {diagnosis.suggested_motion}")
+    lines += [f"{'' if i else 'Look':<12}{text}" for i, text in enumerate(look_texts(diagnosis.look))]
     lines.append(
         f"Simulation  {'' if given is None else f'{given!r} is '}off by "
         f"{quantity(diagnosis.baseline.rmse_n, 'N')} rms; noise is {noise_text(diagnosis)}; "
@@ -116,6 +117,22 @@ def answer(
     lines += _model(diagnosis)
     lines += [f"Caution     {caution(flag)}" for flag in diagnosis.flags]
     return [*lines, DISCLAIMER]
+
+
+def look_texts(look: Look | None) -> list[str]:
+    """What plain regressions saw before the search: direction, band, share of the force, family."""
+    if look is None:
+        return []
+    way = "resists the motion" if look.sense > 0.0 else "pushes along the motion, a reaction"
+    seen = "none of the three takes a quarter of the rest"
+    if look.family is not None:
+        seen = f"{look.family} takes most of the rest"
+    return [
+        f"strokes above {look.slow_hz:.2g} Hz; a positive force {way}",
+        f"mass, damper and spring explain {100 * max(look.spring, 0.0):.0f} % of the force, "
+        f"{100 * max(look.spring_in_band, 0.0):.0f} % of that of the strokes",
+        f"friction, relaxation and stiffening beside them: {100 * max(look.explained, 0.0):.0f} %; {seen}",
+    ]
 
 
 def noise_text(diagnosis: Diagnosis) -> str:

@@ -19,6 +19,7 @@ from forefeel.diagnose.answer import (
     failure,
     gain_text,
     headline,
+    look_texts,
     on_readings,
     unknown_parameters,
 )
@@ -112,6 +113,7 @@ def render_page(
         diagnosis=diagnosis,
         across=across if isinstance(across, Across) else None,
         headline=headline(diagnosis),
+        look=look_texts(diagnosis.look),
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),
         on_readings_label=ON_READINGS,

@@ -101,7 +101,8 @@ def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysi
         )
     progress("trust")
     found, analysis = judged(analysis)
-    return with_expectation(found, analysis), analysis
+    seen = replace(found, look=analysis.regression.look)
+    return with_expectation(seen, analysis), analysis
 
 
 def _flags(flags: Sequence[str], gaps: bool, long: bool) -> tuple[str, ...]:

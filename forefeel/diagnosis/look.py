@@ -6,8 +6,6 @@ nothing to do with the strokes decides neither. What is seen here steers and vet
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.optimize import nnls
@@ -17,8 +15,7 @@ from forefeel.common.causes.friction import wound
 from forefeel.common.causes.numerics import lagged
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.signals import Signals
-
-Family = Literal["friction", "relaxation", "stiffening"]
+from forefeel.diagnosis.verdict import Family, Look
 
 FAMILIES: tuple[Family, ...] = "friction", "relaxation", "stiffening"
 _BLOCKS = 8
@@ -29,26 +26,6 @@ _PRESLIDING = 0.01, 0.05, 0.2  # of the stroke
 _RELAXING_S = 0.1, 1.0, 10.0
 _TRUSTED, _CLEAR = 0.3, 0.05  # explained in the band, and by how much one direction explains more
 _SEEN = 0.25  # of what mass, damper and spring leave: a family that takes less is not seen
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """What plain regressions see of a recording; shares of the force's variance on held-out blocks.
-
-    Attributes:
-        sense: +1 where a positive force resists, -1 where the recording shows the reaction.
-        slow_hz: what is slower than the strokes, in Hz.
-        spring, spring_in_band: explained by mass, damper and spring, in the whole band and above `slow_hz`.
-        explained: by the best of the families, in the better band.
-        family: which takes most of what mass, damper and spring leave; None where none takes a quarter.
-    """
-
-    sense: float
-    slow_hz: float
-    spring: float
-    spring_in_band: float
-    explained: float
-    family: Family | None
 
 
 def look(signals: Signals, motion: MotionGrid) -> Look:

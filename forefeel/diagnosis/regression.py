@@ -33,9 +33,10 @@ from forefeel.common.causes.candidate import (
 from forefeel.common.causes.catalogue import CANDIDATES, kin
 from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.look import Look, look
+from forefeel.diagnosis.look import look
 from forefeel.diagnosis.noise import Noise, white
 from forefeel.diagnosis.signals import Mask, Signals, extent_of
+from forefeel.diagnosis.verdict import Look
 
 _DEPENDENT = 1e-7
 _DEPENDENT_NORMAL = 1e-6  # inner products hold half of the digits

@@ -15,6 +15,9 @@ VerdictName = Literal[
 ]
 
 
+Family = Literal["friction", "relaxation", "stiffening"]
+
+
 @dataclass(frozen=True, slots=True)
 class Interval:
     """A parameter in the unit of its name, with its 95 % interval."""
@@ -87,10 +90,30 @@ class HeldOut:
 
 
 @dataclass(frozen=True, slots=True)
+class Look:
+    """What plain regressions see of a recording; shares of the force's variance on held-out blocks.
+
+    Attributes:
+        sense: +1 where a positive force resists, -1 where the recording shows the reaction.
+        slow_hz: what is slower than the strokes, in Hz.
+        spring, spring_in_band: explained by mass, damper and spring, in the whole band and above `slow_hz`.
+        explained: by the best of the families, in the better band.
+        family: which takes most of what mass, damper and spring leave; None where none takes a quarter.
+    """
+
+    sense: float
+    slow_hz: float
+    spring: float
+    spring_in_band: float
+    explained: float
+    family: Family | None
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Everything that diagnosis.json says. `suspected`: what the search named even when the verdict is less.
     `noise_floor_n`: None where the recording does not tell it. `other_motion`: None without a cause whose
-    gain depends on the motion.
+    gain depends on the motion. `look`: None where the motion is no strokes.
     """
 
     verdict: VerdictName
@@ -103,6 +126,7 @@ class Diagnosis:
     extended: ModelError
     held_out: HeldOut
     other_motion: ExpectedGain | None = None
+    look: Look | None = None
     suspected: tuple[str, ...] = field(default=())
 
     def to_mapping(self) -> dict[str, object]:
