@@ -92,7 +92,11 @@ def held_out_coefficients(
 
 def gain(regression: RecordingRegression, before: Floats, after: Floats) -> RmsGain:
     """Of two series of held-out errors at the rows that count."""
-    numbers = block_numbers(regression)
+    return gain_over(block_numbers(regression), before, after)
+
+
+def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> RmsGain:
+    """Of two series of errors; `numbers`: of the block that each belongs to."""
     sums = np.array([[np.sum(e[numbers == k] ** 2) for e in (before, after)] for k in np.unique(numbers)])
     rng = np.random.default_rng(0)
     drawn = sums[rng.integers(len(sums), size=(_DRAWS, len(sums)))].sum(axis=1)

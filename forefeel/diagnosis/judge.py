@@ -121,6 +121,12 @@ class Judge:
     def _kind(self) -> MotionKind:
         return motion_kind(self.regression.signals)
 
+    @cached_property
+    def _largest(self) -> str | None:
+        """The cause without which most is left; the bias is none."""
+        causes = [name for name in self.fit.model if name != "bias"]
+        return max(causes, key=lambda name: self._alone[name][1].before_n, default=None)
+
     def _inexplicable(self) -> Less | None:
         """Where the model is not all that there is, or not the only one."""
         if self._kind == "constant_speed":
@@ -145,9 +151,7 @@ class Judge:
         slower = 1.0 - seen.spring_in_band < 0.5 * (1.0 - seen.spring)  # most of what is left
         if not slower or seen.spring_in_band < max(_STROKES_EXPLAINED, seen.spring + _MORE_THAN_WHOLE):
             return False
-        causes = [name for name in self.fit.model if name != "bias"]
-        first = max(causes, key=lambda name: self._alone[name][1].before_n, default=None)
-        return first is None or base_name(first) in LINEAR_BENDS
+        return self._largest is None or base_name(self._largest) in LINEAR_BENDS
 
     def _not_driven(self) -> bool:
         """Whether the force's own past tells more of it than the motion does."""
@@ -235,10 +239,9 @@ class Judge:
         """Of a motion of one frequency: the largest cause and what foretells held-out blocks as well in its
         place. Kinds of dry friction are one claim, and none is another's rival.
         """
-        causes = [name for name in self.fit.model if name != "bias"]
-        if not causes:
+        largest = self._largest
+        if largest is None:
             return ()
-        largest = max(causes, key=lambda name: self._alone[name][1].before_n)
         claim = FRICTION if base_name(largest) in FRICTION else kin(base_name(largest))
         rivals = []
         for other, trial in self._replacements(largest, claim | {"bias"}):

@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 
 from forefeel.common.causes.candidate import MotionGrid, Spectrum
 from forefeel.common.causes.friction import wound
-from forefeel.common.causes.numerics import lagged
+from forefeel.common.causes.numerics import intervals_s, lagged
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.verdict import Family, Look
@@ -38,19 +38,19 @@ def look(signals: Signals, motion: MotionGrid) -> Look:
     if max(found.values()) < _TRUSTED or abs(found[1.0] - found[-1.0]) < _CLEAR:
         found = {sense: whole.explained(dry, sense) for sense in found}
     sense = max(found, key=lambda each: found[each])
-    shares: dict[Family | None, float] = {None: -np.inf}
-    falls: dict[Family | None, float] = {None: _SEEN}
+    springs, best = [], -np.inf
+    family: Family | None = None
+    most = _SEEN
     for part in (whole, band):
-        left = 1.0 - part.explained(("base",), sense)
+        spring = part.explained(("base",), sense)
+        springs.append(spring)
         for name in FAMILIES:
             share = part.explained(("base", name), sense)
-            shares[name] = max(shares.get(name, share), share)
-            falls[name] = max(falls.get(name, 0.0), 1.0 - (1.0 - share) / max(left, 1e-300))
-        shares[None] = max(shares[None], part.explained(tuple(columns), sense))
-    spring, in_band = (part.explained(("base",), sense) for part in (whole, band))
-    return Look(
-        sense, slow_hz, spring, in_band, max(shares.values()), max(falls, key=lambda each: falls[each])
-    )
+            best, taken = max(best, share), 1.0 - (1.0 - share) / max(1.0 - spring, 1e-300)
+            if taken > most:
+                family, most = name, taken
+        best = max(best, part.explained(tuple(columns), sense))
+    return Look(sense, slow_hz, springs[0], springs[1], best, family)
 
 
 class _Band:
@@ -97,14 +97,8 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
 
 def _maxwell(motion: MotionGrid, tau_s: float) -> Floats:
     """Length of the spring of a spring and a damper in series, at rest at the start of each piece."""
-    parts = [
-        motion.x[p]
-        - lagged(
-            motion.x[p], np.diff(motion.t[p], prepend=motion.t[p.start]), tau_s, float(motion.x[p.start])
-        )
-        for p in motion.pieces
-    ]
-    return np.concatenate(parts)
+    pieces = [(motion.t[piece], motion.x[piece]) for piece in motion.pieces]
+    return np.concatenate([x - lagged(x, intervals_s(t), tau_s, float(x[0])) for t, x in pieces])
 
 
 def _high_pass(signals: Signals) -> tuple[float, Floats]:

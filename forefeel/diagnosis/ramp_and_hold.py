@@ -19,6 +19,7 @@ from forefeel.common.causes.numerics import intervals_s, lagged
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, conditioned
+from forefeel.diagnosis.held_out import gain_over
 from forefeel.diagnosis.identifiability import GENERAL_MOTION, turning_points
 from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.sensor_faults import clean
@@ -32,7 +33,6 @@ _MOST_SAMPLES = 20_000
 _TIMES, _BINS = 12, 40
 _LEAST_FADE, _EARLY, _AT_ONCE = 0.05, 0.1, 0.3  # of the rise; first part of the hold; of the fading in it
 _FOLLOWS, _FAR_BELOW = 0.05, 5.0  # left of the held-out bins' variance; times more that a line leaves
-_DRAWS = 1000
 _SECOND = 0.9  # of what one branch leaves, that two leave at most
 _NAMES = (
     ("stiffness_n_m", "time_constant_s"),
@@ -105,8 +105,9 @@ def held(recording: Recording) -> Hold | None:
     still = np.abs(x - np.median(x)) < _STILL * np.ptp(x)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0])
-    strokes = len(turning_points(x.tolist(), _STROKE * float(np.ptp(x)))) > _MOST_TURNS
-    if strokes or stop - start <= _HELD * len(x):
+    if stop - start <= _HELD * len(x):
+        return None
+    if len(turning_points(x.tolist(), _STROKE * float(np.ptp(x)))) > _MOST_TURNS:
         return None
     return Hold(t - t[0], x, f, slice(int(start), int(stop)))
 
@@ -124,7 +125,8 @@ def diagnosed_hold(recording: Recording, hold: Hold) -> tuple[Diagnosis, Analysi
     relaxes = bool(known.all()) and hold.relaxes()
     found = found if relaxes else spring
     before, after = (hold.held_out(each.log_shape) for each in (spring, found))
-    held_out = _gain(before, after, hold.bins)
+    own = gain_over(hold.bins, before, after)
+    held_out = HeldOut(own.before_n, own.after_n, own.gain, own.low, own.high)
     models = _model(spring, before, hold, sense), _model(found, after, hold, sense)
     causes = (_relaxation(found, sense, held_out),) if relaxes else ()
     analysis = _analysis(recording, spring, found, sense)
@@ -170,15 +172,6 @@ def _model(found: Separable, errors: Floats, hold: Hold, sense: float) -> ModelE
     values = {"stiffness_n_m": stiffness, "bias.force_n": float(sense * found.theta[1])}
     rms_n = float(np.sqrt(np.mean(errors**2)))
     return ModelError(rms_n, values, 100.0 * (1.0 - rms_n / float(np.std(hold.f))), told)
-
-
-def _gain(before: Floats, after: Floats, bins: NDArray[np.int64]) -> HeldOut:
-    """rms of two series of errors, and 1 - after / before with its bootstrap interval over bins."""
-    power = np.array([[np.sum(e[bins == k] ** 2) for e in (before, after)] for k in np.unique(bins)])
-    drawn = power[np.random.default_rng(0).integers(len(power), size=(_DRAWS, len(power)))].sum(axis=1)
-    low, high = np.quantile(1.0 - np.sqrt(drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300)), (0.025, 0.975))
-    rms = [float(np.sqrt(np.mean(e**2))) for e in (before, after)]
-    return HeldOut(rms[0], rms[1], 1.0 - rms[1] / max(rms[0], 1e-300), float(low), float(high))
 
 
 def _left_of_held_out(table: Floats, fading: Floats) -> float:
