@@ -1,5 +1,6 @@
 """Friction along a bent shaft: it multiplies the tip's force."""
 
+from collections.abc import Callable
 from itertools import product
 from math import copysign, exp
 
@@ -10,6 +11,7 @@ from forefeel.common.causes.candidate import (
     Entry,
     Extent,
     Found,
+    Grid,
     Modulation,
     MotionGrid,
     Shape,
@@ -25,33 +27,6 @@ _LEAST, _MOST = 0.03, 1.5  # rad, wraps that are tried; chosen
 _ZEROS = 0.0, 0.2, 0.4, 0.6, 0.8, 1.0  # of the force's range, where the tip's may be zero; chosen
 
 
-def _more(motion: MotionGrid, shape: Shape) -> Array:
-    return np.asarray(np.exp(shape[0] * motion.direction))
-
-
-def _opposing(motion: MotionGrid, zero_n: float) -> Array:
-    """The direction by the sign of the tip's force, which is that of the reading without its offset."""
-    return motion.direction * np.sign(motion.force - zero_n)
-
-
-def _by_the_tip(motion: MotionGrid, shape: Shape) -> Array:
-    wrap_rad, zero_n = shape
-    return np.asarray(np.exp(wrap_rad * _opposing(motion, zero_n)))
-
-
-def _by_the_depth(motion: MotionGrid, shape: Shape) -> Array:
-    wrap_rad_m, zero_n = shape
-    return np.asarray(np.exp(wrap_rad_m * motion.depth * _opposing(motion, zero_n)))
-
-
-def _zero_n(shape: Shape) -> float:
-    return shape[1]
-
-
-def _wraps(_extent: Extent) -> list[Shape]:
-    return log_grid(_LEAST, _MOST, 9)
-
-
 def _wraps_and_zeros(extent: Extent) -> list[Shape]:
     zeros_n = [extent.low_n + share * (extent.high_n - extent.low_n) for share in _ZEROS]
     wraps = [wrap_rad for (wrap_rad,) in log_grid(4.0 * _LEAST, _MOST, 3)]
@@ -63,24 +38,31 @@ def _wraps_of_depths(extent: Extent) -> list[Shape]:
     return [(wrap_rad / reach_m, zero_n) for wrap_rad, zero_n in _wraps_and_zeros(extent)]
 
 
-def _wrap(found: Found) -> Values:
-    return {"wrap_rad": found.shape[0]}
+def _by_the_tip(
+    form: str, wrap: str, length: Callable[[MotionGrid], Array | float], grid: Grid
+) -> Modulation:
+    """By the sign of the tip's force, which is that of the reading without its offset, with a preload.
 
+    `wrap`: the parameter, which is multiplied by `length` of the motion.
+    """
 
-def _wrap_of_depth(found: Found) -> Values:
-    return {"wrap_rad_m": found.shape[0]}
+    def named(found: Found) -> Values:
+        return {wrap: found.shape[0]}
 
+    def entries(found: Found) -> list[Entry]:
+        preload = entry(Bias, {"force_n": float(found.coefficients[0])})
+        return [entry(Capstan, named(found)), {**preload, "site": "wall"}]
 
-def _with_preload(found: Found) -> list[Entry]:
-    return [entry(Capstan, _wrap(found)), _preload(found)]
+    def factor(motion: MotionGrid, shape: Shape) -> Array:
+        size, zero_n = shape
+        opposing = motion.direction * np.sign(motion.force - zero_n)
+        return np.asarray(np.exp(size * length(motion) * opposing))
 
-
-def _of_depth_with_preload(found: Found) -> list[Entry]:
-    return [entry(Capstan, _wrap_of_depth(found)), _preload(found)]
-
-
-def _preload(found: Found) -> Entry:
-    return {**entry(Bias, {"force_n": float(found.coefficients[0])}), "site": "wall"}
+    return Modulation(
+        form=form, coefficients=("preload_n",), shapes=(wrap, "zero_n"), naming=named, making=entries,
+        sizes=(wrap,), signs=(0,), factor=factor, zero_n=lambda shape: shape[1], grid=grid, logarithmic=False,
+        mass_site="sensor", costly=True, picture="direction",
+    )  # fmt: skip
 
 
 class Capstan(FactorEffect):
@@ -107,18 +89,13 @@ class Capstan(FactorEffect):
         "the tip's force times exp({wrap_rad} sgn(x')), by its sign",
     )
     candidates = (
-        Modulation(shapes=("wrap_rad",), sizes=("wrap_rad",), factor=_more, grid=_wraps, picture="direction"),
         Modulation(
-            form="tip", coefficients=("preload_n",), shapes=("wrap_rad", "zero_n"), naming=_wrap,
-            making=_with_preload, sizes=("wrap_rad",), signs=(0,), factor=_by_the_tip, zero_n=_zero_n,
-            grid=_wraps_and_zeros, logarithmic=False, mass_site="sensor", costly=True, picture="direction",
+            shapes=("wrap_rad",), sizes=("wrap_rad",), picture="direction",
+            factor=lambda motion, shape: np.exp(shape[0] * motion.direction),
+            grid=lambda extent: log_grid(_LEAST, _MOST, 9),
         ),
-        Modulation(
-            form="depth", coefficients=("preload_n",), shapes=("wrap_rad_m", "zero_n"), naming=_wrap_of_depth,
-            making=_of_depth_with_preload, sizes=("wrap_rad_m",), signs=(0,), factor=_by_the_depth,
-            zero_n=_zero_n, grid=_wraps_of_depths, logarithmic=False, mass_site="sensor", costly=True,
-            picture="direction",
-        ),
+        _by_the_tip("tip", "wrap_rad", lambda motion: 1.0, _wraps_and_zeros),
+        _by_the_tip("depth", "wrap_rad_m", lambda motion: motion.depth, _wraps_of_depths),
     )  # fmt: skip
 
     def factor(self, x: float, v: float, force_n: float) -> float:

@@ -3,12 +3,8 @@
 import numpy as np
 
 from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.candidate import ForceColumns, Found, MotionGrid, Shape, Values
+from forefeel.common.causes.candidate import ForceColumns, Found, Values
 from forefeel.common.causes.numerics import Array
-
-
-def _bend(motion: MotionGrid, _shape: Shape) -> list[Array]:
-    return [np.abs(motion.v)]
 
 
 def _by_direction(found: Found) -> Values:
@@ -34,19 +30,17 @@ class AsymmetricDamping(ForceEffect):
     words = "damping that differs by direction"
     equation = ("{forward_n_s_m} max(x', 0) + {backward_n_s_m} min(x', 0)",)
     candidates = (
-        ForceColumns(signs=(0,), columns=_bend, at_wall=True, naming=_by_direction, picture="speed"),
-    )
+        ForceColumns(
+            signs=(0,), columns=lambda motion, _: [np.abs(motion.v)], at_wall=True, naming=_by_direction,
+            picture="speed",
+        ),
+    )  # fmt: skip
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(max(v, 0), min(v, 0))."""
         return (v, 0.0) if v > 0.0 else (0.0, v)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return np.stack((np.maximum(v, 0.0), np.minimum(v, 0.0))).T
-
-
-def _square(motion: MotionGrid, _shape: Shape) -> list[Array]:
-    return [motion.v * np.abs(motion.v)]
 
 
 class QuadraticDrag(ForceEffect):
@@ -59,18 +53,18 @@ class QuadraticDrag(ForceEffect):
     fingerprint = "odd in the velocity and growing with its square, without a jump at rest"
     words = "drag with the square of the speed"
     equation = ("{drag_n_s2_m2} x' |x'|",)
-    candidates = (ForceColumns(coefficients=("drag_n_s2_m2",), signs=(1,), columns=_square, picture="speed"),)
+    candidates = (
+        ForceColumns(
+            coefficients=("drag_n_s2_m2",), signs=(1,),
+            columns=lambda motion, _: [motion.v * np.abs(motion.v)], picture="speed",
+        ),
+    )  # fmt: skip
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(v |v|,)."""
         return (v * abs(v),)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return (v * np.abs(v))[:, None]
-
-
-def _deep(motion: MotionGrid, _shape: Shape) -> list[Array]:
-    return [motion.depth * motion.v]
 
 
 class HuntCrossleyDamping(ForceEffect):
@@ -88,12 +82,12 @@ class HuntCrossleyDamping(ForceEffect):
     equation = ("{damping_n_s_m2} max(x, 0) x'",)
     candidates = (
         ForceColumns(
-            coefficients=("damping_n_s_m2",), signs=(1,), columns=_deep, at_wall=True, picture="depth"
+            coefficients=("damping_n_s_m2",), signs=(1,),
+            columns=lambda motion, _: [motion.depth * motion.v], at_wall=True, picture="depth",
         ),
-    )
+    )  # fmt: skip
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(depth times velocity,)."""
         return (x * v if x > 0.0 else 0.0,)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:

@@ -112,19 +112,6 @@ def _wound(steps: Array) -> Array:
     return wound
 
 
-def _level(motion: MotionGrid, _shape: Shape) -> list[Array]:
-    return [motion.direction]
-
-
-def _levels(motion: MotionGrid, _shape: Shape) -> list[Array]:
-    s = motion.direction
-    return [np.maximum(s, 0.0), np.minimum(s, 0.0)]
-
-
-def _elastic_level(motion: MotionGrid, shape: Shape) -> list[Array]:
-    return [wound(motion, shape[0])]
-
-
 def _by_direction(found: Found) -> Values:
     forward_n, backward_n = found.coefficients
     return {"force_n": 0.5 * (forward_n + backward_n), "forward_n": forward_n, "backward_n": backward_n}
@@ -150,18 +137,19 @@ class CoulombFriction(_AlongDirection):
         "{force_n} sgn(x')",
     )
     candidates = (
-        ForceColumns(coefficients=("force_n",), signs=(1,), columns=_level, picture="speed"),
         ForceColumns(
-            form="asymmetric",
-            naming=_by_direction,
-            sizes=("force_n",),
-            signs=(1, 1),
-            columns=_levels,
+            coefficients=("force_n",), signs=(1,), columns=lambda motion, _: [motion.direction],
+            picture="speed",
+        ),
+        ForceColumns(
+            form="asymmetric", naming=_by_direction, sizes=("force_n",), signs=(1, 1),
+            columns=lambda m, _: [np.maximum(m.direction, 0.0), np.minimum(m.direction, 0.0)],
             picture="speed",
         ),
         ForceColumns(
             form="elastic", coefficients=("force_n",), shapes=("breakaway_m",), signs=(1,),
-            columns=_elastic_level, grid=breakaways_m, costly=True, picture="speed",
+            columns=lambda motion, shape: [wound(motion, *shape)], grid=breakaways_m, costly=True,
+            picture="speed",
         ),
     )  # fmt: skip
 
@@ -176,18 +164,14 @@ class CoulombFriction(_AlongDirection):
 
 
 def _gaussian(motion: MotionGrid, shape: Shape) -> list[Array]:
-    s = motion.direction
+    """Of a velocity, and of a breakaway distance where there is one."""
+    s = wound(motion, *shape[1:]) if shape[1:] else motion.direction
     return [s, s * np.exp(-((motion.v / shape[0]) ** 2))]
 
 
 def _exponential(motion: MotionGrid, shape: Shape) -> list[Array]:
     s = motion.direction
     return [s, s * np.exp(-np.abs(motion.v) / shape[0])]
-
-
-def _elastic_gaussian(motion: MotionGrid, shape: Shape) -> list[Array]:
-    s = wound(motion, shape[1])
-    return [s, s * np.exp(-((motion.v / shape[0]) ** 2))]
 
 
 def _speeds(extent: Extent) -> list[Shape]:
@@ -237,7 +221,7 @@ class StribeckFriction(_AlongDirection):
             sizes=("static_n",), picture="speed",
         ),
         ForceColumns(
-            form="elastic", signs=(1, 1), columns=_elastic_gaussian, grid=_speeds_and_lengths,
+            form="elastic", signs=(1, 1), columns=_gaussian, grid=_speeds_and_lengths,
             naming=_two_levels, sizes=("static_n",), costly=True, picture="speed",
         ),
     )  # fmt: skip
@@ -280,12 +264,8 @@ def _elements(motion: MotionGrid, shape: Shape) -> list[Array]:
     return _deflection(motion, shape[:1]) + _deflection(motion, shape[1:])
 
 
-def _lengths(extent: Extent) -> list[Shape]:
-    return log_grid(0.003 * extent.stroke_m, 0.7 * extent.stroke_m, 10)
-
-
-def _pairs(extent: Extent) -> list[Shape]:
-    return two(log_grid(0.003 * extent.stroke_m, 0.7 * extent.stroke_m, 5))
+def _lengths(extent: Extent, count: int = 10) -> list[Shape]:
+    return log_grid(0.003 * extent.stroke_m, 0.7 * extent.stroke_m, count)
 
 
 def _force(found: Found) -> Values:
@@ -333,8 +313,8 @@ class PreslidingHysteresis(ForceEffect):
             sizes=("force_n",), picture="reversal",
         ),
         ForceColumns(
-            form="two", signs=(1, 1), columns=_elements, grid=_pairs, naming=_forces, sizes=("force_n",),
-            making=_each, picture="reversal",
+            form="two", signs=(1, 1), columns=_elements, grid=lambda extent: two(_lengths(extent, 5)),
+            naming=_forces, sizes=("force_n",), making=_each, picture="reversal",
         ),
     )  # fmt: skip
 
@@ -373,14 +353,6 @@ def _saturating(s: Array, decay: Array) -> Array:
     return u
 
 
-def _deep(motion: MotionGrid, _shape: Shape) -> list[Array]:
-    return [motion.depth * motion.direction]
-
-
-def _elastic_deep(motion: MotionGrid, shape: Shape) -> list[Array]:
-    return [motion.depth * wound(motion, shape[0])]
-
-
 class PositionDependentFriction(_AlongDirection):
     """`f = force_per_length_n_m max(x, 0) sign(v)`: the capstan's law to first order in the length."""
 
@@ -396,12 +368,13 @@ class PositionDependentFriction(_AlongDirection):
     )
     candidates = (
         ForceColumns(
-            coefficients=("force_per_length_n_m",), signs=(1,), columns=_deep, at_wall=True,
-            picture="direction",
+            coefficients=("force_per_length_n_m",), signs=(1,),
+            columns=lambda motion, _: [motion.depth * motion.direction], at_wall=True, picture="direction",
         ),
         ForceColumns(
             form="elastic", coefficients=("force_per_length_n_m",), shapes=("breakaway_m",), signs=(1,),
-            columns=_elastic_deep, grid=breakaways_m, at_wall=True, costly=True, picture="direction",
+            columns=lambda motion, shape: [motion.depth * wound(motion, *shape)], grid=breakaways_m,
+            at_wall=True, costly=True, picture="direction",
         ),
     )  # fmt: skip
 

@@ -9,20 +9,12 @@ from forefeel.common.causes.base import ForceEffect, Parameter, SensorEffect
 from forefeel.common.causes.candidate import (
     Alignment,
     Entry,
-    Extent,
     Found,
     ReadingColumns,
-    Shape,
-    Spectrum,
-    Values,
     entry,
     log_grid,
 )
 from forefeel.common.causes.numerics import Array, FirstOrderLag, lagged
-
-
-def _constant(t: Array, _shape: Shape) -> Array:
-    return np.ones((len(t), 1))
 
 
 class Bias(ForceEffect):
@@ -37,32 +29,16 @@ class Bias(ForceEffect):
     equation = ("{force_n}",)
     candidates = (
         ReadingColumns(
-            coefficients=("force_n",), signs=(0,), columns=_constant, least_score=4.0, least_ratio=1.0
+            coefficients=("force_n",), signs=(0,), columns=lambda t, _: np.ones((len(t), 1)), least_score=4.0,
+            least_ratio=1.0,
         ),
-    )
+    )  # fmt: skip
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(1,)."""
         return (1.0,)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return np.ones((len(t), 1))
-
-
-def _ramp(t: Array, _shape: Shape) -> Array:
-    return t[:, None]
-
-
-def _creep(t: Array, shape: Shape) -> Array:
-    return (1.0 - np.exp(-t / shape[0]))[:, None]
-
-
-def _times(extent: Extent) -> list[Shape]:
-    return log_grid(0.1 * extent.duration_s, 0.7 * extent.duration_s, 5)
-
-
-def _settling(found: Found) -> Values:
-    return {"rate_n_s": found.coefficients[0] / found.shape[0], "settling_s": found.shape[0]}
 
 
 def _from_start(found: Found) -> list[Entry]:
@@ -83,32 +59,22 @@ class SensorDrift(ForceEffect):
     words = "a drift of the load cell"
     equation = ("{rate_n_s} t",)
     candidates = (
-        ReadingColumns(coefficients=("rate_n_s",), signs=(0,), columns=_ramp, making=_from_start),
         ReadingColumns(
-            form="creep",
-            signs=(0,),
-            columns=_creep,
-            grid=_times,
-            naming=_settling,
-            sizes=("rate_n_s",),
-            making=_from_start,
+            coefficients=("rate_n_s",), signs=(0,), columns=lambda t, _: t[:, None], making=_from_start
+        ),
+        ReadingColumns(
+            form="creep", signs=(0,), columns=lambda t, shape: (1.0 - np.exp(-t / shape[0]))[:, None],
+            grid=lambda extent: log_grid(0.1 * extent.duration_s, 0.7 * extent.duration_s, 5),
+            naming=lambda of: {"rate_n_s": of.coefficients[0] / of.shape[0], "settling_s": of.shape[0]},
+            sizes=("rate_n_s",), making=_from_start,
         ),
     )  # fmt: skip
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(t,)."""
         return (t,)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return t[:, None].copy()
-
-
-def _slow(omega: Array, shape: Shape) -> Spectrum:
-    return np.asarray(1.0 / (1.0 + 1j * omega * shape[0]))
-
-
-def _lag_times(extent: Extent) -> list[Shape]:
-    return log_grid(0.1 / extent.cutoff_hz, 0.5, 10)
 
 
 class SensorLag(SensorEffect):
@@ -126,8 +92,9 @@ class SensorLag(SensorEffect):
     equation = ("f read through a lag of {time_constant_s} s",)
     candidates = (
         Alignment(
-            shapes=("time_constant_s",), factor=_slow, grid=_lag_times, sizes=("time_constant_s",),
-            picture="phase",
+            shapes=("time_constant_s",), sizes=("time_constant_s",), picture="phase",
+            factor=lambda omega, shape: np.asarray(1.0 / (1.0 + 1j * omega * shape[0])),
+            grid=lambda extent: log_grid(0.1 / extent.cutoff_hz, 0.5, 10),
         ),
     )  # fmt: skip
 
@@ -145,14 +112,6 @@ class SensorLag(SensorEffect):
         return lagged(force_n, dt, self.values["time_constant_s"], float(force_n[0]) if len(force_n) else 0.0)
 
 
-def _late(omega: Array, shape: Shape) -> Spectrum:
-    return np.asarray(np.exp(-1j * omega * shape[0]))
-
-
-def _delays(extent: Extent) -> list[Shape]:
-    return log_grid(0.1 / extent.cutoff_hz, 0.3, 12)
-
-
 class TimeDelay(SensorEffect):
     """`y(t) = f(t - delay_s)`, straight between the steps; before its first force that one is taken."""
 
@@ -164,8 +123,12 @@ class TimeDelay(SensorEffect):
     words = "a force that is stamped late against the motion"
     equation = ("f read {delay_s} s late",)
     candidates = (
-        Alignment(shapes=("delay_s",), factor=_late, grid=_delays, sizes=("delay_s",), picture="phase"),
-    )
+        Alignment(
+            shapes=("delay_s",), sizes=("delay_s",), picture="phase",
+            factor=lambda omega, shape: np.exp(-1j * omega * shape[0]),
+            grid=lambda extent: log_grid(0.1 / extent.cutoff_hz, 0.3, 12),
+        ),
+    )  # fmt: skip
 
     def _configure(self) -> None:
         self._delay_s = self.values["delay_s"]

@@ -25,10 +25,6 @@ from forefeel.common.causes.numerics import Array, lazy_kernel
 from forefeel.common.causes.wall import MassDamperSpring
 
 
-def _behind(motion: MotionGrid, shape: Shape) -> MotionGrid:
-    return behind(motion, Backlash(width_m=shape[0]))
-
-
 def behind(motion: MotionGrid, effect: MotionEffect) -> MotionGrid:
     """The instrument's motion behind an effect, which begins anew in each piece."""
     parts = [effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces]
@@ -54,8 +50,11 @@ class Backlash(MotionEffect):
     words = "play between stage and instrument"
     equation: ClassVar[tuple[str, ...]] = ("x behind a play of {width_m} m",)
     candidates: ClassVar[Sequence[Candidate]] = (
-        Transmission(shapes=("width_m",), moved=_behind, grid=widths, sizes=("width_m",), picture="reversal"),
-    )
+        Transmission(
+            shapes=("width_m",), moved=lambda motion, shape: behind(motion, Backlash(width_m=shape[0])),
+            grid=widths, sizes=("width_m",), picture="reversal",
+        ),
+    )  # fmt: skip
 
     def _configure(self) -> None:
         self._half = 0.5 * self.values["width_m"]
@@ -103,10 +102,6 @@ HELD_S = 1e9
 _SHARES = 0.02, 0.06, 0.2  # of the stroke: widths that are tried first; chosen
 _RESTS = tuple(np.linspace(0.1, 0.9, 7).tolist())  # of the range of positions; chosen
 _SETTLINGS_S = 0.03, 0.2  # s, damping over stiffness of tissue and vessels; chosen
-
-
-def _held(motion: MotionGrid, shape: Shape) -> MotionGrid:
-    return behind(motion, Play(width_m=shape[0]))
 
 
 def _loose(motion: MotionGrid, shape: Shape) -> MotionGrid:
@@ -161,8 +156,8 @@ class Play(Backlash):
     )
     candidates = (
         Transmission(
-            shapes=("width_m",), sizes=("width_m",), moved=_held, grid=widths, mass_site="sensor",
-            picture="reversal",
+            shapes=("width_m",), moved=lambda motion, shape: behind(motion, Play(width_m=shape[0])),
+            grid=widths, sizes=("width_m",), mass_site="sensor", picture="reversal",
         ),
         Transmission(
             form="loose", shapes=("width_m", "rest_position_m", "settling_s"), sizes=("width_m",),

@@ -40,7 +40,6 @@ class MassDamperSpring(ForceEffect):
     fingerprint = "proportional to acceleration, velocity or position: ellipses without jumps or memory"
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(a, v, x)."""
         return (a, v, x)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
@@ -81,16 +80,8 @@ class ExponentialWall(ForceEffect):
         return (np.expm1(depth) - depth)[:, None]
 
 
-def _powers(motion: MotionGrid, _shape: Shape) -> list[Array]:
-    return [motion.x**2, motion.x**3]
-
-
 def _exponential(motion: MotionGrid, shape: Shape) -> list[Array]:
     return [ExponentialWall(length_m=shape[0]).columns(motion.t, motion.x, motion.v, motion.a)[:, 0]]
-
-
-def _depths(extent: Extent) -> list[Shape]:
-    return log_grid(0.12 * extent.reach_m, 1.5 * extent.reach_m, 6)
 
 
 def _series(found: Found) -> Values:
@@ -100,10 +91,6 @@ def _series(found: Found) -> Values:
         "quadratic_n_m2": force_n / (2.0 * length_m**2), "cubic_n_m3": force_n / (6.0 * length_m**3),
         "exponential_n": force_n, "length_m": length_m,
     }  # fmt: skip
-
-
-def _wall(found: Found) -> list[Entry]:
-    return [entry(ExponentialWall, _series(found))]
 
 
 class Stiffening(ForceEffect):
@@ -124,17 +111,18 @@ class Stiffening(ForceEffect):
     )
     candidates = (
         ForceColumns(
-            coefficients=("quadratic_n_m2", "cubic_n_m3"), signs=(0, 0), columns=_powers, at_wall=True,
-            picture="position",
+            coefficients=("quadratic_n_m2", "cubic_n_m3"), signs=(0, 0),
+            columns=lambda motion, _: [motion.x**2, motion.x**3], at_wall=True, picture="position",
         ),
         ForceColumns(
-            form="exponential", signs=(1,), columns=_exponential, grid=_depths, at_wall=True, naming=_series,
-            sizes=("exponential_n",), making=_wall, picture="position",
+            form="exponential", signs=(1,), columns=_exponential, at_wall=True, naming=_series,
+            grid=lambda extent: log_grid(0.12 * extent.reach_m, 1.5 * extent.reach_m, 6),
+            sizes=("exponential_n",), picture="position",
+            making=lambda found: [entry(ExponentialWall, _series(found))],
         ),
     )  # fmt: skip
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(x^2, x^3)."""
         square = x * x
         return (square, square * x)
 
@@ -161,16 +149,8 @@ def _branch(motion: MotionGrid, shape: Shape) -> list[Array]:
     return [q, first]
 
 
-def _branches(motion: MotionGrid, shape: Shape) -> list[Array]:
-    return _branch(motion, shape[:1]) + _branch(motion, shape[1:])
-
-
-def _times(extent: Extent) -> list[Shape]:
-    return log_grid(2.0 / extent.cutoff_hz, 0.25 * extent.duration_s, 10)
-
-
-def _pairs(extent: Extent) -> list[Shape]:
-    return two(log_grid(2.0 / extent.cutoff_hz, 0.25 * extent.duration_s, 6))
+def _times(extent: Extent, count: int = 10) -> list[Shape]:
+    return log_grid(2.0 / extent.cutoff_hz, 0.25 * extent.duration_s, count)
 
 
 def _both(found: Found) -> Values:
@@ -214,8 +194,9 @@ class StressRelaxation(ForceEffect):
             grid=_times, at_wall=True,
         ),
         ForceColumns(
-            form="two", signs=(1, 0, 1, 0), columns=_branches, grid=_pairs, at_wall=True, naming=_both,
-            sizes=("stiffness_n_m",), making=_each,
+            form="two", signs=(1, 0, 1, 0), grid=lambda extent: two(_times(extent, 6)), at_wall=True,
+            columns=lambda motion, shape: _branch(motion, shape[:1]) + _branch(motion, shape[1:]),
+            naming=_both, sizes=("stiffness_n_m",), making=_each,
         ),
     )  # fmt: skip
 
@@ -237,10 +218,6 @@ class StressRelaxation(ForceEffect):
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return lagged(self._tau * v, dt, self._tau)[:, None]
-
-
-def _later(motion: MotionGrid, shape: Shape) -> list[Array]:
-    return [motion.x * (motion.t > shape[0])]
 
 
 def _later_about_rest(motion: MotionGrid, shape: Shape) -> list[Array]:
@@ -293,8 +270,8 @@ class StiffnessChange(ForceEffect):
     words = "a stiffness that changes at an instant"
     candidates = (
         ForceColumns(
-            signs=(0,), columns=_later, logarithmic=False, grid=_instants, at_wall=True, naming=_ratio,
-            making=_change,
+            signs=(0,), columns=lambda motion, shape: [motion.x * (motion.t > shape[0])], logarithmic=False,
+            grid=_instants, at_wall=True, naming=_ratio, making=_change,
         ),
         ForceColumns(
             form="rest", signs=(0, 0), columns=_later_about_rest, logarithmic=False, grid=_instants,
