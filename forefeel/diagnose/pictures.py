@@ -14,8 +14,8 @@ from forefeel.common.error_size import Floats
 from forefeel.diagnose.curves import TRIM, Curves, density, response, rms, share_of, strokes
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import alignment
-from forefeel.diagnosis.sensor_faults import Fault
 from forefeel.diagnosis.signals import Mask
+from forefeel.diagnosis.verdict import Cause
 from forefeel.report.drawing import (
     BLUE,
     GREY,
@@ -87,7 +87,7 @@ def picture(stem: str, curves: Curves, name: str) -> Drawing:
 
 
 @styled()
-def sensor_picture(stem: str, analysis: Analysis, fault: Fault) -> Drawing | None:
+def sensor_picture(stem: str, analysis: Analysis, fault: Cause) -> Drawing | None:
     """Of a fault of the sensor, on the force as recorded; None where no picture suits it."""
     draw = _FAULTS.get(fault.name)
     return None if draw is None else draw(f"{stem} {fault.name}", analysis, fault)
@@ -298,16 +298,16 @@ def _raw(analysis: Analysis) -> Floats:
     return force_n
 
 
-def _levels(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
-    force_n, step = _raw(analysis), fault.parameters["step_n"][0]
+def _levels(stem: str, analysis: Analysis, fault: Cause) -> Drawing:
+    force_n, step = _raw(analysis), fault.parameters["step_n"].value
     middle = step * round(float(np.median(force_n)) / step)
     edges = middle + step * np.arange(-_LEVELS - 0.5, _LEVELS + 0.5 + 1e-9, 0.125)
     caption = f"Levels {1e3 * step:.4g} mN apart, and nothing between them."
     return _histogram(stem, force_n, edges, [], "Histogram of the readings", caption)
 
 
-def _ends(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
-    force_n, limit = _raw(analysis), fault.parameters["limit_n"][0]
+def _ends(stem: str, analysis: Analysis, fault: Cause) -> Drawing:
+    force_n, limit = _raw(analysis), fault.parameters["limit_n"].value
     margin = 0.03 * float(np.ptp(force_n))
     edges = np.linspace(float(force_n.min()) - margin, float(force_n.max()) + margin, 121)
     span = 2e-3 * float(np.ptp(force_n))
@@ -329,7 +329,7 @@ def _histogram(
     return drawn(figure, stem, title, caption)
 
 
-def _spikes(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
+def _spikes(stem: str, analysis: Analysis, fault: Cause) -> Drawing:
     t = analysis.recording.time_s - analysis.recording.time_s[0]
     raw, cleaned = _raw(analysis), analysis.cleaned.force_n
     figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
@@ -341,8 +341,8 @@ def _spikes(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
     return drawn(figure, stem, "Over time", "Single readings far off their neighbours.")
 
 
-def _line(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
-    frequency_hz, rate = fault.parameters["frequency_hz"][0], analysis.recording.rate_hz
+def _line(stem: str, analysis: Analysis, fault: Cause) -> Drawing:
+    frequency_hz, rate = fault.parameters["frequency_hz"].value, analysis.recording.rate_hz
     figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
     for force_n, colour, name in (
         (_raw(analysis), ORANGE, "as recorded"),
@@ -358,7 +358,7 @@ def _line(stem: str, analysis: Analysis, fault: Fault) -> Drawing:
     return drawn(figure, stem, "Spectrum of the readings", f"A narrow line at {frequency_hz:.2f} Hz.")
 
 
-_FAULTS: Mapping[str, Callable[[str, Analysis, Fault], Drawing]] = {
+_FAULTS: Mapping[str, Callable[[str, Analysis, Cause], Drawing]] = {
     "sensor_quantisation": _levels,
     "sensor_saturation": _ends,
     "sensor_spikes": _spikes,

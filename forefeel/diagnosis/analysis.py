@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from forefeel.common.causes.candidate import base_name
+from forefeel.common.causes.candidate import Model, base_name
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
@@ -14,8 +14,9 @@ from forefeel.diagnosis.noise import LEAST_CORNER_HZ, Noise, autoregression
 from forefeel.diagnosis.noise_floor import NoiseFloor, noise_floor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.search import ADD, Search
-from forefeel.diagnosis.sensor_faults import Cleaned, Fault, clean
+from forefeel.diagnosis.sensor_faults import Cleaned, clean
 from forefeel.diagnosis.signals import Signals
+from forefeel.diagnosis.verdict import Cause
 
 Progress = Callable[[str], None]
 _ROUNDS = 3
@@ -42,13 +43,13 @@ class Analysis:
     floor: NoiseFloor | None
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
+    def faults(self) -> tuple[Cause, ...]:
         """Of the sensor, but for the impacts at the end of a play and steps that are finer than the noise."""
         kept = []
         for fault in self.cleaned.faults:
             if fault.name == "sensor_spikes" and _are_impacts(self):
                 continue
-            if fault.name == "sensor_quantisation" and fault.rms_n < 0.4 * residual_rms_n(self):
+            if fault.name == "sensor_quantisation" and fault.explained_n < 0.4 * residual_rms_n(self):
                 continue
             kept.append(fault)
         return tuple(kept)
@@ -137,6 +138,26 @@ def analyse(
     narrower = _in_narrower_band(recording, cleaned, regression, fit, floor)
     base = regression.fit({"bias": ()})
     return Analysis(cleaned, regression, search, base, fit, recording, narrower, floor)
+
+
+def fitted_elsewhere(
+    recording: Recording, cleaned: Cleaned, sense: float, *models: tuple[Model, Sequence[float]]
+) -> Analysis:
+    """Two models, simulation and extended, as the page and model.yaml show those of a search.
+
+    Args:
+        models: each with its coefficients: mass, damping, stiffness, and those of its causes in turn, as in
+            `ModelFit`.
+
+    Raises:
+        RecordingError: too few samples in a row.
+    """
+    regression = conditioned(recording, cleaned)
+    regression.sense = sense
+    base, fit = (
+        replace(regression.fit(model), coefficients=np.array(coefficients)) for model, coefficients in models
+    )
+    return Analysis(cleaned, regression, Search(regression, []), base, fit, recording, None, None)
 
 
 def conditioned(

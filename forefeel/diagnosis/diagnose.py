@@ -18,9 +18,9 @@ from forefeel.diagnosis.joined_recordings import Joined, joined, unclocked
 from forefeel.diagnosis.judge import judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
 from forefeel.diagnosis.other_motion import with_expectation
-from forefeel.diagnosis.ramp_and_hold import diagnosed_hold, held
+from forefeel.diagnosis.ramp_and_hold import diagnosed_hold
 from forefeel.diagnosis.residual import predictable_share
-from forefeel.diagnosis.step_response import diagnosed_step, is_step
+from forefeel.diagnosis.step_response import diagnosed_step
 from forefeel.diagnosis.verdict import Diagnosis, ModelError
 
 LEAST_S = 3.0
@@ -76,16 +76,12 @@ def diagnose_together(
 def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel | None) -> Diagnosed:
     recording = of.recording if isinstance(of, Joined) else of
     names, parts_s = (unclocked(), of.parts_s) if isinstance(of, Joined) else (None, ())
-    step = not parts_s and is_step(recording)
-    hold = None if parts_s or step else held(recording)
-    long = hold is None and not step and is_long(recording)
-    if step:
-        found, analysis = diagnosed_step(recording)
-    elif hold is not None:
-        found, analysis = diagnosed_hold(recording, hold)
-    else:
+    simple = None if parts_s else diagnosed_step(recording) or diagnosed_hold(recording)
+    long = simple is None and is_long(recording)
+    if simple is None:
         analysis = (analyse_long if long else analyse)(recording, progress, names, parts_s)
-        found, analysis = _weighed(analysis, progress)
+        simple = _weighed(analysis, progress)
+    found, analysis = simple
     gaps = of.gaps if isinstance(of, Joined) else len(recording.segments()) > 1
     flags = _flags(found.flags, gaps, long)
     if feeds_the_motion(analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit):

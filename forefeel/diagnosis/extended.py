@@ -11,7 +11,7 @@ from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.wall import MassDamperSpring
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import ModelFit, mass_site
-from forefeel.diagnosis.sensor_faults import Fault
+from forefeel.diagnosis.verdict import Cause
 
 FIXTURE = "unmodelled_resonance:fixture"
 
@@ -46,5 +46,5 @@ def _mass_damper_spring(mass: float, damping: float, stiffness: float) -> Entry:
     return entry(MassDamperSpring, {"mass_kg": mass, "damping_n_s_m": damping, "stiffness_n_m": stiffness})
 
 
-def _sensor(fault: Fault) -> Entry:
-    return entry(OWN[fault.name], {key: float(value[0]) for key, value in fault.parameters.items()})
+def _sensor(fault: Cause) -> Entry:
+    return entry(OWN[fault.name], {key: each.value for key, each in fault.parameters.items()})

@@ -5,29 +5,17 @@ Neighbouring errors are not independent; whole blocks are held out and drawn (Ku
 17, 1989).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.verdict import HeldOut
 
 _BLOCKS = 16
 _LEAST_S = 1.0
 _DRAWS = 1000
 _SEEN = 0.2
-
-
-@dataclass(frozen=True, slots=True)
-class RmsGain:
-    """rms before and after in N; `gain` = 1 - after / before with its 95 % interval."""
-
-    before_n: float
-    after_n: float
-    gain: float
-    low: float
-    high: float
 
 
 def block_numbers(regression: RecordingRegression) -> NDArray[np.int64]:
@@ -90,12 +78,12 @@ def held_out_coefficients(
     return np.asarray(found / scale)
 
 
-def gain(regression: RecordingRegression, before: Floats, after: Floats) -> RmsGain:
+def gain(regression: RecordingRegression, before: Floats, after: Floats) -> HeldOut:
     """Of two series of held-out errors at the rows that count."""
     return gain_over(block_numbers(regression), before, after)
 
 
-def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> RmsGain:
+def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> HeldOut:
     """Of two series of errors; `numbers`: of the block that each belongs to."""
     sums = np.array([[np.sum(e[numbers == k] ** 2) for e in (before, after)] for k in np.unique(numbers)])
     rng = np.random.default_rng(0)
@@ -103,4 +91,4 @@ def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> RmsG
     ratios = 1.0 - np.sqrt(drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300))
     low, high = np.quantile(ratios, (0.025, 0.975))
     rms = [float(np.sqrt(np.mean(e**2))) for e in (before, after)]
-    return RmsGain(rms[0], rms[1], 1.0 - rms[1] / max(rms[0], 1e-300), float(low), float(high))
+    return HeldOut(rms[0], rms[1], 1.0 - rms[1] / max(rms[0], 1e-300), float(low), float(high))

@@ -1,15 +1,15 @@
 """Weighs an analysis: what is named, and with how much trust."""
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator
 from functools import cached_property
 
 import numpy as np
 
 from forefeel.common.causes.candidate import PositionWave, base_name
-from forefeel.common.causes.catalogue import CANDIDATES, fingerprint, kin
+from forefeel.common.causes.catalogue import CANDIDATES, kin
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
-from forefeel.diagnosis.held_out import RmsGain, gain, held_out_errors
+from forefeel.diagnosis.held_out import gain, held_out_errors
 from forefeel.diagnosis.identifiability import (
     FRICTION,
     GENERAL_MOTION,
@@ -29,16 +29,7 @@ from forefeel.diagnosis.residual import (
     modulation_gain,
     predictable_share,
 )
-from forefeel.diagnosis.sensor_faults import Fault
-from forefeel.diagnosis.verdict import (
-    Cause,
-    Diagnosis,
-    Evidence,
-    HeldOut,
-    Interval,
-    ModelError,
-    VerdictName,
-)
+from forefeel.diagnosis.verdict import Cause, Diagnosis, HeldOut, Interval, ModelError, VerdictName
 
 _LEAST_GAIN_OF_FLOOR = 0.01
 _WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it
@@ -125,7 +116,7 @@ class Judge:
     def _largest(self) -> str | None:
         """The cause without which most is left; the bias is none."""
         causes = [name for name in self.fit.model if name != "bias"]
-        return max(causes, key=lambda name: self._alone[name][1].before_n, default=None)
+        return max(causes, key=lambda name: self._alone[name][1].rmse_before_n, default=None)
 
     def _inexplicable(self) -> Less | None:
         """Where the model is not all that there is, or not the only one."""
@@ -168,7 +159,7 @@ class Judge:
         if any(fault.name == "sensor_quantisation" for fault in self.faults):
             return False
         pulsing = modulation_gain(self.regression, self.fit)
-        if pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.low > _FLEXIBLE:
+        if pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.gain_low > _FLEXIBLE:
             return True
         plain = self.regression.residual(self.base)[self.regression.rows]
         left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
@@ -215,7 +206,7 @@ class Judge:
             shares = [self._foretold if self._foretold > _FORETOLD else 0.0]
         alike = alike_gain(self.regression, self.fit, self.after)
         for found in (flexible_gain(self.regression, self.fit), alike):
-            if found.low > _FLEXIBLE and found.gain > 2.0 * _FLEXIBLE:
+            if found.gain_low > _FLEXIBLE and found.gain > 2.0 * _FLEXIBLE:
                 shares.append(1.0 - (1.0 - found.gain) ** 2)
         if floor is not None and self.residual_n > _OF_FORCE * self.force_n:
             shares.append(excess_share(self.regression, self._residual, floor))
@@ -246,8 +237,8 @@ class Judge:
         rivals = []
         for other, trial in self._replacements(largest, claim | {"bias"}):
             against = gain(self.regression, held_out_errors(self.regression, trial), self.after)
-            if against.low <= _AS_GOOD:
-                rivals.append((against.before_n, base_name(other)))
+            if against.gain_low <= _AS_GOOD:
+                rivals.append((against.rmse_before_n, base_name(other)))
         return tuple(_group(largest, rivals))
 
     def _replacements(self, name: str, closed: Container[str]) -> Iterator[tuple[str, ModelFit]]:
@@ -270,7 +261,8 @@ class Judge:
     def _is_weak(self, name: str) -> bool:
         """Whether it does not help where it was not fitted, or may as well be nothing, or anything."""
         _, own = self._alone[name]
-        if own.low <= 0.0 or own.before_n - own.after_n < _LEAST_GAIN_OF_FLOOR * self.residual_n:
+        gain_n = own.rmse_before_n - own.rmse_after_n
+        if own.gain_low <= 0.0 or gain_n < _LEAST_GAIN_OF_FLOOR * self.residual_n:
             return True
         if name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0]):
             return True
@@ -306,7 +298,7 @@ class Judge:
         return float(np.mean(found**2)) < _TURNING * float(np.mean((waves @ self.fit.of(name)) ** 2))
 
     @cached_property
-    def _alone(self) -> dict[str, tuple[ModelFit, RmsGain]]:
+    def _alone(self) -> dict[str, tuple[ModelFit, HeldOut]]:
         """For each cause the model without it, and what the cause gains on held-out blocks."""
         found = {}
         for name in self.fit.model:
@@ -316,18 +308,19 @@ class Judge:
         return found
 
     def _causes(self) -> tuple[Cause, ...]:
-        causes = [_fault_cause(fault) for fault in self.faults]
-        causes += [self._cause(name) for name in self.fit.model]
+        causes = [*self.faults, *map(self._cause, self.fit.model)]
         # the baseline has a bias, too: it is told last
         return tuple(sorted(causes, key=lambda cause: (cause.name == "bias", -cause.explained_n)))
 
     def _cause(self, name: str) -> Cause:
         without, own = self._alone[name]
-        gain_n, plain = own.before_n - own.after_n, base_name(name)
-        likelihood = without.score - self.fit.score
-        explained = float(np.sqrt(max(own.before_n**2 - own.after_n**2, 0.0)))
-        evidence = _evidence(plain, likelihood, own)
-        return Cause(plain, told(self.parameters[plain]), evidence, gain_n, explained)
+        plain, likelihood = base_name(name), without.score - self.fit.score
+        words = (
+            f"without it the penalised -2 log likelihood is {likelihood:.0f} worse; it lessens the error on "
+            f"held-out blocks by {100 * own.gain:.0f} % "
+            f"({100 * own.gain_low:.0f} to {100 * own.gain_high:.0f} %)"
+        )
+        return Cause.fitted(plain, told(self.parameters[plain]), likelihood, own, words)
 
     def said(
         self,
@@ -337,13 +330,7 @@ class Judge:
         suspected: Iterable[str] = (),
     ) -> Diagnosis:
         """The verdict with its numbers; `motion`: to record next."""
-        held = HeldOut(
-            self.held_out.before_n,
-            self.held_out.after_n,
-            self.held_out.gain,
-            self.held_out.low,
-            self.held_out.high,
-        )
+        held = self.held_out
         return Diagnosis(
             verdict,
             self._causes() if verdict == "cause_found" else (),
@@ -351,8 +338,8 @@ class Judge:
             motion,
             (*self.analysis.flags(), *([SLOW] if self._slow else [])),
             self.floor_n,
-            model_error(self.held_out.before_n, self.force_n, intervals(self.regression, self.base)),
-            model_error(self.held_out.after_n, self.force_n, self.parameters),
+            ModelError.of(held.rmse_before_n, self.force_n, intervals(self.regression, self.base)),
+            ModelError.of(held.rmse_after_n, self.force_n, self.parameters),
             held,
             suspected=tuple(sorted(suspected)),
         )
@@ -364,34 +351,5 @@ def _group(name: str, rivals: Iterable[tuple[float, str]]) -> list[tuple[str, ..
     return [(base_name(name), *list(names)[: _MOST_RIVALS - 1])] if names else []
 
 
-def model_error(
-    rmse_n: float, force_n: float, parameters: Mapping[str, Mapping[str, Interval]]
-) -> ModelError:
-    """Of a model by the intervals of its parameters by cause, "" for mass, damping and stiffness; `force_n`:
-    the force's standard deviation in N.
-    """
-    values = {
-        f"{name}.{key}" if name else key: interval.value
-        for name, own in parameters.items()
-        for key, interval in own.items()
-    }
-    return ModelError(rmse_n, values, 100.0 * (1.0 - rmse_n / force_n), dict(parameters[""]))
-
-
-def _fault_cause(fault: Fault) -> Cause:
-    """A fault of the sensor is seen on the readings, which are freed of it before models are compared."""
-    parameters = {key: Interval(*map(float, values)) for key, values in fault.parameters.items()}
-    evidence = Evidence(fingerprint(fault.name), 0.0, 0.0, 0.0, 0.0, fault.evidence)
-    return Cause(fault.name, parameters, evidence, 0.0, float(fault.rms_n))
-
-
 def _unbounded(size: Interval) -> bool:
     return not np.isfinite(size.high - size.low) or size.high - size.low > _WIDEST * abs(size.value)
-
-
-def _evidence(name: str, likelihood: float, own: RmsGain) -> Evidence:
-    words = (
-        f"without it the penalised -2 log likelihood is {likelihood:.0f} worse; it lessens the error on "
-        f"held-out blocks by {100 * own.gain:.0f} % ({100 * own.low:.0f} to {100 * own.high:.0f} %)"
-    )
-    return Evidence(fingerprint(name), likelihood, own.gain, own.low, own.high, words)

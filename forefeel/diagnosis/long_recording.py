@@ -27,8 +27,9 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse, residual_rms_n
 from forefeel.diagnosis.band import MOST_ROWS, cutoff_hz
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.sensor_faults import Fault, clean
+from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.signals import Mask, Signals
+from forefeel.diagnosis.verdict import Cause, Interval
 
 
 def cut(recording: Recording, part: slice | Mask) -> Recording:
@@ -52,11 +53,11 @@ def chunks_of(recording: Recording, length_s: float) -> list[slice]:
     return found
 
 
-def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recording, Mask, list[Fault]]:
+def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recording, Mask, list[Cause]]:
     """Without lines and spikes of the force, which samples were clipped, the faults of all chunks merged."""
     assert recording.force_n is not None
     force_n, unusable = recording.force_n, np.zeros(len(recording), dtype=np.bool_)
-    seen: dict[str, list[tuple[Fault, float]]] = defaultdict(list)
+    seen: dict[str, list[tuple[Cause, float]]] = defaultdict(list)
     for chunk in chunks:
         part = cut(recording, chunk)
         cleaned = clean(part)
@@ -84,7 +85,7 @@ def liveliest(recording: Recording, length_s: float) -> slice:
     return slice(start, min(start + count, len(recording)))
 
 
-def _merged(found: list[tuple[Fault, float]], total_s: float) -> Fault | None:
+def _merged(found: list[tuple[Cause, float]], total_s: float) -> Cause | None:
     """One fault of all chunks; a comb or a line that most of the chunks lack is none."""
     longest, covered = max(found, key=lambda pair: pair[1])[0], sum(duration for _, duration in found)
     share = covered / total_s
@@ -94,15 +95,16 @@ def _merged(found: list[tuple[Fault, float]], total_s: float) -> Fault | None:
         key: _together([fault.parameters[key] for fault, _ in found], share if key == "rate_hz" else 1.0)
         for key in longest.parameters
     }
-    rms_n = float(np.sqrt(np.mean([fault.rms_n**2 for fault, _ in found]) * share))
-    return Fault(longest.name, parameters, longest.evidence, rms_n)
+    rms_n = float(np.sqrt(np.mean([fault.explained_n**2 for fault, _ in found]) * share))
+    return Cause.on_readings(longest.name, parameters, longest.evidence.words, rms_n)
 
 
-def _together(values: list[tuple[float, float, float]], share: float) -> tuple[float, float, float]:
+def _together(found: list[Interval], share: float) -> Interval:
     """Mean of the values and their intervals, narrower by the root of their number."""
-    value, low, high = np.mean(values, axis=0)
-    narrow = 1.0 / np.sqrt(len(values))
-    return tuple(float(share * (value + narrow * off)) for off in (0.0, low - value, high - value))  # type: ignore[return-value]
+    value, low, high = np.mean([(each.value, each.low, each.high) for each in found], axis=0)
+    narrow = 1.0 / np.sqrt(len(found))
+    ends = (float(share * (value + narrow * off)) for off in (0.0, low - value, high - value))
+    return Interval(*ends)
 
 
 FLAG = "searched_on_stretches"

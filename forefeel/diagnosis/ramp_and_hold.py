@@ -14,17 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from forefeel.common.causes.catalogue import fingerprint
+from forefeel.common.causes.candidate import Model
 from forefeel.common.causes.numerics import intervals_s, lagged
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import Analysis, conditioned
+from forefeel.diagnosis.analysis import Analysis, fitted_elsewhere
 from forefeel.diagnosis.held_out import gain_over
 from forefeel.diagnosis.identifiability import GENERAL_MOTION, turning_points
-from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.separable import Separable, separable
-from forefeel.diagnosis.verdict import Cause, Diagnosis, Evidence, HeldOut, Interval, ModelError, VerdictName
+from forefeel.diagnosis.verdict import Cause, Diagnosis, HeldOut, Interval, ModelError, VerdictName
 
 FLAG = "ramp_and_hold"
 _HELD, _STILL = 0.7, 0.03  # of the samples in one run, within so much of the range from the median
@@ -55,23 +54,27 @@ class Hold:
         return np.column_stack([self.x, np.ones_like(self.x), *own])
 
     @property
+    def since_s(self) -> Floats:
+        """Of each sample of the hold: since it began."""
+        return np.asarray(self.t[self.run] - self.t[self.run.start])
+
+    @property
     def bins(self) -> NDArray[np.int64]:
         """Of each sample of the hold, even in the logarithm of the time since it began."""
-        since_s = self.t[self.run] - self.t[self.run.start]
+        since_s = self.since_s
         first_s = max(float(since_s[min(3, len(since_s) - 1)]), 1e-3 * float(since_s[-1]))
         edges_s = np.geomspace(first_s, since_s[-1], _BINS)[:-1]
         return np.asarray(np.searchsorted(edges_s, since_s, side="right"))
 
     def fitted(self) -> list[Separable]:
         """With no, one and two branches."""
-        since_s = self.t[self.run] - self.t[self.run.start]
-        times = np.log(np.geomspace(4.0 * np.median(np.diff(self.t)), 0.5 * since_s[-1], _TIMES))
+        times = np.log(np.geomspace(4.0 * np.median(np.diff(self.t)), 0.5 * self.since_s[-1], _TIMES))
         starts = [list(map(np.array, combinations(times, count))) for count in range(3)]
         return [separable(self.branches, self.f, each) for each in starts]
 
     def relaxes(self) -> bool:
         """Whether it fades early and much, as a Prony series and not as a line."""
-        since_s, f, bins = self.t[self.run] - self.t[self.run.start], self.f[self.run], self.bins
+        since_s, f, bins = self.since_s, self.f[self.run], self.bins
         count = np.bincount(bins)
         used = count > 0
         until_s, mean = (np.bincount(bins, each)[used] / count[used] for each in (since_s, f))
@@ -112,12 +115,15 @@ def held(recording: Recording) -> Hold | None:
     return Hold(t - t[0], x, f, slice(int(start), int(stop)))
 
 
-def diagnosed_hold(recording: Recording, hold: Hold) -> tuple[Diagnosis, Analysis]:
-    """Whether the material relaxes during the hold; nothing else is told by one.
+def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
+    """Whether the material relaxes during the hold; nothing else is told by one. None without a hold.
 
     Raises:
         RecordingError: too few samples in a row.
     """
+    hold = held(recording)
+    if hold is None:
+        return None
     spring, one, two = hold.fitted()
     found = two if np.sum(two.left**2) < _SECOND * np.sum(one.left**2) else one
     sense = float(np.sign(spring.theta[0])) or 1.0
@@ -125,53 +131,41 @@ def diagnosed_hold(recording: Recording, hold: Hold) -> tuple[Diagnosis, Analysi
     relaxes = bool(known.all()) and hold.relaxes()
     found = found if relaxes else spring
     before, after = (hold.held_out(each.log_shape) for each in (spring, found))
-    own = gain_over(hold.bins, before, after)
-    held_out = HeldOut(own.before_n, own.after_n, own.gain, own.low, own.high)
+    held_out = gain_over(hold.bins, before, after)
     models = _model(spring, before, hold, sense), _model(found, after, hold, sense)
     causes = (_relaxation(found, sense, held_out),) if relaxes else ()
-    analysis = _analysis(recording, spring, found, sense)
+    analysis = fitted_elsewhere(recording, clean(recording), sense, *map(_coefficients, (spring, found)))
     verdict: VerdictName = "cause_found" if relaxes else "nothing_found"
     motion, flags = None if relaxes else GENERAL_MOTION, (*analysis.flags(), FLAG)
     return Diagnosis(verdict, causes, (), motion, flags, None, *models, held_out), analysis
 
 
-def _analysis(recording: Recording, spring: Separable, found: Separable, sense: float) -> Analysis:
-    """The two models, as pages and model.yaml show those of any recording."""
-    cleaned = clean(recording)
-    regression = conditioned(recording, cleaned)
-    regression.sense = sense
-    name = "stress_relaxation:two" if len(found.log_shape) == 2 else "stress_relaxation"
+def _coefficients(found: Separable) -> tuple[Model, list[float]]:
+    """The model, its mass, damping, stiffness and bias, and each branch with nothing of an earlier stroke."""
     shape = tuple(map(float, np.exp(found.log_shape)))
-    base, fit = regression.fit({"bias": ()}), regression.fit({"bias": (), **({name: shape} if shape else {})})
-    base.coefficients[:] = 0.0, 0.0, *spring.theta
-    no_start = [value for size in found.theta[2:] for value in (float(size), 0.0)]
-    fit.coefficients[:] = 0.0, 0.0, *found.theta[:2], *no_start
-    return Analysis(cleaned, regression, Search(regression, []), base, fit, recording, None, None)
+    name = "stress_relaxation:two" if len(shape) == 2 else "stress_relaxation"
+    branches = [value for size in found.theta[2:] for value in (size, 0.0)]
+    return {"bias": (), **({name: shape} if shape else {})}, [0.0, 0.0, *found.theta[:2], *branches]
 
 
 def _relaxation(found: Separable, sense: float, held: HeldOut) -> Cause:
     doubts, count = found.doubts(), len(found.log_shape)
     parameters = {}
     for i, (stiffness, time) in enumerate(_NAMES[:count]):
-        size, log_s = float(sense * found.theta[2 + i]), found.log_shape[i]
-        doubt = float(doubts[count + 2 + i])
-        parameters[stiffness] = Interval(size, size - doubt, size + doubt)
-        ends = np.exp([log_s, log_s - doubts[i], log_s + doubts[i]])
+        parameters[stiffness] = Interval.about(sense * found.theta[2 + i], doubts[count + 2 + i])
+        ends = np.exp(found.log_shape[i] + doubts[i] * np.array([0.0, -1.0, 1.0]))
         parameters[time] = Interval(*map(float, ends))
     words = "the force of the hold fades as a Prony series that foretells every second part of it"
-    name = "stress_relaxation"
-    evidence = Evidence(fingerprint(name), 0.0, held.gain, held.gain_low, held.gain_high, words)
-    gain_n = held.rmse_before_n - held.rmse_after_n
-    explained_n = float(np.sqrt(max(held.rmse_before_n**2 - held.rmse_after_n**2, 0.0)))
-    return Cause(name, parameters, evidence, gain_n, explained_n)
+    return Cause.fitted("stress_relaxation", parameters, 0.0, held, words)
 
 
 def _model(found: Separable, errors: Floats, hold: Hold, sense: float) -> ModelError:
-    stiffness, doubt = float(sense * found.theta[0]), float(found.doubts()[len(found.log_shape)])
-    told = {"stiffness_n_m": Interval(stiffness, stiffness - doubt, stiffness + doubt)}
-    values = {"stiffness_n_m": stiffness, "bias.force_n": float(sense * found.theta[1])}
+    stiffness, bias = (
+        Interval.about(sense * found.theta[i], found.doubts()[len(found.log_shape) + i]) for i in (0, 1)
+    )
     rms_n = float(np.sqrt(np.mean(errors**2)))
-    return ModelError(rms_n, values, 100.0 * (1.0 - rms_n / float(np.std(hold.f))), told)
+    parameters = {"": {"stiffness_n_m": stiffness}, "bias": {"force_n": bias}}
+    return ModelError.of(rms_n, float(np.std(hold.f)), parameters)
 
 
 def _left_of_held_out(table: Floats, fading: Floats) -> float:

@@ -12,15 +12,10 @@ from scipy.spatial import cKDTree
 
 from forefeel.common.causes.candidate import MotionGrid
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.held_out import (
-    RmsGain,
-    block_numbers,
-    columns,
-    gain,
-    held_out,
-)
+from forefeel.diagnosis.held_out import block_numbers, columns, gain, held_out
 from forefeel.diagnosis.noise_floor import NoiseFloor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression, alignment
+from forefeel.diagnosis.verdict import HeldOut
 
 HORIZON_S = 0.04
 _TAPS = 12
@@ -99,7 +94,7 @@ _DIRECTION = 0.3  # of the stroke: so far apart lie two directions, farther than
 _LAGS_S = 0.03, 0.1, 0.3, 1.0
 
 
-def flexible_gain(regression: RecordingRegression, fit: ModelFit) -> RmsGain:
+def flexible_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut:
     """Held-out gain of the named causes and bumps over the named causes alone; the best ridge of two."""
     white, plain = columns(regression, fit)
     alone = held_out(regression, white, plain)
@@ -117,7 +112,7 @@ def flexible_gain(regression: RecordingRegression, fit: ModelFit) -> RmsGain:
     return max(trials, key=lambda trial: trial.gain)
 
 
-def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> RmsGain | None:
+def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut | None:
     """Held-out gain of a stiffness that pulses with the found frequency; None without a pulsation.
 
     The vocabulary's pulsation is a force of its own: one that grows with the depth is something else.
@@ -135,7 +130,7 @@ def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> RmsGain |
     return gain(regression, held_out(regression, white, plain), held_out(regression, *both))
 
 
-def alike_gain(regression: RecordingRegression, fit: ModelFit, left: Floats) -> RmsGain:
+def alike_gain(regression: RecordingRegression, fit: ModelFit, left: Floats) -> HeldOut:
     """Held-out gain of what was left in other blocks whenever the motion was alike: position and direction,
     or position and speed. By nearest neighbours: any function of the motion, however fine, and none of time.
 

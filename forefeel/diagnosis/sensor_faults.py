@@ -16,6 +16,7 @@ from scipy.stats import ks_2samp
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.signals import Mask
+from forefeel.diagnosis.verdict import Cause, Interval
 
 MAINS_HZ = 50.0, 60.0
 _PILE = 8.0
@@ -25,16 +26,6 @@ _MOST_CLIPPED = 0.5  # of the samples: more is how the force is made
 _LINE = 8.0
 _SLOW_HZ = 40.0  # sampling rate at which a line is looked for, shifted to zero; its lines reach +- 8 Hz
 _FILTER_STEPS = 12  # length of the filter before it, in slow samples: 8 Hz pass, 32 Hz are stopped by 90 dB
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fault:
-    """A fault by its name in the vocabulary; parameters as (value, low, high); evidence in words."""
-
-    name: str
-    parameters: dict[str, tuple[float, float, float]]
-    evidence: str
-    rms_n: float
 
 
 @dataclass(slots=True, eq=False)
@@ -51,7 +42,7 @@ class Cleaned:
     clipped: Mask
     spikes: Mask
     lines_n: Floats
-    faults: list[Fault] = field(default_factory=list)
+    faults: list[Cause] = field(default_factory=list)
 
 
 def clean(recording: Recording) -> Cleaned:
@@ -63,14 +54,9 @@ def clean(recording: Recording) -> Cleaned:
     step = comb_step(force)
     _saturation(cleaned, step)
     if step is not None:
-        half = 0.0005 * step
-        cleaned.faults.append(
-            Fault(
-                "sensor_quantisation", {"step_n": (step, step - half, step + half)},
-                f"the force takes only {len(np.unique(force))} values, multiples of one step",
-                step / np.sqrt(12.0),
-            )
-        )  # fmt: skip
+        words = f"the force takes only {len(np.unique(force))} values, multiples of one step"
+        parameters = {"step_n": Interval.about(step, 0.0005 * step)}
+        cleaned.faults.append(Cause.on_readings("sensor_quantisation", parameters, words, step / 12.0**0.5))
     _spikes(cleaned, recording, step)
     _mains(cleaned, recording)
     return cleaned
@@ -112,8 +98,8 @@ def _saturation(cleaned: Cleaned, step: float | None) -> None:
         words = (
             f"{100 * share:.2g} % of the samples stand exactly at {' and '.join(f'{x:.4g} N' for x in found)}"
         )
-        parameters = {"limit_n": (limit, limit - spread, limit + spread)}
-        cleaned.faults.append(Fault("sensor_saturation", parameters, words, share * (high - low)))
+        parameters = {"limit_n": Interval.about(limit, spread)}
+        cleaned.faults.append(Cause.on_readings("sensor_saturation", parameters, words, share * (high - low)))
 
 
 def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
@@ -138,21 +124,17 @@ def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
     if found is None:
         return
     count, sizes = len(found.sizes_n), found.sizes_n
-    rate, amplitude = count / recording.duration_s, float(np.mean(sizes))
-    rate_doubt = 1.96 * float(np.sqrt(count)) / recording.duration_s
-    doubt = 1.96 * float(np.std(sizes)) / float(np.sqrt(count))
-    cleaned.faults.append(
-        Fault(
-            "sensor_spikes",
-            {
-                "rate_hz": (rate, rate - rate_doubt, rate + rate_doubt),
-                "amplitude_n": (amplitude, amplitude - doubt, amplitude + doubt),
-            },
-            f"{count} isolated outliers of {amplitude:.3g} N, "
-            f"{amplitude / found.usual_n:.0f} times the usual distance from their neighbours",
-            float(np.sqrt(np.mean((cleaned.force_n - found.without_n) ** 2))),
-        )
+    amplitude, spread = float(np.mean(sizes)), 1.96 * float(np.std(sizes))
+    parameters = {
+        "rate_hz": Interval.about(count / recording.duration_s, 1.96 * count**0.5 / recording.duration_s),
+        "amplitude_n": Interval.about(amplitude, spread / count**0.5),
+    }
+    words = (
+        f"{count} isolated outliers of {amplitude:.3g} N, "
+        f"{amplitude / found.usual_n:.0f} times the usual distance from their neighbours"
     )
+    rms_n = float(np.sqrt(np.mean((cleaned.force_n - found.without_n) ** 2)))
+    cleaned.faults.append(Cause.on_readings("sensor_spikes", parameters, words, rms_n))
     cleaned.force_n, cleaned.spikes = found.without_n, found.where
 
 
@@ -175,21 +157,15 @@ def _mains(cleaned: Cleaned, recording: Recording) -> None:
         weights, *_ = np.linalg.lstsq(rough[:, :-1], rough[:, -1], rcond=None)
         wave = basis @ weights
         amplitude = float(np.hypot(weights[0], weights[len(orders)]))
-        noise = amplitude / level
         spread = np.sqrt(6.0) / np.pi / float(t[-1]) / level * 1.96
         cleaned.force_n = cleaned.force_n - wave
         cleaned.lines_n = cleaned.lines_n + wave
-        cleaned.faults.append(
-            Fault(
-                "mains_hum",
-                {
-                    "frequency_hz": (frequency, frequency - spread, frequency + spread),
-                    "amplitude_n": (amplitude, amplitude - 1.96 * noise, amplitude + 1.96 * noise),
-                },
-                f"a line at {frequency:.2f} Hz, {level:.0f} times what is beside it, absent from the motion",
-                float(np.std(wave)),
-            )
-        )
+        parameters = {
+            "frequency_hz": Interval.about(frequency, spread),
+            "amplitude_n": Interval.about(amplitude, 1.96 * amplitude / level),
+        }
+        words = f"a line at {frequency:.2f} Hz, {level:.0f} times what is beside it, absent from the motion"
+        cleaned.faults.append(Cause.on_readings("mains_hum", parameters, words, float(np.std(wave))))
 
 
 def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tuple[float, float] | None:

@@ -17,10 +17,9 @@ from scipy.signal import cont2discrete, lfilter
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import Analysis, conditioned
+from forefeel.diagnosis.analysis import Analysis, fitted_elsewhere
 from forefeel.diagnosis.identifiability import GENERAL_MOTION
 from forefeel.diagnosis.regression import BASE
-from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.sensor_faults import Cleaned
 from forefeel.diagnosis.separable import separable
 from forefeel.diagnosis.verdict import Diagnosis, HeldOut, Interval, ModelError, VerdictName
@@ -39,56 +38,49 @@ FLAG = "step_response"
 class StepResponse:
     """Those of mass, damping and stiffness that show, with 95 % intervals; `sense` -1: the force pulls.
 
-    explained: share of the position's variance that the simulated one has. left_n: rms of the rest, in N of
-    the spring.
+    `force_n`, `left_n`: standard deviation of the spring's force, and rms of what is left of it.
     """
 
     parameters: dict[str, Interval]
     sense: float
-    explained: float
+    force_n: float
     left_n: float
 
 
-def is_step(recording: Recording) -> bool:
-    """Whether four levels hold nearly all samples of the force, and it hardly ever changes."""
-    assert recording.force_n is not None
-    _, counts = np.unique(recording.force_n, return_counts=True)
-    most = np.sort(counts)[-_LEVELS:].sum()
-    changes = np.count_nonzero(np.diff(recording.force_n))
-    return bool(most > _OF_THE_SAMPLES * len(recording) and changes < _RARELY * len(recording))
-
-
-def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis]:
-    """Whether a mass on a spring answers the force, and what it is; no cause is named.
+def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
+    """Whether a mass on a spring answers the force, and what it is; no cause is named. None without steps.
 
     Raises:
         RecordingError: too few samples in a row.
     """
-    assert recording.force_n is not None
+    force_n = recording.force_n
+    assert force_n is not None
+    if not _is_step(force_n):
+        return None
+    found = _response(recording)
+    known = [found.parameters[name].value if name in found.parameters else 0.0 for name in BASE]
+    bias_n = float(np.mean(force_n) - found.sense * known[2] * np.mean(recording.position_m))
+    model = {"bias": ()}, [*(found.sense * value for value in known), bias_n]
     nowhere = np.zeros(len(recording), dtype=np.bool_)
-    cleaned = Cleaned(np.array(recording.force_n), nowhere, nowhere, np.zeros(len(recording)))
-    regression = conditioned(recording, cleaned)
-    found = step_response(recording)
-    regression.sense = found.sense
-    base = regression.fit({"bias": ()})
-    base.coefficients[:3] = [
-        found.sense * found.parameters[name].value if name in found.parameters else 0.0 for name in BASE
-    ]
-    base.coefficients[3] = 0.0
-    base.coefficients[3] = float(np.mean(regression.residual(base)[regression.signals.rows]))
-    analysis = Analysis(cleaned, regression, Search(regression, []), base, base, recording, None, None)
-    values = {name: interval.value for name, interval in found.parameters.items()}
-    fit_percent = 100.0 * (1.0 - float(np.sqrt(1.0 - found.explained)))
-    error = ModelError(found.left_n, values, fit_percent, found.parameters)
+    cleaned = Cleaned(force_n, nowhere, nowhere, np.zeros(len(recording)))
+    analysis = fitted_elsewhere(recording, cleaned, found.sense, model, model)
+    error = ModelError.of(found.left_n, found.force_n, {"": found.parameters})
     held = HeldOut(found.left_n, found.left_n, 0.0, 0.0, 0.0)
-    answers = found.explained > _ANSWERS
+    answers = 1.0 - (found.left_n / found.force_n) ** 2 > _ANSWERS
     verdict: VerdictName = "nothing_missing" if answers else "unexplained"
     motion = None if answers else GENERAL_MOTION
     flags = (*analysis.flags(), FLAG)
     return Diagnosis(verdict, (), (), motion, flags, None, error, error, held), analysis
 
 
-def step_response(recording: Recording) -> StepResponse:
+def _is_step(force_n: Floats) -> bool:
+    """Whether four levels hold nearly all samples of the force, and it hardly ever changes."""
+    most = np.sort(np.unique(force_n, return_counts=True)[1])[-_LEVELS:].sum()
+    changes = np.count_nonzero(np.diff(force_n))
+    return bool(most > _OF_THE_SAMPLES * len(force_n) and changes < _RARELY * len(force_n))
+
+
+def _response(recording: Recording) -> StepResponse:
     """The linear system that answers the force best; the force holds from each stamp to the next."""
     period_s, x, f = _evenly(recording)
     frequencies = np.geomspace(0.5 / (period_s * len(x)), _FASTEST / period_s, _FREQUENCIES)
@@ -107,8 +99,8 @@ def step_response(recording: Recording) -> StepResponse:
         for name, log, doubt in zip(BASE, logs, doubts, strict=True)
         if doubt < _UNKNOWN
     }
-    left_n = float(np.std(found.left)) / abs(gain)
-    return StepResponse(told, float(np.sign(gain)), 1.0 - float(np.var(found.left) / np.var(x)), left_n)
+    force_n, left_n = (float(np.std(values)) / abs(gain) for values in (x, found.left))
+    return StepResponse(told, float(np.sign(gain)), force_n, left_n)
 
 
 def _evenly(recording: Recording) -> tuple[float, Floats, Floats]:

@@ -1,7 +1,11 @@
 """The result of a diagnosis, as diagnosis.json holds it (schema forefeel.diagnosis/2)."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from math import sqrt
 from typing import Literal
+
+from forefeel.common.causes.catalogue import fingerprint
 
 SCHEMA = "forefeel.diagnosis/2"
 
@@ -13,8 +17,6 @@ VerdictName = Literal[
     "not_driven_by_this_axis",
     "unexplained",
 ]
-
-
 Family = Literal["friction", "relaxation", "stiffening"]
 
 
@@ -25,6 +27,22 @@ class Interval:
     value: float
     low: float
     high: float
+
+    @classmethod
+    def about(cls, value: float, doubt: float) -> "Interval":
+        """As far to each side."""
+        return cls(float(value), float(value - doubt), float(value + doubt))
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """rms on held-out blocks in N before and after; 1 - after / before with its block-bootstrap interval."""
+
+    rmse_before_n: float
+    rmse_after_n: float
+    gain: float
+    gain_low: float
+    gain_high: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +67,21 @@ class Cause:
     gain_n: float
     explained_n: float
 
+    @classmethod
+    def fitted(
+        cls, name: str, parameters: dict[str, Interval], likelihood: float, own: HeldOut, words: str
+    ) -> "Cause":
+        """Of a model; `own`: without it and with it."""
+        before_n, after_n = own.rmse_before_n, own.rmse_after_n
+        evidence = Evidence(fingerprint(name), likelihood, own.gain, own.gain_low, own.gain_high, words)
+        explained_n = sqrt(max(before_n**2 - after_n**2, 0.0))
+        return cls(name, parameters, evidence, before_n - after_n, explained_n)
+
+    @classmethod
+    def on_readings(cls, name: str, parameters: dict[str, Interval], words: str, rms_n: float) -> "Cause":
+        """A fault of the sensor, of which the readings are freed before models are compared."""
+        return cls(name, parameters, Evidence(fingerprint(name), 0.0, 0.0, 0.0, 0.0, words), 0.0, rms_n)
+
 
 @dataclass(frozen=True, slots=True)
 class ModelError:
@@ -63,6 +96,18 @@ class ModelError:
     fit_percent: float
     intervals: dict[str, Interval] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, rmse_n: float, force_n: float, parameters: Mapping[str, dict[str, Interval]]) -> "ModelError":
+        """By the intervals of its parameters by cause, "" for mass, damping and stiffness; `force_n`: the
+        force's standard deviation in N.
+        """
+        values = {
+            f"{name}.{key}" if name else key: interval.value
+            for name, own in parameters.items()
+            for key, interval in own.items()
+        }
+        return cls(rmse_n, values, 100.0 * (1.0 - rmse_n / force_n), dict(parameters[""]))
+
 
 @dataclass(frozen=True, slots=True)
 class ExpectedGain:
@@ -76,17 +121,6 @@ class ExpectedGain:
     low_m: float
     high_m: float
     fastest_m_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class HeldOut:
-    """rms on held-out blocks in N before and after; 1 - after / before with its block-bootstrap interval."""
-
-    rmse_before_n: float
-    rmse_after_n: float
-    gain: float
-    gain_low: float
-    gain_high: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,16 +18,15 @@ from forefeel.diagnose.pictures import Component, picture, sensor_picture
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.prediction import Across
-from forefeel.diagnosis.sensor_faults import Fault
-from forefeel.diagnosis.verdict import Interval, ModelError
+from forefeel.diagnosis.verdict import Cause, Interval, ModelError
 from tests.unit.diagnosis_samples import FRICTION_N, made
 from tests.unit.page_checks import check_page
 
 FAULTS = {
-    "sensor_quantisation": {"step_n": (0.01, 0.01, 0.01)},
-    "sensor_saturation": {"limit_n": (0.3, 0.3, 0.3)},
-    "sensor_spikes": {"rate_hz": (1.0, 0.5, 1.5), "amplitude_n": (0.5, 0.4, 0.6)},
-    "mains_hum": {"frequency_hz": (50.0, 49.9, 50.1), "amplitude_n": (0.1, 0.1, 0.1)},
+    "sensor_quantisation": {"step_n": 0.01},
+    "sensor_saturation": {"limit_n": 0.3},
+    "sensor_spikes": {"rate_hz": 1.0, "amplitude_n": 0.5},
+    "mains_hum": {"frequency_hz": 50.0, "amplitude_n": 0.1},
 }
 
 
@@ -138,7 +137,9 @@ def test_every_cause_of_the_motion_has_its_picture(rubbing: Diagnosed, name: str
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_of_the_sensor_has_its_picture(rubbing: Diagnosed, name: str) -> None:
-    drawing = sensor_picture("made", rubbing.analysis, Fault(name, FAULTS[name], "words", 0.01))
+    parameters = {key: Interval.about(value, 0.1 * value) for key, value in FAULTS[name].items()}
+    fault = Cause.on_readings(name, parameters, "words", 0.01)
+    drawing = sensor_picture("made", rubbing.analysis, fault)
     assert drawing is not None
     assert drawing.svg.startswith("<svg ")
 

@@ -73,7 +73,7 @@ def test_rare_spikes_are_counted_over_the_whole() -> None:
     whole = recording(t, x, spiky)
     cleaned, _, faults = cleaned_everywhere(whole, chunks_of(whole, 300.0))
     assert [fault.name for fault in faults] == ["sensor_spikes"]
-    assert faults[0].parameters["rate_hz"][0] == pytest.approx(12 / SECONDS, rel=0.2)
+    assert faults[0].parameters["rate_hz"].value == pytest.approx(12 / SECONDS, rel=0.2)
     assert np.max(np.abs(np.asarray(cleaned.force_n) - force)) < 0.05
     assert "sensor_spikes" in [cause.name for cause in diagnose(whole).diagnosis.causes]
 
