@@ -15,6 +15,12 @@ from forefeel.common.causes.registry import OWN, effect_class, effect_names
 DRY = frozenset({"coulomb_friction", "stribeck_friction", "presliding_hysteresis"})
 """Descriptions of one and the same contact: a model holds at most one of them."""
 
+FRICTION = DRY | {"position_dependent_friction", "capstan"}
+"""Dry friction in any of its descriptions."""
+
+LINEAR_BENDS = frozenset({"time_delay", "sensor_lag", "unmodelled_resonance"})
+"""What turns and scales a force by its frequency."""
+
 KIN = frozenset({"capstan", "position_dependent_friction"}), frozenset({"backlash", "play"})
 """Names for one and the same thing on a bench, told apart by details: none is another's rival."""
 

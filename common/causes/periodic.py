@@ -8,9 +8,7 @@ import numpy as np
 from forefeel.common.causes.base import ForceEffect, Parameter
 from forefeel.common.causes.candidate import (
     Entry,
-    Extent,
     Found,
-    MotionGrid,
     Periodic,
     PositionWave,
     Shape,
@@ -45,10 +43,8 @@ class PeriodicForce(ForceEffect):
         values = self.values
         self._omega, self._phase = 2.0 * pi * values["frequency_hz"], values["phase_rad"]
         self._ratio2, self._ratio3 = values["second_harmonic_ratio"], values["third_harmonic_ratio"]
-        self._phase2, self._phase3 = (
-            values["second_harmonic_phase_rad"],
-            values["third_harmonic_phase_rad"],
-        )
+        self._phase2 = values["second_harmonic_phase_rad"]
+        self._phase3 = values["third_harmonic_phase_rad"]
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(sin p + r2 sin(2p + q2) + r3 sin(3p + q3),)."""
@@ -158,20 +154,10 @@ class MainsHum(PeriodicForce):
     words = "hum of the mains"
 
 
-_LEAST_SCORE = 30.0  # chosen: of hundreds of periods the best of pure noise gains up to half of that
-
-
-def _two_harmonics(x: Array, period_m: float) -> list[Array]:
+def two_harmonics(x: Array, period_m: float) -> list[Array]:
+    """sin p, cos p, sin 2p, cos 2p of p = 2 pi x / period_m."""
     phase = (2.0 * np.pi / period_m) * x
     return [np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)]
-
-
-def _waves(motion: MotionGrid, shape: Shape) -> list[Array]:
-    return _two_harmonics(motion.x, shape[0])
-
-
-def _periods(extent: Extent) -> list[Shape]:
-    return log_grid(extent.range_m / 20.0, extent.range_m / 3.0, 4)
 
 
 _NAMES = "sine_n", "cosine_n", "second_sine_n", "second_cosine_n"
@@ -199,14 +185,15 @@ class PositionMap(ForceEffect):
     )
     candidates = (
         PositionWave(
-            coefficients=_NAMES, shapes=("period_m",), signs=(0,) * 4, columns=_waves, grid=_periods,
-            costly=True, least_score=_LEAST_SCORE, picture="position",
+            coefficients=_NAMES, shapes=("period_m",), signs=(0,) * 4, costly=True, picture="position",
+            columns=lambda motion, shape: two_harmonics(motion.x, *shape),
+            grid=lambda extent: log_grid(extent.range_m / 20.0, extent.range_m / 3.0, 4),
+            least_score=30.0,  # of hundreds of periods the best of pure noise gains up to half of that
         ),
     )  # fmt: skip
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """sin p, cos p, sin 2p, cos 2p."""
-        return tuple(float(each) for each in _two_harmonics(np.asarray(x), self.values["period_m"]))
+        return tuple(float(each) for each in two_harmonics(np.asarray(x), self.values["period_m"]))
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return np.stack(_two_harmonics(x, self.values["period_m"])).T
+        return np.stack(two_harmonics(x, self.values["period_m"])).T

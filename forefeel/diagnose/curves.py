@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
-from forefeel.common.causes.candidate import Changing, MotionGrid, ReadingColumns
+from forefeel.common.causes.candidate import Changing, ReadingColumns
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
@@ -63,23 +63,11 @@ class Curves:
         way = np.clip(motion.v / motion.speed_band, -1.0, 1.0)
         moving = motion.x, motion.v, since_reversal(motion), way
         x, v, since, direction = (np.interp(signals.t, signals.fine_t, fine) for fine in moving)
-        simulated = (
-            regression.predicted(analysis.base) if given is None else _force_of(given, regression, motion)
-        )
+        simulated = regression.predicted(analysis.base) if given is None else regression.given(given)
         extended = regression.predicted(analysis.fit)
         return cls(
             analysis, given is not None, signals.t, x, v, since, direction, signals.force, simulated, extended
         )
-
-
-def _force_of(given: ContactModel, regression: RecordingRegression, motion: MotionGrid) -> Floats:
-    """The given model's force along the recorded motion; a model's positive force resists."""
-    signals = regression.signals
-    forces = [
-        given.runtime().forces_n(motion.t[p] + signals.origin_s, motion.x[p], motion.v[p], motion.a[p])
-        for p in motion.pieces
-    ]
-    return regression.sense * signals.column(signals.spectrum(np.concatenate(forces)))
 
 
 def share_of(regression: RecordingRegression, fit: ModelFit, name: str) -> Floats:

@@ -55,9 +55,14 @@ def speed_band_m_s(position_m: Floats, rate_hz: float, reach_hz: float) -> float
     return float(max(1.5 * speed, 2e-4 * usual, 1e-12))
 
 
+def gapless(recording: Recording) -> list[slice]:
+    """Stretches in which at most three samples in a row are missing."""
+    return recording.segments(max(0.1, 3.5 / recording.rate_hz))
+
+
 def longest_piece(recording: Recording) -> slice:
     """The longest stretch without a gap."""
-    return max(recording.segments(max(0.1, 3.5 / recording.rate_hz)), key=lambda s: s.stop - s.start)
+    return max(gapless(recording), key=lambda s: s.stop - s.start)
 
 
 def position_noise_m(position_m: Floats, rate_hz: float) -> float:

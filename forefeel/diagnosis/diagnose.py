@@ -109,18 +109,10 @@ def _flags(flags: Sequence[str], gaps: bool, long: bool) -> tuple[str, ...]:
 
 def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagnosis:
     regression = analysis.regression
-    motion = regression.motion({})
-    forces = [
-        given.runtime().forces_n(
-            motion.t[p] + regression.signals.origin_s, motion.x[p], motion.v[p], motion.a[p]
-        )
-        for p in motion.pieces
-    ]
-    said = regression.sense * regression.signals.column(regression.signals.spectrum(np.concatenate(forces)))
-    error = (regression.signals.force - said)[regression.signals.rows]
+    force, rows = regression.signals.force, regression.signals.rows
+    rms_n = float(np.sqrt(np.mean((force - regression.given(given))[rows] ** 2)))
+    force_n = float(np.std(force[rows]))
     parameters = {f"{e.effect}.{key}": value for e in given.effects for key, value in e.parameters}
-    rms_n = float(np.sqrt(np.mean(error**2)))
-    force_n = float(np.std(regression.signals.force[regression.signals.rows]))
     return replace(found, baseline=ModelError(rms_n, parameters, 100.0 * (1.0 - rms_n / force_n)))
 
 

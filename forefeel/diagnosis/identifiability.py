@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from forefeel.common.causes.catalogue import LINEAR_BENDS
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.signals import Signals
 
@@ -14,52 +15,24 @@ _LINE_SHARE = 0.985
 _ALIKE = 1.2  # ratio of frequencies and of sizes within which two lines are one
 _STEADY = 0.06
 
-FRICTION = frozenset(
-    {
-        "coulomb_friction",
-        "stribeck_friction",
-        "presliding_hysteresis",
-        "position_dependent_friction",
-        "capstan",
-    }
-)
-"""Dry friction in any of its descriptions."""
-_LINEAR = {"time_delay", "sensor_lag", "unmodelled_resonance", "stress_relaxation"}
-
-SEPARATING: tuple[tuple[frozenset[str], str], ...] = (
-    (
-        frozenset({"coulomb_friction", "stribeck_friction"}),
-        "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s",
-    ),
-    (
-        frozenset({"coulomb_friction", "backlash", "presliding_hysteresis"}),
-        "strokes of several amplitudes at one speed, some shorter than the width in question",
-    ),
-    (
-        frozenset({"time_delay", "sensor_lag", "unmodelled_resonance"}),
-        "sines of one amplitude at three or more frequencies, 0.5 to 15 Hz",
-    ),
-    (
-        frozenset({"stress_relaxation", "sensor_drift", "bias"}),
-        "a step, a hold of 30 s, then back to no load for 30 s",
-    ),
-    (frozenset({"stress_relaxation", "presliding_hysteresis"}), "the same stroke at three speeds"),
-    (
-        frozenset({"stiffening", "hunt_crossley_damping", "asymmetric_damping", "quadratic_drag"}),
-        "the same strokes, slow and fast, to several depths",
-    ),
-    (frozenset({"pulsation", "stiffening", "stiffness_change"}), "a hold of 20 s at one position"),
-    (
-        frozenset({"stiffness_change", "stiffening", "contact_loss"}),
-        "the same positions again, later",
-    ),
-)
+_SEPARATING: tuple[tuple[set[str], str], ...] = (
+    ({"coulomb_friction", "stribeck_friction"},
+     "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s"),
+    ({"coulomb_friction", "backlash", "presliding_hysteresis"},
+     "strokes of several amplitudes at one speed, some shorter than the width in question"),
+    ({"time_delay", "sensor_lag", "unmodelled_resonance"},
+     "sines of one amplitude at three or more frequencies, 0.5 to 15 Hz"),
+    ({"stress_relaxation", "sensor_drift", "bias"}, "a step, a hold of 30 s, then back to no load for 30 s"),
+    ({"stress_relaxation", "presliding_hysteresis"}, "the same stroke at three speeds"),
+    ({"stiffening", "hunt_crossley_damping", "asymmetric_damping", "quadratic_drag"},
+     "the same strokes, slow and fast, to several depths"),
+    ({"pulsation", "stiffening", "stiffness_change"}, "a hold of 20 s at one position"),
+    ({"stiffness_change", "stiffening", "contact_loss"}, "the same positions again, later"),
+)  # fmt: skip
 RIVALS_AT_CONSTANT_SPEED = "coulomb_friction", "sensor_drift", "stress_relaxation"
 GENERAL_MOTION = (
     "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
 )
-
-
 NOISE_TELLING_MOTION = (
     "the same strokes sampled at 200 Hz or more, and 10 s at rest: they tell how large the noise is"
 )
@@ -67,10 +40,10 @@ NOISE_TELLING_MOTION = (
 
 def separating_motion(names: set[str]) -> str:
     """The motion that separates rivals, after the table of confusable pairs."""
-    best = max(SEPARATING, key=lambda row: len(row[0] & names))
+    best = max(_SEPARATING, key=lambda row: len(row[0] & names))
     if len(best[0] & names) >= 2:
         return best[1]
-    if names & _LINEAR:
+    if names & (LINEAR_BENDS | {"stress_relaxation"}):
         return "a multi-sine of 0.2 to 15 Hz, and a hold of 30 s"
     return GENERAL_MOTION
 

@@ -16,7 +16,6 @@ from forefeel.common.recording.recording import Recording
 
 _APART_S = 10.0  # s between two recordings: more than any gap within which samples belong together
 _ALIKE = 1.1  # ratio of rates that one band and one grid do for
-_CLOCKED = frozenset({"stiffness_change"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +60,5 @@ def joined(recordings: Sequence[Recording]) -> Joined:
 
 def unclocked() -> list[str]:
     """The causes that are the same in every recording of a bench."""
-    return [
-        name
-        for name, candidate in CANDIDATES.items()
-        if name == "bias" or not (isinstance(candidate, ReadingColumns) or base_name(name) in _CLOCKED)
-    ]
+    clocked = {n for n, each in CANDIDATES.items() if isinstance(each, ReadingColumns) and n != "bias"}
+    return [name for name in CANDIDATES if name not in clocked and base_name(name) != "stiffness_change"]

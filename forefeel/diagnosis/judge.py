@@ -6,12 +6,11 @@ from functools import cached_property
 import numpy as np
 
 from forefeel.common.causes.candidate import PositionWave, base_name
-from forefeel.common.causes.catalogue import CANDIDATES, kin
+from forefeel.common.causes.catalogue import CANDIDATES, FRICTION, LINEAR_BENDS, kin
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.held_out import gain, held_out_errors
 from forefeel.diagnosis.identifiability import (
-    FRICTION,
     GENERAL_MOTION,
     NOISE_TELLING_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
@@ -39,7 +38,6 @@ _AS_GOOD = 0.03  # lower end of the held-out gain over a rival, up to which it d
 _MOST_RIVALS = 3
 # share of the strokes' force that mass, damper and spring explain, and by how much more than of all of it
 _STROKES_EXPLAINED, _MORE_THAN_WHOLE = 0.8, 0.04
-LINEAR_BENDS = frozenset({"time_delay", "sensor_lag", "unmodelled_resonance"})
 SLOW = "slow_force"
 _FORETOLD = 0.3
 _STRUCTURE = 0.135

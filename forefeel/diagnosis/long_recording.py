@@ -20,13 +20,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from forefeel.common.causes.candidate import Model, base_name
-from forefeel.common.error_size import Floats
+from forefeel.common.causes.candidate import base_name
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse, residual_rms_n
-from forefeel.diagnosis.band import MOST_ROWS, cutoff_hz
-from forefeel.diagnosis.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.band import MOST_ROWS, cutoff_hz, gapless
+from forefeel.diagnosis.regression import RecordingRegression
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.signals import Mask, Signals
 from forefeel.diagnosis.verdict import Cause, Interval
@@ -44,7 +43,7 @@ def cut(recording: Recording, part: slice | Mask) -> Recording:
 def chunks_of(recording: Recording, length_s: float) -> list[slice]:
     """The recording in pieces of about that length, none across a gap, none shorter than 3 s."""
     found = []
-    for piece in recording.segments(max(0.1, 3.5 / recording.rate_hz)):
+    for piece in gapless(recording):
         time_s = recording.time_s[piece]
         count = max(1, round(float(time_s[-1] - time_s[0]) / length_s))
         edges = np.linspace(piece.start, piece.stop, count + 1).astype(np.int64)
@@ -121,25 +120,19 @@ _RARE_S = 300.0  # s in which faults are looked for at once, for some are rare
 
 
 def stretch_s(recording: Recording) -> float:
-    """How much is searched at once, in s: 60 s or 20,000 samples, less where the force is fast."""
-    return min(_usual_s(recording), _fast_s(recording))
+    """How much is searched at once, in s: 60 s or 20,000 samples; less where the force is fast, judged by the
+    middle of the recording.
+    """
+    count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
+    middle = (len(recording) - count) // 2
+    fast_s = _with_most_rows_s(cut(recording, slice(middle, middle + count)))
+    return min(max(_STRETCH_S, _STRETCH_SAMPLES / recording.rate_hz), fast_s)
 
 
 def is_long(recording: Recording) -> bool:
     """Whether a recording is searched on stretches; others are searched whole, slow ones decimated."""
     length_s = stretch_s(recording) if len(recording) > _LONG else _with_most_rows_s(recording)
     return recording.duration_s > _MORE_THAN_ONE * length_s
-
-
-def _usual_s(recording: Recording) -> float:
-    return max(_STRETCH_S, _STRETCH_SAMPLES / recording.rate_hz)
-
-
-def _fast_s(recording: Recording) -> float:
-    """What gives the most rows of the regression, judged by the middle of the recording."""
-    count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
-    middle = (len(recording) - count) // 2
-    return _with_most_rows_s(cut(recording, slice(middle, middle + count)))
 
 
 def _with_most_rows_s(recording: Recording) -> float:
@@ -285,22 +278,14 @@ class Whole:
         fit = analysis.fit
         total, least, best_s = 0.0, 0.0, fit.model[name][0]
         for _, regression in self._regressions(analysis):
-            before, after = (
-                _squares(regression, fit, {**fit.model, name: (at_s,)}) for at_s in (np.inf, -np.inf)
-            )
+            forms = [replace(fit, model={**fit.model, name: (at_s,)}) for at_s in (np.inf, -np.inf)]
+            before, after = (regression.residual(form)[regression.signals.rows] ** 2 for form in forms)
             run = total + np.cumsum(before - after)
             if run.min() < least:
-                least, best_s = (
-                    float(run.min()),
-                    float(regression.signals.t[regression.signals.rows][int(np.argmin(run))]),
-                )
+                least = float(run.min())
+                best_s = float(regression.signals.t[regression.signals.rows][np.argmin(run)])
             total = float(run[-1])
         return best_s + analysis.regression.signals.origin_s
-
-
-def _squares(regression: RecordingRegression, fit: ModelFit, model: Model) -> Floats:
-    """Squared errors of a fit's coefficients at other shapes, in N^2."""
-    return np.asarray(regression.residual(replace(fit, model=model))[regression.signals.rows] ** 2)
 
 
 def _rms(values: Iterable[float]) -> float:

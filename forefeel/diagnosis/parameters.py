@@ -1,6 +1,7 @@
 """Named parameters with intervals from coefficients and shapes."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -37,22 +38,17 @@ def intervals(
     choice of the band does is no less a doubt than the noise.
     """
     covariance = covariance_of(regression, fit)
-    theta, sizes = _point(fit)
+    theta = _point(fit)
     rng = np.random.default_rng(0)
     size = np.sqrt(np.diag(covariance))  # sizes of one model differ by up to 1e30: what is left of a decay
     size[size == 0.0] = 1.0
     correlation = covariance / np.outer(size, size)
     draws = theta + size * rng.multivariate_normal(
-        np.zeros(len(theta)),
-        0.5 * (correlation + correlation.T),
-        size=_DRAWS,
-        method="eigh",
-        check_valid="ignore",
+        np.zeros(len(theta)), 0.5 * (correlation + correlation.T), _DRAWS, method="eigh", check_valid="ignore"
     )
-    start_s, sense = regression.signals.origin_s, regression.sense
-    values = _named(fit, theta, sizes, start_s, sense)
-    drawn = [_named(fit, draw, sizes, start_s, sense) for draw in draws]
-    moved = values if elsewhere is None else _named_by(*elsewhere)
+    values = _named(regression, fit, theta)
+    drawn = [_named(regression, fit, draw) for draw in draws]
+    moved = values if elsewhere is None else _named(*elsewhere, _point(elsewhere[1]))
     return {
         name: {
             key: _interval(
@@ -84,29 +80,20 @@ def _interval(value: float, drawn: Floats, moved: float, least: float) -> Interv
     return Interval(float(value), float(max(value - below, min(least, value))), float(value + above))
 
 
-def _named_by(regression: RecordingRegression, fit: ModelFit) -> dict[str, Values]:
-    theta, sizes = _point(fit)
-    return _named(fit, theta, sizes, regression.signals.origin_s, regression.sense)
+def _point(fit: ModelFit) -> Floats:
+    """Coefficients, then shapes, in a row."""
+    return np.concatenate([fit.coefficients, *map(np.asarray, fit.model.values())])
 
 
-def _point(fit: ModelFit) -> tuple[Floats, list[tuple[str, int]]]:
-    shapes = [(name, len(shape)) for name, shape in fit.model.items()]
-    flat = [value for shape in fit.model.values() for value in shape]
-    return np.concatenate([fit.coefficients, flat]), shapes
-
-
-def _named(
-    fit: ModelFit, theta: Floats, sizes: list[tuple[str, int]], start: float, sense: float
-) -> dict[str, Values]:
-    count = len(fit.owners)
-    linear, at = theta[:count] * sense, count
+def _named(regression: RecordingRegression, fit: ModelFit, theta: Floats) -> dict[str, Values]:
+    """By cause, mass, damping and stiffness under ""; `theta`: coefficients and shapes as in `_point`."""
+    linear, shapes = theta[: len(fit.owners)] * regression.sense, iter(theta[len(fit.owners) :])
     base = linear[:3]
     named: dict[str, Values] = {"": dict(zip(BASE, base, strict=True))}
-    for name, size in sizes:
-        shape = tuple(theta[at : at + size])
-        at += size
+    for name, shape in fit.model.items():
         own = linear[[i for i, owner in enumerate(fit.owners) if owner == name]]
-        named[base_name(name)] = CANDIDATES[name].named(Found(own, shape, base, start))
+        found = Found(own, tuple(islice(shapes, len(shape))), base, regression.signals.origin_s)
+        named[base_name(name)] = CANDIDATES[name].named(found)
     return named
 
 
@@ -129,11 +116,8 @@ def covariance_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
 
 def _robust(jacobian: Floats, residual: Floats, inverse: Floats) -> Floats:
     """Variances that hold for residuals of any memory shorter than a block (Liang and Zeger, 1986)."""
-    scores = [
-        block.T @ r
-        for block, r in zip(np.array_split(jacobian, _BLOCKS), np.array_split(residual, _BLOCKS), strict=True)
-    ]
-    moved = np.array(scores) @ inverse
+    blocks = zip(*(np.array_split(each, _BLOCKS) for each in (jacobian, residual)), strict=True)
+    moved = np.array([block.T @ left for block, left in blocks]) @ inverse
     return np.asarray(np.sum(moved**2, axis=0) * _BLOCKS / (_BLOCKS - 1))
 
 

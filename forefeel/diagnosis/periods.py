@@ -7,6 +7,7 @@ from scipy.fft import rfft, rfftfreq
 from scipy.optimize import minimize_scalar
 
 from forefeel.common.causes.candidate import Shape, base_name
+from forefeel.common.causes.periodic import two_harmonics
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
@@ -65,7 +66,7 @@ class Periods:
         x = regression.signals.column(regression.signals.spectrum(regression.motion(fit.model).x))[rows]
 
         def power(waves: float) -> float:
-            return _explained(_beside(known, _two_waves(x, waves / range_m)), residual)
+            return _explained(_beside(known, np.column_stack(two_harmonics(x, range_m / waves))), residual)
 
         range_m = regression.extent.range_m
         tried = np.arange(LEAST_WAVES + _WAVE_STEP, _MOST_WAVES, _WAVE_STEP)
@@ -124,11 +125,6 @@ class Periods:
         width = (1.5 if periods >= _MANY else 0.5) / periods
         near = (np.abs(cycles - np.round(cycles)) < width) & (cycles < _HIGHEST_ORDER + 0.5)
         return bool(power[near].sum() > 0.5 * power.sum())
-
-
-def _two_waves(x: Floats, wave_1_m: float) -> Floats:
-    phase = 2.0 * np.pi * wave_1_m * x
-    return np.column_stack([np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)])
 
 
 def _beside(known: Floats, columns: Floats) -> Floats:

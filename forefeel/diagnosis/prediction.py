@@ -4,13 +4,18 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from forefeel.common.causes.candidate import entry
 from forefeel.common.causes.model import SCHEMA, ContactModel
+from forefeel.common.causes.sensor import Bias
+from forefeel.common.causes.wall import MassDamperSpring
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import prepare
 from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.diagnosis.evaluation.score import completed
+from forefeel.diagnosis.long_recording import cut
+from forefeel.diagnosis.regression import BASE
 
 DELAY_S = 0.3
 _LONGEST = 20_000  # samples that are replayed
@@ -18,13 +23,7 @@ _LINEAR = ContactModel.from_mapping(
     {
         "schema": SCHEMA,
         "name": "m, b, k and bias",
-        "effects": [
-            {
-                "effect": "mass_damper_spring",
-                "parameters": {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 0.0},
-            },
-            {"effect": "bias", "parameters": {"force_n": 0.0}},
-        ],
+        "effects": [entry(MassDamperSpring, dict.fromkeys(BASE, 0.0)), entry(Bias, {"force_n": 0.0})],
     }
 )
 
@@ -49,15 +48,7 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
         RecordingError: too short for a prediction across the delay.
     """
     if len(recording) > _LONGEST:
-        assert recording.force_n is not None
-        cut = slice(0, _LONGEST)
-        recording = Recording(
-            recording.name,
-            recording.time_s[cut],
-            recording.position_m[cut],
-            recording.force_n[cut],
-            recording.source,
-        )
+        recording = cut(recording, slice(0, _LONGEST))
     prepared = prepare(recording, DelayedLink(DELAY_S, 0.0, 0.0, 0))
     errors = []
     for model in (_LINEAR, extended):

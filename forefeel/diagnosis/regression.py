@@ -31,6 +31,7 @@ from forefeel.common.causes.candidate import (
     base_name,
 )
 from forefeel.common.causes.catalogue import CANDIDATES, kin
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.look import look
@@ -166,10 +167,11 @@ class RecordingRegression:
     ) -> None:
         self.signals, self.parts_s = signals, parts_s
         self.extent = extent_of(signals, speed_band)
-        s = signals
+        s, grids = signals, zip(signals.piecewise(), signals.piecewise(fine=False), strict=True)
+        force = np.concatenate([np.interp(s.fine_t[f], s.t[c], s.force[c]) for f, c in grids])
         self._motion = MotionGrid(
             s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band,
-            s.decimated, _on(s.piecewise(), s.fine_t, s.piecewise(fine=False), s.t, s.force),
+            s.decimated, force,
         )  # fmt: skip
         self._motions: OrderedDict[object, MotionGrid] = OrderedDict()
         self._spectra: OrderedDict[object, Spectrum] = OrderedDict()
@@ -216,16 +218,8 @@ class RecordingRegression:
             kept = coefficients != 0.0
             coefficients[kept], rss = solve(self.design(model)[0][:, kept], self.target)
         n = len(self.target)
-        penalty = penalty_of(owners, model, n)
-        return ModelFit(
-            model,
-            coefficients,
-            owners,
-            max(rss, 1e-300),
-            n,
-            penalty,
-            self._feasible(model, owners, coefficients),
-        )
+        penalty, feasible = penalty_of(owners, model, n), self._feasible(model, owners, coefficients)
+        return ModelFit(model, coefficients, owners, max(rss, 1e-300), n, penalty, feasible)
 
     def design(self, model: Model) -> tuple[Floats, tuple[str, ...]]:
         """Whitened columns that count and the owner of each."""
@@ -294,6 +288,12 @@ class RecordingRegression:
             if block.shape[1] and name != leave:
                 total += block @ fit.of(name)
         return total
+
+    def given(self, model: ContactModel) -> Floats:
+        """The force of another model along the recorded motion, on the coarse grid; its positive resists."""
+        m, start_s = self._motion, self.signals.origin_s
+        forces = [model.runtime().forces_n(m.t[p] + start_s, m.x[p], m.v[p], m.a[p]) for p in m.pieces]
+        return self.sense * self.signals.column(self.signals.spectrum(np.concatenate(forces)))
 
     def residual(self, fit: ModelFit) -> Floats:
         """Force less the model's, on the coarse grid."""
@@ -378,15 +378,9 @@ class RecordingRegression:
     def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
         if self.no_peak(model):
             return False
-        for name in dict.fromkeys(owners):
-            if name:
-                values = coefficients[[i for i, owner in enumerate(owners) if owner == name]]
-                signs = CANDIDATES[name].signs
-                if any(
-                    sign and sign * self.sense * value < 0.0
-                    for sign, value in zip(signs, values, strict=True)
-                ):
-                    return False
+        signs = [sign for name in model for sign in CANDIDATES[name].signs]
+        if any(np.multiply(signs, self.sense * coefficients[len(BASE) :]) < 0.0):
+            return False
         return self._plays_on_both_sides(model) and self._zero_is_kept(model, owners, coefficients)
 
     def _zero_is_kept(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
@@ -409,12 +403,6 @@ class RecordingRegression:
 
 def _has_no_column(candidate: Candidate | None) -> bool:
     return isinstance(candidate, Changing) and not candidate.coefficients
-
-
-def _on(fine: Sequence[slice], fine_t: Floats, coarse: Sequence[slice], t: Floats, values: Floats) -> Floats:
-    """Values of the coarse grid on the fine one, piece by piece."""
-    parts = [np.interp(fine_t[f], t[c], values[c]) for f, c in zip(fine, coarse, strict=True)]
-    return np.concatenate(parts)
 
 
 def frame(model: Model, *kinds: type[Changing]) -> Frame:

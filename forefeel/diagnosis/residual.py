@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from forefeel.common.causes.candidate import MotionGrid
+from forefeel.common.causes.numerics import intervals_s, lagged
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.held_out import block_numbers, columns, gain, held_out
 from forefeel.diagnosis.noise_floor import NoiseFloor
@@ -37,8 +38,8 @@ def predictable_share(regression: RecordingRegression, values: Floats, horizon_s
     past, now = (np.concatenate(c) for c in zip(*parts, strict=True))
     if len(now) < 10 * _TAPS:
         return 0.0
-    half = len(now) // 2
-    shares = [_share(past[a], now[a], past[b], now[b]) for a, b in _halves(half, len(now))]
+    halves = slice(0, len(now) // 2), slice(len(now) // 2, None)
+    shares = [_share(past[a], now[a], past[b], now[b]) for a, b in (halves, halves[::-1])]
     return max(0.0, float(np.mean(shares)))
 
 
@@ -66,19 +67,14 @@ def _pairs(
 ) -> tuple[Floats, Floats]:
     rate = regression.signals.coarse_rate_hz
     first = max(1, int(np.ceil(horizon_s * rate)))
-    lags = np.unique(
-        first + np.round(np.geomspace(1, max(2.0, _SPREAD_S * rate), _TAPS)).astype(np.int64) - 1
-    )
+    spread = np.round(np.geomspace(1, max(2.0, _SPREAD_S * rate), _TAPS)).astype(np.int64)
+    lags = np.unique(first + spread - 1)
     index = np.arange(int(lags[-1]), len(residual))
     if not len(index):
         return np.empty((0, len(lags))), np.empty(0)
     columns = residual[index[:, None] - lags]
     good = rows[index] & rows[index[:, None] - lags].all(axis=1)
     return columns[good], residual[index][good]
-
-
-def _halves(half: int, count: int) -> list[tuple[slice, slice]]:
-    return [(slice(0, half), slice(half, count)), (slice(half, count), slice(0, half))]
 
 
 def _share(past: Floats, now: Floats, past_out: Floats, now_out: Floats) -> float:
@@ -96,19 +92,21 @@ _LAGS_S = 0.03, 0.1, 0.3, 1.0
 
 def flexible_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut:
     """Held-out gain of the named causes and bumps over the named causes alone; the best ridge of two."""
+    return _gain_of(regression, fit, _features(regression, fit), _RIDGES)
+
+
+def _gain_of(
+    regression: RecordingRegression, fit: ModelFit, extra: Floats, ridges: tuple[float, ...]
+) -> HeldOut:
+    """Held-out gain of columns more in N on the coarse grid, with the best of the ridges on them."""
     white, plain = columns(regression, fit)
-    alone = held_out(regression, white, plain)
-    extra_plain = _features(regression, fit)
-    extra_white = regression.noise.whiten(extra_plain, regression.signals.piecewise(fine=False))[
-        regression.rows
-    ]
-    extra_white = extra_white / regression.noise.innovation_n
-    extra_plain = extra_plain[regression.rows]
-    both = np.hstack([white, extra_white]), np.hstack([plain, extra_plain])
-    weights = np.concatenate([np.full(white.shape[1], 1e-10), np.ones(extra_white.shape[1])])
-    trials = [
-        gain(regression, alone, held_out(regression, *both, ridge=ridge * weights)) for ridge in _RIDGES
-    ]
+    alone, pieces = held_out(regression, white, plain), regression.signals.piecewise(fine=False)
+    extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
+    both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
+    trials = []
+    for ridge in ridges:
+        weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
+        trials.append(gain(regression, alone, held_out(regression, *both, ridge=weights)))
     return max(trials, key=lambda trial: trial.gain)
 
 
@@ -123,11 +121,7 @@ def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut |
     depth = regression.block(fit.model, "", ())[:, 2]
     phase = 2.0 * np.pi * frequency_hz * t
     extra = np.column_stack([depth * np.sin(phase), depth * np.cos(phase)])
-    white, plain = columns(regression, fit)
-    pieces = regression.signals.piecewise(fine=False)
-    extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
-    both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
-    return gain(regression, held_out(regression, white, plain), held_out(regression, *both))
+    return _gain_of(regression, fit, extra, (1e-10,))
 
 
 def alike_gain(regression: RecordingRegression, fit: ModelFit, left: Floats) -> HeldOut:
@@ -163,8 +157,7 @@ def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
     factor = alignment(signals.omega, fit.model)
     spectra = [signals.spectrum(column) for column in moving]
     late = [signals.column(s if factor is None else s * factor) for s in spectra]
-    duration = regression.extent.duration_s
-    knots = int(np.clip(duration / 2.0, 6, 30))
+    knots = int(np.clip(regression.extent.duration_s / 2.0, 6, 30))
     over_time = _bumps(signals.t, np.linspace(signals.t[0], signals.t[-1], knots))
     return np.column_stack([*late, *over_time])
 
@@ -181,11 +174,7 @@ def _moving(motion: MotionGrid) -> list[Floats]:
     since = since_reversal(motion)
     found += [b * s for b in _bumps(since, _knots(since, 6))]
     for lag_s in _LAGS_S:
-        found += [
-            _smoothed(motion, v, lag_s),
-            _smoothed(motion, np.abs(v), lag_s),
-            _smoothed(motion, v * np.abs(v), lag_s),
-        ]
+        found += [_smoothed(motion, each, lag_s) for each in (v, np.abs(v), v * np.abs(v))]
     return found
 
 
@@ -215,10 +204,4 @@ def since_reversal(motion: MotionGrid) -> Floats:
 
 
 def _smoothed(motion: MotionGrid, values: Floats, tau_s: float) -> Floats:
-    from scipy.signal import lfilter  # noqa: PLC0415
-
-    out = np.empty_like(values)
-    for piece in motion.pieces:
-        decay = float(np.exp(-(motion.t[piece][1] - motion.t[piece][0]) / tau_s))
-        out[piece] = lfilter([1.0 - decay], [1.0, -decay], values[piece])
-    return out
+    return np.concatenate([lagged(values[p], intervals_s(motion.t[p]), tau_s) for p in motion.pieces])

@@ -22,6 +22,7 @@ from forefeel.common.causes.candidate import Extent, Spectrum
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.band import gapless
 
 Mask = NDArray[np.bool_]
 
@@ -80,7 +81,7 @@ class Signals:
         self._raw: list[tuple[Spectrum, Spectrum]] = []
         motion: list[tuple[Floats, ...]] = []
         coarse: list[tuple[Floats, Floats, Mask]] = []
-        for piece in recording.segments(_gap_s(recording)):
+        for piece in gapless(recording):
             time_s = recording.time_s[piece] - self.origin_s
             grid = _grid(time_s, cutoff_hz)
             if grid is None:
@@ -93,7 +94,7 @@ class Signals:
             x_spec *= gain
             self.motion_reach_hz = max(self.motion_reach_hz, float(np.sum(gain)) / grid.span_s)
             self.pieces.append(grid)
-            self._gains[grid] = self._gain(grid)
+            self._gains[grid] = response(np.arange(grid.coarse // 2 + 1) / grid.span_s, cutoff_hz)
             self._raw.append((x_spec, f_spec))
             motion.append(self._motion(grid, x_spec))
             coarse.append(self._coarse(grid, f_spec, bad | _unsettled(x)))
@@ -135,27 +136,19 @@ class Signals:
 
     def linear_spectrum(self, derivative: int) -> Spectrum:
         """Filtered spectrum of the position's derivative, straight from the raw samples."""
-        parts = [
-            self._cut(grid, x_spec, grid.padded, derivative)
-            for grid, (x_spec, _) in zip(self.pieces, self._raw, strict=True)
-        ]
-        return np.concatenate(parts)
+        raw = zip(self.pieces, self._raw, strict=True)
+        return np.concatenate([self._cut(grid, x, grid.padded, derivative) for grid, (x, _) in raw])
 
     def force_spectrum(self) -> Spectrum:
         """Filtered spectrum of the force."""
-        parts = [
-            self._cut(grid, f_spec, grid.padded, 0)
-            for grid, (_, f_spec) in zip(self.pieces, self._raw, strict=True)
-        ]
-        return np.concatenate(parts)
+        raw = zip(self.pieces, self._raw, strict=True)
+        return np.concatenate([self._cut(grid, f, grid.padded) for grid, (_, f) in raw])
 
     def spectrum(self, fine: Floats) -> Spectrum:
         """Filtered spectrum of columns that are given on the fine grid, shape (..., fine)."""
-        parts = [
-            self._cut(grid, rfft(fine[..., piece]), grid.fine, 0)
-            for grid, piece in zip(self.pieces, self.piecewise(), strict=True)
-        ]
-        return np.concatenate(parts, axis=-1)
+        parts = zip(self.pieces, self.piecewise(), strict=True)
+        cut = [self._cut(grid, rfft(fine[..., piece]), grid.fine) for grid, piece in parts]
+        return np.concatenate(cut, axis=-1)
 
     def column(self, spectrum: Spectrum) -> Floats:
         """Spectra back in time, on the coarse grid, shape (..., coarse)."""
@@ -175,12 +168,7 @@ class Signals:
         """Of the first piece; they differ by rounding."""
         return self.pieces[0].coarse / self.pieces[0].span_s
 
-    def _gain(self, grid: SignalPiece) -> Floats:
-        """Of the low-pass at each bin of the coarse grid."""
-        frequency_hz = np.asarray(np.arange(grid.coarse // 2 + 1) / grid.span_s, dtype=np.float64)
-        return response(frequency_hz, self.cutoff_hz)
-
-    def _cut(self, grid: SignalPiece, spectrum: Spectrum, length: int, derivative: int) -> Spectrum:
+    def _cut(self, grid: SignalPiece, spectrum: Spectrum, length: int, derivative: int = 0) -> Spectrum:
         bins = grid.coarse // 2 + 1
         cut = spectrum[..., :bins] * (self._gains[grid] * (grid.coarse / length))
         if derivative:
@@ -209,17 +197,13 @@ class Signals:
         edge_s = min(max(edge_s, _EDGE_S), 0.1 * length_s)
         rows = (t >= edge_s) & (t <= length_s - edge_s)
         rows &= ~_near(bad, t, grid.period_s, 1.0 / self.cutoff_hz)
-        return grid.start_s + t, irfft(self._cut(grid, f_spec, grid.padded, 0), grid.coarse), rows
+        return grid.start_s + t, irfft(self._cut(grid, f_spec, grid.padded), grid.coarse), rows
 
 
 def response(frequency_hz: NDArray[np.floating[Any]], cutoff_hz: float) -> Floats:
     """Magnitude of the low-pass: one up to 0.75 cutoff, a raised cosine, zero from the cutoff on."""
     depth = np.clip((frequency_hz / cutoff_hz - _TAPER) / (1.0 - _TAPER), 0.0, 1.0)
     return np.asarray(0.5 * (1.0 + np.cos(np.pi * depth)))
-
-
-def _gap_s(recording: Recording) -> float:
-    return max(0.1, 3.5 / recording.rate_hz)
 
 
 def _grid(time_s: Floats, cutoff_hz: float) -> SignalPiece | None:
@@ -297,9 +281,8 @@ def _above_noise(x: Floats, grid: SignalPiece, bins: int) -> Floats:
 
 
 def _band(power: Floats, low: float, high: float) -> float:
-    return float(
-        np.median(power[int(low * len(power)) : max(int(high * len(power)), int(low * len(power)) + 1)])
-    )
+    first, last = int(low * len(power)), int(high * len(power))
+    return float(np.median(power[first : max(last, first + 1)]))
 
 
 def _unsettled(x: Floats) -> Mask:
