@@ -44,7 +44,8 @@ def diagnosed(rows: Floats) -> dict[str, object]:
 
 
 def _causes(found: Diagnosis) -> list[str]:
-    return [
+    """Or the rivals, those of a group in a line."""
+    return [" or ".join(map(words, group)) for group in found.rivals] + [
         f"{words(cause.name)}: {', '.join(_value(*each) for each in cause.parameters.items())}"
         for cause in found.causes
     ]

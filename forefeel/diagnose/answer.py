@@ -25,13 +25,9 @@ FLAGS = {
     "short": "under 10 s, so what is slow (relaxation, drift, breath) can hardly be told",
     "force_is_the_reaction": "a positive force pushes along the motion here; signs were turned",
 }
-_NOTHING = "Nothing is missing: mass, damper and spring explain the force down to its noise."
-_UNEXPLAINED = (
-    "Something is missing that none of the known causes explains. Nothing is named: "
-    "the nearest name would mislead."
-)
+_LEFT_OUT = "The simulation leaves out, the largest first:"
 _SAID = {
-    "nothing_missing": _NOTHING,
+    "nothing_missing": "Nothing is missing: mass, damper and spring explain the force down to its noise.",
     "nothing_found": (
         "No cause was found. Whether anything is missing can not be said: the recording does not tell how "
         "large its noise is."
@@ -40,16 +36,16 @@ _SAID = {
         "The motion of this axis does not cause the force: the force's own past tells more of it. Record the "
         "axis that pushes, or a stroke that nobody else touches."
     ),
+    "not_separable": ("Something is missing, and this motion can not tell which of several causes it is:"),
+    "unexplained": (
+        "Something is missing that none of the known causes explains. Nothing is named: the nearest name "
+        "would mislead."
+    ),
 }
-_RIVALS = "Something is missing, and this motion can not tell which of several causes it is:"
-
-_LEFT_OUT = "The simulation leaves out, the largest first:"
 _NEEDED_FOR = {
     "mass_kg": "quicker motions", "damping_n_s_m": "motions of another speed",
     "stiffness_n_m": "strokes of another depth",
 }  # fmt: skip
-_FEW = 3
-"""So many rivals fit into a sentence."""
 
 
 def failure(error: Exception) -> str:
@@ -62,15 +58,10 @@ def caution(flag: str) -> str:
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    if diagnosis.verdict == "cause_found":
-        names = [words(cause.name) for cause in diagnosis.causes]
-        return f"The simulation leaves out {_listed(names)}."
-    if diagnosis.verdict == "not_separable":
-        if sum(map(len, diagnosis.rivals)) > _FEW:
-            return f"{_RIVALS[:-1]}."
-        groups = "; ".join(_listed([words(name) for name in group], "or") for group in diagnosis.rivals)
-        return f"{_RIVALS} {groups}."
-    return _SAID.get(diagnosis.verdict, _UNEXPLAINED)
+    if diagnosis.verdict != "cause_found":
+        return _SAID[diagnosis.verdict]
+    *more, last = [words(cause.name) for cause in diagnosis.causes]
+    return f"The simulation leaves out {', '.join(more)}{' and ' if more else ''}{last}."
 
 
 def on_readings(diagnosis: Diagnosis) -> bool:
@@ -90,33 +81,37 @@ def gain_text(held: HeldOut) -> str:
 def answer(
     recording: Recording, diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[str]:
-    """A few lines for the terminal, the last one says what this is not.
+    """A few lines for the terminal, the last one says what this is not; see `said`."""
+    return [
+        f"{_printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
+        f"{recording.rate_hz:.4g} Hz",
+        f"Verdict     {diagnosis.verdict}. {_LEFT_OUT if diagnosis.causes else headline(diagnosis)}",
+        *(f"{label:<12}{text}" for label, text in said(diagnosis, across, given)),
+        DISCLAIMER,
+    ]
+
+
+def said(
+    diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
+) -> list[tuple[str, str]]:
+    """(label, text) of each line of an answer, on the terminal and on the page; no label: it goes on.
 
     `given`: name of the simulation. `across`: the prediction, or why it failed.
     """
-    said = _LEFT_OUT if diagnosis.causes else _RIVALS if diagnosis.rivals else headline(diagnosis)
-    lines = [
-        f"{_printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
-        f"{recording.rate_hz:.4g} Hz",
-        f"Verdict     {diagnosis.verdict}. {said}",
+    found, motion = diagnosis.verdict == "cause_found", diagnosis.suggested_motion
+    parts = [
+        *(("Rivals", [f"{name}: {words(name)}" for name in group]) for group in diagnosis.rivals),
+        ("Record next", [] if motion is None else [motion]),
+        ("Look", look_texts(diagnosis.look)),
+        ("Simulation", [_simulation(diagnosis, given)]),
+        *(("Cause", _cause(cause)) for cause in diagnosis.causes),
+        ("Extended", [_extended(diagnosis, given)] if found else []),
+        ("Elsewhere", _elsewhere(diagnosis.other_motion)),
+        ("Predicted", _predicted(across) if found else []),
+        ("Model", _model(diagnosis)),
+        *(("Caution", [text]) for text in (*_unknown(diagnosis), *map(caution, diagnosis.flags))),
     ]
-    for group in diagnosis.rivals:
-        lines += [f"{'Rivals' if i == 0 else '':<12}{name}: {words(name)}" for i, name in enumerate(group)]
-    if diagnosis.suggested_motion:
-        lines.append(f"Record next {diagnosis.suggested_motion}")
-    lines += [f"{'' if i else 'Look':<12}{text}" for i, text in enumerate(look_texts(diagnosis.look))]
-    lines.append(
-        f"Simulation  {'' if given is None else f'{given!r} is '}off by "
-        f"{quantity(diagnosis.baseline.rmse_n, 'N')} rms; noise is {noise_text(diagnosis)}; "
-        f"fit {diagnosis.baseline.fit_percent:.0f} %"
-    )
-    for cause in diagnosis.causes:
-        lines += _cause(cause)
-    if diagnosis.verdict == "cause_found":
-        lines += [_extended(diagnosis, given), *_elsewhere(diagnosis), *_predicted(across)]
-    lines += _model(diagnosis)
-    lines += [f"Caution     {caution(flag)}" for flag in diagnosis.flags]
-    return [*lines, DISCLAIMER]
+    return [("" if i else label, text) for label, texts in parts for i, text in enumerate(texts)]
 
 
 def look_texts(look: Look | None) -> list[str]:
@@ -146,39 +141,41 @@ def named(diagnosis: Diagnosis) -> str:
     return f"{diagnosis.verdict}{': ' if names else ''}{', '.join(names)}"
 
 
+def _simulation(diagnosis: Diagnosis, given: str | None) -> str:
+    size = quantity(diagnosis.baseline.rmse_n, "N")
+    return (
+        f"{'' if given is None else f'{given!r} is '}off by {size} rms; noise is {noise_text(diagnosis)}; "
+        f"fit {diagnosis.baseline.fit_percent:.0f} %"
+    )
+
+
 def _cause(cause: Cause) -> list[str]:
     parameters = "; ".join(str(shown(name, value)) for name, value in cause.parameters.items())
-    return [
-        f"Cause       {cause.name}: {parameters}",
-        f"            {words(cause.name)}, {quantity(cause.explained_n, 'N')} rms of the force",
-    ]
+    share = f"{words(cause.name)}, {quantity(cause.explained_n, 'N')} rms of the force"
+    return [f"{cause.name}: {parameters}", share]
 
 
 def _extended(diagnosis: Diagnosis, given: str | None) -> str:
     held = diagnosis.held_out
     if on_readings(diagnosis):
-        return "Extended    the readings were freed of it before the rest was compared"
+        return "the readings were freed of it before the rest was compared"
     return (
-        f"Extended    off by {quantity(held.rmse_after_n, 'N')} rms on stretches it was not fitted to, "
-        f"{gain_text(held)}{'' if given is None else ' than a fitted mass, damper, spring'}; "
+        f"off by {quantity(held.rmse_after_n, 'N')} rms on stretches it was not fitted to, {gain_text(held)}"
+        f"{'' if given is None else ' than a fitted mass, damper, spring'}; "
         f"fit {diagnosis.extended.fit_percent:.0f} %"
     )
 
 
-def expected_text(expected: ExpectedGain) -> str:
+def _elsewhere(expected: ExpectedGain | None) -> list[str]:
     """The gain on another motion, and where it holds."""
-    low, high = sorted((expected.gain_low, expected.gain_high))
-    where = f"within {quantity(expected.low_m, 'm')} to {quantity(expected.high_m, 'm')}"
-    return (
-        f"{100.0 * expected.gain:.0f} % less ({100.0 * low:.0f} to {100.0 * high:.0f} %) {where}, up to "
-        f"{quantity(expected.fastest_m_s, 'm/s')}"
-    )
-
-
-def _elsewhere(diagnosis: Diagnosis) -> list[str]:
-    if diagnosis.other_motion is None:
+    if expected is None:
         return []
-    return [f"Elsewhere   expected of another motion: {expected_text(diagnosis.other_motion)}"]
+    low, high = sorted((expected.gain_low, expected.gain_high))
+    return [
+        f"expected of another motion: {100.0 * expected.gain:.0f} % less "
+        f"({100.0 * low:.0f} to {100.0 * high:.0f} %) within {quantity(expected.low_m, 'm')} to "
+        f"{quantity(expected.high_m, 'm')}, up to {quantity(expected.fastest_m_s, 'm/s')}"
+    ]
 
 
 def equation(diagnosis: Diagnosis) -> str:
@@ -202,16 +199,13 @@ def equation(diagnosis: Diagnosis) -> str:
 
 
 def _model(diagnosis: Diagnosis) -> list[str]:
-    """Its equation, and what of m, b and k may as well be zero."""
+    """Its equation, and mass, damping and stiffness."""
     model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
-    if not model.intervals:
-        return []
-    said = "; ".join(str(shown(name, interval)) for name, interval in model.intervals.items())
-    lines = [f"Model       {equation(diagnosis)}", f"            {said}"]
-    return [*lines, *(f"Caution     {text}" for text in unknown_parameters(diagnosis))]
+    values = "; ".join(str(shown(name, interval)) for name, interval in model.intervals.items())
+    return [equation(diagnosis), values] if values else []
 
 
-def unknown_parameters(diagnosis: Diagnosis) -> list[str]:
+def _unknown(diagnosis: Diagnosis) -> list[str]:
     """What of mass, damping and stiffness this motion does not tell from zero, and what that means."""
     if diagnosis.verdict != "cause_found":
         return []
@@ -226,15 +220,11 @@ def _predicted(across: "Across | str | None") -> list[str]:
     if across is None:
         return []
     if isinstance(across, str):
-        return [f"Predicted   failed: {across}"]
+        return [f"failed: {across}"]
     return [
-        f"Predicted   {1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
+        f"{1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
         f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold"
     ]
-
-
-def _listed(names: list[str], word: str = "and") -> str:
-    return f" {word} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def _printable(text: str) -> str:

@@ -19,7 +19,7 @@ from forefeel.common.recording.units import Mapping as ColumnMapping
 from forefeel.common.recording.units import NamedColumns, mapping_of, rescaled
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnose.answer import answer, failure
-from forefeel.diagnosis.diagnose import Diagnosed, diagnose, diagnose_together
+from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Diagnosis
@@ -87,10 +87,7 @@ def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     for recording in recordings:
         if not task.as_is and (asked := question(recording)) is not None:
             raise RecordingError(_asked(task, recording, asked))
-    if task.beside:
-        diagnosed = diagnose_together(recordings, tell, task.given)
-    else:
-        diagnosed = diagnose(recordings[0], tell, task.given)
+    diagnosed = diagnose(recordings[0], tell, task.given, recordings[1:])
     recording = diagnosed.recording
     if not isfinite(diagnosed.diagnosis.baseline.rmse_n):
         raise ConfigurationError(
@@ -107,7 +104,7 @@ def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(diagnosed, across)}
     given = None if task.given is None else task.given.name
     lines = tuple(answer(recording, diagnosed.diagnosis, across, given))
-    return Result(diagnosed.diagnosis, lines, texts), partial(_page, task, diagnosed, across, texts[MODEL])
+    return Result(diagnosed.diagnosis, lines, texts), partial(_page, task, diagnosed, across)
 
 
 def _asked(task: Task, recording: Recording, asked: Question) -> str:
@@ -126,12 +123,12 @@ def _asked(task: Task, recording: Recording, asked: Question) -> str:
     return f"{doubt} (--as-is: that is true); is it {unit}? then type: {shlex.join(words)}"
 
 
-def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None", model_yaml: str) -> str:
+def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None") -> str:
     try:
         from forefeel.diagnose.page import render_page  # noqa: PLC0415 - loads what draws
 
         with threadpool_limits(1):
-            return render_page(diagnosed.recording, diagnosed, across, task.given, model_yaml)
+            return render_page(diagnosed.recording, diagnosed, across, task.given)
     except Exception as error:
         raise RunError(f"{task.file}: diagnosed, but {PAGE} failed, {failure(error)}") from error
 

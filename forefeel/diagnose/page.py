@@ -12,17 +12,7 @@ from forefeel.common.causes.catalogue import fingerprint, words
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.answer import (
-    caution,
-    equation,
-    expected_text,
-    failure,
-    gain_text,
-    headline,
-    look_texts,
-    on_readings,
-    unknown_parameters,
-)
+from forefeel.diagnose.answer import failure, gain_text, headline, on_readings, said
 from forefeel.diagnose.curves import TRIM, Curves, Rows, density, rms
 from forefeel.diagnose.pictures import picture, sensor_picture
 from forefeel.diagnosis.diagnose import Diagnosed
@@ -100,33 +90,23 @@ def render_page(
     diagnosed: Diagnosed,
     across: Across | str | None,
     given: ContactModel | None = None,
-    model_yaml: str = "",
 ) -> str:
     """The diagnosis with its figures as one HTML file that needs nothing else."""
     diagnosis, curves = diagnosed.diagnosis, Curves.of(diagnosed.analysis, given)
-    cautions = [*unknown_parameters(diagnosis), *(caution(flag) for flag in diagnosis.flags)]
-    if isinstance(across, str):
-        cautions.append(f"the prediction failed, {across}")
     return render(
         "diagnose/page.html.j2",
         recording=recording,
         diagnosis=diagnosis,
         across=across if isinstance(across, Across) else None,
         headline=headline(diagnosis),
-        look=look_texts(diagnosis.look),
+        said=said(diagnosis, across, None if given is None else given.name),
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),
         on_readings_label=ON_READINGS,
-        cautions=cautions,
-        equation=equation(diagnosis),
-        elsewhere=None if diagnosis.other_motion is None else expected_text(diagnosis.other_motion),
-        simulation=named(curves),
         given=given is not None,
         causes=[_section(recording.name, curves, cause) for cause in diagnosis.causes],
         suspects=[] if diagnosis.causes else _suspects(recording.name, curves, diagnosis),
         rows=_rows(diagnosis),
-        plain=words,
-        model_yaml=model_yaml,
         drawings=drawings(recording.name, curves, diagnosis),
     )
 
@@ -188,12 +168,12 @@ def _rows(diagnosis: Diagnosis) -> list[ParameterRow]:
     rows = []
     for key in dict.fromkeys([*before, *intervals, *after]):
         owner, _, name = key.rpartition(".")
-        said = plain_value(name, after[key]) if key in after else ""
+        new = plain_value(name, after[key]) if key in after else ""
         if key in intervals:
             of = shown(name, intervals[key])
-            said = " ".join(f"{of.value} {of.unit} ({of.interval})".split())
+            new = " ".join(f"{of.value} {of.unit} ({of.interval})".split())
         old = plain_value(name, before[key]) if key in before else ""
-        rows.append(ParameterRow(owner, split_unit(name)[0], old, said))
+        rows.append(ParameterRow(owner, split_unit(name)[0], old, new))
     return rows
 
 

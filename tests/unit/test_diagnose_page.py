@@ -45,10 +45,9 @@ def with_model(analysis: Analysis, name: str) -> Curves:
 
 def test_page_shows_each_cause_and_escapes_names(rubbing: Diagnosed) -> None:
     recording = rubbing.analysis.recording
-    page = render_page(recording, rubbing, None, None, "schema: forefeel.model/1\n")
+    page = render_page(recording, rubbing, None)
     text = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
     assert "<h3>coulomb_friction" in text
-    assert "schema: forefeel.model/1" in text
     check_page(page, drawings=7)
     assert "&lt;b&gt;rub &amp; run&lt;/b&gt;" in text
     assert "<b>rub" not in page
