@@ -96,8 +96,6 @@ class Incremental:
     phi is what was known at t, so that g is fitted for the delay as it is.
     """
 
-    name = ""
-
     def __init__(self, regression: Regression) -> None:
         self._regression = regression
         self._x, self._f = History(), History()
@@ -164,8 +162,6 @@ class Incremental:
 class Autoregression(Incremental):
     """ARX, direct for the delay: histories of force and motion at s, of motion at t."""
 
-    name = "autoregression"
-
     def regressors(self, t_s: float, s: float) -> list[float]:
         moved_m = self._x.at(t_s)[1] - self._x.at(s)[1]
         return [
@@ -180,8 +176,6 @@ class Autoregression(Incremental):
 
 class Kernel(Incremental):
     """Kernel ridge regression on the state of the motion at t and at s, and on the force with its trend."""
-
-    name = "kernel_ridge"
 
     def regressors(self, t_s: float, s: float) -> list[float]:
         return [
@@ -198,8 +192,6 @@ class EchoState(Incremental):
     """A reservoir of reservoirpy, driven by position, velocity and the newest force, each by its largest size
     so far; a ridge reads it out, beside what drives it.
     """
-
-    name = "echo_state"
 
     def __init__(self, regression: Regression) -> None:
         nodes: Any = import_module("reservoirpy.nodes")
@@ -234,8 +226,6 @@ class ConstantStiffness:
     k by recursive least squares of f on x and 1 with a memory of 2 s. Xu, Cizmeci, Schuwerk and Steinbach,
     Model-mediated teleoperation: toward stable and transparent teleoperation systems, IEEE Access 4 (2016).
     """
-
-    name = "constant_stiffness"
 
     def __init__(self) -> None:
         self._pairs = Pairs[float]()

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from forefeel.common.config import deep_merge
 from forefeel.common.errors import ForefeelError, RecordingError, RunError
 from forefeel.common.estimation.identifiability import analyse
+from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.mcap_reader import read_run
@@ -36,7 +37,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
-from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, Forefeel, PaperRls
+from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, PaperRls
 from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.diagnosis.evaluation.rls import PRIOR_VARIANCE, RecursiveLeastSquares
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
@@ -308,7 +309,7 @@ def measured_run(path: Path) -> ComparedRun:
         )
     recording = replace(recording, force_n=resisting_sign(recording) * recording.force_n)
     assert recording.force_n is not None
-    trace = replay(recording, arrivals(recording.time_s, DelayedLink(DELAY_S)), Forefeel(None))
+    trace = replay(recording, arrivals(recording.time_s, DelayedLink(DELAY_S)), Predictor())
     hold_n = held(recording.time_s, recording.force_n, DELAY_S)
     return compared(path.stem, recording, np.where(trace.answered, trace.force_n, hold_n))
 

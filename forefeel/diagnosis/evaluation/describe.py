@@ -23,11 +23,6 @@ def notes(recording: Recording) -> tuple[str, ...]:
     return tuple(note for note in found if note)
 
 
-def gap_count(recording: Recording) -> int:
-    """How many pauses over 0.1 s there are."""
-    return len(recording.segments()) - 1
-
-
 def _sampling(recording: Recording) -> str:
     period_ms = 1e3 * np.concatenate([np.diff(recording.time_s[piece]) for piece in recording.segments()])
     if not len(period_ms):
@@ -62,12 +57,22 @@ def _motion(recording: Recording) -> str | None:
     """Compares lines through windows of half a second: steady when 95 % of them are straight and agree within
     5 %, or within what the noise of the position does to them.
     """
-    windows, noise_m = _windows(recording)
-    if not len(windows):
+    samples, pieces = max(int(_WINDOW_S * recording.rate_hz), 4), recording.segments()
+    time_s, x = (
+        np.concatenate([_windows(column[piece], samples) for piece in pieces])
+        for column in (recording.time_s, recording.position_m)
+    )
+    if not len(x):
         return None
-    speeds, crooked_m = windows.T
+    late_s, moved_m = time_s - time_s.mean(axis=1, keepdims=True), x - x[:, :1]  # exactly zero at rest
+    off_m = moved_m - moved_m.mean(axis=1, keepdims=True)
+    speeds = np.sum(late_s * off_m, axis=1) / np.sum(late_s**2, axis=1)
+    crooked_m = np.sqrt(np.mean((off_m - speeds[:, None] * late_s) ** 2, axis=1))
+    # a motion that is well sampled hardly enters second differences
+    wiggles_m = np.concatenate([np.diff(recording.position_m[piece], 2) for piece in pieces])
+    noise_m = float(np.sqrt(np.mean(wiggles_m**2) / 6.0))
+    doubt = 4.0 * noise_m * float(np.sqrt(12.0 / samples)) * recording.rate_hz / samples  # of a line's slope
     usual = abs(float(np.median(speeds)))
-    doubt = 4.0 * noise_m * _slope_spread(recording)
     straight = crooked_m <= 3.0 * noise_m + _STEADY_SHARE * usual * _WINDOW_S
     still = float(np.mean(straight & (np.abs(speeds) <= doubt)))
     steady = float(np.mean(straight & (np.abs(speeds - np.median(speeds)) <= _STEADY_SHARE * usual + doubt)))
@@ -81,40 +86,10 @@ def _motion(recording: Recording) -> str | None:
     return None
 
 
+def _windows(values: Floats, samples: int) -> Floats:
+    """Shape (n, samples); what is left at the end is not looked at."""
+    return values[: len(values) // samples * samples].reshape(-1, samples)
+
+
 def _share(share: float) -> str:
     return "" if share == 1.0 else f", {100 * share:.3g} % of the time"
-
-
-def _windows(recording: Recording) -> tuple[Floats, float]:
-    """((speed in m/s, rms distance from the line in m) of each window, shape (n, 2); noise in m).
-
-    The noise is what second differences show; a motion that is well sampled hardly enters them.
-    """
-    lines: list[tuple[float, float]] = []
-    wiggles: list[Floats] = []
-    samples = _samples(recording)
-    for piece in recording.segments():
-        time_s, x = recording.time_s[piece], recording.position_m[piece]
-        wiggles.append(np.diff(x, 2))
-        for start in range(0, len(x) - samples + 1, samples):
-            window = slice(start, start + samples)
-            lines.append(_line(time_s[window], x[window]))
-    noise_m = float(np.sqrt(np.mean(np.concatenate(wiggles) ** 2) / 6.0)) if lines else 0.0
-    return np.array(lines), noise_m
-
-
-def _line(time_s: Floats, x: Floats) -> tuple[float, float]:
-    moved_m = x - x[0]  # exactly zero at rest
-    late_s, off_m = time_s - time_s.mean(), moved_m - moved_m.mean()
-    speed = float(late_s @ off_m / (late_s @ late_s))
-    return speed, float(np.sqrt(np.mean((off_m - speed * late_s) ** 2)))
-
-
-def _samples(recording: Recording) -> int:
-    return max(int(_WINDOW_S * recording.rate_hz), 4)
-
-
-def _slope_spread(recording: Recording) -> float:
-    """Standard deviation of a window's slope for noise of standard deviation 1 m, in 1/s."""
-    n = _samples(recording)
-    return float(np.sqrt(12.0 / n) * recording.rate_hz / n)

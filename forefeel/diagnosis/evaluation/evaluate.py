@@ -13,7 +13,7 @@ from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import Arrivals, DelayedLink, arrivals
-from forefeel.diagnosis.evaluation.describe import gap_count, notes
+from forefeel.diagnosis.evaluation.describe import notes
 from forefeel.diagnosis.evaluation.methods import METHODS, ZeroOrderHold
 from forefeel.diagnosis.evaluation.regimes import RULE, RegimeScore, by_regime, regimes
 from forefeel.diagnosis.evaluation.replay import Mask, MethodTrace, replay
@@ -54,10 +54,6 @@ class Evaluated:
     traces: Mapping[str, MethodTrace]
     regimes: Mapping[str, RegimeScore]
 
-    @property
-    def gaps(self) -> int:
-        return gap_count(self.prepared.recording)
-
 
 def prepare(recording: Recording, link: DelayedLink) -> Prepared:
     """The arrivals of a recording, and the stamps to score.
@@ -93,31 +89,20 @@ def evaluate(
         model: of a model.yaml, for forefeel; None: its own.
         progress: is told the name of each method before it starts.
     """
-    recording, zoh = prepared.recording, prepared.zoh
-    seen_n = largest_seen(prepared.force_n, prepared.arrivals)
+    recording, force_n, zoh = prepared.recording, prepared.force_n, prepared.zoh
+    seen_n = largest_seen(force_n, prepared.arrivals)
     traces: dict[str, MethodTrace] = {}
     for name, make in METHODS.items():
         progress(name)
         traces[name] = zoh if name == "zoh" else replay(recording, prepared.arrivals, make(model))
     scores = {
-        name: score(recording.time_s, prepared.force_n, trace, zoh, prepared.rows, seen_n)
+        name: score(recording.time_s, force_n, trace, zoh, prepared.rows, seen_n)
         for name, trace in traces.items()
     }
     said_n = {name: completed(trace, zoh) for name, trace in traces.items()}
-    return Evaluated(
-        prepared,
-        _notes(prepared),
-        scores,
-        said_n,
-        traces,
-        by_regime(
-            regimes(recording),
-            prepared.rows,
-            prepared.force_n,
-            zoh_n=said_n["zoh"],
-            forefeel_n=said_n["forefeel"] if scores["forefeel"].diverged_at_s is None else None,
-        ),
-    )
+    forefeel_n = said_n["forefeel"] if scores["forefeel"].diverged_at_s is None else None
+    parts = by_regime(regimes(recording), prepared.rows, force_n, said_n["zoh"], forefeel_n)
+    return Evaluated(prepared, _notes(prepared), scores, said_n, traces, parts)
 
 
 def _notes(prepared: Prepared) -> tuple[str, ...]:
@@ -189,7 +174,7 @@ def _recording(evaluated: Evaluated) -> dict[str, object]:
         "samples": len(recording),
         "duration_s": recording.duration_s,
         "rate_hz": recording.rate_hz,
-        "gaps": evaluated.gaps,
+        "gaps": len(recording.segments()) - 1,
         "notes": list(evaluated.notes),
         "methods": {name: _method(name, score) for name, score in evaluated.scores.items()},
         "regimes": {name: asdict(score) for name, score in evaluated.regimes.items()},
@@ -197,11 +182,8 @@ def _recording(evaluated: Evaluated) -> dict[str, object]:
 
 
 def _method(name: str, score: Score) -> dict[str, object]:
-    fields: dict[str, object] = {
-        "rms_n": score.size.rms_n,
-        "p95_n": score.size.p95_n,
-        "max_n": score.size.max_n,
-    }
+    size = score.size
+    fields: dict[str, object] = {"rms_n": size.rms_n, "p95_n": size.p95_n, "max_n": size.max_n}
     if score.diverged_at_s is not None:
         fields["diverged_at_s"] = score.diverged_at_s
     if name == _WITH_BAND:

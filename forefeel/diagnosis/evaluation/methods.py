@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.diagnosis.evaluation.rls import RecursiveLeastSquares
@@ -41,13 +42,7 @@ class MethodEstimate(NamedTuple):
 
 
 class Method(Protocol):
-    """Force at the operator's present motion, from late forces.
-
-    Attributes:
-        name: as in the table of results.
-    """
-
-    name: str
+    """Force at the operator's present motion, from late forces."""
 
     def move(self, t_s: float, position_m: float) -> None:
         """The own motion at stamp `t_s`, known at once; stamps increase."""
@@ -59,7 +54,7 @@ class Method(Protocol):
         """
         ...
 
-    def predict(self) -> MethodEstimate | None:
+    def predict(self) -> MethodEstimate | Estimate | None:
         """The force at the stamp of the newest `move`; None while there is nothing to say."""
         ...
 
@@ -101,8 +96,6 @@ class Pairs(Generic[T]):
 
 class ZeroOrderHold:
     """The newest force by stamp among those that arrived."""
-
-    name = "zoh"
 
     def __init__(self) -> None:
         self._stamp_s = -inf
@@ -164,8 +157,6 @@ class PaperMethod:
     motion of its own stamp.
     """
 
-    name = "paper"
-
     def __init__(self) -> None:
         self._rls = PaperRls(3, PAPER_LAMBDA, symmetrise=True)
         self._theta: list[float] | None = None
@@ -221,8 +212,6 @@ class MbkBias:
     The scales of its regressors are those of a sinusoid of 0.75 Hz, of half the range that the own motion has
     in the first second; the forces of that second wait until then.
     """
-
-    name = "mbk_bias"
 
     def __init__(self) -> None:
         self._pairs = Pairs[float]()
@@ -293,33 +282,10 @@ class MbkBias:
         return MethodEstimate(sum(map(mul, self._phi, self._rls.theta)), leading="model")
 
 
-class Forefeel:
-    """The predictor that runs in the master; the model of a model.yaml takes part as it was loaded."""
-
-    name = "forefeel"
-
-    def __init__(self, model: ContactModel | None) -> None:
-        self._predictor = Predictor(model)
-
-    def move(self, t_s: float, position_m: float) -> None:
-        self._predictor.move(t_s, position_m)
-
-    def observe(self, stamp_s: float, force_n: float) -> None:
-        self._predictor.observe(stamp_s, force_n)
-
-    def predict(self) -> MethodEstimate | None:
-        """The force with its band."""
-        said = self._predictor.predict()
-        return None if said is None else MethodEstimate(*said)
-
-    def restart(self) -> None:
-        self._predictor.restart()
-
-
 METHODS: Mapping[str, Callable[[ContactModel | None], Method]] = {
     "zoh": lambda model: ZeroOrderHold(),
     "paper": lambda model: PaperMethod(),
     "mbk_bias": lambda model: MbkBias(),
-    "forefeel": Forefeel,
+    "forefeel": Predictor,  # that of the master
 }
 """By name: makes one that knows nothing yet. The model of a model.yaml is for forefeel alone."""

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.error_size import Floats
+from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import Arrivals
 from forefeel.diagnosis.evaluation.methods import Method, MethodEstimate
@@ -43,7 +44,7 @@ def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTr
         column.tolist() for column in (recording.time_s, recording.position_m, recording.force_n)
     )
     starts = {piece.start for piece in recording.segments()[1:]}
-    said: list[MethodEstimate | None] = []
+    said: list[MethodEstimate | Estimate | None] = []
     for k, batch in enumerate(arrivals.batches()):
         for i in batch:
             method.observe(time_s[i], force_n[i])
@@ -51,17 +52,7 @@ def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTr
             method.restart()
         method.move(time_s[k], position_m[k])
         said.append(method.predict())
-    return _trace(said)
-
-
-def _trace(said: list[MethodEstimate | None]) -> MethodTrace:
-    nothing = MethodEstimate(np.nan)
-    known = [estimate or nothing for estimate in said]
+    known = [estimate or MethodEstimate(np.nan) for estimate in said]
     columns = np.array([estimate[:3] for estimate in known], dtype=np.float64)  # None becomes NaN
-    return MethodTrace(
-        answered=np.array([estimate is not None for estimate in said]),
-        force_n=columns[:, 0],
-        low_n=columns[:, 1],
-        high_n=columns[:, 2],
-        leading=tuple(estimate.leading for estimate in known),
-    )
+    answered, leading = np.array([each is not None for each in said]), tuple(each.leading for each in known)
+    return MethodTrace(answered, columns[:, 0], columns[:, 1], columns[:, 2], leading)
