@@ -49,32 +49,6 @@ def directions(v: Array, band_m_s: float = BAND_M_S) -> Array:
     return np.clip(v / band_m_s, -1.0, 1.0)
 
 
-class Direction:
-    """`direction(v)`; with a breakaway distance L the state `s <- clip(s + dx / L, -1, 1)` of a spring in
-    series with the friction (Prandtl, ZAMM 8(2), 1928): the stiffness of load cell, holder and asperities.
-    """
-
-    def __init__(self, breakaway_m: float, band_m_s: float = BAND_M_S) -> None:
-        self._breakaway_m, self._band_m_s = breakaway_m, band_m_s
-        self._s = 0.0
-
-    def reset(self) -> None:
-        self._s = 0.0
-
-    def after(self, v: float, dt: float) -> float:
-        """In -1 to 1, after a step of dt in s at v in m/s."""
-        if self._breakaway_m <= 0.0:
-            return direction(v, self._band_m_s)
-        self._s = min(max(self._s + v * dt / self._breakaway_m, -1.0), 1.0)
-        return self._s
-
-    def over(self, v: Array, dt: Array) -> Array:
-        """The same of a whole recording from rest, shape (n,)."""
-        if self._breakaway_m <= 0.0:
-            return directions(v, self._band_m_s)
-        return _wound(v * dt / self._breakaway_m)
-
-
 def wound(motion: MotionGrid, breakaway_m: float) -> Array:
     """The direction along a motion, each piece from rest."""
     steps = [np.diff(motion.x[piece], prepend=motion.x[piece.start]) for piece in motion.pieces]
@@ -87,19 +61,33 @@ def breakaways_m(extent: Extent) -> list[Shape]:
 
 
 class _AlongDirection(ForceEffect):
-    """Friction whose sign is that of `Direction`: continuous within a band around rest and zero at rest, or
-    built up over `breakaway_m`.
+    """Friction along the direction s of the motion: `direction(v)`; with a breakaway distance L the state
+    `s <- clip(s + dx / L, -1, 1)` of a spring in series with the friction (Prandtl, ZAMM 8(2), 1928): the
+    stiffness of load cell, holder and asperities.
     """
 
     def _configure(self) -> None:
-        self._direction = Direction(self.values["breakaway_m"], self.values.get(BAND.name, BAND_M_S))
+        self._breakaway_m, self._band_m_s = self.values["breakaway_m"], self.values.get(BAND.name, BAND_M_S)
 
     def reset(self) -> None:
-        self._direction.reset()
+        self._s = 0.0
 
     @property
     def remembers(self) -> bool:
-        return self.values["breakaway_m"] > 0.0
+        return self._breakaway_m > 0.0
+
+    def _after(self, v: float, dt: float) -> float:
+        """s in -1 to 1, after a step of dt in s at v in m/s."""
+        if self._breakaway_m <= 0.0:
+            return direction(v, self._band_m_s)
+        self._s = min(max(self._s + v * dt / self._breakaway_m, -1.0), 1.0)
+        return self._s
+
+    def _over(self, v: Array, dt: Array) -> Array:
+        """s of a whole recording from rest, shape (n,)."""
+        if self._breakaway_m <= 0.0:
+            return directions(v, self._band_m_s)
+        return _wound(v * dt / self._breakaway_m)
 
 
 @lazy_kernel
@@ -155,11 +143,11 @@ class CoulombFriction(_AlongDirection):
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(max(s, 0), min(s, 0)) with s the direction."""
-        s = self._direction.after(v, dt)
+        s = self._after(v, dt)
         return (s, 0.0) if s > 0.0 else (0.0, s)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        s = self._direction.over(v, dt)
+        s = self._over(v, dt)
         return np.stack((np.maximum(s, 0.0), np.minimum(s, 0.0))).T
 
 
@@ -232,12 +220,12 @@ class StribeckFriction(_AlongDirection):
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(s (1 - e), s e) with s the direction and e = exp(-(v / vs)^2)."""
-        s, share = self._direction.after(v, dt), v / self._velocity_m_s
+        s, share = self._after(v, dt), v / self._velocity_m_s
         static = s * exp(-share * share)
         return (s - static, static)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        s, share = self._direction.over(v, dt), v / self._velocity_m_s
+        s, share = self._over(v, dt), v / self._velocity_m_s
         static = s * np.exp(-share * share)
         return np.stack((s - static, static)).T
 
@@ -380,7 +368,7 @@ class PositionDependentFriction(_AlongDirection):
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(inserted length times direction,)."""
-        return (max(x, 0.0) * self._direction.after(v, dt),)
+        return (max(x, 0.0) * self._after(v, dt),)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return (np.maximum(x, 0.0) * self._direction.over(v, dt))[:, None]
+        return (np.maximum(x, 0.0) * self._over(v, dt))[:, None]

@@ -57,14 +57,12 @@ class PeriodicForce(ForceEffect):
         return (wave,)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        if not (self._ratio2 or self._ratio3):
-            return np.sin(self._omega * t + self._phase)[:, None]
-        sines = _sines(self._omega * t + self._phase)
-        wave = sines[0]
-        higher = (self._ratio2, self._phase2), (self._ratio3, self._phase3)
-        for (ratio, phase), sine, cosine in zip(higher, sines[2::2], sines[3::2], strict=True):
-            if ratio:
-                wave = wave + ratio * cos(phase) * sine + ratio * sin(phase) * cosine
+        p = self._omega * t + self._phase
+        wave = np.sin(p)
+        if self._ratio2:
+            wave += self._ratio2 * np.sin(2.0 * p + self._phase2)
+        if self._ratio3:
+            wave += self._ratio3 * np.sin(3.0 * p + self._phase3)
         return wave[:, None]
 
     def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:

@@ -14,6 +14,16 @@ from typing import get_args
 
 import numpy as np
 
+from forefeel.common.causes import (
+    capstan,
+    damping,
+    friction,
+    periodic,
+    sensor,
+    transmission,
+    unmodelled_resonance,
+    wall,
+)
 from forefeel.common.causes.base import (
     ContactEffect,
     Effect,
@@ -24,46 +34,20 @@ from forefeel.common.causes.base import (
     SensorEffect,
     Site,
 )
-from forefeel.common.causes.capstan import Capstan
-from forefeel.common.causes.damping import AsymmetricDamping, HuntCrossleyDamping, QuadraticDrag
-from forefeel.common.causes.friction import (
-    CoulombFriction,
-    PositionDependentFriction,
-    PreslidingHysteresis,
-    StribeckFriction,
-)
-from forefeel.common.causes.periodic import MainsHum, PositionMap, Pulsation
 from forefeel.common.causes.runtime import ContactRuntime
-from forefeel.common.causes.sensor import (
-    Bias,
-    SensorDrift,
-    SensorLag,
-    SensorQuantisation,
-    SensorSaturation,
-    SensorSpikes,
-    TimeDelay,
-)
-from forefeel.common.causes.transmission import Backlash, Play
-from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
-from forefeel.common.causes.wall import (
-    ContactLoss,
-    ExponentialWall,
-    MassDamperSpring,
-    Stiffening,
-    StiffnessChange,
-    StressRelaxation,
-)
 
 ENTRY_POINT_GROUP = "forefeel.effects"
 
 OWN: dict[str, type[Effect]] = {
     effect.name: effect
     for effect in (
-        AsymmetricDamping, Backlash, Bias, Capstan, ContactLoss, CoulombFriction, ExponentialWall,
-        HuntCrossleyDamping, MainsHum, MassDamperSpring, Play, PositionDependentFriction, PositionMap,
-        PreslidingHysteresis, Pulsation, QuadraticDrag, SensorDrift, SensorLag, SensorQuantisation,
-        SensorSaturation, SensorSpikes, Stiffening, StiffnessChange, StressRelaxation,
-        StribeckFriction, TimeDelay, UnmodelledResonance,
+        damping.AsymmetricDamping, transmission.Backlash, sensor.Bias, capstan.Capstan, wall.ContactLoss,
+        friction.CoulombFriction, wall.ExponentialWall, damping.HuntCrossleyDamping, periodic.MainsHum,
+        wall.MassDamperSpring, transmission.Play, friction.PositionDependentFriction, periodic.PositionMap,
+        friction.PreslidingHysteresis, periodic.Pulsation, damping.QuadraticDrag, sensor.SensorDrift,
+        sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation, sensor.SensorSpikes,
+        wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation, friction.StribeckFriction,
+        sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
     )
 }  # fmt: skip
 
@@ -138,14 +122,9 @@ def _flaws(kind: type[Effect], name: str) -> Iterator[str]:
     if not (isinstance(parameters, tuple) and all(isinstance(p, Parameter) for p in parameters)):
         yield "expected parameters to be a tuple of Parameter"
         return
-    names = [p.name for p in parameters]
-    if len(set(names)) < len(names):
-        yield f"expected parameters of different names, not {', '.join(names)}"
     for p in parameters:
         if not (p.lower <= p.default <= p.upper and isfinite(p.lower) and isfinite(p.upper)):
             yield f"{p.name}: expected finite bounds around its default {p.default!r}"
-    if not isinstance(getattr(kind, "reference", None), str):
-        yield "expected a reference: the law's source"
     if issubclass(kind, ForceEffect) and getattr(kind, "site", None) not in get_args(Site):
         yield f"expected a site, one of {', '.join(get_args(Site))}"
 

@@ -246,27 +246,6 @@ class SensorSpikes(SensorEffect):
         share = 2.0 * size - 1.0
         return (slot + place) / self._slots_hz, self._amplitude_n * (share + (0.5 if share >= 0.0 else -0.5))
 
-    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        if self._slots_hz == 0.0 or not len(t):
-            return force_n
-        instants, sizes_n = self._between(float(t[0]) - _LONGEST_S, float(t[-1]))
-        reached = np.searchsorted(t, instants)  # fewer to search for than stamps
-        newest = np.cumsum(np.bincount(reached, minlength=len(t) + 1)[: len(t)]) - 1
-        since = t - np.clip(dt, self._duration_s, _LONGEST_S)
-        lasting = np.flatnonzero(instants[newest] > since)
-        readings = np.array(force_n, dtype=np.float64)
-        readings[lasting] += sizes_n[newest[lasting]]
-        return readings
-
-    def _between(self, start: float, end: float) -> tuple[Array, Array]:
-        """Instants and sizes of the spikes between two times, and some before; never empty."""
-        slots = np.arange(floor(start * self._slots_hz) - 1, floor(end * self._slots_hz) + 1)
-        hold = slots[_uniforms(slots * 4, self._seed) * _SLOTS < 1.0]
-        share = 2.0 * _uniforms(hold * 4 + 2, self._seed) - 1.0
-        sizes_n = self._amplitude_n * (share + np.where(share >= 0.0, 0.5, -0.5))
-        instants = (hold + _uniforms(hold * 4 + 1, self._seed)) / self._slots_hz
-        return np.append(-np.inf, instants), np.append(0.0, sizes_n)
-
 
 def _uniform(number: int) -> float:
     """SplitMix64 of an integer, in [0, 1)."""
@@ -274,11 +253,3 @@ def _uniform(number: int) -> float:
     z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK_64
     z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK_64
     return float((z ^ (z >> 31)) >> 11) * 2.0**-53
-
-
-def _uniforms(numbers: np.ndarray[tuple[int], np.dtype[np.int64]], seed: int) -> Array:
-    """`_uniform` of each number plus the seed; unsigned integers wrap as the mask does."""
-    z = (numbers.astype(np.uint64) + np.uint64(seed & _MASK_64)) * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return ((z ^ (z >> np.uint64(31))) >> np.uint64(11)).astype(np.float64) * 2.0**-53

@@ -14,7 +14,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse
 from forefeel.diagnosis.feedback import FLAG as FEEDS_THE_MOTION
 from forefeel.diagnosis.feedback import feeds_the_motion
-from forefeel.diagnosis.joined_recordings import Joined, joined, unclocked
+from forefeel.diagnosis.joined_recordings import joined, unclocked
 from forefeel.diagnosis.judge import judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
 from forefeel.diagnosis.other_motion import with_expectation
@@ -38,7 +38,10 @@ class Diagnosed:
 
 
 def diagnose(
-    recording: Recording, progress: Progress = lambda stage: None, given: ContactModel | None = None
+    recording: Recording,
+    progress: Progress = lambda stage: None,
+    given: ContactModel | None = None,
+    beside: Sequence[Recording] = (),
 ) -> Diagnosed:
     """What the mass-damper-spring simulation of a recording gets wrong.
 
@@ -46,43 +49,30 @@ def diagnose(
         recording: position and force.
         progress: is told the stage before it starts.
         given: the simulation to compare with, in place of a fitted mass, damper and spring.
+        beside: further recordings of the same bench, for one model of all; whole recordings are held out.
 
     Raises:
-        RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row.
+        RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row;
+            recordings of different rates.
     """
-    check(recording)
+    every = [recording, *beside]
+    for each in every:
+        check(each)
     refresh()
     with threadpool_limits(1):  # thousands of small products: threads only wait for each other
-        return _diagnosed(recording, progress, given)
+        return _diagnosed(every, progress, given)
 
 
-def diagnose_together(
-    recordings: Sequence[Recording],
-    progress: Progress = lambda stage: None,
-    given: ContactModel | None = None,
-) -> Diagnosed:
-    """One model of several recordings of one bench; whole recordings are held out, see `together`.
-
-    Raises:
-        RecordingError: as `diagnose`, for each; recordings of different rates.
-    """
-    for recording in recordings:
-        check(recording)
-    refresh()
-    with threadpool_limits(1):
-        return _diagnosed(joined(recordings), progress, given)
-
-
-def _diagnosed(of: Recording | Joined, progress: Progress, given: ContactModel | None) -> Diagnosed:
-    recording = of.recording if isinstance(of, Joined) else of
-    names, parts_s = (unclocked(), of.parts_s) if isinstance(of, Joined) else (None, ())
+def _diagnosed(every: list[Recording], progress: Progress, given: ContactModel | None) -> Diagnosed:
+    recording, parts_s = joined(every)
     simple = None if parts_s else diagnosed_step(recording) or diagnosed_hold(recording)
     long = simple is None and is_long(recording)
     if simple is None:
+        names = unclocked() if parts_s else None
         analysis = (analyse_long if long else analyse)(recording, progress, names, parts_s)
         simple = _weighed(analysis, progress)
     found, analysis = simple
-    gaps = of.gaps if isinstance(of, Joined) else len(recording.segments()) > 1
+    gaps = any(len(each.segments()) > 1 for each in every)
     flags = _flags(found.flags, gaps, long)
     if feeds_the_motion(analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit):
         flags = (*flags, FEEDS_THE_MOTION)

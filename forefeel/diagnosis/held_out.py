@@ -37,7 +37,7 @@ def held_out_errors(regression: RecordingRegression, fit: ModelFit) -> Floats:
 
 def columns(regression: RecordingRegression, fit: ModelFit) -> tuple[Floats, Floats]:
     """(whitened, plain) columns of a model at the rows that count."""
-    return regression.design(fit.model)[0], plain_columns(regression, fit)[regression.rows]
+    return regression.design(fit.model), plain_columns(regression, fit)[regression.rows]
 
 
 def plain_columns(regression: RecordingRegression, fit: ModelFit) -> Floats:
@@ -50,15 +50,6 @@ def held_out(
     regression: RecordingRegression, white: Floats, plain: Floats, ridge: Floats | float = 1e-10
 ) -> Floats:
     """As `held_out_errors` for any columns, with a ridge on them in units of their own size."""
-    theta = held_out_coefficients(regression, white, ridge)
-    force, numbers = regression.signals.force[regression.rows], block_numbers(regression)
-    return np.asarray(force - np.einsum("ij,ij->i", plain, theta[numbers]))
-
-
-def held_out_coefficients(
-    regression: RecordingRegression, white: Floats, ridge: Floats | float = 1e-10
-) -> Floats:
-    """Of whitened columns, a row for each block: least squares on all other blocks."""
     scale = np.sqrt(np.mean(white**2, axis=0))
     scale[scale == 0.0] = 1.0
     white = white / scale
@@ -75,7 +66,8 @@ def held_out_coefficients(
         inner[np.diag_indices_from(inner)] += ridge * len(white)
         right = moment - part.T @ regression.target[rows] - inner[:, ~known] @ full[~known]
         theta[known] = np.linalg.solve(inner[np.ix_(known, known)], right[known])
-    return np.asarray(found / scale)
+    force, theta = regression.signals.force[regression.rows], found / scale
+    return np.asarray(force - np.einsum("ij,ij->i", plain, theta[numbers]))
 
 
 def gain(regression: RecordingRegression, before: Floats, after: Floats) -> HeldOut:

@@ -5,7 +5,6 @@ What has an instant or a phase of its own is not searched, for the recordings sh
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,25 +17,15 @@ _APART_S = 10.0  # s between two recordings: more than any gap within which samp
 _ALIKE = 1.1  # ratio of rates that one band and one grid do for
 
 
-@dataclass(frozen=True, slots=True)
-class Joined:
-    """The recordings as one.
-
-    `parts_s`: when each but the first begins, in s since the start; `gaps`: whether one has gaps of its own.
-    """
-
-    recording: Recording
-    parts_s: tuple[float, ...]
-    gaps: bool
-
-
-def joined(recordings: Sequence[Recording]) -> Joined:
-    """See the module.
+def joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ...]]:
+    """The recordings as one, and when each but the first begins, in s since the start; one stays as it is.
 
     Raises:
         RecordingError: rates that differ by more than a tenth.
     """
-    first = recordings[0]
+    first, *more = recordings
+    if not more:
+        return first, ()
     stamps, parts_s, now_s = [], [], 0.0
     for each in recordings:
         if not 1.0 / _ALIKE < each.rate_hz / first.rate_hz < _ALIKE:
@@ -55,7 +44,7 @@ def joined(recordings: Sequence[Recording]) -> Joined:
         np.concatenate(force_n),
         ", ".join(each.source for each in recordings),
     )
-    return Joined(whole, tuple(parts_s[1:]), any(len(each.segments()) > 1 for each in recordings))
+    return whole, tuple(parts_s[1:])
 
 
 def unclocked() -> list[str]:

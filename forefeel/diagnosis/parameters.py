@@ -99,7 +99,7 @@ def _named(regression: RecordingRegression, fit: ModelFit, theta: Floats) -> dic
 
 def covariance_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
     """Of coefficients, then shapes; of residuals of any memory shorter than a block."""
-    jacobian = np.column_stack([regression.design(fit.model)[0], slopes_of(regression, fit)])
+    jacobian = np.column_stack([regression.design(fit.model), slopes_of(regression, fit)])
     design = jacobian[:, : len(fit.coefficients)]
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
     scale[scale == 0.0] = 1.0
@@ -147,7 +147,7 @@ def _slope(regression: RecordingRegression, fit: ModelFit, name: str, index: int
         moved = (*shape[:index], shape[index] + sign * step, *shape[index + 1 :])
         model = {**fit.model, name: moved}
         if white:
-            sides.append(regression.design(model)[0] @ fit.coefficients)
+            sides.append(regression.design(model) @ fit.coefficients)
         else:
             sides.append(regression.predicted(replace(fit, model=model)))
     return np.asarray((sides[0] - sides[1]) / (2.0 * step))

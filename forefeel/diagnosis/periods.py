@@ -34,10 +34,9 @@ class Periods:
     def lines(self, fit: ModelFit, count: int = 4) -> list[Shape]:
         """The strongest lines of the whitened residual where pulses can be, and their halves."""
         regression = self.regression
-        design, _ = regression.design(fit.model)
         rate = regression.signals.coarse_rate_hz
         residual = np.zeros(len(regression.rows))
-        residual[regression.rows] = regression.target - design @ fit.coefficients
+        residual[regression.rows] = regression.target - regression.design(fit.model) @ fit.coefficients
         length = 4 * len(residual)
         power = np.abs(rfft(residual, length)) ** 2
         frequency = rfftfreq(length, 1.0 / rate)

@@ -210,26 +210,21 @@ class RecordingRegression:
     def fit(self, model: Model) -> ModelFit:
         """Least squares at these shapes, by inner products that are remembered."""
         blocks = self._blocks(model)
-        owners = self._owners(model, blocks)
+        named = zip(["", *model], blocks, strict=True)
+        owners = tuple(name for name, block in named for _ in range(block.columns.shape[1]))
         gram, moment = self._normal(blocks)
         coefficients, explained = solve_passive(gram, moment, self.sense, len(BASE))
         rss = self._power - explained
         if rss < _CANCELLED * self._power:
             kept = coefficients != 0.0
-            coefficients[kept], rss = solve(self.design(model)[0][:, kept], self.target)
+            coefficients[kept], rss = solve(self.design(model)[:, kept], self.target)
         n = len(self.target)
         penalty, feasible = penalty_of(owners, model, n), self._feasible(model, owners, coefficients)
         return ModelFit(model, coefficients, owners, max(rss, 1e-300), n, penalty, feasible)
 
-    def design(self, model: Model) -> tuple[Floats, tuple[str, ...]]:
-        """Whitened columns that count and the owner of each."""
-        blocks = self._blocks(model)
-        return np.hstack([block.columns for block in blocks]), self._owners(model, blocks)
-
-    @staticmethod
-    def _owners(model: Model, blocks: Sequence["Block"]) -> tuple[str, ...]:
-        named = zip(["", *model], blocks, strict=True)
-        return tuple(name for name, block in named for _ in range(block.columns.shape[1]))
+    def design(self, model: Model) -> Floats:
+        """Whitened columns that count."""
+        return np.hstack([block.columns for block in self._blocks(model)])
 
     def no_peak(self, model: Model) -> bool:
         """Whether a mode in the model is too damped, or too near the end of the band, to be known by it."""

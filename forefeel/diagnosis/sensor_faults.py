@@ -119,25 +119,6 @@ def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
     return at if enough and count > _PILE * max(beside, 0.5) and (step is None or runs >= 2) else None
 
 
-def _spikes(cleaned: Cleaned, recording: Recording, step: float | None) -> None:
-    found = find_spikes(cleaned.force_n, recording, step)
-    if found is None:
-        return
-    count, sizes = len(found.sizes_n), found.sizes_n
-    amplitude, spread = float(np.mean(sizes)), 1.96 * float(np.std(sizes))
-    parameters = {
-        "rate_hz": Interval.about(count / recording.duration_s, 1.96 * count**0.5 / recording.duration_s),
-        "amplitude_n": Interval.about(amplitude, spread / count**0.5),
-    }
-    words = (
-        f"{count} isolated outliers of {amplitude:.3g} N, "
-        f"{amplitude / found.usual_n:.0f} times the usual distance from their neighbours"
-    )
-    rms_n = float(np.sqrt(np.mean((cleaned.force_n - found.without_n) ** 2)))
-    cleaned.faults.append(Cause.on_readings("sensor_spikes", parameters, words, rms_n))
-    cleaned.force_n, cleaned.spikes = found.without_n, found.where
-
-
 def _mains(cleaned: Cleaned, recording: Recording) -> None:
     """A line within 0.7 Hz of 50 or 60 Hz, far above its neighbours, that the motion does not have."""
     for nominal in MAINS_HZ:
@@ -219,24 +200,12 @@ _BY_CHANCE = 0.003  # probability (Kolmogorov and Smirnov) below which it is non
 Ends = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Spikes:
-    """Where they are, how high each is, the force without them, and the usual distance from neighbours."""
+def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None) -> None:
+    """None where there are few, or so many that they are no exception, or where they come with reversals.
 
-    where: Mask
-    sizes_n: Floats
-    without_n: Floats
-    usual_n: float
-
-
-def find_spikes(force: Floats, recording: Recording, step_n: float | None) -> Spikes | None:
-    """None when there are few, or so many that they are no exception, or when they come with reversals.
-
-    Args:
-        force: in N, at the stamps of the recording.
-        recording: of the motion.
-        step_n: of a comb of levels, if there is one: its flips are no spikes.
+    `step_n`: of a comb of levels, if there is one: its flips are no spikes.
     """
+    force = cleaned.force_n
     size = max(5, 2 * int(0.5 * _MEDIAN_S * recording.rate_hz) + 1)
     smooth = median_filter(force, size, mode="nearest")
     off = force - smooth
@@ -246,10 +215,10 @@ def find_spikes(force: Floats, recording: Recording, step_n: float | None) -> Sp
     widest = max(3, round(0.004 * recording.rate_hz))
     certain = _isolated(force, off, _runs(off, _OUTLIER * scale), widest)
     if not _LEAST_SPIKES <= len(certain[0]) <= 0.02 * len(force):
-        return None
+        return
     rest = _at_rest(recording)
     if np.mean(rest[certain[0]]) > 0.3 + 2.0 * np.mean(rest):  # play, not the sensor
-        return None
+        return
     starts, stops = _runs(off, _ANOTHER * scale)  # that there are spikes is certain: these are some, too
     short = stops - starts <= widest
     starts, stops = starts[short], stops[short]
@@ -259,8 +228,20 @@ def find_spikes(force: Floats, recording: Recording, step_n: float | None) -> Sp
     for start, stop in zip(starts[high], stops[high], strict=True):
         where[max(start - 1, 0) : stop + 1] = True
     if _come_with_the_motion(where, recording):
-        return None
-    return Spikes(where, sizes[high], np.where(where, smooth, force), usual)
+        return
+    sizes, without = sizes[high], np.where(where, smooth, force)
+    count, amplitude, spread = len(sizes), float(np.mean(sizes)), 1.96 * float(np.std(sizes))
+    parameters = {
+        "rate_hz": Interval.about(count / recording.duration_s, 1.96 * count**0.5 / recording.duration_s),
+        "amplitude_n": Interval.about(amplitude, spread / count**0.5),
+    }
+    words = (
+        f"{count} isolated outliers of {amplitude:.3g} N, "
+        f"{amplitude / usual:.0f} times the usual distance from their neighbours"
+    )
+    rms_n = float(np.sqrt(np.mean((force - without) ** 2)))
+    cleaned.faults.append(Cause.on_readings("sensor_spikes", parameters, words, rms_n))
+    cleaned.force_n, cleaned.spikes = without, where
 
 
 def _usual(off: Floats, step_n: float | None) -> float:

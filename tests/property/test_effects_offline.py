@@ -108,25 +108,6 @@ def test_a_whole_recording_neither_sees_nor_changes_the_state(name: str) -> None
 
 
 @pytest.mark.parametrize("name", sorted(OWN))
-def test_the_loop_that_a_new_effect_inherits_is_the_same(name: str) -> None:
-    effect, motion = random_effect(OWN[name], 4), random_motion(5)
-    dt = np.diff(motion[0], prepend=motion[0][0])
-    at_once = whole(effect, *motion)
-    if isinstance(effect, ForceEffect):
-        inherited = ForceEffect._columns(effect, *motion, dt)
-    elif isinstance(effect, MotionEffect):
-        inherited = np.stack(MotionEffect._path(effect, *motion, dt), axis=1)
-    elif isinstance(effect, ContactEffect):
-        inherited = ContactEffect.penetrations_m(effect, motion[1], motion[2])[:, None]
-    elif isinstance(effect, FactorEffect):
-        inherited = FactorEffect.factors(effect, *motion[1:])[:, None]
-    else:
-        assert isinstance(effect, SensorEffect)
-        inherited = SensorEffect._readings(effect, motion[0], motion[1], dt)[:, None]
-    assert_same(inherited, at_once)
-
-
-@pytest.mark.parametrize("name", sorted(OWN))
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_hardly_any_samples_are_no_special_case(name: str, n: int) -> None:
     effect = random_effect(OWN[name], 6)

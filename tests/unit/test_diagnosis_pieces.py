@@ -8,9 +8,7 @@ from scipy.signal import lfilter
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import analyse
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.held_out import block_numbers, gain
 from forefeel.diagnosis.identifiability import turns
 from forefeel.diagnosis.noise import autoregression
@@ -207,15 +205,6 @@ def test_one_frequency_tells_dry_friction_and_no_delay() -> None:
     named, unnamed = (diagnose(recording(t, x, f)).diagnosis for f in (rubbing, late))
     assert [cause.name for cause in named.causes] == ["coulomb_friction"]
     assert unnamed.causes == ()
-
-
-def test_the_extended_model_gives_the_force() -> None:
-    t, x, v, a = motion(16)
-    clean_n = linear(x, v, a) + 9e4 * (x - 0.0) ** 3 + 0.04
-    model = extended_model(analyse(recording(t, x, clean_n + noise(16, len(t)))), "test")
-    assert {entry.effect for entry in model.effects} == {"mass_damper_spring", "stiffening", "bias"}
-    said = model.runtime().forces_n(t, x, v, a)
-    assert np.sqrt(np.mean((said - clean_n) ** 2)) < 1e-3
 
 
 @pytest.mark.parametrize(

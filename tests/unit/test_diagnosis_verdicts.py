@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from forefeel.common.causes.base import ForceEffect
-from forefeel.common.causes.catalogue import CANDIDATES, kin
-from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
-from forefeel.common.causes.generic import GenericForce
+from forefeel.common.causes.catalogue import kin
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.causes.wall import StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
@@ -93,26 +89,6 @@ def test_without_a_cause_only_the_noise_decides_what_is_said() -> None:
     slow = diagnose(recorded(body(0.03), rate_hz=25.0)).diagnosis
     assert (slow.verdict, slow.noise_floor_n) == ("nothing_found", None)
     assert slow.suggested_motion
-
-
-@pytest.mark.parametrize(
-    ("kind", "values"),
-    [
-        (CoulombFriction, {"force_n": 0.05}),
-        (PreslidingHysteresis, {"force_n": 0.05, "stiffness_n_m": 60.0}),
-        (StressRelaxation, {"stiffness_n_m": 12.0, "time_constant_s": 0.4}),
-    ],
-)
-def test_a_cause_that_does_not_say_how_it_is_fitted_is_found_as_well(
-    kind: type[ForceEffect], values: dict[str, float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The way of effects of other distributions, which know nothing of the diagnosis."""
-    name = kind.name
-    for form in [each for each in CANDIDATES if each.partition(":")[0] == name]:
-        monkeypatch.delitem(CANDIDATES, form)
-    monkeypatch.setitem(CANDIDATES, name, GenericForce(kind).candidate())
-    (cause,) = diagnose(recorded(body(0.03), effect(name, **values))).diagnosis.causes
-    assert cause.name == name
 
 
 def test_a_spring_beside_a_slow_force_of_its_own_is_given_no_delay() -> None:

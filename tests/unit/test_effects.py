@@ -17,7 +17,6 @@ from forefeel.common.causes.friction import (
     StribeckFriction,
 )
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.causes.numerics import Array
 from forefeel.common.causes.periodic import MainsHum, Pulsation
 from forefeel.common.causes.sensor import (
     Bias,
@@ -65,6 +64,8 @@ STRIBECK = StribeckFriction(coulomb_n=0.1, static_n=0.3, stribeck_velocity_m_s=0
         (AsymmetricDamping(forward_n_s_m=2.0, backward_n_s_m=0.5), (0.0, -0.1, 0.0), -0.05),
         (Stiffening(quadratic_n_m2=30.0, cubic_n_m3=400.0), (0.1, 0.0, 0.0), 0.7),
         (Stiffening(quadratic_n_m2=30.0, cubic_n_m3=400.0), (-0.1, 0.0, 0.0), -0.1),
+        (ExponentialWall(exponential_n=0.05, length_m=4e-3), (0.01, 0.0, 0.0), 0.05 * (exp(2.5) - 3.5)),
+        (ExponentialWall(exponential_n=0.05, length_m=4e-3), (-0.01, 0.0, 0.0), 0.05 * (exp(-2.5) + 1.5)),
         (ExponentialWall(exponential_n=1.0, length_m=1e-5), (10.0, 0.0, 0.0), exp(50.0) - 51.0),
         (Bias(force_n=-0.04), (0.0, 0.0, 0.0), -0.04),
         (SensorDrift(rate_n_s=1e-3), (0.0, 0.0, 0.0), 9e-3),
@@ -180,22 +181,6 @@ def test_sensor_lag_answers_a_step_exactly(steps: int) -> None:
     assert effect.sense(0.0, 1.0, 1e-3) == 1.0
     readings = [effect.sense(0.0, 3.0, 0.05 / steps) for _ in range(steps)]
     assert readings[-1] == pytest.approx(3.0 - 2.0 * exp(-0.05 / 0.02), rel=1e-9)
-
-
-def stamps(count: int, dt: float = DT) -> Array:
-    return np.arange(count, dtype=np.float64) * dt
-
-
-def test_exponential_wall_is_fungs_law_without_its_linear_part() -> None:
-    effect = ExponentialWall(exponential_n=0.05, length_m=0.004)
-    assert effect.step(0.0, 0.01, 0.0, 0.0, DT) == pytest.approx(0.05 * (exp(2.5) - 1 - 2.5))
-    assert effect.step(0.0, -0.01, 0.0, 0.0, DT) == pytest.approx(0.05 * (exp(-2.5) - 1 + 2.5))
-    shallow = 1e-5
-    square, cube = 0.05 / (2 * 0.004**2), 0.05 / (6 * 0.004**3)
-    polynomial = Stiffening(quadratic_n_m2=square, cubic_n_m3=cube)
-    assert effect.step(0.0, shallow, 0.0, 0.0, DT) == pytest.approx(
-        polynomial.step(0.0, shallow, 0.0, 0.0, DT), rel=1e-6
-    )
 
 
 def test_a_changed_stiffness_is_the_ratio_of_the_old_one() -> None:
