@@ -157,11 +157,6 @@ def _gaussian(motion: MotionGrid, shape: Shape) -> list[Array]:
     return [s, s * np.exp(-((motion.v / shape[0]) ** 2))]
 
 
-def _exponential(motion: MotionGrid, shape: Shape) -> list[Array]:
-    s = motion.direction
-    return [s, s * np.exp(-np.abs(motion.v) / shape[0])]
-
-
 def _speeds(extent: Extent) -> list[Shape]:
     return log_grid(max(0.02 * extent.speed_m_s, 4.0 * extent.speed_band), 0.4 * extent.speed_m_s, 6)
 
@@ -205,8 +200,9 @@ class StribeckFriction(_AlongDirection):
             picture="speed",
         ),
         ForceColumns(
-            form="exponential", signs=(1, 1), columns=_exponential, grid=_speeds, naming=_two_levels,
-            sizes=("static_n",), picture="speed",
+            form="exponential", signs=(1, 1), grid=_speeds, naming=_two_levels, sizes=("static_n",),
+            columns=lambda m, shape: [m.direction, m.direction * np.exp(-np.abs(m.v) / shape[0])],
+            picture="speed",
         ),
         ForceColumns(
             form="elastic", signs=(1, 1), columns=_gaussian, grid=_speeds_and_lengths,

@@ -37,7 +37,7 @@ def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -
 
 
 class PeriodicForce(ForceEffect):
-    """The force of the module's formula; t counts from the caller's own zero."""
+    """The force of `Pulsation`; t counts from the caller's own zero."""
 
     def _configure(self) -> None:
         values = self.values
@@ -138,11 +138,7 @@ class Pulsation(PeriodicForce):
 
 
 class MainsHum(PeriodicForce):
-    """`f = A (sin p + r2 sin(2p + q2) + r3 sin(3p + q3))`, p = 2 pi frequency_hz t + phase_rad.
-
-    A = amplitude_n, r2 = second_harmonic_ratio, q2 = second_harmonic_phase_rad, r3 and q3 likewise.
-    Also at no load. t counts from the caller's own zero.
-    """
+    """As `pulsation`, also at no load."""
 
     name = "mains_hum"
     site = "sensor"

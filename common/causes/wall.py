@@ -80,10 +80,6 @@ class ExponentialWall(ForceEffect):
         return (np.expm1(depth) - depth)[:, None]
 
 
-def _exponential(motion: MotionGrid, shape: Shape) -> list[Array]:
-    return [ExponentialWall(length_m=shape[0]).columns(motion.t, motion.x, motion.v, motion.a)[:, 0]]
-
-
 def _series(found: Found) -> Values:
     """The exponential with its second and third order."""
     (force_n,), (length_m,) = found.coefficients, found.shape
@@ -115,7 +111,8 @@ class Stiffening(ForceEffect):
             columns=lambda motion, _: [motion.x**2, motion.x**3], at_wall=True, picture="position",
         ),
         ForceColumns(
-            form="exponential", signs=(1,), columns=_exponential, at_wall=True, naming=_series,
+            form="exponential", signs=(1,), at_wall=True, naming=_series,
+            columns=lambda m, shape: [ExponentialWall(length_m=shape[0]).columns(m.t, m.x, m.v, m.a)[:, 0]],
             grid=lambda extent: log_grid(0.12 * extent.reach_m, 1.5 * extent.reach_m, 6),
             sizes=("exponential_n",), picture="position",
             making=lambda found: [entry(ExponentialWall, _series(found))],
@@ -332,10 +329,6 @@ def _places(extent: Extent) -> list[Shape]:
     return [(extent.low_m + float(share) * extent.range_m,) for share in shares]
 
 
-def _releases(extent: Extent) -> list[Shape]:
-    return [(contact_m, release_s) for (contact_m,) in _places(extent)[::2] for release_s in _RELEASES_S]
-
-
 _RELEASES_S = 0.02, 0.06, 0.2  # s, damping over stiffness of tissue and vessels; chosen
 
 
@@ -368,7 +361,8 @@ class ContactLoss(ContactEffect):
         ),
         Transmission(
             form="pushing", shapes=("contact_position_m", "release_s"), moved=_pushing, logarithmic=False,
-            grid=_releases, mass_site="shaft", costly=True, picture="contact",
+            grid=lambda extent: [(*place, each) for place in _places(extent)[::2] for each in _RELEASES_S],
+            mass_site="shaft", costly=True, picture="contact",
         ),
     )  # fmt: skip
 

@@ -145,13 +145,8 @@ def save(folder: Path, result: Result, written: list[str]) -> None:
 
 def _shown(found: Iterable[TaskOutcome], total: int, name: str) -> Iterator[TaskOutcome]:
     """A bar on a terminal, elsewhere a line for each recording that is done."""
-    columns = (
-        TextColumn(name, markup=False),
-        BarColumn(bar_width=40),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with progress(*columns) as bar:
+    columns = TextColumn(name, markup=False), BarColumn(bar_width=40), MofNCompleteColumn()
+    with progress(*columns, TimeElapsedColumn()) as bar:
         task = bar.add_task("", total=total)
         for number, outcome in enumerate(found, 1):
             yield outcome
@@ -174,10 +169,8 @@ def _brief(diagnosis: Diagnosis) -> dict[str, object]:
 def _in_words(summary: Summary, out: Path) -> Iterator[RenderableType]:
     if summary.diagnosed:
         yield _table(summary)
-    count, all_of = (
-        len(summary.diagnosed),
-        len(summary.diagnosed) + len(summary.skipped) + len(summary.failed),
-    )
+    count = len(summary.diagnosed)
+    all_of = count + len(summary.skipped) + len(summary.failed)
     left = f", {len(summary.skipped)} skipped, {len(summary.failed)} failed" if count < all_of else ""
     yield f"{count} of {all_of} diagnosed{left}; {SUMMARY} and a folder for each in {out}"
     yield DISCLAIMER

@@ -94,38 +94,29 @@ def sensor_picture(stem: str, analysis: Analysis, fault: Cause) -> Drawing | Non
 
 
 def _against(
-    stem: str,
-    of: Component,
-    x: Floats,
-    label: tuple[str, str],
-    y: tuple[Floats, Floats],
-    title: str,
-    caption: str,
+    stem: str, x: Floats, label: tuple[str, str], left: Floats, own: Floats, words: tuple[str, str]
 ) -> Drawing:
-    """y = (left, own) over x as points and a line."""
+    """What is left as points, and the cause's own line, over x; `words`: title and caption."""
     figure, axes = one_plot(_HEIGHT_IN, _WIDTH_IN)
-    left, own = y
     across, force = AxisUnit(*label, x), AxisUnit("force", "N", left)
     limit_y(axes, force(left), force(own), trim=TRIM, zero=True)
     cloud(axes, across(x), force(left), ORANGE, size=3.6)
     axes.plot([], [], ".", color=ORANGE, label=_WITHOUT)
     axes.plot(*medians(across(x), force(own), _FINE), color=BLUE, linewidth=1.5, label=_OWN, zorder=3)
     finish(axes, across.label, force.label)
-    return drawn(figure, stem, title, caption)
+    return drawn(figure, stem, *words)
 
 
 def _speed(stem: str, of: Component) -> Drawing:
-    title = "Over the speed"
     caption = "A jump at zero is dry friction, a slope damping, a bend drag, a peak at low speed Stribeck's."
-    return _against(stem, of, of.column(of.curves.v), ("speed", "m/s"), (of.left, of.own), title, caption)
+    words = "Over the speed", caption
+    return _against(stem, of.column(of.curves.v), ("speed", "m/s"), of.left, of.own, words)
 
 
 def _position(stem: str, of: Component) -> Drawing:
-    title, caption = (
-        "Over the position",
-        "The same curve on the way in and out: a spring that is not straight, or a force of the place.",
-    )
-    return _against(stem, of, of.column(of.curves.x), ("position", "m"), (of.left, of.own), title, caption)
+    caption = "The same curve on the way in and out: a spring that is not straight, or a force of the place."
+    words = "Over the position", caption
+    return _against(stem, of.column(of.curves.x), ("position", "m"), of.left, of.own, words)
 
 
 def _contact(stem: str, of: Component) -> Drawing:
@@ -133,9 +124,9 @@ def _contact(stem: str, of: Component) -> Drawing:
     regression, fit = of.curves.analysis.regression, of.curves.analysis.fit
     spring = regression.block(fit.model, "", ())[:, 2] * fit.coefficients[2]
     own = of.column(spring)
-    y = own + of.column(of.curves.after), own
-    title, caption = "The elastic force over the position", "Nothing before the contact, a slope behind it."
-    return _against(stem, of, of.column(of.curves.x), ("position", "m"), y, title, caption)
+    left = own + of.column(of.curves.after)
+    words = "The elastic force over the position", "Nothing before the contact, a slope behind it."
+    return _against(stem, of.column(of.curves.x), ("position", "m"), left, own, words)
 
 
 def _since(stem: str, of: Component) -> Drawing:
@@ -144,13 +135,14 @@ def _since(stem: str, of: Component) -> Drawing:
     direction, since = (of.column(values) for values in strokes(of.curves, _TREMOR * length))
     near = (direction != 0.0) & (since <= _reach(of, since))
     resists = of.curves.analysis.regression.sense * direction[near]
-    y = of.left[near] * resists, of.own[near] * resists
-    title = "Over the distance since the last reversal"
+    left, own = of.left[near] * resists, of.own[near] * resists
+    label = "distance since reversal", "m"
     caption = (
         f"Both directions laid on each other; positive resists the motion. Ways back of less than "
         f"{plain_value('way_m', _TREMOR * length)} are no reversal here."
     )
-    return _against(stem, of, since[near], ("distance since reversal", "m"), y, title, caption)
+    words = "Over the distance since the last reversal", caption
+    return _against(stem, since[near], label, left, own, words)
 
 
 def _reach(of: Component, since: Floats) -> float:
@@ -183,20 +175,16 @@ def _groups(
 def _along(stem: str, of: Component) -> Drawing:
     direction = of.column(of.curves.direction)
     groups = {"inserting": direction > 0.5, "withdrawing": direction < -0.5}
-    words = (
-        "Over the position, by direction",
-        "Points: what is left without it. A jump that grows with the depth.",
-    )
+    caption = "Points: what is left without it. A jump that grows with the depth."
+    words = "Over the position, by direction", caption
     return _groups(stem, of, of.column(of.curves.x), ("position", "m"), groups, words)
 
 
 def _deep(stem: str, of: Component) -> Drawing:
     x = of.column(of.curves.x)
     low, high = np.quantile(x, (1.0 / 3.0, 2.0 / 3.0))
-    words = (
-        "Over the speed, by depth",
-        "Points: what is left without it. A slope that is steeper where it is deep.",
-    )
+    caption = "Points: what is left without it. A slope that is steeper where it is deep."
+    words = "Over the speed, by depth", caption
     groups = {"shallow third": x < low, "deep third": x > high}
     return _groups(stem, of, of.column(of.curves.v), ("speed", "m/s"), groups, words)
 
@@ -233,11 +221,8 @@ def _window(of: Component) -> tuple[float, float]:
 def _folded(stem: str, of: Component) -> Drawing:
     period = 1.0 / of.shape[0]
     x = of.column(of.curves.t) % period
-    title, caption = (
-        "Folded on its period",
-        f"Every {period:.3g} s laid on the others; shown from 0 to one period.",
-    )
-    return _against(stem, of, x, ("time within the period", "s"), (of.left, of.own), title, caption)
+    words = "Folded on its period", f"Every {period:.3g} s laid on the others; shown from 0 to one period."
+    return _against(stem, x, ("time within the period", "s"), of.left, of.own, words)
 
 
 def _peak(stem: str, of: Component) -> Drawing:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,7 +30,7 @@ _MOST_SPIKES = 0.6  # of the spikes
 _SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower is taken for structure
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Analysis:
     """`base`: the simulation that causes are missed in: mass, damper, spring and the load cell's zero."""
 
@@ -39,7 +40,6 @@ class Analysis:
     base: ModelFit
     fit: ModelFit
     recording: Recording
-    narrower: tuple[RecordingRegression, ModelFit] | None
     floor: NoiseFloor | None
 
     @property
@@ -49,10 +49,32 @@ class Analysis:
         for fault in self.cleaned.faults:
             if fault.name == "sensor_spikes" and _are_impacts(self):
                 continue
-            if fault.name == "sensor_quantisation" and fault.explained_n < 0.4 * residual_rms_n(self):
+            if fault.name == "sensor_quantisation" and fault.explained_n < 0.4 * self.residual_rms_n:
                 continue
             kept.append(fault)
         return tuple(kept)
+
+    @property
+    def residual_rms_n(self) -> float:
+        """What the fit leaves, in N, in the band."""
+        return float(np.sqrt(np.mean(self.regression.residual(self.fit)[self.regression.signals.rows] ** 2)))
+
+    @cached_property
+    def narrower(self) -> tuple[RecordingRegression, ModelFit] | None:
+        """The same model fitted below a lower cutoff: how much of the answer rests on that choice. None
+        without a cause, or where nothing is left of the band.
+        """
+        if not self.fit.model:
+            return None
+        cutoff = _NARROWER * self.regression.signals.cutoff_hz
+        try:
+            signals = Signals(self.recording, self.cleaned.force_n, cutoff, self.cleaned.clipped)
+        except RecordingError:
+            return None
+        other = RecordingRegression(signals, self.regression.extent.speed_band, seen=self.regression.look)
+        residual = other.residual(other.fit(self.fit.model))
+        other.whiten_by(noise_of(residual, signals, self.floor))
+        return other, Search(other).refined(other.fit(self.fit.model), most=_TRIALS)
 
     def without(self, name: str) -> "Analysis":
         """The same searched on without one cause, in none of its forms.
@@ -71,18 +93,17 @@ class Analysis:
             if not new or fit.score < self.fit.score + ADD:
                 break
             refused |= new
-        narrower = _in_narrower_band(self.recording, self.cleaned, self.regression, fit, self.floor)
-        return replace(self, search=search, fit=fit, narrower=narrower)
+        return replace(self, search=search, fit=fit)
 
     def baseline(self) -> "Analysis":
         """The same with the simulation alone."""
-        return replace(self, fit=self.base, cleaned=replace(self.cleaned, faults=[]), narrower=None)
+        return replace(self, fit=self.base, cleaned=replace(self.cleaned, faults=[]))
 
     def noise_floor_n(self) -> float | None:
         """rms of the noise in the band, never more than is left; None where the recording does not tell."""
         if self.floor is None:
             return None
-        return min(_in_band_n(self.floor, self.regression.signals), residual_rms_n(self))
+        return min(_in_band_n(self.floor, self.regression.signals), self.residual_rms_n)
 
     def flags(self) -> tuple[str, ...]:
         """What limits the trust, as words with underscores."""
@@ -135,9 +156,7 @@ def analyse(
         fit = search.run(fit.model)
         if set(fit.model) == known:
             break
-    narrower = _in_narrower_band(recording, cleaned, regression, fit, floor)
-    base = regression.fit({"bias": ()})
-    return Analysis(cleaned, regression, search, base, fit, recording, narrower, floor)
+    return Analysis(cleaned, regression, search, regression.fit({"bias": ()}), fit, recording, floor)
 
 
 def fitted_elsewhere(
@@ -157,7 +176,7 @@ def fitted_elsewhere(
     base, fit = (
         replace(regression.fit(model), coefficients=np.array(coefficients)) for model, coefficients in models
     )
-    return Analysis(cleaned, regression, Search(regression, []), base, fit, recording, None, None)
+    return Analysis(cleaned, regression, Search(regression, []), base, fit, recording, None)
 
 
 def conditioned(
@@ -183,29 +202,6 @@ def _require(regression: RecordingRegression, recording: Recording, least: int) 
         raise RecordingError(f"{recording.source}: fewer than {least} samples of the force can be compared")
 
 
-def _in_narrower_band(
-    recording: Recording,
-    cleaned: Cleaned,
-    regression: RecordingRegression,
-    fit: ModelFit,
-    floor: NoiseFloor | None,
-) -> tuple[RecordingRegression, ModelFit] | None:
-    """The same model fitted below a lower cutoff: how much of the answer rests on that choice. None
-    without a cause, or where nothing is left of the band.
-    """
-    if not fit.model:
-        return None
-    cutoff = _NARROWER * regression.signals.cutoff_hz
-    try:
-        signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
-    except RecordingError:
-        return None
-    other = RecordingRegression(signals, regression.extent.speed_band, seen=regression.look)
-    residual = other.residual(other.fit(fit.model))
-    other.whiten_by(noise_of(residual, signals, floor))
-    return other, Search(other).refined(other.fit(fit.model), most=_TRIALS)
-
-
 def _in_band_n(floor: NoiseFloor, signals: Signals) -> float:
     return floor.rms_n(1.0 / float(signals.t[-1] - signals.t[0]), signals.cutoff_hz)
 
@@ -215,12 +211,6 @@ def noise_of(residual: Floats, signals: Signals, floor: NoiseFloor | None) -> No
     corner_hz = LEAST_CORNER_HZ if floor is None or floor.slope == 0.0 else _SLOW_CORNER_HZ
     pieces = signals.piecewise(fine=False)
     return autoregression(residual, signals.rows, pieces, signals.coarse_rate_hz, corner_hz)
-
-
-def residual_rms_n(analysis: Analysis) -> float:
-    """What the fit leaves, in N, in the band."""
-    rows = analysis.regression.signals.rows
-    return float(np.sqrt(np.mean(analysis.regression.residual(analysis.fit)[rows] ** 2)))
 
 
 def _are_impacts(analysis: Analysis) -> bool:

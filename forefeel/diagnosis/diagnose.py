@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from forefeel.common.causes.catalogue import refresh
+from forefeel.common.causes.candidate import ReadingColumns, base_name
+from forefeel.common.causes.catalogue import CANDIDATES, refresh
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
@@ -14,7 +15,6 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse
 from forefeel.diagnosis.feedback import FLAG as FEEDS_THE_MOTION
 from forefeel.diagnosis.feedback import feeds_the_motion
-from forefeel.diagnosis.joined_recordings import joined, unclocked
 from forefeel.diagnosis.judge import judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
 from forefeel.diagnosis.other_motion import with_expectation
@@ -64,11 +64,11 @@ def diagnose(
 
 
 def _diagnosed(every: list[Recording], progress: Progress, given: ContactModel | None) -> Diagnosed:
-    recording, parts_s = joined(every)
+    recording, parts_s = _joined(every)
     simple = None if parts_s else diagnosed_step(recording) or diagnosed_hold(recording)
     long = simple is None and is_long(recording)
     if simple is None:
-        names = unclocked() if parts_s else None
+        names = _unclocked() if parts_s else None
         analysis = (analyse_long if long else analyse)(recording, progress, names, parts_s)
         simple = _weighed(analysis, progress)
     found, analysis = simple
@@ -140,3 +140,48 @@ def _says_nothing(analysis: Analysis) -> bool:
     share = float(np.var(residual[rows]) / np.var(regression.signals.force[rows]))
     named = set(analysis.fit.model) - {"bias"} or analysis.faults
     return not named and share > _NO_ANSWER and predictable_share(regression, residual) < _LIKE_NOISE
+
+
+_APART_S = 10.0  # s between two recordings: more than any gap within which samples belong together
+_ALIKE = 1.1  # ratio of rates that one band and one grid do for
+
+
+def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ...]]:
+    """The recordings as one, and when each but the first begins, in s since the start; one stays as it is.
+
+    Each lies behind the last one, with a gap between them. Nothing is carried across a gap: frictions, plays
+    and relaxations begin anew.
+
+    Raises:
+        RecordingError: rates that differ by more than a tenth.
+    """
+    first, *more = recordings
+    if not more:
+        return first, ()
+    stamps, parts_s, now_s = [], [], 0.0
+    for each in recordings:
+        if not 1.0 / _ALIKE < each.rate_hz / first.rate_hz < _ALIKE:
+            raise RecordingError(
+                f"{each.source}: {each.rate_hz:.4g} Hz beside {first.rate_hz:.4g} Hz of {first.source}; "
+                f"expected recordings of one rate"
+            )
+        stamps.append(each.time_s - each.time_s[0] + now_s)
+        parts_s.append(now_s - 0.5 * _APART_S)
+        now_s = float(stamps[-1][-1]) + _APART_S
+    force_n = [each.force_n for each in recordings if each.force_n is not None]
+    whole = Recording(
+        ", ".join(each.name for each in recordings),
+        np.concatenate(stamps),
+        np.concatenate([each.position_m for each in recordings]),
+        np.concatenate(force_n),
+        ", ".join(each.source for each in recordings),
+    )
+    return whole, tuple(parts_s[1:])
+
+
+def _unclocked() -> list[str]:
+    """The causes that are the same in every recording of a bench; recordings share no clock, so what has an
+    instant or a phase of its own is not searched.
+    """
+    clocked = {n for n, each in CANDIDATES.items() if isinstance(each, ReadingColumns) and n != "bias"}
+    return [name for name in CANDIDATES if name not in clocked and base_name(name) != "stiffness_change"]

@@ -23,7 +23,7 @@ import numpy as np
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import Analysis, Progress, analyse, residual_rms_n
+from forefeel.diagnosis.analysis import Analysis, Progress, analyse
 from forefeel.diagnosis.band import MOST_ROWS, cutoff_hz, gapless
 from forefeel.diagnosis.regression import RecordingRegression
 from forefeel.diagnosis.sensor_faults import clean
@@ -189,7 +189,7 @@ class Whole:
         self.progress("the liveliest stretch")
         found = self._analysed(lively)
         left_n = self.left_n(found)
-        total_n, usual_n = _rms(left_n.values()), residual_rms_n(found)
+        total_n, usual_n = _rms(left_n.values()), found.residual_rms_n
         if total_n < _MORE * usual_n and max(left_n.values()) < _MUCH_MORE * usual_n:
             return found
         self.progress("stretches of the whole length")

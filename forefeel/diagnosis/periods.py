@@ -65,7 +65,10 @@ class Periods:
         x = regression.signals.column(regression.signals.spectrum(regression.motion(fit.model).x))[rows]
 
         def power(waves: float) -> float:
-            return _explained(_beside(known, np.column_stack(two_harmonics(x, range_m / waves))), residual)
+            """What such waves explain of the residual."""
+            columns = _beside(known, np.column_stack(two_harmonics(x, range_m / waves)))
+            moment = columns.T @ residual
+            return float(moment @ np.linalg.lstsq(columns.T @ columns, moment, rcond=1e-9)[0])
 
         range_m = regression.extent.range_m
         tried = np.arange(LEAST_WAVES + _WAVE_STEP, _MOST_WAVES, _WAVE_STEP)
@@ -128,9 +131,3 @@ class Periods:
 
 def _beside(known: Floats, columns: Floats) -> Floats:
     return np.asarray(columns - known @ (known.T @ columns))
-
-
-def _explained(columns: Floats, values: Floats) -> float:
-    """Power of the values that the columns explain."""
-    moment = columns.T @ values
-    return float(moment @ np.linalg.lstsq(columns.T @ columns, moment, rcond=1e-9)[0])

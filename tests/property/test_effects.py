@@ -8,11 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forefeel.common.causes.base import ForceEffect
-from forefeel.common.causes.friction import PreslidingHysteresis
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.runtime import ContactRuntime
-from forefeel.common.causes.sensor import SensorQuantisation
 from forefeel.common.causes.transmission import Backlash
 
 FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffect))
@@ -103,15 +101,6 @@ def test_a_model_survives_its_mapping(model: ContactModel) -> None:
 
 
 @quick
-@given(paths, st.floats(1e-3, 10.0), st.floats(1.0, 1e5))
-def test_dahl_stays_within_its_force(
-    path: list[tuple[float, int]], force_n: float, stiffness_n_m: float
-) -> None:
-    effect = PreslidingHysteresis(force_n=force_n, stiffness_n_m=stiffness_n_m)
-    assert all(abs(effect.step(*at)) <= force_n * (1 + 1e-12) for at in motion(path))
-
-
-@quick
 @given(paths, st.floats(0.0, 0.01))
 def test_the_instrument_stays_within_the_play(path: list[tuple[float, int]], width_m: float) -> None:
     effect = Backlash(width_m=width_m)
@@ -119,11 +108,3 @@ def test_the_instrument_stays_within_the_play(path: list[tuple[float, int]], wid
         y, instrument_v, _ = effect.transform(t, x, v, a, dt)
         assert abs(y - x) <= width_m / 2 + 1e-12
         assert instrument_v in (0.0, v)
-
-
-@quick
-@given(st.floats(-10.0, 10.0), st.floats(1e-4, 1.0))
-def test_a_reading_is_at_most_half_a_step_off(force_n: float, step_n: float) -> None:
-    reading = SensorQuantisation(step_n=step_n).sense(0.0, force_n, 1e-3)
-    assert abs(reading - force_n) <= step_n * (0.5 + 1e-9)
-    assert reading / step_n == pytest.approx(round(reading / step_n))
