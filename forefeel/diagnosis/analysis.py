@@ -10,13 +10,11 @@ from forefeel.common.causes.candidate import Model, base_name
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.band import cutoff_hz, speed_band_m_s
-from forefeel.diagnosis.noise import LEAST_CORNER_HZ, Noise, autoregression
-from forefeel.diagnosis.noise_floor import NoiseFloor, noise_floor
+from forefeel.diagnosis.noise import LEAST_CORNER_HZ, Noise, NoiseFloor, autoregression, noise_floor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.search import ADD, Search
 from forefeel.diagnosis.sensor_faults import Cleaned, clean
-from forefeel.diagnosis.signals import Signals
+from forefeel.diagnosis.signals import Signals, cutoff_hz, speed_band_m_s
 from forefeel.diagnosis.verdict import Cause
 
 Progress = Callable[[str], None]

@@ -17,8 +17,8 @@ from scipy.signal import csd, welch
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.band import longest_piece
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression, alignment
+from forefeel.diagnosis.signals import longest_piece
 
 FLAG = "motion_driven_by_force"
 

@@ -24,10 +24,9 @@ from forefeel.common.causes.candidate import base_name
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse
-from forefeel.diagnosis.band import MOST_ROWS, cutoff_hz, gapless
 from forefeel.diagnosis.regression import RecordingRegression
 from forefeel.diagnosis.sensor_faults import clean
-from forefeel.diagnosis.signals import Mask, Signals
+from forefeel.diagnosis.signals import MOST_ROWS, Mask, Signals, cutoff_hz, gapless
 from forefeel.diagnosis.verdict import Cause, Interval
 
 

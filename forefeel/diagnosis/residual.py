@@ -14,7 +14,7 @@ from forefeel.common.causes.candidate import MotionGrid
 from forefeel.common.causes.numerics import intervals_s, lagged
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.held_out import block_numbers, columns, gain, held_out
-from forefeel.diagnosis.noise_floor import NoiseFloor
+from forefeel.diagnosis.noise import NoiseFloor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression, alignment
 from forefeel.diagnosis.verdict import HeldOut
 

@@ -6,9 +6,9 @@ from scipy.signal import lfilter
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.band import cutoff_hz
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.long_recording import FLAG, chunks_of, cleaned_everywhere, is_long
+from forefeel.diagnosis.signals import cutoff_hz
 
 RATE_HZ = 250.0
 SECONDS = 180.0

@@ -6,7 +6,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.noise_floor import NoiseFloor, noise_floor
+from forefeel.diagnosis.noise import NoiseFloor, noise_floor
 
 SECONDS, NOISE_N, FRICTION_N = 30.0, 2e-3, 0.08
 BAND_HZ = 30.0
