@@ -97,11 +97,6 @@ Naming = Callable[[Found], Values]
 Make = Callable[[Found], list[Entry]]
 
 
-def no_shape(_extent: Extent) -> list[Shape]:
-    """Of a cause that the force is linear in."""
-    return [()]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
     """One form of a cause as it is fitted and told. Its subclasses say what it does to the regression.
@@ -111,7 +106,8 @@ class Candidate:
         coefficients, shapes: the parameters that its coefficients and its shape are, in their order.
         naming, making: its parameters, its entries of a model.yaml, where these are others.
         signs: of its coefficients when positive force resists, +1, or 0 for either.
-        grid, logarithmic: shapes that are tried first, and whether they are searched on a logarithmic scale.
+        grid, logarithmic: shapes that are tried first, none where the force is linear in the cause, and
+            whether they are searched on a logarithmic scale.
         least_score, least_ratio: by how much the penalised -2 log likelihood must fall for it, and by which
             factor the residual's rms must grow without it.
         sizes: parameters at whose zero there is no such cause: it is not named while the intervals of all of
@@ -126,7 +122,7 @@ class Candidate:
     naming: Naming | None = None
     making: Make | None = None
     signs: tuple[int, ...] = ()
-    grid: Grid = no_shape
+    grid: Grid = lambda _: [()]
     logarithmic: bool = True
     least_score: float = 12.0
     least_ratio: float = 1.1

@@ -210,18 +210,14 @@ class StribeckFriction(_AlongDirection):
         ),
     )  # fmt: skip
 
-    def _configure(self) -> None:
-        self._velocity_m_s = self.values["stribeck_velocity_m_s"]
-        super()._configure()
-
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(s (1 - e), s e) with s the direction and e = exp(-(v / vs)^2)."""
-        s, share = self._after(v, dt), v / self._velocity_m_s
+        s, share = self._after(v, dt), v / self.values["stribeck_velocity_m_s"]
         static = s * exp(-share * share)
         return (s - static, static)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        s, share = self._over(v, dt), v / self._velocity_m_s
+        s, share = self._over(v, dt), v / self.values["stribeck_velocity_m_s"]
         static = s * np.exp(-share * share)
         return np.stack((s - static, static)).T
 

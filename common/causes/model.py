@@ -108,9 +108,8 @@ def _site(site: object, kind: type[Effect], place: str) -> Site | None:
         return None
     if not issubclass(kind, ForceEffect):
         raise ValueError(f"{place} = {site!r}: {kind.name} adds no force, expected no site")
-    for known in get_args(Site):
-        if site == known:
-            return cast(Site, known)
+    if site in get_args(Site):
+        return cast(Site, site)
     raise ValueError(f"{place} = {site!r}: expected one of {', '.join(get_args(Site))}")
 
 

@@ -130,15 +130,12 @@ class TimeDelay(SensorEffect):
         ),
     )  # fmt: skip
 
-    def _configure(self) -> None:
-        self._delay_s = self.values["delay_s"]
-
     def reset(self) -> None:
         self._past: deque[tuple[float, float]] = deque()
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
         """The force in N of a delay ago."""
-        past, then = self._past, t - self._delay_s
+        past, then = self._past, t - self.values["delay_s"]
         past.append((t, force_n))
         while len(past) > 1 and past[1][0] <= then:
             past.popleft()
@@ -149,7 +146,7 @@ class TimeDelay(SensorEffect):
         return before_n + (after_n - before_n) * (then - start) / (end - start)
 
     def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        return np.interp(t - self._delay_s, t, force_n) if len(t) else force_n
+        return np.interp(t - self.values["delay_s"], t, force_n) if len(t) else force_n
 
 
 class SensorQuantisation(SensorEffect):
@@ -161,15 +158,12 @@ class SensorQuantisation(SensorEffect):
     fingerprint = "a comb of levels at equal distances in the histogram of the readings"
     words = "coarse steps of the load cell"
 
-    def _configure(self) -> None:
-        self._step_n = self.values["step_n"]
-
     def sense(self, t: float, force_n: float, dt: float) -> float:
         """The nearest level in N."""
-        return round(force_n / self._step_n) * self._step_n
+        return round(force_n / self.values["step_n"]) * self.values["step_n"]
 
     def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        return np.rint(force_n / self._step_n) * self._step_n
+        return np.rint(force_n / self.values["step_n"]) * self.values["step_n"]
 
 
 class SensorSaturation(SensorEffect):
@@ -181,15 +175,12 @@ class SensorSaturation(SensorEffect):
     fingerprint = "flat tops: many readings at exactly the largest magnitude"
     words = "the end of the load cell's range"
 
-    def _configure(self) -> None:
-        self._limit_n = self.values["limit_n"]
-
     def sense(self, t: float, force_n: float, dt: float) -> float:
         """The force in N, at most the limit in magnitude."""
-        return max(-self._limit_n, min(self._limit_n, force_n))
+        return max(-self.values["limit_n"], min(self.values["limit_n"], force_n))
 
     def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        return np.clip(force_n, -self._limit_n, self._limit_n)
+        return np.clip(force_n, -self.values["limit_n"], self.values["limit_n"])
 
 
 _SLOTS = 10

@@ -67,16 +67,13 @@ class ExponentialWall(ForceEffect):
     reference = "Fung, Elasticity of soft tissues in simple elongation, Am. J. Physiol. 213, 1967"
     fingerprint = "a curve over position that steepens without end, the same on the way in and out"
 
-    def _configure(self) -> None:
-        self._length_m = self.values["length_m"]
-
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(exp(x / L) - 1 - x / L,)."""
-        depth = max(min(x / self._length_m, _MOST), -_MOST)
+        depth = max(min(x / self.values["length_m"], _MOST), -_MOST)
         return (expm1(depth) - depth,)
 
     def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        depth = np.clip(x / self._length_m, -_MOST, _MOST)
+        depth = np.clip(x / self.values["length_m"], -_MOST, _MOST)
         return (np.expm1(depth) - depth)[:, None]
 
 
@@ -366,15 +363,12 @@ class ContactLoss(ContactEffect):
         ),
     )  # fmt: skip
 
-    def _configure(self) -> None:
-        self._contact_m, self._release_s = self.values["contact_position_m"], self.values["release_s"]
-
     def penetration_m(self, x: float, v: float) -> float | None:
         """x - contact_position_m while the wall pushes."""
-        depth = x - self._contact_m
-        return depth if depth > 0.0 and depth + self._release_s * v > 0.0 else None
+        depth = x - self.values["contact_position_m"]
+        return depth if depth > 0.0 and depth + self.values["release_s"] * v > 0.0 else None
 
     def penetrations_m(self, x: Array, v: Array) -> Array:
         """x - contact_position_m while the wall pushes, else nan; shape (n,)."""
-        depth = x - self._contact_m
-        return np.where((depth > 0.0) & (depth + self._release_s * v > 0.0), depth, np.nan)
+        depth = x - self.values["contact_position_m"]
+        return np.where((depth > 0.0) & (depth + self.values["release_s"] * v > 0.0), depth, np.nan)

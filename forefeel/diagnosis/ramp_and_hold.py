@@ -33,10 +33,7 @@ _TIMES, _BINS = 12, 40
 _LEAST_FADE, _EARLY, _AT_ONCE = 0.05, 0.1, 0.3  # of the rise; first part of the hold; of the fading in it
 _FOLLOWS, _FAR_BELOW = 0.05, 5.0  # left of the held-out bins' variance; times more that a line leaves
 _SECOND = 0.9  # of what one branch leaves, that two leave at most
-_NAMES = (
-    ("stiffness_n_m", "time_constant_s"),
-    ("second_stiffness_n_m", "second_time_constant_s"),
-)
+_NAMES = ("stiffness_n_m", "time_constant_s"), ("second_stiffness_n_m", "second_time_constant_s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

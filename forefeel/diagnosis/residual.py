@@ -152,10 +152,8 @@ def _of_neighbours(place: Floats, values: Floats, numbers: NDArray[np.int64]) ->
 
 
 def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
-    motion, signals = regression.motion(fit.model), regression.signals
-    moving = _moving(motion)
-    factor = alignment(signals.omega, fit.model)
-    spectra = [signals.spectrum(column) for column in moving]
+    signals, factor = regression.signals, alignment(regression.signals.omega, fit.model)
+    spectra = map(signals.spectrum, _moving(regression.motion(fit.model)))
     late = [signals.column(s if factor is None else s * factor) for s in spectra]
     knots = int(np.clip(regression.extent.duration_s / 2.0, 6, 30))
     over_time = _bumps(signals.t, np.linspace(signals.t[0], signals.t[-1], knots))

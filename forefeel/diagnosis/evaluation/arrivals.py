@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from forefeel.common.error_size import Floats
 from forefeel.common.errors import ConfigurationError
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # s, longest `--delay` and longest `--jitter`; both together are `methods.LONGEST_LATENESS_S`
