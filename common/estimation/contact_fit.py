@@ -10,10 +10,12 @@ projection. While the motion reaches new places, each coordinate of s is tried o
 contact begins and in the frequencies J has local minima.
 
 theta_0, P_0, s_0, S_0 and sigma are those of an earlier session where there is one (`ContactPrior`). Without
-it theta_0 = 0 and P_0 is relative to the spread of the force, so that no unit is needed. What a
-passive contact has with one sign only is 0 where (2) would make it negative. sigma^2 is what the fit before
-left over per degree of freedom. A fit that leaves its prior by 3 standard deviations gives it up, and forces
-that are far from what the contact so far foretells begin a new one, with the old one as a wide prior.
+it theta_0 = 0 and P_0 is relative to the spread of the force, so that no unit is needed. What a passive
+contact has with one sign only is 0 where (2) would make it negative. sigma^2 is what the fit before left over
+per degree of freedom. A model.yaml tells nothing of it: a fit that leaves more than twice what was expected
+is done again with what it left, for the first second of forces made 15 N/m of a loaded 12. A fit that leaves
+its prior by 3 standard deviations gives it up, and forces that are far from what the contact so far foretells
+begin a new one, with the old one as a wide prior.
 
 Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problems 19 (2003).
 """
@@ -59,6 +61,7 @@ _WORTH = 0.1  # part of J that occasional causes must save,
 _LEAST_WORTH = 20.0  # and -2 log likelihood: of 3 parameters and of a shape of their own, by BIC
 _COLD_NOISE = 0.05  # sigma over the spread of the force where nothing is known,
 _COLD_COUNT = 1.0  # which counts as so many independent values
+_NOISIER = 2.0  # times the sigma^2 that was expected
 _CONTRADICTION = 9.0  # mean square, in standard deviations, by which a fit may leave the prior: 3 sd
 _RECENT_S = 1.0  # s of the newest forces that tell whether the contact has changed,
 _RECALLED_S = 6.0  # and of motion before them for the memory of friction and relaxation
@@ -291,6 +294,14 @@ class _Solver:
         self._noise2 = max(noise2, 1e-6 * self._spread2)
 
     def contact(self) -> Contact | None:
+        contact = self._fitted()
+        of_model = bool(np.isfinite(self._belief.theta_sd).any()) and not isfinite(self._belief.noise_n)
+        if of_model and contact is not None and contact.noise_n**2 > _NOISIER * self._noise2:
+            self._noise2 = contact.noise_n**2
+            contact = self._fitted()
+        return contact
+
+    def _fitted(self) -> Contact | None:
         before = self._job.before
         occasional = before is not None and before.occasional
         best = self._point(self._mean if before is None else np.array(before.shape), occasional)
