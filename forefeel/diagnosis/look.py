@@ -24,6 +24,8 @@ _SLOW = 0.05  # of the speed's power: half of the frequency below which it lies 
 _STEEP = 8  # power of the high-pass, fourth order forwards and backwards
 _PRESLIDING = 0.01, 0.05, 0.2  # of the stroke
 _RELAXING_S = 0.1, 1.0, 10.0
+_HEAVIEST_KG = 1e3
+"""On a bench: a mass that would have to be more is how a sine shows a spring of the other direction."""
 _TRUSTED, _CLEAR = 0.3, 0.05  # explained in the band, and by how much one direction explains more
 _SEEN = 0.25  # of what mass, damper and spring leave: a family that takes less is not seen
 
@@ -87,8 +89,12 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
     low, high = np.quantile(motion.x, (0.05, 0.95))
     depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
     dry = [motion.direction, *(wound(motion, share * max(high - low, 1e-300)) for share in _PRESLIDING)]
+    base = [signals.linear_spectrum(derivative) for derivative in (2, 1, 0)]
+    rows = signals.rows
+    if _HEAVIEST_KG * np.std(signals.column(base[0])[rows]) < np.std(signals.force[rows]):
+        del base[0]
     return {
-        "base": [signals.linear_spectrum(derivative) for derivative in (2, 1, 0)],
+        "base": base,
         "friction": [signals.spectrum(column) for column in dry],
         "relaxation": [signals.spectrum(_maxwell(motion, tau_s)) for tau_s in _RELAXING_S],
         "stiffening": [signals.spectrum(sign * depth**power) for power in (2, 3) for sign in (1.0, -1.0)],

@@ -41,6 +41,12 @@ def test_dry_friction_tells_the_axis_where_nothing_else_resists() -> None:
         assert (found.sense, found.family) == (way, "friction")
 
 
+def test_no_mass_of_tons_stands_for_a_spring_of_a_slow_sine() -> None:
+    x, late = (5e-3 * np.sin(2 * np.pi * 0.05 * (T - delay_s)) for delay_s in (0.0, 1.2))
+    for way in (1.0, -1.0):
+        assert seen(x, way * 5e3 * np.maximum(late - 1e-3, 0.0)).sense == way
+
+
 def test_the_family_that_takes_most_is_seen_and_none_where_nothing_is_missing() -> None:
     x = strokes()
     assert seen(x, 100.0 * x).family is None
