@@ -75,16 +75,22 @@ class Analysis:
         return other, Search(other).refined(other.fit(self.fit.model), most=_TRIALS)
 
     def without(self, name: str) -> "Analysis":
-        """The same searched on without one cause, in none of its forms.
+        """The same searched on without one cause, in none of its forms; of two elements first with one.
 
         A cause that comes in its place has to explain the recording as well as it did. One that does not is
         the next best description of something that has no name here, and is left out, too.
         """
-        rest = {other: shape for other, shape in self.fit.model.items() if other != name}
+        rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
+        refused = {name} if name.endswith(":two") else {base_name(name)}
+        one = (
+            None
+            if base_name(name) in refused
+            else self.search.best_with(self.search.fit(rest), base_name(name))
+        )
+        rest = rest if one is None else one.model
         known = {base_name(other) for other in rest} | {"bias"}
-        refused = {base_name(name)}
         while True:
-            kept = [other for other in self.search.names if base_name(other) not in refused]
+            kept = [other for other in self.search.names if not {other, base_name(other)} & refused]
             search = Search(self.regression, kept, self.search.noise_n)
             fit = search.run(rest)
             new = {base_name(other) for other in fit.model} - known

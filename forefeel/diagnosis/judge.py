@@ -7,6 +7,7 @@ import numpy as np
 
 from forefeel.common.causes.candidate import PositionWave, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, FRICTION, LINEAR_BENDS, kin
+from forefeel.common.causes.registry import effect_class
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.held_out import gain, held_out_errors
@@ -30,14 +31,15 @@ from forefeel.diagnosis.residual import (
 )
 from forefeel.diagnosis.verdict import Cause, Diagnosis, HeldOut, Interval, ModelError, VerdictName
 
-_LEAST_GAIN_OF_FLOOR = 0.01
 _WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it
 _RIVAL = 6.0
 _NEAR = 0.3  # of what the cause explains: no rival begins farther off on the grid
-_AS_GOOD = 0.03  # lower end of the held-out gain over a rival, up to which it does as well
+_AS_GOOD = 0.03  # lower end of the held-out gain over a rival, or over none, up to which that does as well
 _MOST_RIVALS = 3
 # share of the strokes' force that mass, damper and spring explain, and by how much more than of all of it
 _STROKES_EXPLAINED, _MORE_THAN_WHOLE = 0.8, 0.04
+_OF_THE_STROKES = LINEAR_BENDS | {"pulsation"}
+_LATE_DAMPERS = frozenset({"stress_relaxation", "sensor_lag"})
 SLOW = "slow_force"
 _FORETOLD = 0.3
 _STRUCTURE = 0.135
@@ -47,6 +49,8 @@ _OF_FORCE = 0.02
 _MUCH_LEFT = 0.2
 _KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
 _STROKES = 4  # reversals on each side of a change
+# share of the force's variance that is little to be left, where the causes gain that much
+_LITTLE_LEFT, _CLEAR_GAIN = 0.006, 0.2
 _CLEAR_WAY, _LEAST_WAY = 0.5, 0.1  # of a direction: more is clear; least share of what moves in each
 _TURNING = 0.1  # of the power of a force over the position: more that turns with the direction is friction
 _ALIKE = 1.3  # ratio of two sizes: what a cause may take over of what stands beside it
@@ -124,23 +128,35 @@ class Judge:
             return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
-        if self._structure_left() and not self._stands_beside_the_rest():
+        if self._structure_left() and not (self._stands_beside_the_rest() or self._is_most_of_little()):
             return "unexplained", GENERAL_MOTION, ()
-        groups = self._rivals_of_a_line() if self._kind == "single_frequency" else self._rival_groups()
+        groups = self._groups
         if groups:
             return "not_separable", separating_motion({name for group in groups for name in group}), groups
         return None
 
     @cached_property
+    def _groups(self) -> tuple[tuple[str, ...], ...]:
+        return self._rivals_of_a_line() if self._kind == "single_frequency" else self._rival_groups()
+
+    def _is_most_of_little(self) -> bool:
+        """Whether one model tells most of what mass, damper and spring leave, and that is little, as where a
+        damper does for dry friction: much of it says nothing against the model then.
+        """
+        if self._largest is None or self._pulses_with_depth or self.held_out.gain_low < _CLEAR_GAIN:
+            return False
+        return self.residual_n**2 < _LITTLE_LEFT * self.force_n**2 and not self._groups
+
+    @cached_property
     def _slow(self) -> bool:
-        """Whether what is left is slower than the strokes, which a spring explains, and only a linear bend of
-        them is named: such a name is how the search puts the one into the other.
+        """Whether what is left is slower than the strokes, which a spring explains, and only a linear bend or
+        a line of them is named: such a name is how the search puts the one into the other.
         """
         seen = self.regression.look
         slower = 1.0 - seen.spring_in_band < 0.5 * (1.0 - seen.spring)  # most of what is left
         if not slower or seen.spring_in_band < max(_STROKES_EXPLAINED, seen.spring + _MORE_THAN_WHOLE):
             return False
-        return self._largest is None or base_name(self._largest) in LINEAR_BENDS
+        return self._largest is None or base_name(self._largest) in _OF_THE_STROKES
 
     def _not_driven(self) -> bool:
         """Whether the force's own past tells more of it than the motion does."""
@@ -156,14 +172,18 @@ class Judge:
         """
         if any(fault.name == "sensor_quantisation" for fault in self.faults):
             return False
-        pulsing = modulation_gain(self.regression, self.fit)
-        if pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.gain_low > _FLEXIBLE:
+        if self._pulses_with_depth:
             return True
         plain = self.regression.residual(self.base)[self.regression.rows]
         left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
         if set(self.fit.model) - {"bias"} and left > _MUCH_LEFT and not self._may_be_noise():
             return True
         return self._structured_share() * left > _STRUCTURE
+
+    @cached_property
+    def _pulses_with_depth(self) -> bool:
+        found = modulation_gain(self.regression, self.fit)
+        return found is not None and found.gain > 2.0 * _FLEXIBLE and found.gain_low > _FLEXIBLE
 
     def _stands_beside_the_rest(self) -> bool:
         """Whether the causes are the same beside one more that describes what they leave, under any name."""
@@ -217,7 +237,7 @@ class Judge:
         for name in self.fit.model:
             rivals = [
                 (trial.score, base_name(other))
-                for other, trial in self._replacements(name, taken | kin(base_name(name)))
+                for other, trial in self._replacements(name, taken | _claim(name))
                 if trial.score < self.fit.score + _RIVAL
                 and not (name == "bias" and CANDIDATES[other].costly)  # it may hold a constant itself
             ]
@@ -226,14 +246,13 @@ class Judge:
 
     def _rivals_of_a_line(self) -> tuple[tuple[str, ...], ...]:
         """Of a motion of one frequency: the largest cause and what foretells held-out blocks as well in its
-        place. Kinds of dry friction are one claim, and none is another's rival.
+        place.
         """
         largest = self._largest
         if largest is None:
             return ()
-        claim = FRICTION if base_name(largest) in FRICTION else kin(base_name(largest))
         rivals = []
-        for other, trial in self._replacements(largest, claim | {"bias"}):
+        for other, trial in self._replacements(largest, _claim(largest) | {"bias"}):
             against = gain(self.regression, held_out_errors(self.regression, trial), self.after)
             if against.gain_low <= _AS_GOOD:
                 rivals.append((against.rmse_before_n, base_name(other)))
@@ -250,17 +269,29 @@ class Judge:
                     yield other, trial
 
     def doubted(self) -> str | None:
-        """The cause of the model that has the least for it among those that have too little; None: none."""
+        """The cause of the model that has the least for it among those that can not be, which tell how much
+        the others explain; else among those that have too little; None: none.
+        """
         if self._kind == "constant_speed":
             return None
-        weak = [name for name in self.fit.model if self._is_weak(name)]
+        weak = [name for name in self.fit.model if self._can_not_be(name)]
+        weak = weak or [name for name in self.fit.model if self._is_weak(name)]
         return min(weak, key=lambda name: self._alone[name][0].score, default=None)
+
+    def _can_not_be(self, name: str) -> bool:
+        """Whether a parameter is beyond what the cause can have, or no spring is beside what relaxes or lags:
+        both are then a damper that comes late, as dry friction is where the motion turns.
+        """
+        if base_name(name) in _LATE_DAMPERS and self.parameters[""]["stiffness_n_m"].low <= 0.0:
+            return True
+        values = self.parameters[base_name(name)]
+        own = [each for each in effect_class(base_name(name)).parameters if each.name in values]
+        return any(not each.lower <= values[each.name].value <= each.upper for each in own)
 
     def _is_weak(self, name: str) -> bool:
         """Whether it does not help where it was not fitted, or may as well be nothing, or anything."""
         _, own = self._alone[name]
-        gain_n = own.rmse_before_n - own.rmse_after_n
-        if own.gain_low <= 0.0 or gain_n < _LEAST_GAIN_OF_FLOOR * self.residual_n:
+        if own.gain_low <= _AS_GOOD:
             return True
         if name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0]):
             return True
@@ -341,6 +372,11 @@ class Judge:
             held,
             suspected=tuple(sorted(suspected)),
         )
+
+
+def _claim(name: str) -> frozenset[str]:
+    """What is no rival of a cause: the same thing on a bench, as all kinds of dry friction are."""
+    return FRICTION if base_name(name) in FRICTION else kin(base_name(name))
 
 
 def _group(name: str, rivals: Iterable[tuple[float, str]]) -> list[tuple[str, ...]]:

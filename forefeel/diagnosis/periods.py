@@ -30,6 +30,7 @@ _LEAST_LINES = 3.0  # harmonics of a motion that repeats, in the width of a mode
 class Periods:
     def __init__(self, regression: RecordingRegression) -> None:
         self.regression = regression
+        self.lowest_hz = max(PULSATION_HZ[0], _LEAST_CYCLES / regression.extent.duration_s)
 
     def lines(self, fit: ModelFit, count: int = 4) -> list[Shape]:
         """The strongest lines of the whitened residual where pulses can be, and their halves."""
@@ -40,7 +41,7 @@ class Periods:
         length = 4 * len(residual)
         power = np.abs(rfft(residual, length)) ** 2
         frequency = rfftfreq(length, 1.0 / rate)
-        low = max(PULSATION_HZ[0], _LEAST_CYCLES / regression.extent.duration_s)
+        low = self.lowest_hz
         inside = (frequency >= low) & (frequency <= PULSATION_HZ[1])
         peaks: list[Shape] = []
         power = np.where(inside, power, 0.0)

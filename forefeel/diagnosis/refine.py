@@ -106,7 +106,7 @@ class Refiner:
         """Lowest and highest, and whether they are logarithms."""
         if isinstance(candidate, Periodic):
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
-            return value - min(reach, 0.3 * value), value + reach, False
+            return max(value - min(reach, 0.3 * value), self.periods.lowest_hz), value + reach, False
         if isinstance(candidate, PositionWave):
             reach = (0.5 if wide else 0.1) / self.regression.extent.range_m
             longest_m = self.regression.extent.range_m / LEAST_WAVES
