@@ -48,6 +48,11 @@ class Curves:
         return np.flatnonzero(self.analysis.regression.signals.rows)
 
     @property
+    def extends(self) -> bool:
+        """Whether the extended model is another than the simulation."""
+        return self.given or self.analysis.fit.model != self.analysis.base.model
+
+    @property
     def before(self) -> Floats:
         return self.force - self.simulated
 

@@ -10,15 +10,18 @@ import numpy as np
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import fingerprint, words
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.error_size import Floats
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.answer import failure, gain_text, headline, on_readings, said
 from forefeel.diagnose.curves import TRIM, Curves, Rows, density, rms
 from forefeel.diagnose.pictures import picture, sensor_picture
 from forefeel.diagnosis.diagnose import Diagnosed
+from forefeel.diagnosis.look import explained_share, strokes
 from forefeel.diagnosis.prediction import Across
-from forefeel.diagnosis.verdict import Cause, Diagnosis, Evidence
+from forefeel.diagnosis.verdict import Cause, Diagnosis, Evidence, Look
 from forefeel.report.drawing import (
+    BINS,
     BLACK,
     BLUE,
     GREY,
@@ -59,7 +62,6 @@ NOT_DRAWN = "A picture that failed"
 Value = TypeVar("Value")
 _DETAIL_S = 5.0  # of the worst stretch
 _SIMULATION = "simulation"
-_COLOURS = ORANGE, BLUE  # before, after
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +106,8 @@ def render_page(
         on_readings=on_readings(diagnosis),
         on_readings_label=ON_READINGS,
         given=given is not None,
+        extends=curves.extends,
+        look=diagnosis.look and _attempted(partial(_look, recording.name, curves, diagnosis.look)),
         causes=[_section(recording.name, curves, cause) for cause in diagnosis.causes],
         suspects=[] if diagnosis.causes else _suspects(recording.name, curves, diagnosis),
         rows=_rows(diagnosis),
@@ -206,6 +210,29 @@ def _attempted(draw: Callable[[], Value]) -> Value | Drawing:
         return Drawing(NOT_DRAWN, failure(error), "")
 
 
+@styled()
+def _look(stem: str, curves: Curves, seen: Look) -> Drawing:
+    t, regression = curves.t[curves.rows], curves.analysis.regression
+    x, measured, models = strokes(regression.signals, regression.motion({}), seen)
+    lines = {"measured": measured}
+    lines |= {f"{name}: {100 * explained_share(measured, of):.0f} %": of for name, of in models.items()}
+    figure, axes = one_plot(3.4)
+    position, force = AxisUnit("position", "m", x), AxisUnit("force", "N", measured)
+    cloud(axes, position(x), force(measured), GREY, size=3.0)
+    some = np.flatnonzero(np.abs(t - 0.5 * (t[0] + t[-1])) < 1.0 / seen.slow_hz)
+    some = some[:: max(1, len(some) // BINS)]
+    for (name, values), colour in zip(lines.items(), (BLACK, ORANGE, BLUE), strict=True):
+        axes.plot(position(x[some]), force(values[some]), color=colour, label=name)
+    limit_y(axes, force(measured), trim=TRIM, zero=True)
+    finish(axes, position.label, force.label)
+    first_s, *_, last_s = t[some].tolist()
+    caption = (
+        f"Above {seen.slow_hz:.2g} Hz: all as points, {first_s:.1f} to {last_s:.1f} s as lines; shares of "
+        "held-out blocks. Ways that stay apart where the motion turns are friction, a bend is stiffening."
+    )
+    return drawn(figure, stem, "The force of the strokes over the position", caption)
+
+
 def named(curves: Curves) -> str:
     return f"{_SIMULATION} ({'the given model' if curves.given else 'mass, damper, spring, bias'})"
 
@@ -245,7 +272,8 @@ def _forces(stem: str, curves: Curves, title: str, caption: str, rows: Rows) -> 
     gap_s = _gap_s(curves)
     plot(axes, curves.t[rows], measured, BLACK, "measured", width=2.0, gap_s=gap_s)
     plot(axes, curves.t[rows], simulated, ORANGE, named(curves), gap_s=gap_s)
-    plot(axes, curves.t[rows], extended, BLUE, "extended by the causes", gap_s=gap_s)
+    if curves.extends:
+        plot(axes, curves.t[rows], extended, BLUE, "extended by the causes", gap_s=gap_s)
     finish(axes, "time in s", force.label)
     return drawn(figure, stem, title, caption)
 
@@ -253,10 +281,10 @@ def _forces(stem: str, curves: Curves, title: str, caption: str, rows: Rows) -> 
 def _over_time(stem: str, curves: Curves, diagnosis: Diagnosis) -> Drawing:
     rows, (figure, axes) = curves.rows, one_plot(2.5)
     residual = AxisUnit("residual", "N", curves.before[rows])
-    limit_y(axes, *(residual(values[rows]) for values in (curves.before, curves.after)), trim=TRIM, zero=True)
+    limit_y(axes, *(residual(values[rows]) for values, _, _ in _left(curves)), trim=TRIM, zero=True)
     if diagnosis.noise_floor_n is not None:
         band_about_zero(axes, 2.0 * float(residual(diagnosis.noise_floor_n)), "± 2 x noise")
-    for values, colour, name in zip((curves.before, curves.after), _COLOURS, _names(), strict=True):
+    for values, colour, name in _left(curves):
         plot(axes, curves.t[rows], residual(values[rows]), colour, name, gap_s=_gap_s(curves))
     finish(axes, "time in s", residual.label)
     return drawn(figure, stem, "What is left over time", "Measured less modelled force.")
@@ -274,7 +302,7 @@ def _over_motion(stem: str, curves: Curves) -> Drawing:
     grid = figure.subplots(1, 3, sharey=True)
     for axes, ((label, unit), column) in zip(grid, columns.items(), strict=True):
         across = AxisUnit(label, unit, column[rows])
-        for values, colour, name in zip((curves.before, curves.after), _COLOURS, _names(), strict=True):
+        for values, colour, name in _left(curves):
             cloud(axes, across(column[rows]), residual(values[rows]), colour)
             axes.plot(
                 *means(across(column[rows]), residual(values[rows])),
@@ -283,18 +311,17 @@ def _over_motion(stem: str, curves: Curves) -> Drawing:
                 label=name,
                 zorder=3,
             )
+        axes.locator_params(axis="x", nbins=6)
         finish(axes, across.label, residual.label if axes is grid[0] else "", legend=False)
     common_legend(figure, grid[0])
-    limit_y(
-        grid[0], *(residual(values[rows]) for values in (curves.before, curves.after)), trim=TRIM, zero=True
-    )
+    limit_y(grid[0], *(residual(values[rows]) for values, _, _ in _left(curves)), trim=TRIM, zero=True)
     caption = "Points, and their means in bins. A line that leaves zero is something missing."
     return drawn(figure, stem, "What is left over position, speed and distance since reversal", caption)
 
 
 def _spectrum(stem: str, curves: Curves) -> Drawing:
     figure, axes = one_plot(2.6)
-    for values, colour, name in zip((curves.before, curves.after), _COLOURS, _names(), strict=True):
+    for values, colour, name in _left(curves):
         axes.loglog(*density(curves.analysis.regression.signals, values), color=colour, label=name)
     plain_numbers(axes.xaxis, axes.yaxis)
     finish(axes, "frequency in Hz", "residual in N/√Hz")
@@ -304,9 +331,8 @@ def _spectrum(stem: str, curves: Curves) -> Drawing:
 
 def _sizes(stem: str, curves: Curves, diagnosis: Diagnosis) -> Drawing:
     rows = curves.rows
-    shown = [(f"left by the {_SIMULATION}", rms(curves.before[rows]), ORANGE)]
-    shown += [(cause.name, cause.explained_n, GREY) for cause in diagnosis.causes]
-    shown.append(("left by the extended model", rms(curves.after[rows]), BLUE))
+    first, *more = [(name, rms(values[rows]), colour) for values, colour, name in _left(curves)]
+    shown = [first, *((cause.name, cause.explained_n, GREY) for cause in diagnosis.causes), *more]
     if diagnosis.noise_floor_n is not None:
         shown.append(("noise, at most", diagnosis.noise_floor_n, BLACK))
     figure = new_figure(0.75 + 0.33 * len(shown))
@@ -317,8 +343,10 @@ def _sizes(stem: str, curves: Curves, diagnosis: Diagnosis) -> Drawing:
     return drawn(figure, stem, "How large it is", caption)
 
 
-def _names() -> tuple[str, str]:
-    return f"left by the {_SIMULATION}", "left by the extended model"
+def _left(curves: Curves) -> list[tuple[Floats, str, str]]:
+    """(what is left in N, colour, name) of the simulation, and of the extended model where it is another."""
+    found = [(curves.before, ORANGE, f"left by the {_SIMULATION}")]
+    return [*found, (curves.after, BLUE, "left by the extended model")] if curves.extends else found
 
 
 def _gap_s(curves: Curves) -> float:

@@ -55,6 +55,15 @@ def look(signals: Signals, motion: MotionGrid) -> Look:
     return Look(sense, slow_hz, springs[0], springs[1], best, family)
 
 
+def strokes(signals: Signals, motion: MotionGrid, seen: Look) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """(position in m, measured force in N, force in N of each regression by its name) above `slow_hz`."""
+    columns, gain = _columns(signals, motion), _high_pass(signals)[1]
+    band, beside = _Band(signals, columns, gain), FAMILIES if seen.family is None else (seen.family,)
+    families = {"mass, damper, spring": ("base",), f"with {seen.family or 'all three'}": ("base", *beside)}
+    position = signals.column(signals.linear_spectrum(0) * gain)[signals.rows]
+    return position, band.force, {name: band.predicted(own, seen.sense) for name, own in families.items()}
+
+
 class _Band:
     """Columns and force of the rows that count, through one more filter, cut into blocks."""
 
@@ -66,23 +75,32 @@ class _Band:
             [signals.column(spectrum * gain)[rows] for own in columns.values() for spectrum in own]
         )
         force = signals.column(signals.force_spectrum() * gain)[rows]
-        self._force = force - force.mean()
+        self.force = force - force.mean()
         table -= table.mean(axis=0)
         self._table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
         self._blocks = np.array_split(np.arange(len(force)), _BLOCKS)
 
     def explained(self, families: Sequence[str], sense: float) -> float:
         """Share of the force's variance on held-out blocks."""
-        table, force = self._table[:, np.isin(self._owners, families)], sense * self._force
-        left = np.empty_like(force)
+        return explained_share(self.force, self.predicted(families, sense))
+
+    def predicted(self, families: Sequence[str], sense: float) -> Floats:
+        """Force of a regression in N, each block by the fit to the others."""
+        table, force = self._table[:, np.isin(self._owners, families)], sense * self.force
+        predicted = np.zeros(len(force))
         gram, moment = table.T @ table, table.T @ force
         ridge = _RIDGE * len(force) * np.eye(len(gram))
         for block in self._blocks:
             part = table[block]
             factor = np.linalg.cholesky(gram - part.T @ part + ridge)
             theta, _ = nnls(factor.T, np.linalg.solve(factor, moment - part.T @ force[block]))
-            left[block] = force[block] - part @ theta
-        return 1.0 - float(np.mean(left**2) / max(np.mean(force**2), 1e-300))
+            predicted[block] = sense * (part @ theta)
+        return predicted
+
+
+def explained_share(force: Floats, predicted: Floats) -> float:
+    """Of the variance."""
+    return 1.0 - float(np.mean((force - predicted) ** 2)) / max(float(np.mean(force**2)), 1e-300)
 
 
 def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:

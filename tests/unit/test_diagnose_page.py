@@ -48,7 +48,7 @@ def test_page_shows_each_cause_and_escapes_names(rubbing: Diagnosed) -> None:
     page = render_page(recording, rubbing, None)
     text = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
     assert "<h3>coulomb_friction" in text
-    check_page(page, drawings=7)
+    check_page(page, drawings=8)
     assert "&lt;b&gt;rub &amp; run&lt;/b&gt;" in text
     assert "<b>rub" not in page
 
@@ -77,9 +77,10 @@ def test_picture_or_prediction_that_fails_is_one_line(
 
     monkeypatch.setattr("forefeel.diagnose.page.picture", broken)
     monkeypatch.setattr("forefeel.diagnose.page.density", broken)
+    monkeypatch.setattr("forefeel.diagnose.page.strokes", broken)
     page = render_page(rubbing.recording, rubbing, "ValueError: no arrival")
     check_page(page, drawings=5)
-    assert page.count("IndexError: no stroke") == 2
+    assert page.count("IndexError: no stroke") == 3
     lines = answer(rubbing.recording, rubbing.diagnosis, "ValueError: no arrival")
     assert "Predicted   failed: ValueError: no arrival" in lines
     assert "ValueError: no arrival" in page
