@@ -15,7 +15,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse
 from forefeel.diagnosis.feedback import FLAG as FEEDS_THE_MOTION
 from forefeel.diagnosis.feedback import feeds_the_motion
-from forefeel.diagnosis.judge import judged
+from forefeel.diagnosis.judge import SLOW, judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
 from forefeel.diagnosis.other_motion import with_expectation
 from forefeel.diagnosis.ramp_and_hold import diagnosed_hold
@@ -74,7 +74,9 @@ def _diagnosed(every: list[Recording], progress: Progress, given: ContactModel |
     found, analysis = simple
     gaps = any(len(each.segments()) > 1 for each in every)
     flags = _flags(found.flags, gaps, long)
-    if feeds_the_motion(analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit):
+    if SLOW not in flags and feeds_the_motion(
+        analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit
+    ):
         flags = (*flags, FEEDS_THE_MOTION)
     found = replace(found, flags=flags)
     return Diagnosed(found if given is None else _beside(found, analysis, given), analysis, recording)

@@ -74,6 +74,9 @@ def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
     while True:
         judge = Judge(analysis, fullest)
         doubted = judge.doubted()
+        if doubted is None and judge.slow:
+            analysis = analysis.baseline()
+            judge = Judge(analysis)
         if doubted is None:
             return judge.diagnosis(), analysis
         analysis, fullest = analysis.without(doubted), fullest or judge
@@ -103,7 +106,7 @@ class Judge:
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
         less = self._inexplicable()
         if less is not None:
-            return self.said(*less, suspected=() if self._slow else names)
+            return self.said(*less, suspected=names)
         if self.fit.model or self.faults:
             return self.said("cause_found", suspected=names)
         if self.floor_n is None:
@@ -124,7 +127,7 @@ class Judge:
         """Where the model is not all that there is, or not the only one."""
         if self._kind == "constant_speed":
             return "not_separable", GENERAL_MOTION, (RIVALS_AT_CONSTANT_SPEED,)
-        if self._slow:
+        if self.slow:
             return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
@@ -148,7 +151,7 @@ class Judge:
         return self.residual_n**2 < _LITTLE_LEFT * self.force_n**2 and not self._groups
 
     @cached_property
-    def _slow(self) -> bool:
+    def slow(self) -> bool:
         """Whether what is left is slower than the strokes, which a spring explains, and only a linear bend or
         a line of them is named: such a name is how the search puts the one into the other.
         """
@@ -365,7 +368,7 @@ class Judge:
             self._causes() if verdict == "cause_found" else (),
             rivals,
             motion,
-            (*self.analysis.flags(), *([SLOW] if self._slow else [])),
+            (*self.analysis.flags(), *([SLOW] if self.slow else [])),
             self.floor_n,
             ModelError.of(held.rmse_before_n, self.force_n, intervals(self.regression, self.base)),
             ModelError.of(held.rmse_after_n, self.force_n, self.parameters),
