@@ -23,11 +23,11 @@ FLAGS = {
     "ramp_and_hold": "one ramp and hold: it tells whether the force fades, not friction, damping or mass",
     "slow_force": "mass, damper and spring explain the strokes; what is left is slower than they are",
     "short": "under 10 s, so what is slow (relaxation, drift, breath) can hardly be told",
-    "force_is_the_reaction": "a positive force pushes along the motion here; signs were turned",
+    "force_is_the_reaction": "force and position count in opposite directions here; signs were turned",
 }
 _LEFT_OUT = "The simulation leaves out, the largest first:"
 _SAID = {
-    "nothing_missing": "Nothing is missing: mass, damper and spring explain the force down to its noise.",
+    "nothing_missing": "Nothing is missing: mass, damper and spring explain the force{}.",
     "nothing_found": (
         "No cause was found. Whether anything is missing can not be said: the recording does not tell how "
         "large its noise is."
@@ -59,8 +59,9 @@ def caution(flag: str) -> str:
 
 def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict != "cause_found":
-        return _SAID[diagnosis.verdict]
-    *more, last = [words(cause.name) for cause in diagnosis.causes]
+        known = "" if diagnosis.noise_floor_n is None else " down to its noise"
+        return _SAID[diagnosis.verdict].format(known)
+    *more, last = [words(cause.name) for cause in diagnosis.causes if cause.name != "bias"] or [words("bias")]
     return f"The simulation leaves out {', '.join(more)}{' and ' if more else ''}{last}."
 
 
@@ -121,12 +122,14 @@ def look_texts(look: Look | None) -> list[str]:
     way = "resists the motion" if look.sense > 0.0 else "pushes along the motion, a reaction"
     seen = "none of the three takes a quarter of the rest"
     if look.family is not None:
-        seen = f"{look.family} takes most of the rest"
+        seen = f"{look.family} is the best of the three"
+    shares = look.spring, look.spring_in_band, look.explained
+    spring, in_band, best = (f"{100 * max(share, 0.0):.0f} %" for share in shares)
     return [
         f"strokes above {look.slow_hz:.2g} Hz; a positive force {way}",
-        f"mass, damper and spring explain {100 * max(look.spring, 0.0):.0f} % of the force, "
-        f"{100 * max(look.spring_in_band, 0.0):.0f} % of that of the strokes",
-        f"friction, relaxation and stiffening beside them: {100 * max(look.explained, 0.0):.0f} %; {seen}",
+        f"mass, damper and spring explain {spring} of the force on held-out blocks, {in_band} of that of the "
+        "strokes",
+        f"friction, relaxation and stiffening beside them: {best}; {seen}",
     ]
 
 
@@ -151,8 +154,9 @@ def _simulation(diagnosis: Diagnosis, given: str | None) -> str:
 
 def _cause(cause: Cause) -> list[str]:
     parameters = "; ".join(str(shown(name, value)) for name, value in cause.parameters.items())
-    share = f"{words(cause.name)}, {quantity(cause.explained_n, 'N')} rms of the force"
-    return [f"{cause.name}: {parameters}", share]
+    size = f", {quantity(cause.explained_n, 'N')} rms of the force"
+    share = "; the fitted simulation has one, too" if cause.name == "bias" else size
+    return [f"{cause.name}: {parameters}", f"{words(cause.name)}{share}"]
 
 
 def _extended(diagnosis: Diagnosis, given: str | None) -> str:
@@ -172,7 +176,7 @@ def _elsewhere(expected: ExpectedGain | None) -> list[str]:
         return []
     low, high = sorted((expected.gain_low, expected.gain_high))
     return [
-        f"expected of another motion: {100.0 * expected.gain:.0f} % less "
+        f"expected of another motion: {100.0 * expected.gain:.0f} % less error "
         f"({100.0 * low:.0f} to {100.0 * high:.0f} %) within {quantity(expected.low_m, 'm')} to "
         f"{quantity(expected.high_m, 'm')}, up to {quantity(expected.fastest_m_s, 'm/s')}"
     ]
@@ -201,7 +205,10 @@ def equation(diagnosis: Diagnosis) -> str:
 def _model(diagnosis: Diagnosis) -> list[str]:
     """Its equation, and mass, damping and stiffness."""
     model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
-    values = "; ".join(str(shown(name, interval)) for name, interval in model.intervals.items())
+    values = "; ".join(
+        str(shown(name, of)) if of.value else f"{split_unit(name)[0]} not told from zero"
+        for name, of in model.intervals.items()
+    )
     return [equation(diagnosis), values] if values else []
 
 

@@ -62,5 +62,5 @@ def test_the_look_is_told_in_three_lines() -> None:
     way, shares, family = look_texts(Look(-1.0, 0.98, 0.2, 0.96, 0.98, "friction"))
     assert "0.98 Hz" in way
     assert "reaction" in way
-    assert "20 % of the force, 96 %" in shares
-    assert family.endswith("98 %; friction takes most of the rest")
+    assert "20 % of the force on held-out blocks, 96 %" in shares
+    assert family.endswith("98 %; friction is the best of the three")
