@@ -17,6 +17,8 @@ alike while little is known. With 0.2 L, that kept the odd expert in the lead fo
 long been better. It is not for the favoured one, which is the odd expert (the first reversal), nor for an
 expert that another run has taught: the contact with a prior or of a model.yaml. Losses of the taught are not
 capped either: what was learned elsewhere may be wrong altogether, and is to go at its first contradiction.
+Their weight is 1 + 10 / (1 + (T / 6 s)^2) times that of v_e: before the hand moves all are alike, and half of
+the first push of a loaded friction was not foretold.
 
 The blend goes no further than the reach from the newest force. Of a change larger than all before the experts
 have learned the beginning alone, and foretell more of its size: 1.6 times the error of the hold where an
@@ -51,6 +53,7 @@ _SHARES = (0.7, 0.3)
 _CAP, _CAP_S = 0.8, 10.0
 _FLOOR, _COLD, _COLD_ERRORS, _COLD_S = 0.003, 0.1, 0.1, 6.0
 _REACH_S, _REACH_SHARE = 2.0, 0.25
+_TRUST = 10.0
 _KICK = 0.1
 _TINY = 1e-200
 
@@ -123,6 +126,8 @@ def _weigh(blend: Blend) -> None:
     total = 0.0
     for e in range(MEMBERS):
         weights[e] = (least / weights[e]) ** 4
+        if blend.taught[e] > 0.0:
+            weights[e] *= 1.0 + _TRUST / (1.0 + (blend.known_s / _COLD_S) ** 2)
         total += weights[e]
     for e in range(MEMBERS):
         weights[e] /= total

@@ -124,7 +124,8 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     v += (0.003 * largest) ** 2
     cold = (0.1 * largest) ** 2 / (1 + zoh2.sum() * h / (0.1 * largest**2) + (5.7 / 6.0) ** 2)
     v += cold * ((np.arange(count) != blends.FIRST + experts.ODD) & ~taught)
-    expected = v**-4 / np.sum(v**-4)
+    expected = v**-4 * (1 + 10 * taught / (1 + (5.7 / 6.0) ** 2))
+    expected /= expected.sum()
     np.testing.assert_allclose(blend["weights"][0], expected, rtol=1e-9)
     early = np.arange(1, 301) * h < 5.0
     shares = -np.expm1(-h / np.minimum(np.arange(1, 301) * h / 4.0, 2.0))
