@@ -38,7 +38,6 @@ _AS_GOOD = 0.03  # lower end of the held-out gain over a rival, or over none, up
 _MOST_RIVALS = 3
 # share of the strokes' force that mass, damper and spring explain, and by how much more than of all of it
 _STROKES_EXPLAINED, _MORE_THAN_WHOLE = 0.8, 0.04
-_OF_THE_STROKES = LINEAR_BENDS | {"pulsation"}
 _LATE_DAMPERS = frozenset({"stress_relaxation", "sensor_lag"})
 SLOW = "slow_force"
 _FORETOLD = 0.3
@@ -159,7 +158,9 @@ class Judge:
         slower = 1.0 - seen.spring_in_band < 0.5 * (1.0 - seen.spring)  # most of what is left
         if not slower or seen.spring_in_band < max(_STROKES_EXPLAINED, seen.spring + _MORE_THAN_WHOLE):
             return False
-        return self._largest is None or base_name(self._largest) in _OF_THE_STROKES
+        name = self._largest
+        among_the_strokes = name == "pulsation" and self.fit.model[name][0] > seen.slow_hz
+        return name is None or among_the_strokes or base_name(name) in LINEAR_BENDS
 
     def _not_driven(self) -> bool:
         """Whether the force's own past tells more of it than the motion does."""
