@@ -47,7 +47,8 @@ _OF_FORCE = 0.02
 # of the variance that m, b, k and a bias leave, which the causes leave, too: then it has to be noise
 _MUCH_LEFT = 0.2
 _KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
-_STROKES = 4  # reversals on each side of a change
+_STROKES = 4  # reversals on each side of a change,
+_NEARLY_ALL = 0.9  # or the lower end of its held-out gain
 # share of the force's variance that is little to be left, where the causes gain that much
 _LITTLE_LEFT, _CLEAR_GAIN = 0.006, 0.2
 _CLEAR_WAY, _LEAST_WAY = 0.5, 0.1  # of a direction: more is clear; least share of what moves in each
@@ -297,7 +298,8 @@ class Judge:
         _, own = self._alone[name]
         if own.gain_low <= _AS_GOOD:
             return True
-        if name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0]):
+        seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0])
+        if seldom and own.gain_low < _NEARLY_ALL:
             return True
         if isinstance(CANDIDATES[name], PositionWave) and not self._same_both_ways(name):
             return True
@@ -309,7 +311,7 @@ class Judge:
 
     def _moved_around(self, instant_s: float) -> bool:
         """Whether there are strokes enough before and after an instant: of a few, two stiffnesses and two
-        levels describe a hysteresis, too.
+        levels describe a hysteresis, too, though never nearly all of it.
         """
         signals = self.regression.signals
         inside = signals.recorded
