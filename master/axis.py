@@ -150,6 +150,7 @@ class MasterAxis:
             now_ns, HapticInputs(reading, live_state, stage_position_m, force, self.identification.snapshot)
         )
         rendered_n = self._hand.render(0.0 if self._failed else outputs.rendered_n, now_ns)
+        self._loop.applied(rendered_n)
         if reading.estop and (not self._pressed or state is not SafetyState.ESTOPPED):
             self.emergency_stop("the handle's button", now_ns, "handle")
         self._pressed = reading.estop

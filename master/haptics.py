@@ -101,6 +101,10 @@ class HapticLoop:
             energy_j=rendered.energy_j,
         )
 
+    def applied(self, force_n: float) -> None:
+        """What the handle made of the force that was rendered last."""
+        self._renderer.applied(force_n)
+
     def release(self) -> None:
         """The hand felt nothing up to now, whatever was rendered: the force begins at zero."""
         self._renderer.release()

@@ -1,10 +1,10 @@
-"""From a force of the model to one for the hand: scaled, limited, faded, passive, without a jump. Pure."""
+"""From a force of the model to one for the hand: scaled, limited, faded, without a jump, passive. Pure."""
 
 from math import isfinite
 from typing import NamedTuple
 
 from forefeel.common.limiter import LimitHit
-from forefeel.master.passivity import PassivityController, PassivityObserver
+from forefeel.master.passivity import PassivityLimit, PassivityObserver
 from forefeel.master.settings import RenderingSettings
 
 _MAX_STEP_S = 0.010  # s, longest step of time that is rendered: ten periods at 1 kHz
@@ -14,7 +14,8 @@ _NO_HITS: tuple[LimitHit, ...] = ()
 class Rendered(NamedTuple):
     """The force in N, the limits that changed it, and the energy in J that the hand has put in so far.
 
-    Rules: `rendered_force`, its limit in N; `rendered_step`, how much it may change in a tick.
+    Rules: `rendered_force`, its limit in N; `rendered_step`, how much it may change in a tick;
+    `rendered_energy`, that it gives the hand no energy.
     """
 
     force_n: float
@@ -23,11 +24,10 @@ class Rendered(NamedTuple):
 
 
 class ForceRenderer:
-    """Never shows a force that is stale, not finite, above the limit, or that jumps.
+    """Never shows a force that is stale, not finite, above the limit, that jumps, or that drives the hand.
 
-    A change of the force is bounded in three ways: by `max_slew_n_s` altogether, by `max_stiffness_n_m` for
-    each metre that the hand moves, and by `max_jump_n_s` for what changes without a motion: a model that has
-    learned something must not kick the hand.
+    Scale, clip, fade and slew come first, the passivity limit last. The slew limit holds for it too, except
+    where its guard acts.
 
     Attributes:
         force_n: what is rendered now.
@@ -40,7 +40,10 @@ class ForceRenderer:
         self._previous_ns: int | None = None
         self._position_m: float | None = None
         self._observer = PassivityObserver()
-        self._controller = PassivityController(settings.max_damping_n_s_m)
+        self._passivity = PassivityLimit(
+            settings.max_force_n, settings.max_slew_n_s, settings.max_stiffness_n_m
+        )
+        self._applied_n = 0.0
         self.force_n = 0.0
 
     def render(self, now_ns: int, contact_n: float | None, live: bool, position_m: float) -> Rendered:
@@ -51,7 +54,8 @@ class ForceRenderer:
         dt_s = self._step_s(now_ns)
         moved_m = 0.0 if self._position_m is None else position_m - self._position_m
         self._position_m = position_m
-        energy_j = self._observer.observe(position_m, self.force_n)
+        energy_j = self._observer.observe(moved_m, self._applied_n)
+        self._passivity.observe(moved_m, self._applied_n)
         settings, hits = self._settings, _NO_HITS
         usable = live and contact_n is not None and isfinite(contact_n)
         if usable and contact_n is not None:
@@ -61,29 +65,24 @@ class ForceRenderer:
                 hits = (LimitHit("rendered_force", asked_n, self._target_n, "N"),)
         change = dt_s / settings.fade_s
         self._fade = min(1.0, self._fade + change) if usable else max(0.0, self._fade - change)
-        wanted_n = self._fade * self._passive_n(energy_j, moved_m, dt_s)
-        step_n = self._step_n(abs(moved_m), dt_s) if usable else settings.max_slew_n_s * dt_s
-        self.force_n = max(self.force_n - step_n, min(self.force_n + step_n, wanted_n))
-        if self.force_n != wanted_n:
-            hits += (LimitHit("rendered_step", wanted_n, self.force_n, "N"),)
-        return Rendered(self.force_n, hits, energy_j)
+        wanted_n, step_n = self._fade * self._target_n, settings.max_slew_n_s * dt_s
+        slewed_n = max(self.force_n - step_n, min(self.force_n + step_n, wanted_n))
+        if slewed_n != wanted_n:
+            hits += (LimitHit("rendered_step", wanted_n, slewed_n, "N"),)
+        velocity_m_s = moved_m / dt_s if dt_s > 0.0 else 0.0
+        passive_n = self._passivity.limited_n(slewed_n, self.force_n, velocity_m_s, dt_s)
+        if passive_n != slewed_n:
+            hits += (LimitHit("rendered_energy", slewed_n, passive_n, "N"),)
+        self.force_n = self._applied_n = passive_n
+        return Rendered(passive_n, hits, energy_j)
+
+    def applied(self, force_n: float) -> None:
+        """What the handle made of the force that was rendered last: it counts for the energy."""
+        self._applied_n = force_n
 
     def release(self) -> None:
         """Nothing was applied: fades in from zero."""
-        self._fade = self.force_n = 0.0
-
-    def _passive_n(self, energy_j: float, moved_m: float, dt_s: float) -> float:
-        """The target with the controller's damping where that is on, within the limit."""
-        if not (self._settings.passivity_controller and dt_s > 0.0):
-            return self._target_n
-        target_n = self._target_n + self._controller.force_n(energy_j, moved_m / dt_s, dt_s)
-        return max(-self._settings.max_force_n, min(self._settings.max_force_n, target_n))
-
-    def _step_n(self, moved_m: float, dt_s: float) -> float:
-        """How much the force may change in this step."""
-        settings = self._settings
-        slowest_n = settings.max_stiffness_n_m * moved_m + settings.max_jump_n_s * dt_s
-        return min(settings.max_slew_n_s * dt_s, slowest_n)
+        self._fade = self.force_n = self._applied_n = 0.0
 
     def _step_s(self, now_ns: int) -> float:
         previous_ns, self._previous_ns = self._previous_ns, now_ns

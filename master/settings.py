@@ -46,22 +46,18 @@ class PredictionSettings(Settings):
 
 class RenderingSettings(Settings):
     """What the hand may feel: scaled, limited in N and in N/s, faded to zero when the feedback is older than
-    `stale_s`.
+    `stale_s`; and passive: see `forefeel.master.passivity`.
 
-    `source`: the predicted force, or (to compare) the newest one that arrived. `max_jump_n_s`: how fast the
-    force may change without a motion of the hand. `max_stiffness_n_m`: how much of it per metre of motion; a
-    hand and handle that damp with b N s/m stay stable below 2 b / T (Colgate and Schenkel 1997; T = 1 ms).
-    `passivity_controller`: damps the hand by up to `max_damping_n_s_m` while it has been given energy.
+    `source`: the predicted force, or (to compare) the newest one that arrived. `max_stiffness_n_m`: of the
+    spring as which a force may hold the hand that has not been pushed against; a hand and handle that damp
+    with b N s/m stay stable below 2 b / T (Colgate and Schenkel 1997; T = 1 ms).
     """
 
     source: Literal["predicted", "zoh"] = "predicted"
     force_scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     max_force_n: Annotated[float, Field(gt=0, le=50)] = 4.0
-    max_slew_n_s: Annotated[float, Field(gt=0, le=10_000)] = 40.0
-    max_jump_n_s: Annotated[float, Field(gt=0, le=10_000)] = 10.0
+    max_slew_n_s: Annotated[float, Field(gt=0, le=10_000)] = 80.0
     max_stiffness_n_m: Annotated[float, Field(gt=0, le=100_000)] = 4000.0
-    passivity_controller: bool = True
-    max_damping_n_s_m: Annotated[float, Field(ge=0, le=1000)] = 10.0
     stale_s: Annotated[float, Field(gt=0, le=2)] = FORCE.stale_after_s or 0.1
     fade_s: Annotated[float, Field(gt=0, le=5)] = 0.2
 

@@ -174,7 +174,7 @@ def test_forces_that_stand_still_fade_from_the_hand_and_the_slave_is_let_go() ->
     blind = (time_s > start_s + DELAY_S + 0.1 + 0.2 + 2 * TICK_S) & (time_s < start_s + 2.0)
     assert blind.sum() > 200
     assert not rendered_n[blind].any()
-    assert np.abs(np.diff(rendered_n)).max() <= 40.0 * TICK_S + 1e-9
+    assert np.abs(np.diff(rendered_n)).max() <= 80.0 * TICK_S + 1e-9
     released_s = pair.heard.times("release")[0]
     assert released_s < start_s + 0.5 + 2 * DELAY_S + 0.020 + 3 * TICK_S  # a state is stale after 0.5 s
     assert pair.heard.times("engaged")[-1] > start_s + 2.0

@@ -168,6 +168,13 @@ class Rig:
         fields = {**self.header(self.force, session_id), "position_m": 0.05, "force_n": 0.3, **changes}
         self.force.send(said.force(fields.pop("sequence"), fields.pop("stamp_ns"), answered, **fields))
 
+    def push(self, ticks: int) -> None:
+        """The hand moves in by 3 mm/s: a force is felt by who pushes against it."""
+        for _ in range(ticks):
+            reading = self.handle.reading
+            self.handle.reading = reading._replace(position_m=reading.position_m + 3e-6)
+            self.step(1)
+
     def step(self, ticks: int = 1, state: S | None = S.ARMED, force: bool = True) -> None:
         for _ in range(ticks):
             self.clock.set_ns(self.now_ns + MS)

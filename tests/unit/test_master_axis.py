@@ -106,7 +106,7 @@ def test_a_state_of_another_holder_is_no_state_of_ours(rig: Rig) -> None:
 def test_what_is_published_is_what_the_handle_applied(rig: Rig) -> None:
     rig.compare_clocks()
     rig.predictor.answer = 3.5
-    rig.step(400)
+    rig.push(400)
     assert rig.handle.felt_n[-1] == 2.0
     assert rig.haptics[-1].rendered_n == 2.0
     assert rig.haptics[-1].predicted_n == 3.5
@@ -120,21 +120,24 @@ def test_command_and_haptics_of_a_tick_carry_the_same_sequence(rig: Rig) -> None
 
 
 def test_when_it_is_stopped_the_deadman_opens_at_once_and_the_force_fades_without_a_jump(rig: Rig) -> None:
-    rig.step(400)
-    assert rig.commands[-1].deadman
+    rig.compare_clocks()
+    rig.push(400)
+    assert rig.handle.felt_n[-1] == 1.0
     rig.axis.stopping = True
     before = len(rig.handle.felt_n) - 1
     rig.step(201)
     assert not any(command.deadman for command in rig.commands[-201:])
     steps = [abs(b - a) for a, b in pairwise(rig.handle.felt_n[before:])]
-    assert max(steps) <= 0.04 + 1e-12
+    assert max(steps) <= 0.08 + 1e-12
     assert rig.handle.felt_n[-1] == 0.0
     rig.axis.serve(rig.now_ns + 10_000 * MS)
     assert len(rig.asked) == 1
 
 
 def test_at_a_fault_the_force_is_gone_at_once_and_stays_away(rig: Rig) -> None:
-    rig.step(400)
+    rig.compare_clocks()
+    rig.push(400)
+    assert rig.handle.felt_n[-1] == 1.0
     rig.axis.fail(ValueError("torn cable"))
     assert rig.handle.felt_n[-1] == 0.0
     rig.step(50)
@@ -144,7 +147,7 @@ def test_at_a_fault_the_force_is_gone_at_once_and_stays_away(rig: Rig) -> None:
 
 
 def break_handle(rig: Rig) -> None:
-    rig.step(400)
+    rig.push(400)
     assert rig.commands[-1].deadman
     rig.handle.reading = HandleReading(0.012, 0.05, True)
     rig.step(1)
