@@ -31,8 +31,12 @@ def block_numbers(regression: RecordingRegression) -> NDArray[np.int64]:
 
 
 def held_out_errors(regression: RecordingRegression, fit: ModelFit) -> Floats:
-    """Error in N at the rows that count, each block predicted by the fit, at its shapes, to all others."""
-    return held_out(regression, *columns(regression, fit))
+    """Error in N at the rows that count, each block predicted by the fit, at its shapes, to all others. What
+    would have the wrong sign is 0 there, too.
+    """
+    white, plain = columns(regression, fit)
+    acts = fit.coefficients != 0.0
+    return held_out(regression, white[:, acts], plain[:, acts])
 
 
 def columns(regression: RecordingRegression, fit: ModelFit) -> tuple[Floats, Floats]:

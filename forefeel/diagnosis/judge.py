@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from forefeel.common.causes.candidate import PositionWave, base_name
+from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES, FRICTION, LINEAR_BENDS, kin
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.error_size import Floats
@@ -23,7 +23,6 @@ from forefeel.diagnosis.identifiability import (
 from forefeel.diagnosis.parameters import intervals, told
 from forefeel.diagnosis.regression import ModelFit
 from forefeel.diagnosis.residual import (
-    alike_gain,
     excess_share,
     flexible_gain,
     modulation_gain,
@@ -51,8 +50,6 @@ _STROKES = 4  # reversals on each side of a change,
 _NEARLY_ALL = 0.9  # or the lower end of its held-out gain
 # share of the force's variance that is little to be left, where the causes gain that much
 _LITTLE_LEFT, _CLEAR_GAIN = 0.006, 0.2
-_CLEAR_WAY, _LEAST_WAY = 0.5, 0.1  # of a direction: more is clear; least share of what moves in each
-_TURNING = 0.1  # of the power of a force over the position: more that turns with the direction is friction
 _ALIKE = 1.3  # ratio of two sizes: what a cause may take over of what stands beside it
 _REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
 # share of the force's variance that the motion explains, above which nobody doubts that it drives the force
@@ -227,10 +224,9 @@ class Judge:
         shares = [0.0]
         if floor is not None and floor.slope == 0.0:  # else the noise itself has a memory
             shares = [self._foretold if self._foretold > _FORETOLD else 0.0]
-        alike = alike_gain(self.regression, self.fit, self.after)
-        for found in (flexible_gain(self.regression, self.fit), alike):
-            if found.gain_low > _FLEXIBLE and found.gain > 2.0 * _FLEXIBLE:
-                shares.append(1.0 - (1.0 - found.gain) ** 2)
+        found = flexible_gain(self.regression, self.fit)
+        if found.gain_low > _FLEXIBLE and found.gain > 2.0 * _FLEXIBLE:
+            shares.append(1.0 - (1.0 - found.gain) ** 2)
         if floor is not None and self.residual_n > _OF_FORCE * self.force_n:
             shares.append(excess_share(self.regression, self._residual, floor))
         return max(shares)
@@ -301,8 +297,6 @@ class Judge:
         seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0])
         if seldom and own.gain_low < _NEARLY_ALL:
             return True
-        if isinstance(CANDIDATES[name], PositionWave) and not self._same_both_ways(name):
-            return True
         own_parameters = self.parameters[base_name(name)]
         if any(not np.isfinite(each.high - each.low) for each in own_parameters.values()):
             return True
@@ -317,20 +311,6 @@ class Judge:
         inside = signals.recorded
         after = signals.fine_t[inside] > instant_s
         return all(turns(signals.fine_x[inside][part]) >= _STROKES for part in (after, ~after))
-
-    def _same_both_ways(self, name: str) -> bool:
-        """Whether the recording goes both ways, and what is left has no such wave that turns with them."""
-        regression, rows = self.regression, self.regression.signals.rows
-        motion = regression.motion(self.fit.model)
-        way = regression.signals.column(regression.signals.spectrum(motion.direction))[rows]
-        forward, backward = int(np.sum(way > _CLEAR_WAY)), int(np.sum(way < -_CLEAR_WAY))
-        if min(forward, backward) < _LEAST_WAY * (forward + backward):
-            return False
-        waves = regression.block(self.fit.model, name, self.fit.model[name])[rows]
-        turning = np.column_stack([way[:, None] * waves, way])
-        left = self._residual[rows]
-        found = turning[:, :-1] @ np.linalg.lstsq(turning, left, rcond=None)[0][:-1]
-        return float(np.mean(found**2)) < _TURNING * float(np.mean((waves @ self.fit.of(name)) ** 2))
 
     @cached_property
     def _alone(self) -> dict[str, tuple[ModelFit, HeldOut]]:

@@ -7,13 +7,11 @@ held-out blocks. Where it gains clearly, something is there that no named cause 
 """
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from forefeel.common.causes.candidate import MotionGrid
 from forefeel.common.causes.numerics import intervals_s, lagged
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.held_out import block_numbers, columns, gain, held_out
+from forefeel.diagnosis.held_out import columns, gain, held_out
 from forefeel.diagnosis.noise import NoiseFloor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression, alignment
 from forefeel.diagnosis.verdict import HeldOut
@@ -85,8 +83,6 @@ def _share(past: Floats, now: Floats, past_out: Floats, now_out: Floats) -> floa
 
 
 _RIDGES = 1e-4, 1e-2
-_NEIGHBOURS = 12  # places that are averaged: noise is passed on by a twelfth of its power
-_DIRECTION = 0.3  # of the stroke: so far apart lie two directions, farther than any neighbour
 _LAGS_S = 0.03, 0.1, 0.3, 1.0
 
 
@@ -122,33 +118,6 @@ def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut |
     phase = 2.0 * np.pi * frequency_hz * t
     extra = np.column_stack([depth * np.sin(phase), depth * np.cos(phase)])
     return _gain_of(regression, fit, extra, (1e-10,))
-
-
-def alike_gain(regression: RecordingRegression, fit: ModelFit, left: Floats) -> HeldOut:
-    """Held-out gain of what was left in other blocks whenever the motion was alike: position and direction,
-    or position and speed. By nearest neighbours: any function of the motion, however fine, and none of time.
-
-    `left`: the held-out errors of the fit.
-    """
-    motion, signals, rows = regression.motion(fit.model), regression.signals, regression.rows
-    x, v, s = (
-        signals.column(signals.spectrum(column))[rows] for column in (motion.x, motion.v, motion.direction)
-    )
-    numbers, trials = block_numbers(regression), []
-    for other, scale in ((s, _DIRECTION), (v, 1.0)):
-        place = np.column_stack([x / max(np.ptp(x), 1e-300), scale * other / max(np.ptp(other), 1e-300)])
-        trials.append(gain(regression, left, left - _of_neighbours(place, left, numbers)))
-    return max(trials, key=lambda trial: trial.gain)
-
-
-def _of_neighbours(place: Floats, values: Floats, numbers: NDArray[np.int64]) -> Floats:
-    """Mean of the values of the nearest places in other blocks."""
-    said = np.empty_like(values)
-    for number in np.unique(numbers):
-        own = numbers == number
-        _, near = cKDTree(place[~own]).query(place[own], k=min(_NEIGHBOURS, int(np.sum(~own))))
-        said[own] = values[~own][near].mean(axis=1)
-    return said
 
 
 def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
