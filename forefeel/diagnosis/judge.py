@@ -329,6 +329,9 @@ class Judge:
 
     def _cause(self, name: str) -> Cause:
         without, own = self._alone[name]
+        if "bias" not in self.fit.model:  # as the baseline has: no part of a cause that makes it needless
+            without = self.search.without(self.search.fit({**self.fit.model, "bias": ()}), name)
+            own = gain(self.regression, held_out_errors(self.regression, without), self.after)
         plain, likelihood = base_name(name), without.score - self.fit.score
         words = (
             f"without it the penalised -2 log likelihood is {likelihood:.0f} worse; it lessens the error on "
