@@ -23,6 +23,7 @@ from forefeel.slave.command_receiver import CommandReceiver
 from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
 from forefeel.slave.devices import DeviceReports, Devices, DeviceWatch
 from forefeel.slave.events import SlaveEvents
+from forefeel.slave.following import following_watch
 from forefeel.slave.forces import ForcePublisher, Instant
 from forefeel.slave.session import SlaveSession
 from forefeel.slave.settings import SlaveAxisSettings
@@ -53,7 +54,7 @@ class SlaveAxis:
         self.shutdown = False
         self._devices = devices
         self._event_sink = event_sink
-        self._watch = DeviceWatch(devices, self._device_failed)
+        self._watch = DeviceWatch(devices, following_watch(settings), self._device_failed)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
         self._session = SlaveSession(cell, settings, devices, bus, instance_id, self.events)
         self._receiver = CommandReceiver(settings, self._session, self.events)
@@ -208,6 +209,8 @@ class SlaveAxis:
             fault=self._fault.take() or self._event_sink.problem or self._session.clock_fault(now_ns),
             shutdown=self.shutdown,
             clear=cleared,
+            stage_rests=self._watch.following.at_rest,
+            strayed=self._watch.following.strayed,
         )
 
     def _apply(self, outputs: ControlOutputs, now_ns: int) -> None:
@@ -215,9 +218,11 @@ class SlaveAxis:
             if outputs.moving:
                 asked_m = outputs.target_m
                 applied_m = self._devices.stage.command(asked_m, outputs.velocity_m_s, now_ns)
+                self._watch.following.command(applied_m, outputs.velocity_m_s, now_ns)
                 if abs(applied_m - asked_m) > _EXACT_M:
                     self.events.limit(LimitHit("travel", asked_m, applied_m, "m"))
             else:
+                self._watch.following.hold()
                 self._devices.stage.hold(now_ns)
         except DeviceError as error:
             self._device_failed("stage", str(error))

@@ -25,7 +25,8 @@ class ControlInputs(NamedTuple):
 
     `command`: newest admitted one and its receive stamp, or None when there is no new one. `released`: one
     that came since the last tick released the deadman, though a newer one may hold it again. `estop`,
-    `fault`, `clear`: what came since the last tick; the machine latches it.
+    `fault`, `clear`: what came since the last tick; the machine latches it. `stage_rests`: by its readback.
+    `strayed`: it is not where it was sent.
     """
 
     command: tuple[MotionCommand, int] | None
@@ -39,6 +40,8 @@ class ControlInputs(NamedTuple):
     shutdown: bool = False
     clear: bool = False
     released: bool = False
+    stage_rests: bool = True
+    strayed: bool = False
     lost_reason: str = "no session"
 
 
@@ -76,12 +79,13 @@ class AxisControl:
         self._released = False
         self._engaged_ns = 0
         self._force = ForceWatch(gate.force_timeout_s)
+        self._stage_rests = True
         self._previous_ns: int | None = None
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves and nothing will without a new command."""
-        return not self.machine.following and self.limiter.velocity_m_s == 0.0
+        """Whether neither setpoint nor stage moves, and nothing will without a new command."""
+        return not self.machine.following and self.limiter.velocity_m_s == 0.0 and self._stage_rests
 
     def tick(self, now_ns: int, inputs: ControlInputs) -> ControlOutputs:
         """One tick: take the command, let the machine react, move the setpoint."""
@@ -90,6 +94,9 @@ class AxisControl:
         transitions: list[Transition] = []
         hits: list[LimitHit] = []
         self._take(inputs)
+        self._stage_rests = inputs.stage_rests
+        if inputs.strayed:  # a setpoint ahead of a stuck stage would make it leap once it is freed
+            self.limiter.place(inputs.position_m)
         self._force.take(inputs.force_n, inputs.force_valid)
         if 0 < self._watchdog_ns < stood_ns:
             # Whatever stopped this loop, the drive's own watchdog has stopped the stage: there it stays.
@@ -104,7 +111,7 @@ class AxisControl:
             hits += self._follow(now_ns, dt_s)
         else:
             self.limiter.stop(dt_s)
-            if self.machine.state is SafetyState.STOPPING and self.limiter.velocity_m_s == 0.0:
+            if self.machine.state is SafetyState.STOPPING and self.at_rest:
                 self._fire(E.AT_REST, "stage at rest", now_ns, transitions)
         following = self.machine.following
         return ControlOutputs(

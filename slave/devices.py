@@ -11,6 +11,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S, Calibration
+from forefeel.slave.following import FollowingWatch
 from forefeel.slave.gripper import Gripper
 from forefeel.slave.load_cell import LoadCell, LoadCellReading
 from forefeel.slave.stage import Stage, StageReading
@@ -34,11 +35,15 @@ class DeviceWatch:
     Attributes:
         stage: the newest readback.
         force: the newest reading of the load cell, not valid any more when it is too old.
+        following: whether the stage goes where it is sent; to be told what it was sent.
     """
 
-    def __init__(self, devices: Devices, on_fault: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, devices: Devices, following: FollowingWatch, on_fault: Callable[[str, str], None]
+    ) -> None:
         self.stage = StageReading(0.0, 0.0)
         self.force, self._force_ns = _NO_FORCE, 0
+        self.following = following
         self._devices = devices
         self._on_fault = on_fault
 
@@ -53,6 +58,7 @@ class DeviceWatch:
                 opened.callback(device.close)
                 device.open()
             self._read_stage(now_ns)
+            self.following.read(self.stage, now_ns)
             opened.pop_all()
 
     def close(self) -> None:
@@ -75,6 +81,8 @@ class DeviceWatch:
         cell, name = self._devices.load_cell, "stage"
         try:
             self._read_stage(now_ns)
+            if (strayed := self.following.read(self.stage, now_ns)) is not None:
+                self._on_fault(name, strayed)
             name = "load_cell"
             readings = cell.read(now_ns, recording_time_s)
             for reading in readings:

@@ -2,7 +2,9 @@
 
 from math import isfinite
 from types import TracebackType
-from typing import ClassVar, NamedTuple, Protocol, Self
+from typing import Annotated, ClassVar, NamedTuple, Protocol, Self
+
+from pydantic import Field
 
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.driver import DriverSettings, Slot
@@ -16,7 +18,12 @@ Travel = tuple[float, float]
 
 
 class StageDriverSettings(DriverSettings):
+    """Base of the settings of every stage. `lag_s`: the most by which its readback is late to its setpoint; a
+    readback that this does not explain is a fault. Of a simulated stage its bandwidth counts instead.
+    """
+
     slot: ClassVar[Slot] = "stage"
+    lag_s: Annotated[float, Field(gt=0, le=0.3)] = 0.060
 
     @property
     def travel(self) -> Travel | None:

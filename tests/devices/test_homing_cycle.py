@@ -20,7 +20,7 @@ ATTAINED, REACHED = cia402.HOMING_ATTAINED, cia402.TARGET_REACHED
 
 def hosted(method: int, patience: int = 5000) -> HomingCycle:
     standing = Setpoint(SYNC_S, (-1.0, 1.0), 0.1, 1.0)
-    return HomingCycle(DriveCycle(SYNC_S, 0.02, 0.002, standing), method, patience)
+    return HomingCycle(DriveCycle(SYNC_S, 0.02, standing), method, patience)
 
 
 def drive(method: int) -> DriveModel:

@@ -23,6 +23,7 @@ from forefeel.common.settings import settings_hash, shared_text
 from forefeel.common.topics import Qos
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.common.transport.port import Put
+from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.slave.axis import SlaveAxis
 from forefeel.slave.devices import Devices
 from forefeel.slave.load_cell import LoadCellReading
@@ -32,12 +33,13 @@ from forefeel.slave.stage import StageReading
 MS = 1_000_000
 START_M = 0.02
 SESSION = 41
-SETTINGS = SlaveAxisSettings(gate=GateSettings(engage_ramp_s=0.02))
+_STAGE = ZaberSettings(driver="zaber_ascii", port="none", microstep_m=1e-7, travel_m=(-1.0, 1.0))
+SETTINGS = SlaveAxisSettings(gate=GateSettings(engage_ramp_s=0.02), stage=_STAGE)
 SHARED = shared_text("cell", "insertion", SETTINGS.limits)
 
 
 class FakeStage:
-    """Follows at once. `broken` names the calls that fail."""
+    """Follows at once, unless it is stuck. `broken` names the calls that fail."""
 
     def __init__(self) -> None:
         self.position_m, self.velocity_m_s = START_M, 0.0
@@ -45,7 +47,7 @@ class FakeStage:
         self.broken = set[str]()
         self.commands = list[tuple[int, float, float]]()
         self.holds = list[int]()
-        self.opened = False
+        self.opened = self.stuck = False
 
     def _call(self, name: str) -> None:
         if name in self.broken:
@@ -64,9 +66,10 @@ class FakeStage:
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
         self._call("command")
         self.commands.append((now_ns, position_m, velocity_m_s))
-        self.position_m = max(self.travel_m[0], min(self.travel_m[1], position_m))
-        self.velocity_m_s = velocity_m_s
-        return self.position_m
+        applied_m = max(self.travel_m[0], min(self.travel_m[1], position_m))
+        if not self.stuck:
+            self.position_m, self.velocity_m_s = applied_m, velocity_m_s
+        return applied_m
 
     def hold(self, now_ns: int) -> None:
         self._call("hold")

@@ -219,6 +219,16 @@ def test_nothing_engages_while_the_setpoint_still_moves() -> None:
     assert all(before - after <= 4.0e-3 + 1e-9 for before, after in pairwise(speeds))
 
 
+def test_stopping_lasts_until_the_stage_itself_rests() -> None:
+    rig = Rig().moving(0.1)
+    rig.released()
+    for _ in range(300):
+        rig.tick(stage_rests=False)
+    assert (rig.state(), rig.out.moving) == (S.STOPPING, False)
+    rig.tick()
+    assert rig.state() is S.READY
+
+
 def test_a_session_that_takes_over_between_two_ticks_does_not_inherit_the_release() -> None:
     rig = Rig()
     rig.released(3)

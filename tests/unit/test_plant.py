@@ -1,7 +1,7 @@
 """The simulated world: stage, load cell, contact, recorded forces, hidden effects."""
 
 from collections.abc import Callable
-from math import cos, exp, nan, pi, sin, sqrt
+from math import cos, nan, pi, sin, sqrt
 from statistics import fmean
 from typing import Any
 
@@ -201,17 +201,6 @@ def test_no_setpoint_breaks_a_limit(
             before = x
             assert abs(v) <= velocity * (1 + 1e-9)
             assert abs(a) <= acceleration * (1 + 1e-6)
-
-
-def test_the_servo_settles_as_a_critically_damped_second_order_system() -> None:
-    plant = stage(
-        bandwidth_hz=5.0, acceleration_limit_m_s2=100.0, velocity_limit_m_s=5.0, device_watchdog_s=1.0
-    )
-    plant.command(0.01, 0.0, 0.0)
-    w = 2 * pi * 5.0
-    for i, (x, _, _) in enumerate(run(plant, 0.0, 0.3), start=1):
-        t = i * DT
-        assert x == pytest.approx(0.01 * (1 - (1 + w * t) * exp(-w * t)), abs=3e-5)
 
 
 def test_extrapolation_is_bounded_when_setpoints_stop() -> None:

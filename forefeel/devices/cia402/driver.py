@@ -1,7 +1,6 @@
 """A CiA 402 drive in cyclic synchronous position mode behind the stage port."""
 
 import time
-from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -39,8 +38,6 @@ SILENT_PERIODS, SILENT_S = 3, 0.05
 """So many SYNC in a row without a TPDO, and for so long, are a fault: a host pauses for more than 12 ms."""
 _FIRST_TPDO_S = 0.5  # s for the first TPDO and the first heartbeat
 _ENABLE_S = 1.0  # s in which a reset or an enabling must be done
-_BEHIND_CYCLES = 5  # cycles in a row with a following error that are a fault
-_REMEMBERED_SETPOINTS = 4  # setpoints that a readback may belong to
 # s after which a command is over and the setpoint comes to rest: the default of the slave's `watchdog_s`
 _STREAM_S = 0.060
 _CARRY_S = 0.002  # s by which a command is carried on with its velocity: two periods at 1 kHz
@@ -85,26 +82,21 @@ class DriveCycle:
     Args:
         period_s: of SYNC.
         heartbeat_s: how often the drive is to say that it lives.
-        following_error_m: how far it may stay behind the setpoint.
         setpoint: what it is led by; starts where the drive is.
 
     Attributes:
         passive_cycles: how often the drive has answered while it was told to stand.
     """
 
-    def __init__(
-        self, period_s: float, heartbeat_s: float, following_error_m: float, setpoint: Setpoint
-    ) -> None:
+    def __init__(self, period_s: float, heartbeat_s: float, setpoint: Setpoint) -> None:
         self._period_s = period_s
-        self._window_m = following_error_m
         self.machine = DriveMachine(patience=round(_ENABLE_S / period_s))
         self.setpoint = setpoint
         self._beat_cycles = int(3.0 * heartbeat_s / period_s) + 1
-        self._no_beat = self._silent = self._behind = 0
+        self._no_beat = self._silent = 0
         self._patience = max(SILENT_PERIODS, round(SILENT_S / period_s))
         self._grace = round(_FIRST_TPDO_S / period_s)
         self._heard_once = False
-        self._sent: deque[float] = deque(maxlen=_REMEMBERED_SETPOINTS)
         self._statusword = 0
         self.passive_cycles = 0
 
@@ -124,19 +116,15 @@ class DriveCycle:
             if heard is not None:
                 self.setpoint.restart(heard.position_m)
                 self.passive_cycles += self.machine.phase is Phase.PASSIVE
-            self._sent.clear()
             return word
         self._move(wanted, now_ns)
-        if heard is not None:
-            self._not_behind(heard.position_m)
-        self._sent.append(self.setpoint.position_m)
         return word
 
     def supervise(self, heard: Readback | None, beat: bool, emergency: int | None) -> int:
         """The controlword alone, for a drive that moves by itself.
 
         Raises:
-            DeviceError: as `step`, but for the following error, which is the drive's own to watch.
+            DeviceError: as `step`.
         """
         self._listen(heard, beat, emergency)
         return self.machine.step(self._statusword) if self._heard_once else QUICK_STOP
@@ -160,20 +148,9 @@ class DriveCycle:
         else:
             self.setpoint.follow(wanted.position_m + wanted.velocity_m_s * min(age_s, _CARRY_S))
 
-    def _not_behind(self, actual_m: float) -> None:
-        """A drive answers a setpoint one or two cycles later: any of the last few will do."""
-        if not self._sent:
-            return
-        error_m = max(min(self._sent) - actual_m, actual_m - max(self._sent), 0.0)
-        self._behind = self._behind + 1 if error_m > self._window_m else 0
-        if self._behind >= _BEHIND_CYCLES:
-            raise DeviceError(
-                f"following error {error_m:.4g} m at {actual_m:.4g} m, expected at most {self._window_m:g} m"
-            )
-
 
 # --- The handshake of a CiA 402 drive: who it is, and everything that its safety depends on written by us.
-# SYNC periods beyond the window after which the drive itself reports a following error, as `_BEHIND_CYCLES`
+# SYNC periods beyond the window after which the drive itself reports a following error
 _FOLLOWING_PERIODS = 5
 _SWITCH_OFF = [(transmit, number) for transmit in (False, True) for number in (2, 3, 4)]
 
@@ -539,8 +516,7 @@ class Cia402Stage:
         """
         settings, link, clock, setpoint = self._settings, self.link, self._clock, self._new_setpoint()
         setpoint.restart(actual_m)
-        period_s, error_m = 1.0 / settings.sync_hz, settings.following_error_m
-        cycle = DriveCycle(period_s, settings.heartbeat_s, error_m, setpoint)
+        cycle = DriveCycle(1.0 / settings.sync_hz, settings.heartbeat_s, setpoint)
         machine, first, pacer = cycle.machine, link.inhibited is None, Pacer(clock, voice.period_ns)
 
         def may_end() -> bool:

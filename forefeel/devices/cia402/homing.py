@@ -216,7 +216,7 @@ class Cia402Homing:
 
         voice, period_s = DriveVoice(shared, settings, self.link), 1.0 / settings.sync_hz
         standing = Setpoint(period_s, settings.travel_m, settings.max_velocity_m_s, 1.0)
-        cycle = DriveCycle(period_s, settings.heartbeat_s, settings.following_error_m, standing)
+        cycle = DriveCycle(period_s, settings.heartbeat_s, standing)
         homing = HomingCycle(cycle, settings.homing.method, round(self._longest_s() * settings.sync_hz))
         pacer = Pacer(self._clock, voice.period_ns)
         with DriveEars(shared, settings.node_id, self.link, self._clock, believe) as ears:

@@ -1,0 +1,137 @@
+"""Whether the stage goes where it is sent, and rests when it is told to; by its readback, whatever its
+driver. Pure.
+"""
+
+from collections import deque
+from math import exp, pi
+
+from forefeel.slave.plant.stage import EXTRAPOLATION_S
+from forefeel.slave.settings import SlaveAxisSettings
+from forefeel.slave.stage import StageReading
+
+DEVIATION_M = 1e-4
+"""A healthy stage is below 0.06 mm (`python -m benchmarks.liars`). What grows by 4 mm/s is there in 25 ms."""
+_REST_M, _REST_NS = 20e-6, 50_000_000
+"""At rest: within 20 um for 50 ms, below 0.4 mm/s. A count of 1 um at 250 Hz flickers by 0.25 mm/s."""
+_TO_REST_NS = 500_000_000
+"""From 1 m/s at `gate.stop_deceleration_m_s2`, 4 m/s^2, it takes half of that."""
+_BLIND_NS = 50_000_000
+"""After a longer pause of the control loop drives have stopped by themselves: the stage is where it reads."""
+
+
+class KnownServo:
+    """Bandwidth known: `r'' = w^2 (s - r) + 2 w (s' - r')`, w = 2 pi bandwidth; s goes on with s' for 2 ms.
+    Exact from tick to tick: `e = r - s` is `(e0 + (e0' + w e0) t) exp(-w t)`.
+    """
+
+    def __init__(self, bandwidth_hz: float) -> None:
+        self._w = 2.0 * pi * bandwidth_hz
+        self.rest(0.0, 0)
+
+    def rest(self, position_m: float, now_ns: int) -> None:
+        self._r = self._s = position_m
+        self._v = self._feed = self._carried_s = 0.0
+        self._now_ns = now_ns
+
+    def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> None:
+        self.span_m(now_ns)
+        self._s, self._feed, self._carried_s = position_m, velocity_m_s, EXTRAPOLATION_S
+
+    def span_m(self, now_ns: int) -> tuple[float, float]:
+        """The lowest and the highest position of a healthy stage."""
+        elapsed_s, self._now_ns = (now_ns - self._now_ns) * 1e-9, now_ns
+        carried_s = min(elapsed_s, self._carried_s)
+        self._carried_s -= carried_s
+        w = self._w
+        for feed, dt in ((self._feed, carried_s), (0.0, elapsed_s - carried_s)):
+            e, d, decay = self._r - self._s, self._v - feed, exp(-w * dt)
+            c = d + w * e
+            self._s += feed * dt
+            self._r, self._v = self._s + (e + c * dt) * decay, feed + (d - w * c * dt) * decay
+        return self._r, self._r
+
+
+class LateStage:
+    """Reads back where it was sent, 0 to `lag_s` later. Drivers carry targets and readings on by velocity.
+    So it is in the hull of the setpoints s(u) and of s(u) + s'(u) (t - u), t - lag <= u <= t.
+    """
+
+    def __init__(self, lag_s: float) -> None:
+        self._lag_ns = round(lag_s * 1e9)
+        self._sent: deque[tuple[int, float, float]] = deque()
+
+    def rest(self, position_m: float, now_ns: int) -> None:
+        self._sent.clear()
+        self.command(position_m, 0.0, now_ns)
+
+    def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> None:
+        self._newest = (now_ns, position_m, velocity_m_s)
+        if not self._sent or now_ns - self._sent[-1][0] >= self._lag_ns // 20:
+            self._sent.append(self._newest)
+
+    def span_m(self, now_ns: int) -> tuple[float, float]:
+        """The lowest and the highest position of a healthy stage."""
+        sent, since_ns = self._sent, now_ns - self._lag_ns
+        while len(sent) > 1 and sent[1][0] <= since_ns:
+            sent.popleft()
+        at_ns, x_m, v_m_s = sent[0]
+        if at_ns < since_ns:
+            sent[0] = (since_ns, x_m + v_m_s * (since_ns - at_ns) * 1e-9, v_m_s)
+        found = list[float]()
+        for at_ns, x_m, v_m_s in (*sent, self._newest):
+            found += (x_m, x_m + v_m_s * (now_ns - at_ns) * 1e-9)
+        return min(found), max(found)
+
+
+class FollowingWatch:
+    """Compares each readback with where a healthy stage may be; after a hold it has to come to rest.
+
+    Attributes:
+        at_rest: whether the stage itself rests.
+        deviation_m: of the newest readback from where the stage may be; 0 while it is told to hold.
+    """
+
+    def __init__(self, expected: KnownServo | LateStage) -> None:
+        self._expected = expected
+        self._holds = True
+        self._read_ns = self._moved_ns = self._settled_ns = 0
+        self._anchor_m = self.deviation_m = 0.0
+        self.at_rest = False
+
+    @property
+    def strayed(self) -> bool:
+        return self.deviation_m > DEVIATION_M
+
+    def command(self, applied_m: float, velocity_m_s: float, now_ns: int) -> None:
+        self._holds = False
+        self._expected.command(applied_m, velocity_m_s, now_ns)
+
+    def hold(self) -> None:
+        self._holds = True
+
+    def read(self, reading: StageReading, now_ns: int) -> str | None:
+        """Why this readback is a fault; None where it is none."""
+        x_m, blind, self._read_ns = reading.position_m, now_ns - self._read_ns > _BLIND_NS, now_ns
+        if abs(x_m - self._anchor_m) > _REST_M:
+            self._anchor_m, self._moved_ns = x_m, now_ns
+        self.at_rest = now_ns - self._moved_ns >= _REST_NS
+        if self.at_rest or blind or not self._holds:
+            self._settled_ns = now_ns
+        if self._holds or blind:
+            self._expected.rest(x_m, now_ns)
+        low_m, high_m = self._expected.span_m(now_ns)
+        self.deviation_m = max(0.0, low_m - x_m, x_m - high_m)
+        if now_ns - self._settled_ns > _TO_REST_NS:
+            return f"stage moves {_TO_REST_NS * 1e-9:g} s after it was told to hold: check the drive"
+        if not self.strayed:
+            return None
+        return (
+            f"stage at {x_m * 1e3:.2f} mm, {self.deviation_m * 1e3:.2f} mm off its setpoint: stuck, slipping "
+            "or slower than the settings say; check what blocks it, and stage.lag_s"
+        )
+
+
+def following_watch(settings: SlaveAxisSettings) -> FollowingWatch:
+    if settings.stage.driver == "simulated":
+        return FollowingWatch(KnownServo(settings.simulation.stage.bandwidth_hz))
+    return FollowingWatch(LateStage(settings.stage.lag_s))
