@@ -7,30 +7,34 @@ daemons on one bus whose links have half of the round trip each. Per row:
   actuator that applies the force at once and one that applies it a tick later (the same motion);
 - change of the felt force per tick in mN, its 99.9th percentile and its largest, without the 0.5 s after an
   engagement that follows a stop; the largest in these 0.5 s alone;
-- R = rms(felt - true) / rms(held - true) while the predictor learns (4 to 10 s) and later (10 to 18 s), over
-  the ticks in which the slave follows; and rms(felt - true) in N. True: the force with which a noise-free
-  twin of the world answers the command of this tick. Held: the newest force that has arrived. Felt: at the
-  hand, over `force_scale`.
+- R, the rms error of the felt force in N, and the share of time in which it is within one just noticeable
+  difference (`forefeel.report.transparency`): while the predictor learns (4 to 10 s) / later (10 to 18 s);
+- the largest distance in mm of the stage from where the command that it executes wants it, from 4 s on.
 
+Beside the product's own rows: the newest force that has arrived under the same passivity limit
+(`rendering.source: zoh`), and two controllers of the literature, tuned as `benchmarks.bilateral` says.
 Arguments: words, of which each row's name has one (default: all rows).
 """
 
 import sys
 import time
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.bilateral import PEERS, Peer, Trace, simulate
 from forefeel.common.causes.model import SCHEMA
-from forefeel.common.limiter import MotionLimiter
-from forefeel.common.messages import MotionCommand
+from forefeel.common.clock import VirtualClock
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
+from forefeel.master.daemon import make_handle
 from forefeel.master.handle import Handle, HandleReading
-from forefeel.slave.plant.world import SimulatedWorld
-from forefeel.slave.settings import SlaveAxisSettings
+from forefeel.report.transparency import Twin, transparency
 from tests.simulation.pair import Pair, S
 
 SEED = 1  # of operator and load cell; arbitrary
@@ -45,13 +49,14 @@ CONTACT_M = 0.008  # m, where the wall begins
 STROKE = {"depth_m": 0.015}
 LOOSE = {"arm_mass_kg": 0.15, "arm_damping_n_s_m": 3.0, "arm_stiffness_n_m": 60.0}
 STIFF = {"arm_mass_kg": 0.6, "arm_damping_n_s_m": 40.0, "arm_stiffness_n_m": 1000.0, "depth_m": 0.006}
-Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
     """`stiffness_n_m` None: the world of the demo. From `JUMP_S` on: `later_s`, the round trip, and `ratio`,
-    of the wall's stiffness. `hand`: settings of the operator.
+    of the wall's stiffness. `hand`: settings of the operator. `source`: of the force, see
+    `RenderingSettings`. `again`: a run of another operator came before, whose prior this one loads.
     """
 
     name: str
@@ -61,12 +66,15 @@ class Row:
     ratio: float = 1.0
     cuts_s: tuple[tuple[float, float], ...] = ()
     hand: dict[str, float] = field(default_factory=dict)
+    source: str = "predicted"
+    again: bool = False
 
-    def plan(self) -> Plan:
+    def plan(self, seed: int = SEED, prior_dir: Path | None = None) -> Plan:
         """Settings of both ends, at a wall with a force limit that the hand does not reach."""
-        plan = make_plan(LoopbackOptions(seed=SEED))
+        plan = make_plan(LoopbackOptions(seed=seed, prior_dir=prior_dir))
         slave, master = plan.slave["axes"][0], plan.master["axes"][0]
         master["handle"] |= self.hand
+        master["rendering"] |= {"source": self.source}
         if self.stiffness_n_m is not None:
             master["handle"] = STROKE | master["handle"]
             slave["limits"] = master["limits"] = {"max_force_n": 40.0}
@@ -103,7 +111,9 @@ ROWS = (
     Row("loose hand 3000 N/m 300 ms", 3000.0, 0.3, hand=LOOSE),
     Row("stiff hand 3000 N/m 300 ms", 3000.0, 0.3, hand=STIFF),
     Row("demo catheter 300 ms", None, 0.3),
+    Row("demo catheter, second run, 300 ms", None, 0.3, again=True),
 )
+HELD = tuple(replace(row, name=f"held force, {row.name}", source="zoh") for row in STEADY)
 
 
 class Actuator:
@@ -134,110 +144,126 @@ class Actuator:
         return 1e3 * float(min(0.0, np.cumsum(given_j).min()))
 
 
-class Twin:
-    """The slave's world without noise, which gets each command at once: limits, stage, contact, load cell.
-
-    Its clock runs `ahead_ns` before the commands' stamps, as the world's does in which they arrive.
-    """
-
-    def __init__(self, settings: SlaveAxisSettings, start_ns: int, ahead_ns: int) -> None:
-        cell = settings.simulation.load_cell.model_copy(update={"noise_n": 0.0})
-        self._world = SimulatedWorld(
-            settings.simulation.model_copy(update={"load_cell": cell}), settings.seed
-        )
-        self._world.advance(start_ns)
-        self._limiter = MotionLimiter(settings.limits, settings.gate.stop_deceleration_m_s2)
-        self._ahead_ns = ahead_ns
-
-    def force_n(self, command: MotionCommand) -> float:
-        """The force in N that answers a command, a tick after it arrives."""
-        if command.deadman:
-            self._limiter.follow(command.position_m, command.velocity_m_s, 0.0, 1e-3)
-        else:
-            self._limiter.place(command.position_m)
-        arrived_ns = command.stamp_ns + self._ahead_ns
-        self._world.set_target(self._limiter.position_m, self._limiter.velocity_m_s, arrived_ns)
-        self._world.advance(arrived_ns + S // 1000)
-        return self._world.load_cell_reading().force_n
-
-
 class Felt:
     """A row's run, and what is measured of it."""
 
     def __init__(self, row: Row) -> None:
-        plan = row.plan()
-        self._pair = Pair(plan.slave, plan.master)
-        self.actuator = Actuator(self._pair.master.axes[0].handle)
-        self._settings = plan.slave_settings().axes[0]
-        self._scale = plan.master_settings().axes[0].rendering.force_scale
-        self._start_ns = self._pair.runtime.clock.now_ns()
         self._row = row
-        for cable in (self._pair.to_slave, self._pair.to_master):
+        with TemporaryDirectory() as folder:
+            prior_dir = Path(folder) if row.again else None
+            if row.again:
+                first = Pair(*_ends(row.plan(SEED + 1, prior_dir)))
+                self._run(first)
+                first.master.shut_down()
+                first.run(1.0)
+                first.master.close(first.runtime.clock.now_ns())
+            plan = row.plan(SEED, prior_dir)
+            self._pair = Pair(*_ends(plan))
+            self.actuator = Actuator(self._pair.master.axes[0].handle)
+            self._axis = plan.slave_settings().axes[0]
+            self._scale = plan.master_settings().axes[0].rendering.force_scale
+            self._start_ns = self._pair.runtime.clock.now_ns()
+            self._run(self._pair)
+
+    def _run(self, pair: Pair) -> None:
+        row = self._row
+        for cable in (pair.to_slave, pair.to_master):
             cable.delay_s = row.round_trip_s / 2
             cable.cuts = [(1.0 + start_s, 1.0 + end_s) for start_s, end_s in row.cuts_s]
         if row.later_s is None:
-            self._pair.run(DURATION_S)
+            pair.run(DURATION_S)
             return
-        self._pair.run(JUMP_S)
-        self._pair.to_slave.delay_s = self._pair.to_master.delay_s = row.later_s / 2
-        self._pair.run(DURATION_S - JUMP_S)
+        pair.run(JUMP_S)
+        pair.to_slave.delay_s = pair.to_master.delay_s = row.later_s / 2
+        pair.run(DURATION_S - JUMP_S)
 
-    def steps_mn(self) -> tuple[float, float, float]:
-        """Changes of the felt force per tick: 99.9th percentile, largest; largest after a further arming."""
+    def again(self) -> Flags:
+        """The changes of the force after a further arming."""
         stamps_ns = np.array(self.actuator.stamps_ns[1:])
-        steps_mn = 1e3 * np.abs(np.diff(self.actuator.forces_n))
-        again = np.zeros(len(steps_mn), bool)
+        found = np.zeros(len(stamps_ns), bool)
         for engaged_s in self._pair.heard.times("engage")[1:]:
             # the master hears of it half a round trip later
             later_s = stamps_ns / S - engaged_s - self._row.round_trip_s / 2
-            again |= (later_s >= 0.0) & (later_s < SETTLED_S)
-        usual_mn = steps_mn[~again]
-        return (
-            float(np.percentile(usual_mn, 99.9)),
-            float(usual_mn.max()),
-            float(steps_mn[again].max(initial=0.0)),
-        )
+            found |= (later_s >= 0.0) & (later_s < SETTLED_S)
+        return found
 
-    def errors_n(self) -> tuple[Floats, Floats, Floats]:
-        """Of each command that the slave followed: time in s, error of the felt and of the held force."""
+    def trace(self) -> Trace:
+        """Of each command that the slave followed."""
         heard = self._pair.heard
-        answered = {sample.answers_sequence for sample in heard.messages(FORCE)}
+        stage_m = {sample.answers_sequence: sample.position_m for sample in heard.messages(FORCE)}
         haptics = {sample.sequence: sample for sample in heard.messages(HAPTICS)}
-        twin = Twin(self._settings, self._start_ns, round(self._row.round_trip_s / 2 * S))
+        twin = Twin(self._axis, self._start_ns + S // 1000, round(self._row.round_trip_s / 2 * S))
         rows = []
         for command in heard.messages(COMMAND):
             true_n, haptic = twin.force_n(command), haptics[command.sequence]
-            if command.sequence in answered and haptic.zoh_n is not None:
-                felt_n = haptic.rendered_n / self._scale
-                time_s = (command.stamp_ns - self._start_ns) / S
-                rows.append((time_s, felt_n - true_n, haptic.zoh_n - true_n))
-        times_s, felt_n, held_n = np.array(rows).T
-        return times_s, felt_n, held_n
+            if command.sequence in stage_m and haptic.zoh_n is not None:
+                time_s, behind_m = (command.stamp_ns - self._start_ns) / S, stage_m[command.sequence]
+                felt_n, held_n = haptic.rendered_n / self._scale, haptic.zoh_n
+                rows.append((time_s, felt_n, held_n, true_n, behind_m - command.position_m))
+        return Trace(*np.array(rows).T)
 
 
-def ratio(errors_n: tuple[Floats, Floats, Floats], span_s: tuple[float, float]) -> tuple[float, float]:
-    """R in a span, and the rms error of the felt force in N."""
-    time_s, felt_n, held_n = errors_n
-    inside = (time_s >= span_s[0]) & (time_s < span_s[1])
-    felt_rms_n, held_rms_n = (float(np.sqrt(np.mean(each[inside] ** 2))) for each in (felt_n, held_n))
-    return felt_rms_n / held_rms_n, felt_rms_n
+def _ends(plan: Plan) -> tuple[dict[str, Any], dict[str, Any]]:
+    return plan.slave, plan.master
+
+
+def best(peer: Peer, row: Row) -> tuple[str, Actuator, Trace]:
+    """The best tuning of a peer at a row's wall, its handle and its trace."""
+    plan, found = row.plan(), list[tuple[bool, float, str, Actuator, Trace]]()
+    slave, master = plan.slave_settings().axes[0], plan.master_settings().axes[0]
+    for name, make in peer.tunings.items():
+        actuator = Actuator(handle := make_handle(master.handle, VirtualClock(0)))
+        controller = make(master.rendering.max_force_n)
+        trace = simulate(controller, handle, slave, row.round_trip_s / 2, DURATION_S)
+        error_n = (trace.felt_n - trace.true_n)[trace.time_s > LEARNING_S[0]]
+        gives = actuator.lowest_mj(0) < -1.0
+        found.append((gives, float(np.mean(error_n**2)), name, actuator, trace))
+    return min(found, key=lambda each: each[:2])[2:]
+
+
+def line(name: str, actuator: Actuator, again: Flags, trace: Trace) -> str:
+    """A row of the table."""
+    steps_mn = 1e3 * np.abs(np.diff(actuator.forces_n))
+    usual_mn = steps_mn[~again]
+    steps = np.percentile(usual_mn, 99.9), usual_mn.max(), steps_mn[again].max(initial=0.0)
+    spans = [(trace.time_s >= start) & (trace.time_s < end) for start, end in (LEARNING_S, LEARNED_S)]
+    early, late = (transparency(trace.felt_n[span], trace.held_n[span], trace.true_n[span]) for span in spans)
+    drift_mm = 1e3 * np.abs(trace.behind_m[trace.time_s > LEARNING_S[0]]).max()
+    return (
+        f"{name:46}{actuator.lowest_mj(0):9.2f}{actuator.lowest_mj(1):9.2f}"
+        f"{''.join(f'{step_mn:7.0f}' for step_mn in steps)}"
+        f"{early.ratio or 0.0:7.3f} /{late.ratio or 0.0:6.3f}"
+        f"{early.felt.rms_n or 0.0:8.3f} /{late.felt.rms_n or 0.0:7.3f}"
+        f"{early.within_jnd or 0.0:6.0%} /{late.within_jnd or 0.0:5.0%}{drift_mm:7.2f}"
+    )
+
+
+def lines(words: list[str]) -> Iterator[str]:
+    """The table, a row as soon as it is known."""
+
+    def wanted(name: str) -> bool:
+        return not words or any(word in name for word in words)
+
+    yield f"{DURATION_S:g} s in virtual time, seed {SEED}; E in mJ, steps in mN; learning / learned"
+    heads = f"{'E':>9}{'late':>9}{'p99.9':>7}{'most':>7}{'again':>7}{'R':>15}{'error, N':>17}{'in 1 JND':>13}"
+    yield f"{'row':46}{heads}{'mm':>7}"
+    for row in (*ROWS, *HELD):
+        if wanted(row.name):
+            felt = Felt(row)
+            yield line(row.name, felt.actuator, felt.again(), felt.trace())
+    for peer in PEERS:
+        for row in STEADY:
+            if wanted(name := f"{peer.name}, {row.name}"):
+                tuning, actuator, trace = best(peer, row)
+                yield line(name, actuator, np.zeros(len(actuator.forces_n) - 1, bool), trace)
+                yield f"    {tuning}"
 
 
 def main(words: list[str]) -> None:
-    """Prints the table, a row as soon as it is known."""
-    print(f"{DURATION_S:g} s in virtual time, seed {SEED}; E in mJ, steps in mN; learning / learned")
-    print(f"{'row':32}{'E':>9}{'late':>9}{'p99.9':>7}{'most':>7}{'again':>7}{'R':>15}{'error, N':>17}")
+    """Prints the table."""
     start_s = time.process_time()
-    for row in ROWS:
-        if words and not any(word in row.name for word in words):
-            continue
-        felt = Felt(row)
-        errors_n = felt.errors_n()
-        (early, early_n), (late, late_n) = (ratio(errors_n, span_s) for span_s in (LEARNING_S, LEARNED_S))
-        energies = "".join(f"{felt.actuator.lowest_mj(late_ticks):9.2f}" for late_ticks in (0, 1))
-        steps = "".join(f"{step_mn:7.0f}" for step_mn in felt.steps_mn())
-        errors = f"{early:7.3f} /{late:6.3f}{early_n:9.3f} /{late_n:6.3f}"
-        print(f"{row.name:32}{energies}{steps}{errors}", flush=True)
+    for each in lines(words):
+        print(each, flush=True)
     print(f"{time.process_time() - start_s:.0f} s of one core")
 
 

@@ -1,6 +1,5 @@
 """What a loopback run does: the settings of both ends, from a preset or from a measured recording."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -72,6 +71,14 @@ class Plan:
 
     def master_settings(self) -> MasterSettings:
         return checked(MasterSettings, self.master, self._where("master"))
+
+    def recorded(self) -> dict[str, str]:
+        """The metadata of the recording: with what the slave simulates, where stage and load cell are."""
+        axis = self.slave_settings().axes[0]
+        if {axis.stage.driver, axis.load_cell.driver} != {"simulated"}:
+            return self.metadata
+        scale = self.master_settings().axes[0].rendering.force_scale
+        return {**self.metadata, "slave_axis": axis.model_dump_json(), "force_scale": f"{scale!r}"}
 
     def _where(self, role: str) -> str:
         return f"loopback {role}, recording {self.metadata['recording']}"
@@ -184,18 +191,12 @@ def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_ax
 
 
 def _vary_world(options: LoopbackOptions, slave_axis: dict[str, Any]) -> dict[str, str]:
-    """Draws the contact of the simulated world; what of it stands in the recording.
-
-    The model is written as JSON, which is a model.yaml as well.
-    """
+    """Draws the contact of the simulated world; what of it stands in the recording's metadata."""
     simulation = slave_axis["simulation"]
     drawn = varied(world_settings(simulation).contact, options.world_spread, options.world_seed).to_mapping()
     simulation.pop("model", None)
     simulation["contact"] = drawn
-    return {
-        "world_spread": f"{options.world_spread:g}, world seed {options.world_seed}",
-        "world": json.dumps(drawn),
-    }
+    return {"world_spread": f"{options.world_spread:g}, world seed {options.world_seed}"}
 
 
 def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:

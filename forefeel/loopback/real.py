@@ -60,7 +60,7 @@ def run_real(
         ]
         devices = [Child(each.name, emulator_command(each), out) for each in emulators]
         listening = TransportSettings(listen=(endpoints[1],))
-        recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.metadata)
+        recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.recorded())
         try:
             if _started(devices, children, stop):
                 if viewer is not None:

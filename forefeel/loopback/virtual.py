@@ -78,7 +78,7 @@ class VirtualLoopback:
     def recording(self, path: Path) -> Iterator[Callable[[], None]]:
         """Gives what writes on, so that little is left for the end, for which an interrupted run waits."""
         with RunWriter(path) as writer:
-            writer.add_metadata("run", self._plan.metadata)
+            writer.add_metadata("run", self._plan.recorded())
 
             def write_on() -> None:
                 for key, payload, stamp_ns in self.payloads[writer.written + writer.malformed :]:

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from forefeel.common.error_size import ErrorSize
 from forefeel.report.score import ErrorRatio, PredictionComparison, Spread
+from forefeel.report.transparency import Transparency
 
 
 class _Part(BaseModel):
@@ -131,10 +132,11 @@ class CalibrationFigures(_Part):
 
 
 class AxisReport(_Part):
-    """One axis. What was not recorded is None, or empty."""
+    """One axis. What was not recorded is None, or empty. `transparency`: None without a simulated world."""
 
     axis: str | None = None
     commands: ScoredCommands = ScoredCommands()
+    transparency: Transparency | None = None
     prediction: ErrorSize = ErrorSize()
     zoh: ErrorSize = ErrorSize()
     ratio: ErrorRatio = ErrorRatio()

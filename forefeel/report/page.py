@@ -45,6 +45,7 @@ from forefeel.report.states import START_S
 from forefeel.report.summary import last_timing, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, CommandTraces, ParameterTraces, axis_traces
+from forefeel.report.transparency import Transparency
 from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, share
 
 FILES = ("report.json", "report.html")
@@ -400,11 +401,21 @@ def verdict(ratio_rms: float | None) -> str:
     return "better than holding the last force" if ratio_rms < 1 else "as good as holding the last force"
 
 
+def _felt(found: Transparency | None) -> str:
+    if found is None:
+        return "not scored: no simulated world was followed"
+    return (
+        f"{ratio(found.ratio)} of the held force's error; {quantity(found.felt.rms_n, 'N')} rms at the hand, "
+        f"{ratio(found.jnd_rms)} JND; {share(found.within_jnd)} within 1 JND"
+    )
+
+
 def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     """Ten lines of fewer than 100 characters each. `directory`: where the files were written."""
     where = f" in {directory}" if directory else ""
     lines = [
         f"Run        {_what_ran(report)}",
+        f"Felt       {_felt(report.transparency)}",
         f"Prediction {_size(report.prediction)}; {report.commands.scored} of {report.commands.sent} "
         "commands scored",
         f"ZOH        {_size(report.zoh)}; prediction / ZOH {ratio(report.ratio.rms)}, "
@@ -416,7 +427,6 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
         f"to the session's end; {_count(report.stops)} unchosen stops",
         f"Loops      p50/p99 late: {_loop('master', report.loop.master)}; "
         f"{_loop('slave', report.loop.slave)}",
-        f"Not judged {_not_judged(report)}",
         f"Counters   {_counters(report)}",
         f"Files      report.html, report.json{where}",
         DISCLAIMER,
@@ -445,12 +455,6 @@ def _loop(role: str, loop: LoopFigures) -> str:
 def _clock(report: RunReport) -> str:
     clock = report.clock
     return "unknown" if clock.bound_s is None else f"±{quantity(clock.bound_s, 's')} ({clock.grade})"
-
-
-def _not_judged(report: RunReport) -> str:
-    commands = report.commands
-    why = reasons(commands.reasons)
-    return f"{commands.not_judged} of {commands.sent} sent{f': {why}' if why else ''}"
 
 
 def _counters(report: RunReport) -> str:

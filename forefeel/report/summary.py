@@ -43,6 +43,7 @@ from forefeel.report.model import (
 from forefeel.report.score import PredictionComparison, compare, scored, spread
 from forefeel.report.states import armed_share
 from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns, sent_ns
+from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, run_transparency
 
 __all__ = ["RunReport", "last_timing", "summarise"]
 
@@ -59,6 +60,11 @@ _HOW = (
     "the slave measured while it executed the command of the same tick.",
     "Both are scored on the same commands, from the first one for which both exist; "
     f"'settled' starts {SETTLING_S:g} s after it.",
+)
+_TWIN = (
+    "Felt and held force are scored at the hand, while the slave followed, against the force with which a "
+    "noise-free twin of the simulated world answers each command at once. JND, the just noticeable "
+    f"difference: {JND_SHARE:.0%} of that force, at least {JND_FLOOR_N * 1e3:g} mN."
 )
 
 
@@ -105,9 +111,11 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
     commands = _scored_commands(traces.commands)
     slave = last(run.messages(axis, SLAVE_STATE))
     overall, settled = _compare(traces.commands)
+    felt = run_transparency(run, axis, traces.commands)
     return AxisReport(
         axis=axis,
         commands=commands,
+        transparency=felt,
         prediction=overall.prediction,
         zoh=overall.zoh,
         ratio=overall.ratio,
@@ -127,7 +135,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         settings=_settings(run, axis),
         calibrations=_calibrations(run, axis),
         samples={topic.name: run.count(axis, topic) for topic in RECORDED},
-        notes=(*_notes(run, axis, commands), *_silent_master(run, axis, traces)),
+        notes=(*_notes(run, axis, commands, felt is not None), *_silent_master(run, axis, traces)),
     )
 
 
@@ -278,9 +286,10 @@ def _text(value: object) -> str:
     return text.encode(errors="replace").decode()
 
 
-def _notes(run: Run, axis: str, commands: ScoredCommands) -> tuple[str, ...]:
+def _notes(run: Run, axis: str, commands: ScoredCommands, twinned: bool) -> tuple[str, ...]:
     """How it was scored, or why it was not; and what else the reader must know."""
     notes = list(_HOW) if commands.scored else []
+    notes.append(_TWIN if twinned else "What the hand felt is not scored: no simulated world was followed.")
     for role in "master", "slave":
         topics: list[Topic[Any]] = [t for t in RECORDED if t.publisher == role]
         if not any(run.count(axis, topic) for topic in topics):

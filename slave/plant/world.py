@@ -72,6 +72,10 @@ class SimulatedWorld:
         self._start_ns: int | None = None
         self._steps = 0
 
+    @property
+    def begun(self) -> bool:
+        return self._start_ns is not None
+
     def advance(self, to_ns: int) -> None:
         """Integrates to that stamp; the first stamp is the start, an earlier one than the last is ignored."""
         due = self._elapsed_ns(to_ns) * _RATE_HZ // 1_000_000_000

@@ -11,6 +11,7 @@ import yaml
 
 from forefeel.common.config import deep_merge
 from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.topics import (
@@ -26,6 +27,9 @@ from forefeel.common.topics import (
 from forefeel.common.transport.settings import PRESETS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
+from forefeel.report.page import write_report
+from forefeel.report.traces import axis_traces
+from forefeel.report.transparency import run_transparency
 from tests.simulation.pair import OVERSHOOT, Heard, S, write_csv
 
 TICK_S = 0.001
@@ -108,24 +112,20 @@ def test_the_hand_feels_no_jump_and_no_nonsense(impairment: str) -> None:
     assert not rendered_n[before].any()
 
 
-def test_the_prediction_beats_the_late_force_by_far() -> None:
-    """Of each command: the force that the stage met with it, what was predicted for it, and the late force
-    that was there when it was sent; from two seconds after the first estimate on.
-    """
-    heard = preset_run("paper")
-    first_s = next(m.stamp_ns / S for m in heard.messages(HAPTICS) if m.predicted_n is not None)
-    haptics = {sample.sequence: sample for sample in heard.messages(HAPTICS)}
-    met = {s.answers_sequence: s.force_n for s in heard.messages(FORCE) if s.answers_sequence and s.valid}
-    pairs = [
-        (force_n, haptics[sequence].predicted_n, haptics[sequence].zoh_n)
-        for sequence, force_n in met.items()
-        if first_s + 2.0 < haptics[sequence].stamp_ns / S < 1.0 + duration_s("paper")
-    ]
-    forces_n, predicted_n, zoh_n = np.array(pairs, dtype=np.float64).T
-    assert len(pairs) > 1500
-    assert np.isfinite(predicted_n).all()
-    error_n, late_n = (np.sqrt(np.mean((x - forces_n) ** 2)) for x in (predicted_n, zoh_n))
-    assert error_n < 0.6 * late_n
+def test_report_scores_prediction_and_felt_force(tmp_path: Path) -> None:
+    plan = make_plan(LoopbackOptions(seed=1, impairment="paper", duration_s=duration_s("paper")))
+    with RunWriter(tmp_path / "run.mcap") as writer:
+        writer.add_metadata("run", plan.recorded())
+        for key, payload, stamp_ns in preset_run("paper").payloads:
+            writer.write(key, payload, stamp_ns)
+    report = write_report(tmp_path / "run.mcap", tmp_path)
+    assert report.settled.commands > 1500 and (report.settled.ratio.rms or 9.0) < 0.6
+    assert report.transparency is not None and (report.transparency.ratio or 9.0) < 0.9
+    assert "noise-free twin" in (tmp_path / "report.html").read_text()
+    run = read_run(tmp_path / "run.mcap")
+    commands = axis_traces(run, "insertion").commands
+    measured = run_transparency(run, "insertion", replace(commands, rendered_n=commands.force_n))
+    assert measured is not None and (measured.felt.rms_n or 9.0) < 0.008  # 2 mN of noise, and the jitter
 
 
 def test_no_preset_moves_the_stage_outside_its_limits() -> None:

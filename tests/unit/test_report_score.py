@@ -7,6 +7,7 @@ from forefeel.common.error_size import error_size
 from forefeel.common.messages import SafetyEvent, SafetyState
 from forefeel.report.score import compare, first_answers, first_of_each, of_one_stretch, spread, stretches
 from forefeel.report.states import Span, armed_share, session_end_ns, spans
+from forefeel.report.transparency import transparency
 
 S = SafetyState
 BIG = 2**62
@@ -50,12 +51,12 @@ def test_a_command_belongs_to_a_stretch_when_it_was_sent_between_two_that_were_e
     assert of_one_stretch(np.empty(0, dtype=np.int64)).tolist() == []
 
 
-def test_errors_of_one_to_thousand() -> None:
-    k = np.arange(1.0, 1001.0)
-    size = error_size(k * (-1) ** np.arange(1000), np.zeros(1000))
-    assert size.rms_n == pytest.approx(np.sqrt(1001 * 2001 / 6))
-    assert size.p95_n == pytest.approx(950.05)
-    assert size.max_n == 1000.0
+def test_transparency_counts_just_noticeable_differences() -> None:
+    true_n = np.array([0.0, 0.1, 2.0, 2.0, np.nan])  # differences of 30, 30, 140 and 140 mN
+    found = transparency(true_n + np.array([3, -6, 7, 0, 0]) / 100, true_n + 0.2, true_n)
+    assert found.commands == 4 and found.within_jnd == 0.75
+    assert found.jnd_rms == pytest.approx(np.sqrt((1.0 + 4.0 + 0.25) / 4))
+    assert found.ratio == pytest.approx(np.sqrt((9.0 + 36.0 + 49.0) / 4) / 20.0)
 
 
 def test_prediction_and_hold_are_scored_on_the_same_commands() -> None:

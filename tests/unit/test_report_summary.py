@@ -155,7 +155,7 @@ def test_a_run_of_one_end_says_so(tmp_path: Path, present: str, missing: str) ->
             run.slave_state(10, S.READY)
     report = _summary(tmp_path / "run.mcap")
     assert any(missing in note for note in report.notes)
-    assert report.prediction.rms_n is None
+    assert report.prediction.rms_n is None and report.transparency is None
     assert (report.stops is None) == (missing == "slave")
     _parsed(report)
 
@@ -269,7 +269,7 @@ def test_every_axis_has_a_report_and_the_loops_are_found_on_any(tmp_path: Path) 
 def test_ten_lines_stay_ten_whatever_the_names_hold(tmp_path: Path, report: RunReport) -> None:
     lines = ten_lines(report, Path("/somewhere") / ("deep" * 40))
     assert len(lines) == 10 and max(map(len, lines)) < 100
-    assert "578 mN rms" in lines[1]
+    assert "not scored" in lines[1] and "578 mN rms" in lines[2]
     assert lines[9] == DISCLAIMER
     with RunWriter(tmp_path / "run.mcap") as writer:
         writer.add_metadata("run", {"seed": "1\n2\x1b[31m", "impairment": "wan\r"})

@@ -59,7 +59,11 @@ class SimulatedStage(SimulatedDevice):
         self._opened_world().hold()
 
     def read(self, now_ns: int) -> StageReading:
-        return StageReading(*self._world_at(now_ns).stage_readback())
+        """The world begins with the load cell in the slave's first tick, which the first force dates."""
+        world = self._opened_world()
+        if world.begun:
+            world.advance(now_ns)
+        return StageReading(*world.stage_readback())
 
 
 class SimulatedLoadCell(SimulatedDevice):

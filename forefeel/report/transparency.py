@@ -1,0 +1,115 @@
+"""Transparency: the force that the hand felt, against the force of a noise-free twin of the simulated world.
+
+With s the `force_scale` and t the force with which the twin answers a command at once, over the commands that
+were sent while the slave followed:
+
+    error = felt - s t,   R = rms(felt - s t) / rms(s held - s t),   JND = max(7 % of |s t|, 30 mN)
+
+Held: the newest force that had arrived. JND: the just noticeable difference of a force at the hand, 5 to 10 %
+of it (Pang, Tan, Durlach 1991); the finger's absolute threshold is 29 to 44 mN (docs/how-to/tuning.md).
+"""
+
+from dataclasses import dataclass, field
+from operator import attrgetter
+
+import numpy as np
+
+from forefeel.common.error_size import ErrorSize, Floats
+from forefeel.common.limiter import MotionLimiter
+from forefeel.common.messages import Grip, MotionCommand
+from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS
+from forefeel.report.score import compare
+from forefeel.report.traces import CommandTraces
+from forefeel.slave.plant.world import SimulatedWorld
+from forefeel.slave.settings import SlaveAxisSettings
+
+JND_SHARE, JND_FLOOR_N = 0.07, 0.030
+_TICK_NS = 1_000_000
+_MAX_STEP_S = 0.010  # s, of the slave's limiter too
+
+
+@dataclass(frozen=True, slots=True)
+class Transparency:
+    """Errors at the hand in N; `ratio`: R; `jnd_rms`: rms of error / JND; `within_jnd`: share below one."""
+
+    commands: int = 0
+    felt: ErrorSize = field(default_factory=ErrorSize)
+    held: ErrorSize = field(default_factory=ErrorSize)
+    ratio: float | None = None
+    jnd_rms: float | None = None
+    within_jnd: float | None = None
+
+
+class Twin:
+    """The slave's world and limits without noise, loss and delay: it gets each command when it is sent.
+
+    Its clock runs `ahead_ns` before the commands' stamps, so that heart and breath are where a command meets
+    them when it arrives. `start_ns`: when the world began, on the clock in which a command arrives.
+    """
+
+    def __init__(self, settings: SlaveAxisSettings, start_ns: int, ahead_ns: int) -> None:
+        cell = settings.simulation.load_cell.model_copy(update={"noise_n": 0.0})
+        simulation = settings.simulation.model_copy(update={"load_cell": cell})
+        self._world = SimulatedWorld(simulation, settings.seed)
+        self._world.advance(start_ns)
+        self._limiter = MotionLimiter(settings.limits, settings.gate.stop_deceleration_m_s2)
+        self._ahead_ns = ahead_ns
+        self._previous_ns = start_ns
+        self._force_n = 0.0
+        self._grip = Grip.CLOSED
+
+    def force_n(self, command: MotionCommand) -> float:
+        """The force in N that answers a command, a tick after it arrives."""
+        arrived_ns = command.stamp_ns + self._ahead_ns
+        dt_s = min(max((arrived_ns - self._previous_ns) * 1e-9, 1e-6), _MAX_STEP_S)
+        self._previous_ns = arrived_ns
+        if command.deadman:
+            self._limiter.follow(command.position_m, command.velocity_m_s, self._force_n, dt_s)
+        else:
+            self._limiter.place(command.position_m)
+        self._world.set_target(self._limiter.position_m, self._limiter.velocity_m_s, arrived_ns)
+        if command.gripper is not self._grip:
+            self._grip = self._world.grip(command.gripper)
+        self._world.advance(arrived_ns + _TICK_NS)
+        self._force_n = self._world.load_cell_reading().force_n
+        return self._force_n
+
+
+def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency:
+    """The score of forces at the hand, where all three are known."""
+    found = compare(felt_n, held_n, true_n)
+    if not found.commands:
+        return Transparency()
+    jnd_n = np.maximum(JND_SHARE * np.abs(true_n), JND_FLOOR_N)
+    errors = np.abs(felt_n - true_n) / jnd_n
+    errors = errors[np.isfinite(errors) & np.isfinite(held_n)]
+    jnd_rms, within = float(np.sqrt(np.mean(errors**2))), float(np.mean(errors <= 1.0))
+    return Transparency(found.commands, found.prediction, found.zoh, found.ratio.rms, jnd_rms, within)
+
+
+def run_transparency(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:
+    """The score of a run; None where it does not say what was simulated, or nothing was followed."""
+    of_run = run.metadata.get("run", {})
+    try:
+        settings = SlaveAxisSettings.model_validate_json(of_run["slave_axis"])
+        scale = float(of_run["force_scale"])
+    except (KeyError, ValueError):
+        return None
+    if settings.name != axis or not commands.followed.any():
+        return None
+    true_n = np.where(commands.followed, scale * _true_n(run, axis, settings), np.nan)
+    return transparency(commands.rendered_n, scale * commands.zoh_n, true_n)
+
+
+def _true_n(run: Run, axis: str, settings: SlaveAxisSettings) -> Floats:
+    """The twin's force for each row of the commands' traces; NaN where the command was not recorded."""
+    stamp_ns, sequence = (run.column(axis, FORCE, name) for name in ("stamp_ns", "sequence"))
+    # a force is sent in each tick, the first when the world begins
+    start_ns = int(stamp_ns[0]) - int(sequence[0] - 1) * _TICK_NS
+    answer_ns = float(np.nanmedian(stamp_ns - run.column(axis, FORCE, "answers_stamp_ns")))
+    twin = Twin(settings, start_ns, round(answer_ns) - _TICK_NS)
+    sent = sorted(run.messages(axis, COMMAND), key=attrgetter("stamp_ns"))
+    true_n = {(command.session_id, command.sequence): twin.force_n(command) for command in sent}
+    ids = zip(*(run.column(axis, HAPTICS, name).tolist() for name in ("session_id", "sequence")), strict=True)
+    return np.array([true_n.get(each, np.nan) for each in ids])
