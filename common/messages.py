@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 4  # version of these messages; other versions are refused, except in a handshake
+PROTOCOL_VERSION = 5  # version of these messages; other versions are refused, except in a handshake
 
 NonNegativeInt = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Int64 = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
@@ -126,13 +126,22 @@ class Handshake(Message):
 
 
 class MotionCommand(Message):
-    """One setpoint of the master: an absolute position (never an increment), 1 kHz."""
+    """One setpoint of the master: an absolute position (never an increment), 1 kHz.
+
+    `low_n`, `high_n`: the 95 % band of the force that the master expects there; None before it is known.
+    """
 
     position_m: Position
     velocity_m_s: Velocity
     deadman: bool
     gripper: Gripper = Grip.CLOSED
     recording_time_s: Seconds | None = None
+    low_n: Force | None = None
+    high_n: Force | None = None
+
+    @property
+    def band_n(self) -> tuple[float, float] | None:
+        return None if self.low_n is None or self.high_n is None else (self.low_n, self.high_n)
 
 
 class ForceSample(Message):

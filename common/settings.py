@@ -62,11 +62,15 @@ LONGEST_ROUND_TRIP_S = 2.0
 hand has long gone on by then before it feels what it touched. An answer that takes longer counts as none."""
 
 
+_WALL_PER_M = 1000.0
+
+
 class AxisLimits(Settings):
     """What the slave enforces on one axis and the master respects; equal on both ends or nothing arms.
 
     A rotation axis is described by its tangential equivalent: arc length in m and tangential force in N at
-    the instrument's surface.
+    the instrument's surface. `stiffest_wall_n_m`: of what the instrument may meet, drive and instrument
+    included; the speed towards contact follows from it. Null: `max_force_n` within a millimetre.
     """
 
     kind: Literal["insertion", "rotation"] = "insertion"
@@ -74,6 +78,11 @@ class AxisLimits(Settings):
     max_velocity_m_s: Annotated[float, Field(gt=0, le=MOST_VELOCITY_M_S)] = 0.2
     max_acceleration_m_s2: Annotated[float, Field(gt=0, le=1e7)] = 8.0
     max_force_n: Annotated[float, Field(gt=0, le=MOST_FORCE_N)] = 3.0
+    stiffest_wall_n_m: Annotated[float, Field(gt=0, le=1e8)] | None = None
+
+    @property
+    def wall_n_m(self) -> float:
+        return self.stiffest_wall_n_m or _WALL_PER_M * self.max_force_n
 
     @model_validator(mode="after")
     def _ordered(self) -> "AxisLimits":

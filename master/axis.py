@@ -29,7 +29,7 @@ from forefeel.master.events import MasterEvents, Standing
 from forefeel.master.handle import Handle, HandleWatch, Indication
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.identification import IdentificationTask
-from forefeel.master.samples import haptic_sample, model_parameters
+from forefeel.master.samples import bounded, haptic_sample, model_parameters
 from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterAxisSettings
 from forefeel.master.stop import StopRequest
@@ -182,6 +182,7 @@ class MasterAxis:
         self, now_ns: int, outputs: HapticOutputs, handle_m: float, force: NewestForce | None
     ) -> None:
         header = self._command.header(self.session.session_id, now_ns)
+        low_n, high_n = outputs.band_n or (None, None)
         self._command.send(
             MotionCommand(
                 **header,
@@ -190,6 +191,8 @@ class MasterAxis:
                 deadman=self._deadman,
                 gripper=outputs.gripper,
                 recording_time_s=outputs.recording_time_s,
+                low_n=bounded(low_n),
+                high_n=bounded(high_n),
             )
         )
         offset = self._heartbeats.offset

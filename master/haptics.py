@@ -37,7 +37,10 @@ class HapticInputs(NamedTuple):
 
 
 class HapticOutputs(NamedTuple):
-    """What the loop decides: the command, and the force to render beside what it rests on."""
+    """What the loop decides: the command, and the force to render beside what it rests on.
+
+    `band_n`: ends of the 95 % band, None while it rests on no error seen or on a stale force.
+    """
 
     position_m: float
     velocity_m_s: float
@@ -45,6 +48,7 @@ class HapticOutputs(NamedTuple):
     gripper: Grip
     recording_time_s: float | None
     predicted: Estimate | None
+    band_n: tuple[float, float] | None
     zoh_n: float | None
     rendered_n: float
     hits: tuple[LimitHit, ...]
@@ -95,6 +99,7 @@ class HapticLoop:
             gripper=reading.gripper,
             recording_time_s=reading.recording_time_s,
             predicted=predicted,
+            band_n=predicted[1:3] if predicted and fresh and inputs.snapshot.band_known else None,
             zoh_n=zoh_n,
             rendered_n=rendered.force_n,
             hits=rendered.hits,

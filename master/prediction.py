@@ -37,8 +37,15 @@ class ExpectedSetpoint:
         self._limiter = MotionLimiter(limits, limits.max_acceleration_m_s2)
         self._previous_ns: int | None = None
 
-    def follow(self, stamp_ns: int, position_m: float, velocity_m_s: float, deadman: bool) -> float:
-        """The setpoint in m for the command of that stamp.
+    def follow(
+        self,
+        stamp_ns: int,
+        position_m: float,
+        velocity_m_s: float,
+        deadman: bool,
+        expected: Estimate | None = None,
+    ) -> float:
+        """The setpoint in m for the command of that stamp, where a force is `expected`.
 
         Without the deadman nothing moves: the command is the stage's own position, as the network says it.
         """
@@ -48,7 +55,8 @@ class ExpectedSetpoint:
             self._limiter.place(position_m)
         else:
             dt_s = min((stamp_ns - previous_ns) * 1e-9, _MAX_STEP_S)
-            self._limiter.follow(position_m, velocity_m_s, 0.0, dt_s)
+            force_n, low_n, high_n = expected[:3] if expected else (0.0, 0.0, 0.0)
+            self._limiter.follow(position_m, velocity_m_s, force_n, dt_s, band_n=(low_n, high_n))
         return self._limiter.position_m
 
 
@@ -68,6 +76,7 @@ class ForcePrediction:
         self.evaluator = Evaluator()
         self._origin_ns: int | None = None
         self._newest: ForceSample | None = None
+        self._expected: Estimate | None = None
 
     def predict(self, present: Present) -> Estimate | None:
         """The force for the command that is sent now; None before any force has arrived.
@@ -77,7 +86,7 @@ class ForcePrediction:
         stamp_ns, position_m, velocity_m_s, deadman, snapshot, newest = present
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
-        setpoint_m = self._setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman)
+        setpoint_m = self._setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman, self._expected)
         stage_m = self.lag.command(stamp_ns, setpoint_m)
         if newest is not None and newest is not self._newest:
             self._newest = newest
@@ -85,7 +94,8 @@ class ForcePrediction:
                 self.evaluator.hear(heard_s, newest.force_n)
         self.evaluator.snapshot = snapshot
         self.evaluator.move((stamp_ns - self._origin_ns) * 1e-9, setpoint_m, stage_m, velocity_m_s)
-        return self.evaluator.predict()
+        self._expected = self.evaluator.predict()
+        return self._expected
 
     def stamp_s(self, sample: ForceSample) -> float | None:
         """Stamp of the command that a force answers; None where it is not valid, or the fixture was open."""
@@ -97,4 +107,5 @@ class ForcePrediction:
 
     def reset(self) -> None:
         """The motion so far is over, as after a new grip; what was learned stays."""
+        self._expected = None
         self.evaluator.restart()

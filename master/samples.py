@@ -36,7 +36,7 @@ def haptic_sample(
     clock: OffsetEstimate | None,
 ) -> HapticSample:
     predicted = outputs.predicted
-    force_n, low_n, high_n = map(_bounded, predicted[:3] if predicted else (None, None, None))
+    force_n, low_n, high_n = map(bounded, predicted[:3] if predicted else (None, None, None))
     age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
     return HapticSample(
         **header,
@@ -56,7 +56,7 @@ def haptic_sample(
     )
 
 
-def _bounded(force_n: float | None) -> float | None:
+def bounded(force_n: float | None) -> float | None:
     return None if force_n is None else within(force_n, MOST_FORCE_N)
 
 

@@ -110,7 +110,7 @@ class AxisControl:
         if self.machine.following:
             hits += self._follow(now_ns, dt_s)
         else:
-            self.limiter.stop(dt_s)
+            self.limiter.stop(dt_s, self._force.force_n, self._force.limit_share)
             if self.machine.state is SafetyState.STOPPING and self.at_rest:
                 self._fire(E.AT_REST, "stage at rest", now_ns, transitions)
         following = self.machine.following
@@ -254,7 +254,12 @@ class AxisControl:
         share = 1.0
         if self.machine.state is SafetyState.ENGAGING:
             share = min(1.0, (now_ns - self._engaged_ns) * 1e-9 / self._gate.engage_ramp_s)
-        position_m = command.position_m + command.velocity_m_s * ahead_s
         return self.limiter.follow(
-            position_m, command.velocity_m_s, self._force.force_n, dt_s, share, self._force.limit_share
+            command.position_m + command.velocity_m_s * ahead_s,
+            command.velocity_m_s,
+            self._force.force_n,
+            dt_s,
+            share,
+            self._force.limit_share,
+            command.band_n,
         )

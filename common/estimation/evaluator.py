@@ -76,6 +76,11 @@ class Snapshot:
     learned: NDArray[np.void]
     contact: Contact | None
 
+    @property
+    def band_known(self) -> bool:
+        """Whether any prediction has been compared with the force that came."""
+        return math.isfinite(float(self.learned["factor"][0]))
+
 
 def nothing_learned() -> NDArray[np.void]:
     """The zero-order hold has all the weight."""

@@ -65,7 +65,9 @@ class Twin:
         dt_s = min(max((arrived_ns - self._previous_ns) * 1e-9, 1e-6), _MAX_STEP_S)
         self._previous_ns = arrived_ns
         if command.deadman:
-            self._limiter.follow(command.position_m, command.velocity_m_s, self._force_n, dt_s)
+            self._limiter.follow(
+                command.position_m, command.velocity_m_s, self._force_n, dt_s, band_n=command.band_n
+            )
         else:
             self._limiter.place(command.position_m)
         self._world.set_target(self._limiter.position_m, self._limiter.velocity_m_s, arrived_ns)

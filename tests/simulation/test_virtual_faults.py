@@ -51,24 +51,6 @@ def test_the_stage_never_leaves_limits_that_the_operator_would() -> None:
     assert 0 <= pair.heard.messages(SLAVE_STATE)[-1].counters["limit_interventions"] - published < 400
 
 
-def test_a_load_cell_that_saturates_does_not_let_the_stage_go_on() -> None:
-    """The force limit lies at the end of what the cell measures, and the stage brakes beyond it."""
-    limits = {"max_force_n": 0.15}
-    world = {"load_cell": {"full_scale_n": 0.158}}
-    pair = Pair({"axes": [{"limits": limits, "simulation": world}]}, limited(**limits))
-    pair.run(4)
-    (fault_s,) = pair.heard.times("fault")  # blind for 200 ms
-    time_s, valid, position_m = (
-        pair.heard.column(FORCE, name) for name in ("stamp_ns", "valid", "position_m")
-    )
-    last = time_s / S < fault_s
-    blind = int(last.sum()) - 1 - int(np.argmax(valid[last][::-1]))  # of the last valid force
-    assert last.sum() - blind > 190
-    asked = [m for m in pair.heard.messages(COMMAND) if m.stamp_ns / S < fault_s]
-    assert asked[-1].position_m > position_m[blind] + 0.005
-    assert position_m[last][-1] - position_m[blind] < 0.0005  # the way to brake, and the servo's lag
-
-
 @pytest.fixture(scope="module")
 def stalled() -> Callable[[float], tuple[Pair, float]]:
     @cache

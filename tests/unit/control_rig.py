@@ -13,7 +13,7 @@ from tests.clocks import compared
 MS = 1_000_000
 START_M = 0.02
 SESSION = 5
-LIMITS = AxisLimits(workspace_m=(-0.01, 0.1))
+LIMITS = AxisLimits(workspace_m=(-0.01, 0.1), stiffest_wall_n_m=1.0)  # no contact slows it
 GATE = GateSettings()
 COMPARED = compared(0, 5 * MS)
 

@@ -5,7 +5,11 @@ from forefeel.common.settings import AxisLimits
 
 DT_S = 1e-3
 LIMITS = AxisLimits(
-    workspace_m=(-0.01, 0.1), max_velocity_m_s=0.2, max_acceleration_m_s2=8.0, max_force_n=3.0
+    workspace_m=(-0.01, 0.1),
+    max_velocity_m_s=0.2,
+    max_acceleration_m_s2=8.0,
+    max_force_n=3.0,
+    stiffest_wall_n_m=1.0,
 )
 STOP_M_S2 = 4.0
 
@@ -77,6 +81,30 @@ def test_a_motion_into_a_force_brakes_at_once_at_the_acceleration_limit() -> Non
         speeds.append(motion.velocity_m_s)
     assert len(speeds) - 1 == 0.2 / (8.0 * DT_S)
     assert motion.position_m - 0.05 <= 0.2**2 / (2 * 8.0)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_towards_contact_the_way_that_is_left_of_the_limit_bounds_the_speed(sign: int) -> None:
+    """3 N within 1 mm, 8 m/s2 and 8 ms: 77.8 mm/s in the open, 18.2 mm/s at 2.5 N, free on the way out."""
+    motion = MotionLimiter(LIMITS.model_copy(update={"stiffest_wall_n_m": 3000.0}), STOP_M_S2)
+    motion.place(0.05)
+
+    def speed_m_s(direction: int, force_n: float, band_n: tuple[float, float] | None = None) -> float:
+        motion.velocity_m_s = 0.15 * direction
+        for _ in range(20):
+            motion.position_m = 0.05
+            motion.follow(0.05 + 0.05 * direction, 0.0, sign * force_n, DT_S, band_n=band_n)
+        return motion.velocity_m_s * direction
+
+    assert speed_m_s(sign, 0.0) == pytest.approx(0.0778, abs=1e-4)
+    assert speed_m_s(sign, 2.5) == pytest.approx(0.0182, abs=1e-4)
+    assert speed_m_s(-sign, 2.5) > 0.1
+    expected_n = (2.4, 2.5) if sign > 0 else (-2.5, -2.4)
+    assert speed_m_s(sign, 0.0, expected_n) == pytest.approx(0.0182, abs=1e-4)
+    assert speed_m_s(sign, 2.5, (-0.1, 0.1)) == pytest.approx(0.0182, abs=1e-4)
+    beyond_n = (2.0, 9.0) if sign > 0 else (-9.0, -2.0)
+    assert speed_m_s(sign, 1.4, beyond_n) == pytest.approx(0.005)
+    assert speed_m_s(sign, 1.6, beyond_n) == 0.0
 
 
 # --- stop ---

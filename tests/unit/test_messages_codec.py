@@ -51,6 +51,8 @@ def test_a_message_is_one_map_of_its_fields() -> None:
         "deadman": True,
         "gripper": "closed",
         "recording_time_s": None,
+        "low_n": None,
+        "high_n": None,
     }
 
 
@@ -144,7 +146,7 @@ def test_the_message_of_another_topic_is_refused() -> None:
 
 
 def test_another_protocol_is_refused_and_named() -> None:
-    assert refusal(MotionCommand, command(protocol=1)) == "MotionCommand: protocol 1, this end speaks 4"
+    assert refusal(MotionCommand, command(protocol=1)) == "MotionCommand: protocol 1, this end speaks 5"
 
 
 def test_a_handshake_of_another_protocol_is_read_so_that_it_can_be_answered() -> None:
