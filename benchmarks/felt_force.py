@@ -3,8 +3,8 @@
 Each row is a run of 18 s: strokes of 15 mm against a wall without friction 3 mm from their start, both
 daemons on one bus whose links have half of the round trip each. Per row:
 
-- lowest E in mJ, E(n) = sum f(k - 1 - late) (x(k) - x(k - 1)): what the hand has put into the handle, with an
-  actuator that applies the force at once and one that applies it a tick later (the same motion);
+- lowest E in mJ, E(n) = sum f(k - 1 - late) (x(k) - x(k - 1)): what the hand has put into the handle, with
+  actuators that apply the force at once, or some ticks late (the same motion);
 - change of the felt force per tick in mN, its 99.9th percentile and its largest, without the 0.5 s after an
   engagement that follows a stop; the largest in these 0.5 s alone;
 - R, the rms error of the felt force in N, and the share of time in which it is within one just noticeable
@@ -13,13 +13,13 @@ daemons on one bus whose links have half of the round trip each. Per row:
 
 Beside the product's own rows: the newest force that has arrived under the same passivity limit
 (`rendering.source: zoh`), and two controllers of the literature, tuned as `benchmarks.bilateral` says.
-Arguments: words, of which each row's name has one (default: all rows).
+Arguments: words, of which each row's name has one (default: all rows); a number is the seed.
 """
 
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.bilateral import PEERS, Peer, Trace, simulate
+from benchmarks.markdown import Table
 from forefeel.common.causes.model import SCHEMA
 from forefeel.common.clock import VirtualClock
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS
@@ -38,6 +39,7 @@ from forefeel.report.transparency import Twin, transparency
 from tests.simulation.pair import Pair, S
 
 SEED = 1  # of operator and load cell; arbitrary
+LATE = (0, 1, 3, 5)  # ticks that an actuator may be late
 DURATION_S = 18.0
 LEARNING_S, LEARNED_S = (4.0, 10.0), (10.0, DURATION_S)
 SETTLED_S = 0.5
@@ -147,17 +149,17 @@ class Actuator:
 class Felt:
     """A row's run, and what is measured of it."""
 
-    def __init__(self, row: Row) -> None:
+    def __init__(self, row: Row, seed: int) -> None:
         self._row = row
         with TemporaryDirectory() as folder:
             prior_dir = Path(folder) if row.again else None
             if row.again:
-                first = Pair(*_ends(row.plan(SEED + 1, prior_dir)))
+                first = Pair(*_ends(row.plan(seed + 1, prior_dir)))
                 self._run(first)
                 first.master.shut_down()
                 first.run(1.0)
                 first.master.close(first.runtime.clock.now_ns())
-            plan = row.plan(SEED, prior_dir)
+            plan = row.plan(seed, prior_dir)
             self._pair = Pair(*_ends(plan))
             self.actuator = Actuator(self._pair.master.axes[0].handle)
             self._axis = plan.slave_settings().axes[0]
@@ -207,9 +209,9 @@ def _ends(plan: Plan) -> tuple[dict[str, Any], dict[str, Any]]:
     return plan.slave, plan.master
 
 
-def best(peer: Peer, row: Row) -> tuple[str, Actuator, Trace]:
+def best(peer: Peer, row: Row, seed: int) -> tuple[str, Actuator, Trace]:
     """The best tuning of a peer at a row's wall, its handle and its trace."""
-    plan, found = row.plan(), list[tuple[bool, float, str, Actuator, Trace]]()
+    plan, found = row.plan(seed), list[tuple[bool, float, str, Actuator, Trace]]()
     slave, master = plan.slave_settings().axes[0], plan.master_settings().axes[0]
     for name, make in peer.tunings.items():
         actuator = Actuator(handle := make_handle(master.handle, VirtualClock(0)))
@@ -221,50 +223,46 @@ def best(peer: Peer, row: Row) -> tuple[str, Actuator, Trace]:
     return min(found, key=lambda each: each[:2])[2:]
 
 
-def line(name: str, actuator: Actuator, again: Flags, trace: Trace) -> str:
-    """A row of the table."""
+def cells(actuator: Actuator, again: Flags, trace: Trace) -> list[str]:
+    """A row of the table, but its name."""
     steps_mn = 1e3 * np.abs(np.diff(actuator.forces_n))
     usual_mn = steps_mn[~again]
     steps = np.percentile(usual_mn, 99.9), usual_mn.max(), steps_mn[again].max(initial=0.0)
     spans = [(trace.time_s >= start) & (trace.time_s < end) for start, end in (LEARNING_S, LEARNED_S)]
-    early, late = (transparency(trace.felt_n[span], trace.held_n[span], trace.true_n[span]) for span in spans)
+    scores = [transparency(trace.felt_n[span], trace.held_n[span], trace.true_n[span]) for span in spans]
     drift_mm = 1e3 * np.abs(trace.behind_m[trace.time_s > LEARNING_S[0]]).max()
-    return (
-        f"{name:46}{actuator.lowest_mj(0):9.2f}{actuator.lowest_mj(1):9.2f}"
-        f"{''.join(f'{step_mn:7.0f}' for step_mn in steps)}"
-        f"{early.ratio or 0.0:7.3f} /{late.ratio or 0.0:6.3f}"
-        f"{early.felt.rms_n or 0.0:8.3f} /{late.felt.rms_n or 0.0:7.3f}"
-        f"{early.within_jnd or 0.0:6.0%} /{late.within_jnd or 0.0:5.0%}{drift_mm:7.2f}"
-    )
-
-
-def lines(words: list[str]) -> Iterator[str]:
-    """The table, a row as soon as it is known."""
-
-    def wanted(name: str) -> bool:
-        return not words or any(word in name for word in words)
-
-    yield f"{DURATION_S:g} s in virtual time, seed {SEED}; E in mJ, steps in mN; learning / learned"
-    heads = f"{'E':>9}{'late':>9}{'p99.9':>7}{'most':>7}{'again':>7}{'R':>15}{'error, N':>17}{'in 1 JND':>13}"
-    yield f"{'row':46}{heads}{'mm':>7}"
-    for row in (*ROWS, *HELD):
-        if wanted(row.name):
-            felt = Felt(row)
-            yield line(row.name, felt.actuator, felt.again(), felt.trace())
-    for peer in PEERS:
-        for row in STEADY:
-            if wanted(name := f"{peer.name}, {row.name}"):
-                tuning, actuator, trace = best(peer, row)
-                yield line(name, actuator, np.zeros(len(actuator.forces_n) - 1, bool), trace)
-                yield f"    {tuning}"
+    return [
+        " / ".join(f"{actuator.lowest_mj(late) + 0.0:.2f}" for late in LATE),
+        " / ".join(f"{step_mn:.0f}" for step_mn in steps),
+        " / ".join(f"{score.ratio or 0.0:.3f}" for score in scores),
+        " / ".join(f"{score.felt.rms_n or 0.0:.3f}" for score in scores),
+        " / ".join(f"{score.within_jnd or 0.0:.0%}" for score in scores),
+        f"{drift_mm:.2f}",
+    ]
 
 
 def main(words: list[str]) -> None:
-    """Prints the table."""
+    """Prints the table, a row as soon as it is known."""
     start_s = time.process_time()
-    for each in lines(words):
-        print(each, flush=True)
-    print(f"{time.process_time() - start_s:.0f} s of one core")
+    seed = next((int(word) for word in words if word.isdecimal()), SEED)
+    parts = [word for word in words if not word.isdecimal()]
+    late = " / ".join(map(str, LATE))
+    heads = [
+        "row", f"lowest E, {late} ms late, mJ", "step, p99.9 / most / again, mN/ms", "R, learning / learned",
+        "error, N", "within a JND", "stage behind, mm",
+    ]  # fmt: skip
+    table = Table(heads, "python -m benchmarks.felt_force")
+    for row in (*ROWS, *HELD):
+        if not parts or any(part in row.name for part in parts):
+            felt = Felt(row, seed)
+            table.add([row.name, *cells(felt.actuator, felt.again(), felt.trace())])
+    for peer, row in product(PEERS, STEADY):
+        if not parts or any(part in f"{peer.name}, {row.name}" for part in parts):
+            tuning, actuator, trace = best(peer, row, seed)
+            none = np.zeros(len(actuator.forces_n) - 1, bool)
+            table.add([f"{peer.name}, {row.name}: {tuning}", *cells(actuator, none, trace)])
+    used_s = time.process_time() - start_s
+    print(f"\nseed {seed}, {DURATION_S:g} s in virtual time; {used_s:.0f} s of one core")
 
 
 if __name__ == "__main__":

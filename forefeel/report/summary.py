@@ -64,7 +64,7 @@ _HOW = (
 _TWIN = (
     "Felt and held force are scored at the hand, while the slave followed, against the force with which a "
     "noise-free twin of the simulated world answers each command at once. JND, the just noticeable "
-    f"difference: {JND_SHARE:.0%} of that force, at least {JND_FLOOR_N * 1e3:g} mN."
+    f"difference: {JND_SHARE * 100:g} % of that force, at least {JND_FLOOR_N * 1e3:g} mN."
 )
 
 
