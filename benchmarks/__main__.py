@@ -56,6 +56,7 @@ ALL = (
     Benchmark("diagnosis", "How long does a diagnosis take, and how does that grow?"),
     Benchmark("diagnosis_peers", "Which causes are named right, beside PySINDy and sysidentpy?", True),
     Benchmark("recording", "What does a recording cost by its length, beside the MCAP library?", True),
+    Benchmark("liars", "Which lies of stage and load cell are faults, and how soon?", words=("liars",)),
     Benchmark("stop", "How long does an emergency stop take from the start of its process?"),
     Benchmark("service", "Start-up, memory, speed of virtual time"),
     Benchmark("cells", "How many cells does this machine carry?"),

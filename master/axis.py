@@ -29,6 +29,7 @@ from forefeel.master.events import MasterEvents, Standing
 from forefeel.master.handle import Handle, HandleWatch, Indication
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.identification import IdentificationTask
+from forefeel.master.prior import suspicion
 from forefeel.master.samples import bounded, haptic_sample, model_parameters
 from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterAxisSettings
@@ -78,7 +79,7 @@ class MasterAxis:
         self.stopping = False
         self._failed = self._pressed = False
         self.faulted = False
-        self._prior = printable(prior)
+        self._prior, self._suspicion = printable(prior), ""
         if prior:
             self.events.notices.add(f"prior: {prior}")
         self._connect(bus)
@@ -265,6 +266,9 @@ class MasterAxis:
 
     def publish_parameters(self, now_ns: int) -> None:
         """Publishes the contact as it is known now, about 20 Hz."""
+        if not self._suspicion and (said := suspicion(self.identification.learner)):
+            self._suspicion = said
+            self.events.notices.add(said)
         header = self._parameters.header(self.session.session_id, now_ns)
         self._parameters.send(model_parameters(header, self.identification, self._prior))
 

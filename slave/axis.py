@@ -5,6 +5,7 @@ Knows ports only; `forefeel.slave.daemon` composes it.
 
 from collections import Counter
 from collections.abc import Iterable
+from math import inf
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
@@ -24,7 +25,7 @@ from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, T
 from forefeel.slave.devices import DeviceReports, Devices, DeviceWatch
 from forefeel.slave.events import SlaveEvents
 from forefeel.slave.following import following_watch
-from forefeel.slave.forces import ForcePublisher, Instant
+from forefeel.slave.forces import ForcePublisher, Instant, PushWatch
 from forefeel.slave.session import SlaveSession
 from forefeel.slave.settings import SlaveAxisSettings
 
@@ -55,6 +56,7 @@ class SlaveAxis:
         self._devices = devices
         self._event_sink = event_sink
         self._watch = DeviceWatch(devices, following_watch(settings), self._device_failed)
+        self._pushes = PushWatch(settings.limits.max_force_n if settings.pushes_only else inf)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
         self._session = SlaveSession(cell, settings, devices, bus, instance_id, self.events)
         self._receiver = CommandReceiver(settings, self._session, self.events)
@@ -172,6 +174,9 @@ class SlaveAxis:
         if cleared:
             self._watch.rearm()
         readings = self._watch.read(now_ns, self._executing.recording_time_s if self._executing else None)
+        stage, force_n = self._watch.stage, self._watch.force.force_n
+        if pulls := self._pushes.fault(now_ns, stage, force_n, self._executing is not None):
+            self._device_failed("load_cell", pulls)
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
         holder = self._session.holder
         self._forces.note(Instant(now_ns, self._watch.stage, self._executing, self._grip))

@@ -70,7 +70,6 @@ class LateStage:
             self._sent.append(self._newest)
 
     def span_m(self, now_ns: int) -> tuple[float, float]:
-        """The lowest and the highest position of a healthy stage."""
         sent, since_ns = self._sent, now_ns - self._lag_ns
         while len(sent) > 1 and sent[1][0] <= since_ns:
             sent.popleft()
@@ -89,6 +88,7 @@ class FollowingWatch:
     Attributes:
         at_rest: whether the stage itself rests.
         deviation_m: of the newest readback from where the stage may be; 0 while it is told to hold.
+        strayed: whether that is a fault.
     """
 
     def __init__(self, expected: KnownServo | LateStage) -> None:
@@ -96,11 +96,7 @@ class FollowingWatch:
         self._holds = True
         self._read_ns = self._moved_ns = self._settled_ns = 0
         self._anchor_m = self.deviation_m = 0.0
-        self.at_rest = False
-
-    @property
-    def strayed(self) -> bool:
-        return self.deviation_m > DEVIATION_M
+        self.at_rest = self.strayed = False
 
     def command(self, applied_m: float, velocity_m_s: float, now_ns: int) -> None:
         self._holds = False
@@ -121,6 +117,7 @@ class FollowingWatch:
             self._expected.rest(x_m, now_ns)
         low_m, high_m = self._expected.span_m(now_ns)
         self.deviation_m = max(0.0, low_m - x_m, x_m - high_m)
+        self.strayed = self.deviation_m > DEVIATION_M
         if now_ns - self._settled_ns > _TO_REST_NS:
             return f"stage moves {_TO_REST_NS * 1e-9:g} s after it was told to hold: check the drive"
         if not self.strayed:

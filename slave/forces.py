@@ -11,6 +11,9 @@ from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 
 _REMEMBERED_TICKS = 256  # ticks that are remembered: 0.256 s at 1 kHz
+_PULL_SHARE, _PULL_NS = 0.05, 10_000_000  # share of the force limit that is a pull, and for how long
+_INWARD_M, _INWARD_M_S = 1e-3, 2e-3
+"""Beyond presliding of the presets (force / stiffness 0.3 mm) and the tremor of a hand that holds still."""
 _BLIND_SHARE = 0.9
 """A blind cell may hide that the force grew: from this share of the limit on the stage may only relieve."""
 
@@ -108,3 +111,29 @@ class ForceWatch:
         elif self._seen_ns is not None and now_ns - self._seen_ns > self._timeout_s * 1e9:
             return f"load cell invalid for more than {self._timeout_s:g} s"
         return None
+
+
+class PushWatch:
+    """Of an instrument that is only pushed back (`pushes_only`): a pull on its way in is a fault of the cell.
+
+    Tared by what pulled when the stage began to follow. On the way out friction pulls.
+    """
+
+    def __init__(self, limit_n: float) -> None:
+        self._pull_n = _PULL_SHARE * limit_n
+        self._tare_n = self._turned_m = 0.0
+        self._pushed_ns = 0
+
+    def fault(self, now_ns: int, stage: StageReading, force_n: float, following: bool) -> str | None:
+        """Why the load cell may not be believed any longer."""
+        x_m, v_m_s = stage
+        if not following:
+            self._tare_n = min(0.0, force_n)
+        if not following or v_m_s <= 0.0:
+            self._turned_m = x_m
+        inward = x_m - self._turned_m > _INWARD_M and v_m_s > _INWARD_M_S
+        if not inward or force_n - self._tare_n > -self._pull_n:
+            self._pushed_ns = now_ns
+        if now_ns - self._pushed_ns < _PULL_NS:
+            return None
+        return f"load cell pulls with {-force_n:.3g} N on the way in (load_cell.pushes_only): check its sign"

@@ -51,6 +51,12 @@ class SlaveAxisSettings(Settings):
     simulation: WorldSettings = world_settings({"preset": "catheter"})
     seed: int = 0
 
+    @property
+    def pushes_only(self) -> bool:
+        """Of the load cell; of the simulated one also where its world says so."""
+        simulated = self.load_cell.driver == "simulated" and self.simulation.load_cell.pushes_only
+        return self.load_cell.pushes_only or simulated
+
     @model_validator(mode="after")
     def _watchdog_is_on(self) -> Self:
         if self.gate.watchdog_s == 0 and self.stage.hardware:

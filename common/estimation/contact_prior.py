@@ -3,6 +3,7 @@
 A covariance knows of noise only, not that a vessel changes from day to day; `widened` adds that.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -18,6 +19,8 @@ CONTACT = "contact_loss.contact_position_m"
 _SHARES = {"heart.frequency_hz": 0.10, "breath.frequency_hz": 0.15, "stress_relaxation.time_constant_s": 0.3}
 _SHARE = 0.25
 _CONTACT_M = 0.002
+_LINEAR = re.compile(r"^(?!bias|noise).*_(n|kg)(_|$)")
+"""What the force is proportional to, by its unit; an offset of the cell tells nothing of its gain."""
 _SURE = 1e-3  # standard deviation of a value that is taken as given, relative
 
 
@@ -84,6 +87,17 @@ def widened(prior: ContactPrior, by: float) -> ContactPrior:
         spread = _CONTACT_M if name == CONTACT else _SHARES.get(name, _SHARE) * abs(value)
         covariance[i, i] += (by * spread) ** 2
     return replace(prior, covariance=_rows(covariance))
+
+
+def force_ratio(prior: ContactPrior, learned: ContactPrior) -> float:
+    """Forces of what was learned over those of the prior for the same motion: the slope a' C^-1 b / a' C^-1 a
+    of the linear parameters b on those of the prior, a. C: covariance of b, the inverse of its information.
+    """
+    at = [i for i, name in enumerate(learned.names) if name in prior.names and _LINEAR.search(name)]
+    values = dict(zip(prior.names, prior.values, strict=True))
+    a, b = np.array([(values[learned.names[i]], learned.values[i]) for i in at]).reshape(-1, 2).T
+    weights = np.linalg.solve(np.array(learned.covariance)[np.ix_(at, at)], a)
+    return float(weights @ b / (weights @ a)) if a.any() else 1.0
 
 
 def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:

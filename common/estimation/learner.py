@@ -79,7 +79,7 @@ class Learner:
             stamps after its last sample, or as soon as it is there.
 
     Attributes:
-        fits: of the contact so far.
+        prior: as given. fits: of the contact so far.
         renewals: how often it began anew, for what it had learned was worse than nothing, see `validity`.
     """
 
@@ -91,7 +91,7 @@ class Learner:
         solve: Solve = at_once,
     ) -> None:
         self._evaluation = evaluator.record
-        self._prior, self._model, self._solve = prior, model, solve
+        self.prior, self._model, self._solve = prior, model, solve
         self._early: list[tuple[float, float]] = []
         self.fits, self.renewals = 0, -1
         self._begin_anew()
@@ -100,10 +100,10 @@ class Learner:
         self._knowledge = zeros(_DTYPE)
         beliefs.begin(self._knowledge["forces"])
         experts.begin(self._knowledge["experts"])
-        blends.begin(self._knowledge["blend"], self._prior is not None or self._model is not None)
+        blends.begin(self._knowledge["blend"], self.prior is not None or self._model is not None)
         bands.begin(self._knowledge["band"])
         validity.begin(self._knowledge["trial"])
-        self._fit = ContactFit(self._prior, self._model)
+        self._fit = ContactFit(self.prior, self._model)
         self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
         self.renewals += 1
 
@@ -158,7 +158,7 @@ class Learner:
     def contact_s(self) -> float:
         """Seconds of contact in this session."""
         contact = self._fit.contact
-        before_s = self._prior.contact_s if self._prior is not None else 0.0
+        before_s = self.prior.contact_s if self.prior is not None else 0.0
         return 0.0 if contact is None else contact.contact_s - before_s
 
     @property

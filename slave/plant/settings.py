@@ -59,7 +59,10 @@ class FixtureSettings(Settings):
 
 
 class LoadCellSettings(Settings):
-    """The sensor chain: anti-alias filter, offset, drift, white noise of the conversion, counts."""
+    """The sensor chain: anti-alias filter, offset, drift, white noise of the conversion, counts.
+
+    `pushes_only`: see the load cell's setting; on with the contact of a preset, off with any other.
+    """
 
     full_scale_n: Annotated[float, Field(gt=0.0, le=1000.0)]
     bits: Annotated[int, Field(ge=8, le=32)]
@@ -67,6 +70,7 @@ class LoadCellSettings(Settings):
     noise_n: Annotated[float, Field(ge=0.0, le=10.0)]
     bias_n: Annotated[float, Field(ge=-100.0, le=100.0)]
     drift_n_s: Annotated[float, Field(ge=-1.0, le=1.0)]
+    pushes_only: bool = False
 
 
 class HiddenSettings(Settings):
@@ -115,7 +119,10 @@ class WorldSettings(Settings):
             return data
         data = _with_model(data, "contact", info)
         values = PRESETS.get(data.get("preset", "catheter"))  # an unknown name is refused by its field
-        return data if values is None else deep_merge(values, data)
+        if values is None:
+            return data
+        pushes_only = {"load_cell": {"pushes_only": "contact" not in data}}
+        return deep_merge(deep_merge(values, pushes_only), data)
 
 
 def _with_model(data: dict[str, Any], key: str, info: ValidationInfo) -> dict[str, Any]:

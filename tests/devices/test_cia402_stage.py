@@ -111,14 +111,6 @@ def test_unplugged_adapter_fails_both_drivers_of_a_bus_and_serves_both_again() -
         assert rig.drive.model.position_m == pytest.approx(START_M, abs=1e-5)
 
 
-def test_killed_host_leaves_the_drive_at_rest() -> None:
-    with rigged("stage") as rig:
-        rig.go(0.05, 0.1)
-        assert abs(rig.drive.model.velocity_m_s) > 0.05
-        rig.time.host_hangs(3 * 0.05 + 0.2 / 20.0 + 0.02)
-        assert rig.drive.model.state is DriveState.QUICK_STOP and rig.drive.model.velocity_m_s == 0.0
-
-
 def test_drive_that_stays_faulty_is_a_new_fault() -> None:
     with rigged("stage") as rig:
         rig.drive.provoke("drive_fault")

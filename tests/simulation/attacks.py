@@ -152,19 +152,6 @@ def motion_while_stopped(name: str) -> Outcome:
     return outcome
 
 
-def flood_of_stops(name: str) -> Outcome:
-    scene = Scene(name)
-
-    def stops() -> None:
-        for i in range(10):
-            scene.stop(i)
-
-    scene.each_ms(0.5, stops)
-    outcome = scene.end(Expected(told="estop", armed=0.0, ends="estopped"))
-    outcome.require(outcome.told.get("estop") == 1, "told more than once")
-    return outcome
-
-
 def flood_of_handshakes(name: str) -> Outcome:
     """Ten thousand a second; meanwhile a new master comes in the place of a dead one."""
     scene = Scene(name)
@@ -255,19 +242,6 @@ def terminal_escapes(name: str) -> Outcome:
     return outcome
 
 
-def stale_burst(name: str) -> Outcome:
-    """What an attacker between the two held back for 2 s comes at once."""
-    scene = Scene(name)
-    now_s = scene.now_ns / S
-    scene.pair.to_slave.stalls.append((now_s, now_s + 2.0))
-    first_ns = scene.now_ns
-    scene.run(2.0)
-    late = [c for c in scene.pair.heard.messages(COMMAND) if c.stamp_ns < first_ns + 1.85 * S]
-    scene.forged = {(c.sequence, c.stamp_ns) for c in late if c.stamp_ns > first_ns}
-    scene.run(3.5)
-    return scene.end(Expected("refused_late", 1000, "watchdog", armed=0.1))
-
-
 def names(name: str) -> Outcome:
     """A cell or axis that would be a pattern: refused when the settings are read."""
     outcome = Outcome(name, 1.0, "armed")
@@ -287,7 +261,6 @@ VIRTUAL: dict[str, Callable[[str], Outcome]] = {
     "commands replayed within the session": replayed_commands,
     "commands replayed after the session": replayed_after_the_session,
     "a whole session replayed to a slave started again": replayed_to_a_new_slave,
-    "burst of held-back commands": stale_burst,
     "commands stamped in the future": future_stamped,
     "commands reordered by the network": reordered,
     "older commands put between newer ones": reordered_by_a_stranger,
@@ -301,7 +274,6 @@ VIRTUAL: dict[str, Callable[[str], Outcome]] = {
     "heartbeats of a clock 10 s behind, then old commands": partial(lying_clock, -10.0),
     "emergency stop sent again, also after a clearing": stop_twice,
     "motion by every other path while stopped": motion_while_stopped,
-    "flood of emergency stops": flood_of_stops,
     "flood of handshakes while a new master comes": flood_of_handshakes,
     "malformed payloads": malformed,
     "emergency stop that can not be read": garbled_stop,

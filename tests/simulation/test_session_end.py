@@ -56,26 +56,3 @@ def test_the_armed_time_ends_with_a_master_that_was_killed_and_that_is_noted(
     assert report.stops == 1
     (note,) = [note for note in report.notes if "heard last" in note]
     assert "heard last at 2.9 s" in note or "heard last at 3.0 s" in note
-
-
-def test_a_slave_that_was_killed_could_have_been_armed_until_the_master_ended(
-    armed: Pair, tmp_path: Path
-) -> None:
-    armed.slave.transport.close()
-    armed.run(4.0)
-    end_master(armed)
-    share = reported(armed, tmp_path / "run.mcap").armed_share
-    assert share is not None
-    assert 0.3 < share < 0.5  # 2.2 s, and 0.5 s until a slave counts as silent, of 6.5 s
-
-
-def test_a_session_that_is_lost_and_never_regained_could_have_been_armed(armed: Pair, tmp_path: Path) -> None:
-    now_s = armed.runtime.clock.now_ns() / 1e9
-    for cable in (armed.to_slave, armed.to_master):
-        cable.cuts.append((now_s, now_s + 60.0))
-    armed.run(4.0)
-    end_master(armed)
-    armed.run(4.0)
-    share = reported(armed, tmp_path / "run.mcap").armed_share
-    assert share is not None
-    assert 0.25 < share < 0.45

@@ -18,13 +18,6 @@ HALTS: list[dict[str, Any]] = [{"estop": "pressed"}, {"fault": "drive"}]
 STOPS: list[dict[str, Any]] = [*HALTS, {"shutdown": True}, {"session_live": False}, {"clock": None}]
 
 
-@pytest.mark.parametrize("changes", [{"session_live": False}, {"clock": None}])
-def test_ready_needs_a_live_session_and_compared_clocks(changes: dict[str, Any]) -> None:
-    rig = Rig(**changes)
-    rig.released(5)
-    assert rig.state() is S.IDLE
-
-
 def test_a_release_a_press_and_the_ramp_lead_to_armed() -> None:
     rig = Rig()
     rig.released(2)
@@ -85,16 +78,6 @@ def test_a_round_trip_beyond_the_limit_does_not_engage() -> None:
     rig.clock = compared(0, 350 * MS)
     rig.held()
     assert rig.state() is S.ENGAGING
-
-
-def test_a_command_that_runs_away_while_engaging_ends_it() -> None:
-    rig = Rig().engaged()
-    rig.held(1, START_M + 0.0049)
-    assert rig.state() is S.ENGAGING
-    rig.held(1, START_M + 0.02)
-    assert rig.state() in (S.STOPPING, S.READY)
-    assert "misaligned" in rig.events
-    assert rig.control.stops == 1
 
 
 def ripple_m(late_ms: list[int]) -> float:
@@ -170,27 +153,6 @@ def test_a_control_loop_that_stood_still_stops_where_the_stage_is_though_a_fresh
     rig.held(50, rested_m + 0.01)
     assert rig.state() is S.READY
     assert rig.out.target_m == rested_m
-
-
-@pytest.mark.parametrize("stop", [*STOPS, {"watchdog": True}], ids=str)
-def test_no_stop_resumes_by_itself(stop: dict[str, Any]) -> None:
-    rig = Rig().moving()
-    if "watchdog" in stop:
-        for _ in range(70):
-            rig.tick()
-    else:
-        rig.tick(rig.command(rig.stage_m, True), **stop)
-    assert not rig.control.machine.following
-    rig.at_rest_m()
-    rest_m = rig.stage_m
-    if stop in HALTS:
-        rig.tick(clear=True)
-    rig.held(500)  # the hand never let go
-    assert not rig.control.machine.following
-    assert rig.stage_m == rest_m
-    rig.released(2)
-    rig.held()
-    assert rig.state() is S.ENGAGING
 
 
 def test_a_stop_that_comes_with_the_clearing_of_another_one_holds() -> None:

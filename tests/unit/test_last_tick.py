@@ -56,12 +56,6 @@ def live_cell(meanwhile: Callable[[LiveCell], object] = lambda _: True) -> LiveC
     return host.run(composed())
 
 
-def test_when_a_tick_raises_every_axis_is_in_fault_before_the_daemon_hears_of_it() -> None:
-    cell = live_cell()
-    assert cell.at_once == [FAULT, FAULT]
-    assert {axis.reason for axis in cell.daemon.axes} == {"ZeroDivisionError: torn"}
-
-
 def test_the_fault_is_published_and_logged_while_the_daemon_still_runs() -> None:
     cell = live_cell(lambda cell: len(cell.events) == 2 and cell.states and cell.states[-1].state is FAULT)
     for event in cell.events:

@@ -3,7 +3,6 @@
 from forefeel.common import topics
 from forefeel.common.codec import encode
 from forefeel.common.messages import SafetyEvent, SafetyState
-from forefeel.slave.clearing import Clearing
 from tests.unit.slave_cell import Book, Cell
 from tests.unit.slave_rig import MS, START_M, SlaveRig
 
@@ -81,19 +80,6 @@ def test_a_device_that_stays_broken_does_not_fill_the_log() -> None:
 # --- clearing, of the daemon ---
 
 STOPPED, IDLE = SafetyState.ESTOPPED, SafetyState.IDLE
-
-
-def test_a_stop_of_one_axis_stops_both_and_one_clearing_clears_both() -> None:
-    cell = Cell()
-    cell.daemon.axes[0].emergency_stop("pressed", "nurse")
-    cell.step()
-    assert cell.states() == [STOPPED, STOPPED]
-    assert cell.clear() == [
-        Clearing("insertion", "estopped: pressed", ""),
-        Clearing("rotation", "estopped: axis insertion is halted", ""),
-    ]
-    cell.step()
-    assert cell.states() == [IDLE, IDLE]
 
 
 def test_one_axis_that_is_named_takes_with_it_what_stopped_for_it_and_nothing_else() -> None:

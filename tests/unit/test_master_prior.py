@@ -9,7 +9,7 @@ import pytest
 from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.prior_file import load_prior
-from forefeel.master.prior import keep, load, objection
+from forefeel.master.prior import keep, load, objection, suspicion
 from forefeel.master.settings import PredictionSettings
 
 LEARNED = ContactPrior(("mass_damper_spring.stiffness_n_m",), (7.5,), ((0.01,),), 12.0)
@@ -44,6 +44,17 @@ def wanted(folder: Path, patient: str = "A") -> PredictionSettings:
 def test_objection(contact_s: float, faulted: bool, ratio: float, word: str | None) -> None:
     found = objection(contact_s, ratio, faulted)
     assert found is None if word is None else word in (found or "")
+
+
+@pytest.mark.parametrize(("gain", "says"), [(1.0, ""), (1.5, ""), (2.0, "2 times"), (0.5, "0.5 times")])
+def test_gain_off_by_two_is_a_suspicion(gain: float, says: str) -> None:
+    """An offset of the cell counts for nothing."""
+    names = "mass_damper_spring.stiffness_n_m", "coulomb_friction.force_n", "bias.force_n"
+    covariance = (0.01, 5e-4, 0.0), (5e-4, 1e-4, 0.0), (0.0, 0.0, 1e-6)
+    session = Session(0.5, ContactPrior(names, (7.5 * gain, 0.1 * gain, 0.3), covariance, 12.0))
+    session.prior = ContactPrior(names, (7.5, 0.1, 0.0), covariance, 12.0)
+    assert says in suspicion(session)
+    assert bool(says) is bool(suspicion(session))
 
 
 def test_what_one_session_keeps_the_next_starts_from(tmp_path: Path) -> None:

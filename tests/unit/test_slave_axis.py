@@ -6,8 +6,7 @@ import pytest
 
 from forefeel.common import topics
 from forefeel.common.codec import encode
-from forefeel.common.errors import DeviceError
-from forefeel.common.messages import MOST_QUANTITY, EmergencyStop, Grip, SafetyState
+from forefeel.common.messages import MOST_QUANTITY, Grip, SafetyState
 from forefeel.common.settings import settings_hash
 from tests.unit.slave_rig import SESSION, SHARED, SlaveRig
 
@@ -98,31 +97,3 @@ def test_the_grip_of_a_followed_command_reaches_the_gripper() -> None:
     assert rig.gripper.asked[-1] is Grip.OPEN
     assert rig.state() is S.ENGAGING
     assert rig.states[-1].gripper is Grip.OPEN
-
-
-def test_a_stop_is_no_command_it_needs_no_session_and_may_be_repeated() -> None:
-    rig = SlaveRig()
-    rig.axis.open(rig.now_ns)
-    rig.sends = False
-    payload = encode(EmergencyStop(session_id=0, sequence=0, stamp_ns=-5, source="x", reason=""))
-    for _ in range(1000):
-        rig.put_raw(topics.EMERGENCY_STOP, payload)
-    rig.step(20)
-    assert rig.state() is S.ESTOPPED
-    assert [event.event for event in rig.events] == ["estop"]
-
-
-def test_a_clear_swallows_no_stop_that_came_after_what_it_clears() -> None:
-    rig = SlaveRig().armed()
-    rig.load_cell.error = DeviceError("load cell: unplugged")
-    rig.step(2)
-    rig.load_cell.error = None
-    rig.step(50)
-    assert rig.state() is S.FAULT
-    rig.stop("surgeon", "again")
-    rig.axis.clear()
-    rig.step(5)
-    assert (rig.state(), rig.states[-1].reason) == (S.ESTOPPED, "surgeon: again")
-    rig.axis.clear()
-    rig.step(2)
-    assert rig.state() is S.READY

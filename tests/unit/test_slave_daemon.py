@@ -11,7 +11,7 @@ from forefeel.slave.daemon import SlaveDaemon
 from forefeel.slave.devices import Devices
 from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 from tests.unit.failing import refusing
-from tests.unit.slave_cell import Book, Cell
+from tests.unit.slave_cell import Book
 from tests.unit.slave_rig import MS, FakeGripper, FakeLoadCell, FakeStage
 
 AXES = ("insertion", "rotation")
@@ -97,16 +97,3 @@ def test_a_device_that_does_not_close_keeps_no_other_one_open(
 
 
 FAULT, STOPPED = SafetyState.FAULT, SafetyState.ESTOPPED
-
-
-@pytest.mark.parametrize("error", [None, ValueError("torn cable")], ids=["stop", "fault"])
-def test_what_comes_after_the_last_tick_is_latched_at_the_end(error: Exception | None) -> None:
-    cell = Cell()
-    if error is None:
-        cell.daemon.axes[0].emergency_stop("pressed")
-    else:
-        cell.daemon.fail(error)
-    assert FAULT not in cell.states() and STOPPED not in cell.states()  # a tick may follow
-    cell.daemon.close(cell.runtime.clock.now_ns())
-    assert cell.states()[0] is (STOPPED if error is None else FAULT)
-    assert cell.book.of("safety")[0]["reason"] == ("pressed" if error is None else "ValueError: torn cable")

@@ -14,7 +14,7 @@ from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalib
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.messages import Calibration, ForceSample, Grip, MotionCommand, SafetyState
 from forefeel.common.transport.memory import MemoryBus
-from forefeel.slave.forces import ForcePublisher, Instant
+from forefeel.slave.forces import ForcePublisher, Instant, PushWatch
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 from tests.unit.slave_rig import MS, SESSION, START_M, SlaveRig
@@ -143,6 +143,28 @@ def test_a_drive_that_does_not_go_where_it_is_told_is_an_intervention() -> None:
     event = next(event for event in rig.limits if event.rule == "travel")
     assert (event.applied, event.unit) == (START_M + 0.001, "m")
     assert event.requested > event.applied
+
+
+@pytest.mark.parametrize(
+    ("force_n", "speed_m_s", "tare_n", "fault_ms"),
+    [
+        (-0.06, 0.02, 0.0, 60),  # 1 mm, then 10 ms
+        (-0.04, 0.02, 0.0, None),
+        (-0.06, 0.02, -0.02, None),
+        (-0.06, 0.0019, 0.0, None),
+        (-0.06, -0.02, 0.0, None),
+        (0.9, 0.02, 0.0, None),
+    ],
+)
+def test_pull_on_the_way_in_is_a_fault(
+    force_n: float, speed_m_s: float, tare_n: float, fault_ms: int | None
+) -> None:
+    """Of an axis with a force limit of 1 N."""
+    watch = PushWatch(1.0)
+    watch.fault(0, StageReading(0.0, 0.0), tare_n, following=False)
+    moved = ((ms, StageReading(speed_m_s * ms * 1e-3, speed_m_s)) for ms in range(1, 1000))
+    found = (ms for ms, reading in moved if watch.fault(ms * MS, reading, force_n, following=True))
+    assert next(found, None) == fault_ms
 
 
 CELL = LoadCellCalibration(

@@ -121,11 +121,7 @@ class DriveCycle:
         return word
 
     def supervise(self, heard: Readback | None, beat: bool, emergency: int | None) -> int:
-        """The controlword alone, for a drive that moves by itself.
-
-        Raises:
-            DeviceError: as `step`.
-        """
+        """The controlword alone, for a drive that moves by itself; raises as `step`."""
         self._listen(heard, beat, emergency)
         return self.machine.step(self._statusword) if self._heard_once else QUICK_STOP
 
