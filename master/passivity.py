@@ -11,6 +11,12 @@ from math import sqrt
 _SPRING_N_M = 800.0
 _LEAST_J = -0.9e-3
 _TICK_S = 1e-3
+_DAMPING_SHARE, _DAMPED_M_S = 0.06, 0.005
+"""Below the just noticeable difference, 7 % (Pang, Tan, Durlach 1991). At walls of 200, 1000, 3000 N/m the
+felt error is .04, .05, .06 of that of the late force, without damping .01, .15, .18: the last force of a way
+out is then not covered."""
+_SMOOTHING = 0.1
+"""Per tick: a time constant of 10 ms, beyond a step of the encoder and below a tremor of 12 Hz."""
 _LEAST_SPEED_M_S = 0.04
 """What 20 m/s2 make in two ticks: 4 N on 0.15 kg of loose fingers, less their damping."""
 
@@ -51,22 +57,37 @@ class PassivityLimit:
       newest force gives at most 3/16 of C + 0.9 mJ, the one before it 1/4 of what it was a tick ago: at least
       half of it is left after each tick, and E >= C >= -0.9 mJ.
 
+    A force that is a tick late gives energy in each turn of a tremor, up to K v^2 T, and the last force of a
+    way out is then not covered. So as long as C is below W, the energy that the asked force has taken since
+    it last gave all of it back, a force against the motion grows by 6 % min(1, |v| / 5 mm/s).
+
     In virtual time against walls of 200 to 3000 N/m across 300 and 600 ms, two seeds, the lowest E is
     -0.2 mJ, with an actuator 1, 3, 5 ms late -0.6, -1.8, -3.1 mJ (`python -m benchmarks.felt_force`).
     """
 
     def __init__(self, max_force_n: float, max_slew_n_s: float, max_stiffness_n_m: float) -> None:
+        self._most_n = max_force_n
         self._most_j = max_force_n * max_force_n / (2.0 * _SPRING_N_M)
         self._slew_n_s = max_slew_n_s
         self._stiffness_n_m = max_stiffness_n_m
-        self._credit_j = 0.0
+        self._credit_j = self._stored_j = 0.0
         self._before_n = 0.0
+        self._velocity_m_s = 0.0
 
     def observe(self, moved_m: float, force_n: float) -> None:
         """The hand has moved under `force_n`, applied since the last call."""
         taken_j = min(force_n * moved_m, self._before_n * moved_m)
         self._credit_j = min(self._credit_j + taken_j, self._most_j)
         self._before_n = force_n
+
+    def damped_n(self, wanted_n: float, moved_m: float) -> float:
+        """The force that also pays for what its delay by a tick gives back."""
+        self._stored_j = min(max(0.0, self._stored_j + wanted_n * moved_m), self._most_j)
+        self._velocity_m_s += _SMOOTHING * (moved_m / _TICK_S - self._velocity_m_s)
+        if self._credit_j >= self._stored_j or wanted_n * self._velocity_m_s <= 0.0:
+            return wanted_n
+        share = _DAMPING_SHARE * min(1.0, abs(self._velocity_m_s) / _DAMPED_M_S)
+        return max(-self._most_n, min(self._most_n, (1.0 + share) * wanted_n))
 
     def limited_n(self, asked_n: float, present_n: float, velocity_m_s: float, dt_s: float) -> float:
         """The force in N for the next tick, with the sign of `asked_n` and no larger.

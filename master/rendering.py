@@ -65,7 +65,8 @@ class ForceRenderer:
                 hits = (LimitHit("rendered_force", asked_n, self._target_n, "N"),)
         change = dt_s / settings.fade_s
         self._fade = min(1.0, self._fade + change) if usable else max(0.0, self._fade - change)
-        wanted_n, step_n = self._fade * self._target_n, settings.max_slew_n_s * dt_s
+        wanted_n = self._passivity.damped_n(self._fade * self._target_n, moved_m)
+        step_n = settings.max_slew_n_s * dt_s
         slewed_n = max(self.force_n - step_n, min(self.force_n + step_n, wanted_n))
         if slewed_n != wanted_n:
             hits += (LimitHit("rendered_step", wanted_n, slewed_n, "N"),)
