@@ -10,7 +10,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.driver import DriverSettings, Slot
 from forefeel.common.hardware.link import DeviceLink
 
-_CARRIED_S = 0.020  # s by which a reading is carried on with its velocity
+CARRIED_S = 0.020  # s by which a reading is carried on with its velocity
 
 
 Travel = tuple[float, float]
@@ -23,7 +23,7 @@ class StageDriverSettings(DriverSettings):
     """
 
     slot: ClassVar[Slot] = "stage"
-    lag_s: Annotated[float, Field(gt=0, le=0.3)] = 0.060
+    lag_s: Annotated[float, Field(gt=0, le=0.3)] = 0.1
 
     @property
     def travel(self) -> Travel | None:
@@ -39,7 +39,7 @@ class StageReading(NamedTuple):
 
     def carried_on(self, stamp_ns: int, now_ns: int) -> "StageReading":
         """As of now, when it was read at `stamp_ns`: by its velocity, for at most 20 ms."""
-        age_s = min(max(now_ns - stamp_ns, 0) * 1e-9, _CARRIED_S)
+        age_s = min(max(now_ns - stamp_ns, 0) * 1e-9, CARRIED_S)
         return StageReading(self.position_m + self.velocity_m_s * age_s, self.velocity_m_s)
 
 

@@ -33,7 +33,7 @@ from forefeel.slave.stage import StageReading
 MS = 1_000_000
 START_M = 0.02
 SESSION = 41
-_STAGE = ZaberSettings(driver="zaber_ascii", port="none", microstep_m=1e-7, travel_m=(-1.0, 1.0))
+_STAGE = ZaberSettings(driver="zaber_ascii", port="none", microstep_m=1e-7, travel_m=(-1.0, 1.0), lag_s=0.02)
 SETTINGS = SlaveAxisSettings(gate=GateSettings(engage_ramp_s=0.02), stage=_STAGE)
 SHARED = shared_text("cell", "insertion", SETTINGS.limits)
 

@@ -13,7 +13,7 @@ from forefeel.slave.plant.stage import PlantStage
 from forefeel.slave.stage import StageReading
 
 MS = 1_000_000
-HZ, LAG_S = 25.0, 0.060
+HZ, LAG_S = 25.0, 0.1
 Expected = Callable[[], KnownServo | LateStage]
 EXPECTED: list[Expected] = [lambda: KnownServo(HZ), lambda: LateStage(LAG_S)]
 Asked = Callable[[float], float]

@@ -11,7 +11,8 @@ class ZaberSettings(SerialSettings, ScaledStageSettings):
     """A Zaber stage that speaks ASCII. It has no watchdog of its own: it is only ever sent to absolute
     targets at most `lead_s` ahead, so that it comes to rest by itself.
 
-    `microstep_m`: metres per microstep; the device's zero is its home.
+    `microstep_m`: metres per microstep; the device's zero is its home. `lag_s`: two exchanges in a row, of
+    50 ms and more each, may stay without an answer.
     """
 
     driver: Literal["zaber_ascii"]
@@ -21,6 +22,7 @@ class ZaberSettings(SerialSettings, ScaledStageSettings):
     max_velocity_m_s: Annotated[float, Field(gt=0, le=10)] = 0.1
     max_acceleration_m_s2: Annotated[float, Field(gt=0, le=1000)] = 4.0
     lead_s: Annotated[float, Field(gt=0, le=0.3)] = 0.060
+    lag_s: Annotated[float, Field(gt=0, le=0.3)] = 0.2
 
     @property
     def native_per_m(self) -> float:

@@ -410,7 +410,13 @@ def _failed(reason: str, device: str = "") -> tuple[Expected, ...]:
 
 
 def _emulated(
-    name: str, device: str, fault: str, rest_s: float, reason: str, wait_s: float = _FAULT_S
+    name: str,
+    device: str,
+    fault: str,
+    rest_s: float,
+    reason: str,
+    wait_s: float = _FAULT_S,
+    end: str = "free",
 ) -> Fault:
     """Of an emulated device; `stage` and `cell` are its process."""
     lasts = fault == "unplug"
@@ -420,7 +426,7 @@ def _emulated(
         "repaired; forefeel clear",
         rest_s=rest_s,
         faded_s=rest_s + r.NEAR.faded_s,
-        service={"emulated": {device: f"{fault},{'plug' if lasts else 'free'}"}},
+        service={"emulated": {device: f"{fault},{'plug' if lasts else end}"}},
         events=_failed(reason, ({"cell": "load_cell"}.get(device, device)) if lasts else ""),
         flights=_BOTH,
     )
@@ -642,3 +648,9 @@ def _of_devices() -> Iterable[Fault]:
     yield _emulated("load cell unplugged", "cell", "unplug", r.BY_DEVICE_S, ".*bota_serial.*gone.*")
     yield _emulated("load cell NaN", "cell", "nan", r.BLIND_S, blind)
     yield _emulated("load cell stuck", "cell", "stuck", r.STUCK_S, blind, 3.0)
+    # of a stage that stalls the Zaber itself may be the first to tell
+    yield _emulated("stage stuck", "stage", "stuck", r.STRAYED_S, ".*(off its setpoint|stalled).*")
+    half = ".*off its setpoint.*"
+    yield _emulated("stage at half motion", "stage", "half", r.STRAYED_S, half, end="honest")
+    pull = "load cell pulls .*"
+    yield _emulated("load cell reversed", "cell", "reversed", r.PULLED_S, pull, 2 * r.PULLED_S, end="honest")

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from forefeel.common.topics import COMMAND, FORCE, SLAVE_STATE
+from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.slave.settings import GateSettings
 from tests.system.net.service import FASTEST_M_S, HARDEST_M_S2, LEAD_S
 
@@ -35,6 +36,10 @@ BY_DRIVE_S = LEAD_S + FASTEST_M_S / HARDEST_M_S2 + MARGIN_S
 """The slave is gone: the drive runs to the end of the last setpoint's lead, and brakes."""
 BY_DEVICE_S = LEAD_S + FASTEST_M_S / HARDEST_M_S2 + RAMP_S + MARGIN_S
 """A device does not answer any more: its driver waits for as long as the lead, then the slave ramps down."""
+STRAYED_S = 4 * ZaberSettings.model_fields["lag_s"].default + BY_FAULT_S
+"""Half motion is off by more than the lag explains after twice the lag, where it does not turn meanwhile."""
+PULLED_S = 2.5
+"""A stroke out and the next one in, to where the force is 5 % of the limit."""
 BLIND_S = (_GATE.force_timeout_s or 0.0) + RAMP_S + SERVO_S + MARGIN_S
 """Invalid readings are borne for force_timeout_s."""
 STUCK_S = 1.0 + BLIND_S

@@ -1,9 +1,10 @@
 """An emulated device that fails when told: `python -m tests.system.net.provoked FAULTS DEVICE OPTIONS...`.
 
-`forefeel emulate DEVICE OPTIONS...`, to which the next one of FAULTS (`unplug,plug`) happens at SIGUSR1. What
-the stage really does is told in the file that FOREFEEL_MOTION names: a row of (CLOCK_MONOTONIC ns, position
-m, velocity m/s) for each millisecond that it lived through, whatever becomes of its host; written at its end,
-for a device waits for no disk.
+`forefeel emulate DEVICE OPTIONS...`, to which the next one of FAULTS (`unplug,plug`) happens at SIGUSR1;
+besides those of the device `half` (the stage makes half of each step), `reversed` (so is the cell's sign) and
+`honest`. What the stage really does is told in the file that FOREFEEL_MOTION names: a row of (CLOCK_MONOTONIC
+ns, position m, velocity m/s) for each millisecond that it lived through, whatever becomes of its host; it is
+written at the end, for a device waits for no disk.
 """
 
 import os
@@ -18,6 +19,7 @@ from pathlib import Path
 from forefeel.__main__ import main as run_command_line
 from forefeel.devices.emulation import bench
 from forefeel.devices.emulation.bench import Surroundings
+from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.zaber import emulator
 from forefeel.emulate import run
 
@@ -49,14 +51,42 @@ def told(path: Path) -> Iterator[None]:
                 file.write(rows)
 
 
+LIES = "half", "reversed", "honest"
+
+
+class Lying:
+    """Every emulated stage and load cell of this process, as the last lie has it."""
+
+    lie = "honest"
+
+    def __init__(self) -> None:
+        step, measure = emulator.ZaberAxis.step, EmulatedSensor.measure
+
+        def stepped(axis: emulator.ZaberAxis) -> None:
+            before = axis.position
+            step(axis)
+            if self.lie == "half":
+                axis.position = 0.5 * (before + axis.position)
+
+        def measured(sensor: EmulatedSensor, t_s: float) -> float:
+            return measure(sensor, t_s) * (-1.0 if self.lie == "reversed" else 1.0)
+
+        setattr(emulator.ZaberAxis, "step", stepped)  # noqa: B010
+        setattr(EmulatedSensor, "measure", measured)  # noqa: B010
+
+
 def main() -> None:
+    lying = Lying()
     faults = sys.argv.pop(1).split(",")
     sys.argv.insert(1, "emulate")
     waiting, original = list[str](), run.obey_stdin
 
     def obey(living: run.Living, load: bench.Load | None) -> None:
         while waiting:
-            living.provoke(waiting.pop(0))
+            if (fault := waiting.pop(0)) in LIES:
+                lying.lie = fault
+            else:
+                living.provoke(fault)
         original(living, load)
 
     setattr(run, "obey_stdin", obey)  # noqa: B010 - what the emulator looks up

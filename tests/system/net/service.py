@@ -71,6 +71,7 @@ def configure(
         }  # fmt: skip
         slave["axes"][0]["load_cell"] = {
             "driver": "bota_serial", "port": str(folder / "cell"), "full_scale_n": 10.0, "rate_hz": CELL_HZ,
+            "pushes_only": True,
         }  # fmt: skip
     for role, own in (("slave", slave), ("master", master)):
         own["axes"][0] |= (axis or {}).get(role, {})
