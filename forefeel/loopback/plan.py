@@ -1,6 +1,6 @@
 """What a loopback run does: the settings of both ends, from a preset or from a measured recording."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -120,7 +120,10 @@ def make_plan(options: LoopbackOptions) -> Plan:
             patient=options.patient or "simulated",
         )
     if options.world_spread:
-        metadata |= _vary_world(options, slave_axis)
+        metadata["world_spread"] = f"{options.world_spread:g}, world seed {options.world_seed}"
+        simulation = slave_axis["simulation"]
+        contact = varied(world_settings(simulation).contact, options.world_spread, options.world_seed)
+        slave_axis["simulation"] = {**simulation, "model": None, "contact": contact.to_mapping()}
     link = {"inbound": options.impairment, "seed": options.seed}
     return Plan(
         slave={"cell": "loopback", "impairment": link, "axes": [slave_axis]},
@@ -190,15 +193,6 @@ def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_ax
         master_axis.setdefault("prediction", {})["model"] = str(options.master_model.resolve())
 
 
-def _vary_world(options: LoopbackOptions, slave_axis: dict[str, Any]) -> dict[str, str]:
-    """Draws the contact of the simulated world; what of it stands in the recording's metadata."""
-    simulation = slave_axis["simulation"]
-    drawn = varied(world_settings(simulation).contact, options.world_spread, options.world_seed).to_mapping()
-    simulation.pop("model", None)
-    simulation["contact"] = drawn
-    return {"world_spread": f"{options.world_spread:g}, world seed {options.world_seed}"}
-
-
 def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:
     """Adds the effects of `--hide` to the simulated world; the master hears nothing of them."""
     if options.hide is None:
@@ -215,11 +209,7 @@ def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:
 def _source(options: LoopbackOptions) -> dict[str, Any]:
     source: dict[str, Any] = {"recording": str(Path(options.recording or "").resolve())}
     if options.columns is not None:
-        source["columns"] = {
-            "time": options.columns.time,
-            "position": options.columns.position,
-            "force": options.columns.force,
-        }
+        source["columns"] = asdict(options.columns)
     return source
 
 
@@ -260,7 +250,7 @@ def play(
     }
     master_axis["handle"] = {
         "driver": "recording",
-        "approach_m_s": _approach(limits),
+        "approach_m_s": min(_APPROACH_M_S, limits["max_velocity_m_s"] / 2),
         **source,
     }
     notes = _notes(recording, limits)
@@ -324,10 +314,6 @@ def recording_limits(recording: Recording, world_max_n: float) -> dict[str, Any]
         "max_acceleration_m_s2": _round_up(max(1.5 * step / 1e-3, 1.0)),
         "max_force_n": world_max_n if strongest_n is None else _round_up(max(1.2 * strongest_n, 0.01)),
     }
-
-
-def _approach(limits: dict[str, Any]) -> float:
-    return min(_APPROACH_M_S, float(limits["max_velocity_m_s"]) / 2)
 
 
 def _round_up(value: float) -> float:

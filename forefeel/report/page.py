@@ -405,7 +405,7 @@ def _felt(found: Transparency | None) -> str:
     if found is None:
         return "not scored: no simulated world was followed"
     return (
-        f"{ratio(found.ratio)} of the held force's error; {quantity(found.felt.rms_n, 'N')} rms at the hand, "
+        f"{ratio(found.ratio)} of the held error; {quantity(found.felt.rms_n, 'N')} rms at the hand, "
         f"{ratio(found.jnd_rms)} JND; {share(found.within_jnd)} within 1 JND"
     )
 

@@ -138,8 +138,5 @@ def spread(values: Floats) -> Spread:
 
 
 def _ratio(part: float | None, whole: float | None) -> float | None:
-    return _finite(part / whole) if part is not None and whole else None
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    found = part / whole if part is not None and whole else np.inf
+    return found if np.isfinite(found) else None

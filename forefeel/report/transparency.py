@@ -16,7 +16,7 @@ import numpy as np
 
 from forefeel.common.error_size import ErrorSize, Floats
 from forefeel.common.limiter import MotionLimiter
-from forefeel.common.messages import Grip, MotionCommand
+from forefeel.common.messages import MotionCommand
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS
 from forefeel.report.score import compare
@@ -57,7 +57,6 @@ class Twin:
         self._ahead_ns = ahead_ns
         self._previous_ns = start_ns
         self._force_n = 0.0
-        self._grip = Grip.CLOSED
 
     def force_n(self, command: MotionCommand) -> float:
         """The force in N that answers a command, a tick after it arrives."""
@@ -71,8 +70,7 @@ class Twin:
         else:
             self._limiter.place(command.position_m)
         self._world.set_target(self._limiter.position_m, self._limiter.velocity_m_s, arrived_ns)
-        if command.gripper is not self._grip:
-            self._grip = self._world.grip(command.gripper)
+        self._world.grip(command.gripper)
         self._world.advance(arrived_ns + _TICK_NS)
         self._force_n = self._world.load_cell_reading().force_n
         return self._force_n

@@ -59,6 +59,7 @@ class SimulatedWorld:
     grid: equal seeds, setpoints and grips give equal results bit for bit, however often the world is read.
 
     Attributes:
+        start_ns: when its time began; None before the first call.
         observed: whether a stage or a load cell belongs to the world; else its gripper does not integrate it.
     """
 
@@ -69,12 +70,8 @@ class SimulatedWorld:
         contact, converter = plant_contact(settings.contact, settings.hidden)
         self._fixture = PlantFixture(contact, settings.fixture.inserted_m, settings.stage.start_m)
         self._load_cell = PlantLoadCell(settings.load_cell, seed, converter.sense)
-        self._start_ns: int | None = None
+        self.start_ns: int | None = None
         self._steps = 0
-
-    @property
-    def begun(self) -> bool:
-        return self._start_ns is not None
 
     def advance(self, to_ns: int) -> None:
         """Integrates to that stamp; the first stamp is the start, an earlier one than the last is ignored."""
@@ -113,9 +110,9 @@ class SimulatedWorld:
         return self._fixture.inserted_m
 
     def _elapsed_ns(self, stamp_ns: int) -> int:
-        if self._start_ns is None:
-            self._start_ns = stamp_ns
-        return stamp_ns - self._start_ns
+        if self.start_ns is None:
+            self.start_ns = stamp_ns
+        return stamp_ns - self.start_ns
 
     def _integrate(self, first: int, last: int) -> None:
         stage, fixture, sense = self._stage.step, self._fixture.step, self._load_cell.filtered.advance

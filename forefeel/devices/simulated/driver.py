@@ -61,7 +61,7 @@ class SimulatedStage(SimulatedDevice):
     def read(self, now_ns: int) -> StageReading:
         """The world begins with the load cell in the slave's first tick, which the first force dates."""
         world = self._opened_world()
-        if world.begun:
+        if world.start_ns is not None:
             world.advance(now_ns)
         return StageReading(*world.stage_readback())
 
