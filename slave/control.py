@@ -1,4 +1,4 @@
-"""The control loop of one axis, pure: `tick(now, inputs) -> outputs`. Safety.md 5-7 on every tick."""
+"""The control loop of one axis, pure: `tick(now, inputs) -> outputs` (docs/explanation/safety.md)."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple

@@ -1,5 +1,6 @@
-"""Admission of commands: session, sequence, age, range (safety.md 1-4). Pure; runs in the thread that
-received the command.
+"""Admission of commands: session, sequence, age, range. Pure; runs in the thread that received the command.
+
+What each of them is against: docs/explanation/safety.md.
 """
 
 from dataclasses import dataclass
