@@ -25,6 +25,8 @@ class KnownServo:
     Exact from tick to tick: `e = r - s` is `(e0 + (e0' + w e0) t) exp(-w t)`.
     """
 
+    carried_s = 0.0
+
     def __init__(self, bandwidth_hz: float) -> None:
         self._w = 2.0 * pi * bandwidth_hz
         self.rest(0.0, 0)
@@ -53,10 +55,11 @@ class KnownServo:
 
 
 class LateStage:
-    """Reads back where it was sent, 0 to `lag_s` later. Drivers carry targets and readings on by a velocity
-    that they learn late. So a healthy stage is within the hull of s(u) and s(u) + s'(u) (t - u + 20 ms),
-    t - lag <= u <= t.
+    """Reads back where it was sent, 0 to `lag_s` later, targets carried on with their velocity: a healthy one
+    is in the hull of s(u) and s(u) + s'(u) (t - u), t - lag <= u <= t. `carried_s`: so may readings be.
     """
+
+    carried_s = CARRIED_S
 
     def __init__(self, lag_s: float) -> None:
         self._lag_ns = round(lag_s * 1e9)
@@ -80,7 +83,7 @@ class LateStage:
             sent[0] = (since_ns, x_m + v_m_s * (since_ns - at_ns) * 1e-9, v_m_s)
         found = list[float]()
         for at_ns, x_m, v_m_s in (*sent, self._newest):
-            found += (x_m, x_m + v_m_s * ((now_ns - at_ns) * 1e-9 + CARRIED_S))
+            found += (x_m, x_m + v_m_s * (now_ns - at_ns) * 1e-9)
         return min(found), max(found)
 
 
@@ -118,7 +121,8 @@ class FollowingWatch:
         if self._holds or blind:
             self._expected.rest(x_m, now_ns)
         low_m, high_m = self._expected.span_m(now_ns)
-        self.deviation_m = max(0.0, low_m - x_m, x_m - high_m)
+        before_m = x_m - reading.velocity_m_s * self._expected.carried_s
+        self.deviation_m = max(0.0, low_m - max(x_m, before_m), min(x_m, before_m) - high_m)
         self.strayed = self.deviation_m > DEVIATION_M
         if now_ns - self._settled_ns > _TO_REST_NS:
             return f"stage moves {_TO_REST_NS * 1e-9:g} s after it was told to hold: check the drive"
