@@ -16,16 +16,15 @@ _REST_M, _REST_NS = 20e-6, 50_000_000
 _TO_REST_NS = 500_000_000
 """From 1 m/s at `gate.stop_deceleration_m_s2`, 4 m/s^2, it takes half of that."""
 _APART_NS = 5_000_000  # between two setpoints that are remembered: at 8 m/s^2 they miss an end by 0.025 mm
-_BLIND_NS = 50_000_000
-"""After a longer pause of the control loop drives have stopped by themselves: the stage is where it reads."""
 
 
 class KnownServo:
     """Bandwidth known: `r'' = w^2 (s - r) + 2 w (s' - r')`, w = 2 pi bandwidth; s goes on with s' for 2 ms.
-    Exact from tick to tick: `e = r - s` is `(e0 + (e0' + w e0) t) exp(-w t)`.
+    Exact from tick to tick: `e = r - s` is `(e0 + (e0' + w e0) t) exp(-w t)`. `blind_ns`:
+    after a longer pause of the control loop the drive has stopped by itself, and is where it reads.
     """
 
-    carried_s = 0.0
+    carried_s, blind_ns = 0.0, 50_000_000
 
     def __init__(self, bandwidth_hz: float) -> None:
         self._w = 2.0 * pi * bandwidth_hz
@@ -63,6 +62,7 @@ class LateStage:
 
     def __init__(self, lag_s: float) -> None:
         self._lag_ns = round(lag_s * 1e9)
+        self.blind_ns = max(KnownServo.blind_ns, self._lag_ns)
         self._sent: deque[tuple[int, float, float]] = deque()
 
     def rest(self, position_m: float, now_ns: int) -> None:
@@ -112,7 +112,11 @@ class FollowingWatch:
 
     def read(self, reading: StageReading, now_ns: int) -> str | None:
         """Why this readback is a fault; None where it is none."""
-        x_m, blind, self._read_ns = reading.position_m, now_ns - self._read_ns > _BLIND_NS, now_ns
+        x_m, blind, self._read_ns = (
+            reading.position_m,
+            now_ns - self._read_ns > self._expected.blind_ns,
+            now_ns,
+        )
         if abs(x_m - self._anchor_m) > _REST_M:
             self._anchor_m, self._moved_ns = x_m, now_ns
         self.at_rest = now_ns - self._moved_ns >= _REST_NS

@@ -650,7 +650,7 @@ def _of_devices() -> Iterable[Fault]:
     yield _emulated("load cell stuck", "cell", "stuck", r.STUCK_S, blind, 3.0)
     # of a stage that stalls the Zaber itself may be the first to tell
     yield _emulated("stage stuck", "stage", "stuck", r.STRAYED_S, ".*(off its setpoint|stalled).*")
-    half = ".*off its setpoint.*"
-    yield _emulated("stage at half motion", "stage", "half", r.STRAYED_S, half, end="honest")
+    slow = ".*off its setpoint.*"
+    yield _emulated("stage at 10 mm/s", "stage", "slow", r.STRAYED_S, slow, end="honest")
     pull = "load cell pulls .*"
     yield _emulated("load cell reversed", "cell", "reversed", r.PULLED_S, pull, 2 * r.PULLED_S, end="honest")

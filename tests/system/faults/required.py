@@ -37,7 +37,7 @@ BY_DRIVE_S = LEAD_S + FASTEST_M_S / HARDEST_M_S2 + MARGIN_S
 BY_DEVICE_S = LEAD_S + FASTEST_M_S / HARDEST_M_S2 + RAMP_S + MARGIN_S
 """A device does not answer any more: its driver waits for as long as the lead, then the slave ramps down."""
 STRAYED_S = 4 * ZaberSettings.model_fields["lag_s"].default + BY_FAULT_S
-"""Half motion is off by more than the lag explains after twice the lag, where it does not turn meanwhile."""
+"""A stage at a fraction of its speed is off by more than the lag explains soon after it, unless it turns."""
 PULLED_S = 2.5
 """A stroke out and the next one in, to where the force is 5 % of the limit."""
 BLIND_S = (_GATE.force_timeout_s or 0.0) + RAMP_S + SERVO_S + MARGIN_S

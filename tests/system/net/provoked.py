@@ -1,7 +1,7 @@
 """An emulated device that fails when told: `python -m tests.system.net.provoked FAULTS DEVICE OPTIONS...`.
 
 `forefeel emulate DEVICE OPTIONS...`, to which the next one of FAULTS (`unplug,plug`) happens at SIGUSR1;
-besides those of the device `half` (the stage makes half of each step), `reversed` (so is the cell's sign) and
+besides those of the device `slow` (the stage makes 10 mm/s at most), `reversed` (so is the cell's sign) and
 `honest`. What the stage really does is told in the file that FOREFEEL_MOTION names: a row of (CLOCK_MONOTONIC
 ns, position m, velocity m/s) for each millisecond that it lived through, whatever becomes of its host; it is
 written at the end, for a device waits for no disk.
@@ -51,7 +51,9 @@ def told(path: Path) -> Iterator[None]:
                 file.write(rows)
 
 
-LIES = "half", "reversed", "honest"
+LIES = "slow", "reversed", "honest"
+_MOST_STEPS = 100
+"""10 mm/s of 0.1 um, in a ms."""
 
 
 class Lying:
@@ -65,8 +67,8 @@ class Lying:
         def stepped(axis: emulator.ZaberAxis) -> None:
             before = axis.position
             step(axis)
-            if self.lie == "half":
-                axis.position = 0.5 * (before + axis.position)
+            if self.lie == "slow":
+                axis.position = before + max(-_MOST_STEPS, min(_MOST_STEPS, axis.position - before))
 
         def measured(sensor: EmulatedSensor, t_s: float) -> float:
             return measure(sensor, t_s) * (-1.0 if self.lie == "reversed" else 1.0)
