@@ -4,8 +4,6 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import Grip, SafetyState
@@ -287,47 +285,3 @@ def test_a_late_tick_moves_the_setpoint_by_ten_milliseconds_at_most() -> None:
     rig.now_ns += 40 * MS
     rig.tick()
     assert abs(rig.out.target_m - before_m) <= 0.2 * 0.010
-
-
-STEP = st.tuples(
-    st.sampled_from(["held", "released", "silent", "held away", "nothing"]),
-    st.integers(1, 50),
-    st.floats(-0.02, 0.11),
-    st.sampled_from(
-        [{}, {}, {}, *HALTS, {"shutdown": True}, {"session_live": False}, {"clear": True}, {"clock": None}]
-    ),
-    st.floats(-4.0, 4.0),
-)
-
-
-@given(st.lists(STEP, min_size=1, max_size=15), st.booleans())
-def test_the_stage_moves_only_while_engaging_armed_or_ramping_to_rest(
-    steps: list[tuple[str, int, float, dict[str, Any], float]], begins_armed: bool
-) -> None:
-    rig = Rig(gate=GateSettings(engage_ramp_s=0.02, watchdog_s=0.02))
-    if begins_armed:
-        rig.moving()
-    halted = False
-    for act, ticks, position_m, changes, force_n in steps:
-        rig.force_n = force_n
-        for tick in range(ticks):
-            before, before_m, before_m_s = rig.state(), rig.out.target_m, rig.out.velocity_m_s
-            command = None
-            if act in ("held", "released"):
-                command = rig.command(rig.stage_m, act == "held", velocity_m_s=0.02)
-            elif act == "held away":
-                command = rig.command(position_m, True)
-            out = rig.tick(command, **(changes if tick == 0 else {}))
-            if rig.control.machine.following:
-                assert not halted, "follows after a halt that nobody cleared"
-                assert out.executing is not None
-                assert out.executing.deadman
-            else:
-                assert abs(out.velocity_m_s) <= max(0.0, abs(before_m_s) - 4.0e-3) + 1e-12
-                assert out.executing is None
-                if before_m_s == 0.0:
-                    assert (out.target_m, out.moving) == (before_m, False)
-            if not (rig.control.machine.following and before is S.READY):  # engaging starts at the stage
-                assert abs(out.target_m - before_m) <= 0.2e-3 + 1e-12
-            if tick == 0:
-                halted = (halted or bool({"estop", "fault"} & set(changes))) and "clear" not in changes
