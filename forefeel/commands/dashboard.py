@@ -18,7 +18,7 @@ from forefeel.commands.options import (
 )
 from forefeel.terminal import output
 
-PACKAGES = ("nicegui", "fastapi", "uvicorn")
+PACKAGES = ("starlette", "uvicorn", "ifaddr")
 _ADDRESS = "Where the page is served; beyond this host it asks for the token of the link that is shown."
 
 Address = Annotated[str, typer.Option("--address", help=_ADDRESS)]

@@ -6,7 +6,7 @@ from ipaddress import ip_address
 from typing import NamedTuple
 
 import ifaddr
-from fastapi import FastAPI
+from starlette.applications import Starlette
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
@@ -60,7 +60,7 @@ class PageAddress(NamedTuple):
     secret: bool
 
 
-def guard(app: FastAPI, listening: socket.socket, address: str) -> PageAddress:
+def guard(app: Starlette, listening: socket.socket, address: str) -> PageAddress:
     """Puts the checks before the application; beyond loopback with a new token.
 
     Args:

@@ -13,6 +13,7 @@ from forefeel.common.messages import (
     SlaveState,
 )
 from forefeel.common.topics import MASTER_TIMING, Topic
+from forefeel.dashboard.comparison import Comparison
 from forefeel.dashboard.detector import ModelWatch
 from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.rings import SampleRing
@@ -35,6 +36,8 @@ class CommandPrediction(NamedTuple):
     sequence: int
     low_n: float
     high_n: float
+    predicted_n: float
+    late_n: float
 
 
 class Newest:
@@ -51,10 +54,13 @@ class Newest:
 
 
 def new_traces() -> dict[str, MinMaxTrace]:
-    """Those of the charts; predicted: force, low and high end of the band."""
+    """Those of the charts; predicted: force, low and high end of the band; late: the newest force that has
+    arrived, and what is predicted at that moment.
+    """
     return {
         "felt": MinMaxTrace(),
         "predicted": MinMaxTrace(3),
+        "late": MinMaxTrace(2),
         "measured": MinMaxTrace(),
         "commanded": MinMaxTrace(),
         "readback": MinMaxTrace(),
@@ -85,6 +91,7 @@ class AxisView:
         self.timeline = Timeline()
         self.traces = new_traces()
         self.watch = ModelWatch()
+        self.comparison = Comparison()
         self.events = EventList()
         self.samples = new_samples()
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
@@ -116,16 +123,24 @@ class AxisView:
 
     def _felt(self, sample: HapticSample, receive_ns: int) -> None:
         if self.timeline.heard(sample.stamp_ns, receive_ns):
-            self.traces, self.watch = new_traces(), ModelWatch()
+            self.traces, self.watch, self.comparison = new_traces(), ModelWatch(), Comparison()
         self.newest.haptics, t_s, traces = sample, self.timeline.stamp_s(sample.stamp_ns), self.traces
         traces["felt"].add(t_s, sample.rendered_n)
         traces["commanded"].add(t_s, sample.command_position_m)
         traces["energy"].add(t_s, sample.energy_j)
         self.worst_energy_j = min(self.worst_energy_j, sample.energy_j)
-        low_n, high_n = (nan if end is None else end for end in (sample.low_n, sample.high_n))
+        said = CommandPrediction(
+            sample.session_id,
+            sample.sequence,
+            *(
+                nan if n is None else n
+                for n in (sample.low_n, sample.high_n, sample.predicted_n, sample.zoh_n)
+            ),
+        )
         if sample.predicted_n is not None:
-            traces["predicted"].add(t_s, sample.predicted_n, low_n, high_n)
-        said = CommandPrediction(sample.session_id, sample.sequence, low_n, high_n)
+            traces["predicted"].add(t_s, sample.predicted_n, said.low_n, said.high_n)
+        if sample.zoh_n is not None:
+            traces["late"].add(t_s, sample.zoh_n, said.predicted_n)
         self._said[sample.sequence % _REMEMBERED_COMMANDS] = said
         answered = None if sample.answered_sequence is None else (sample.session_id, sample.answered_sequence)
         if sample.delay_s is not None and answered not in (None, self._answered):
@@ -142,7 +157,9 @@ class AxisView:
         self.traces["measured"].add(t_s, sample.force_n)
         self._sample(sample)
         said = self._said_with(sample)
-        if said is not None:
+        if said is not None and isfinite(said.predicted_n + said.late_n):
+            self.comparison.add(now_s, said.predicted_n, said.late_n, sample.force_n)
+        if said is not None and isfinite(said.low_n + said.high_n):
             self.watch.force(now_s, not said.low_n <= sample.force_n <= said.high_n)
 
     def _sample(self, sample: ForceSample) -> None:
@@ -161,10 +178,9 @@ class AxisView:
         return t_s if now_s - SPAN_S < t_s < now_s + _AHEAD_S else now_s
 
     def _said_with(self, sample: ForceSample) -> CommandPrediction | None:
-        """What was said with the command that a force answers, where a band was drawn for it."""
+        """What was said with the command that a force answers."""
         if sample.answers_sequence is None:
             return None
         said = self._said[sample.answers_sequence % _REMEMBERED_COMMANDS]
-        if said is None or said[:2] != (sample.session_id, sample.answers_sequence):
-            return None
-        return said if isfinite(said.low_n) and isfinite(said.high_n) else None
+        own = said is not None and said[:2] == (sample.session_id, sample.answers_sequence)
+        return said if own else None

@@ -20,6 +20,7 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
 )
 from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.comparison import SPAN_S as COMPARED_S
 from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
 from forefeel.dashboard.lights import lights
@@ -34,6 +35,7 @@ _LEAST_SPREAD_S = 2e-3
 _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
 # s for which a loop's lateness is shown after it was heard: it comes once a second, three may be lost
 _TIMING_S = 3.5
+_TICKS_OF_DELAY = 1000  # answered commands of which the delay is said, the last second at 1 kHz
 _ROLES = ("master", "slave")
 # rows of the table of parameters
 _MOST_PARAMETERS = 24
@@ -59,9 +61,25 @@ def numbers(view: AxisView, now_ns: int) -> Card:
         "age": "" if felt is None or felt.force_age_s is None else f"{quantity(felt.force_age_s, 's')} old",
         "delay": _milliseconds(felt.delay_s if felt else None),
         "leading": _leading(felt.leading if felt else ""),
-        "position": _millimetres(felt.command_position_m if felt else None),
-        "readback": _millimetres(force.position_m if measured and force else None),
     }
+
+
+def gain(view: AxisView, now_ns: int) -> Card:
+    """What the prediction is worth: its error beside that of the force that the hand would feel late."""
+    errors = view.comparison.errors(view.timeline.now_s(now_ns))
+    delays_s = view.delays.rows()[-_TICKS_OF_DELAY:, 1]
+    if errors is None or not len(delays_s):
+        return {"level": OFF, "head": "not judged yet", "more": "forces that answer commands are waited for"}
+    predicted, late = (_millinewtons(error_n) for error_n in errors)
+    return {
+        "level": GOOD if errors.predicted_n < errors.late_n else WARN,
+        "head": f"{1e3 * float(np.median(delays_s)):.0f} ms ahead: error {predicted} mN in place of {late}",
+        "more": f"rms of the last {COMPARED_S} s against the measured force, predicted in place of late",
+    }
+
+
+def _millinewtons(value_n: float) -> str:
+    return f"{1e3 * value_n:.{1 if value_n < 0.00995 else 0}f}"
 
 
 def standing(view: AxisView, now_ns: int) -> list[Card]:
@@ -220,10 +238,6 @@ def _band(low_n: float | None, high_n: float | None) -> str:
 
 def _milliseconds(value_s: float | None) -> str:
     return UNKNOWN if value_s is None else f"{1e3 * value_s:.0f}"
-
-
-def _millimetres(value_m: float | None) -> str:
-    return UNKNOWN if value_m is None else f"{1e3 * value_m:.2f}"
 
 
 def _leading(name: str) -> str:

@@ -2,8 +2,8 @@
 
 import json
 
-from fastapi import WebSocket, WebSocketDisconnect
 from pydantic import ValidationError
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from forefeel.dashboard.sources import Ask, Source
 

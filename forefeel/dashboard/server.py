@@ -11,8 +11,11 @@ from contextlib import asynccontextmanager, closing, nullcontext, suppress
 from pathlib import Path
 
 import uvicorn
-from fastapi import FastAPI
-from nicegui import ui
+from starlette.applications import Starlette
+from starlette.responses import Response
+from starlette.routing import Mount, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
 
 from forefeel.child_process import die_with_parent, listening_at
 from forefeel.common.clock import MonotonicClock
@@ -22,7 +25,6 @@ from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.dashboard.admission import guard
 from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
-from forefeel.dashboard.page import build, serve_files
 from forefeel.dashboard.sources import LiveCell, RecordedSource, Source
 from forefeel.interrupt import heeded
 from forefeel.network_settings import ObserverSettings
@@ -32,12 +34,15 @@ _POLL_S = 0.2  # s between two looks for an end
 # niceness that is added (nice(2)): behind the daemons and other programs, before a diagnosis at 19
 _NICE = 10
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
-_PATIENCE_S = 30.0  # a page that stalls is not made to load anew
-_ICON = (
-    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32"'
-    ' fill="#141a21"/><path d="M4 18c4-14 8-14 12-2s8 12 12-2" fill="none"'
-    ' stroke="#56b4e9" stroke-width="3"/></svg>'
-)
+_STATIC = Path(__file__).parent / "static"
+# asked for anew with every load; nothing comes from elsewhere or stands inside another page
+_HEADERS = {
+    "Cache-Control": "no-cache",
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
 Background = Callable[[], Awaitable[None]]
 
 
@@ -98,6 +103,13 @@ class _Server(uvicorn.Server):
     capture_signals = nullcontext  # type: ignore[assignment]
 
 
+class _Files(StaticFiles):
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        answer = await super().get_response(path, scope)
+        answer.headers.update(_HEADERS)
+        return answer
+
+
 class Page:
     """The page and what runs beside it.
 
@@ -116,15 +128,16 @@ class Page:
         address: str = "127.0.0.1",
     ) -> None:
         self._listening, self._what, self._failed = listening, what, failed
-        self._app = FastAPI(lifespan=self._lifespan, docs_url=None, redoc_url=None, openapi_url=None)
-        self._app.add_api_websocket_route(PATH, Conversations(source).serve)
+        routes = [
+            WebSocketRoute(PATH, Conversations(source).serve),
+            Mount("/", _Files(directory=_STATIC, html=True)),
+        ]
+        app = Starlette(routes=routes, lifespan=self._lifespan)
+        self._link = guard(app, listening, address)
         self._background: list[Background] = []
-        config = uvicorn.Config(
-            self._app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1
+        self._server = _Server(
+            uvicorn.Config(app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1)
         )
-        self._server = _Server(config)
-        _dress(self._app)
-        self._link = guard(self._app, listening, address)
 
     def serve(self, opens: bool, background: list[Background]) -> None:
         """Until any of `background` ends.
@@ -143,7 +156,7 @@ class Page:
             raise RunError(f"dashboard of {self._what}: {type(error).__name__}: {error}") from error
 
     @asynccontextmanager
-    async def _lifespan(self, _app: FastAPI) -> AsyncIterator[None]:
+    async def _lifespan(self, _app: Starlette) -> AsyncIterator[None]:
         tasks = [asyncio.create_task(self._watched(each)) for each in self._background]
         yield
         for task in tasks:
@@ -157,22 +170,6 @@ class Page:
             self._failed.append(error)
         finally:
             self._server.should_exit = True
-
-
-def _dress(app: FastAPI) -> None:
-    serve_files()
-    ui.run_with(
-        app,
-        root=build,
-        title="forefeel",
-        dark=True,
-        favicon=_ICON,
-        tailwind=False,
-        binding_refresh_interval=None,
-        reconnect_timeout=_PATIENCE_S,
-        message_history_length=0,
-        show_welcome_message=False,
-    )
 
 
 async def _until(duration_s: float | None, failed: list[Exception]) -> None:

@@ -28,7 +28,7 @@ class DashboardProcess:
         self._child: Child | None = None
 
     def start(self, cell: str, endpoints: Sequence[str], out: Path) -> None:
-        if find_spec("nicegui") is None:
+        if find_spec("starlette") is None:
             self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
             return
         try:

@@ -5,7 +5,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-pytest.importorskip("nicegui")
+pytest.importorskip("starlette")
 pytest.importorskip("playwright")
 
 from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
@@ -49,7 +49,7 @@ def check_values(shown: Shown) -> None:
     names = "link", "lease", "safety", "deadman"
     shown.until(lambda: all(shown.light(name)[0] == "●" for name in names), "all lights")
     assert "armed" in shown.light("safety")
-    assert shown.page.locator('[data-id="force"] canvas').count() == 1
+    assert shown.page.locator('canvas[data-id="force"]').count() == 1
 
 
 def check_hostile_text(shown: Shown, speaker: Speaker) -> None:

@@ -14,6 +14,7 @@ export function tell(name, text) {
 export function showCards(cards, charts, when) {
   const show = {
     numbers: showNumbers,
+    gain: showGain,
     standing: showLights,
     watch: (card) => showWatch(card, when),
     energy: showEnergy,
@@ -32,8 +33,12 @@ function showNumbers(card) {
   tell("age", card.age);
   tell("limited", card.limited ? "▲ limited" : "");
   tell("leading", card.leading ? `leads: ${card.leading}` : "");
-  tell("commanded", card.position);
-  tell("readback", card.readback);
+}
+
+function showGain(card) {
+  level(node("gain"), card.level);
+  tell("gain", card.head);
+  tell("gain-more", card.more);
 }
 
 function showLights(lights) {

@@ -7,9 +7,11 @@ import { showCards, field, node, tell } from "./cards.js";
 const PERIOD_MS = 31; // of two frames at 60 Hz
 const AGAIN_MS = 700;
 const WINDOWS_S = [2, 5, 10, 20, 30, 60];
+const SHORTEST_S = 0.2, KEPT_S = 60;
+const THEME = "forefeel-theme";
 
 const page = {
-  facts: null, axis: null, axes: [], paused: false, window: 3, back_s: 0, at_s: 0, clock_s: 0, offset_ms: 0,
+  facts: null, axis: null, axes: [], paused: false, window_s: 20, back_s: 0, at_s: 0, clock_s: 0, offset_ms: 0,
   updates: 0, drawn: 0, lost_ms: null, silence: null,
 };
 const traces = new Traces();
@@ -18,7 +20,6 @@ page.traces = traces;
 window.forefeel = page; // for who measures it
 
 const replays = () => page.facts?.file != null;
-const window_s = () => WINDOWS_S[page.window];
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/conversation`);
@@ -63,7 +64,7 @@ function begin() {
   if (file) {
     node("slider").max = duration_s;
     page.paused = false;
-    seek(page.at_s || Math.min(duration_s / 2, window_s()));
+    seek(page.at_s || Math.min(duration_s / 2, page.window_s));
   }
   showPaused();
 }
@@ -74,9 +75,9 @@ function frame(now_ms) {
   frame_ms = now_ms;
   if (page.facts && socket?.readyState === WebSocket.OPEN && !waits && now_ms - asked_ms >= PERIOD_MS) ask(now_ms);
   if (replays() && !page.paused) play(Math.min(passed_ms, 1000));
-  if (dirty && charts.ready()) {
+  if (dirty) {
     dirty = false;
-    charts.draw(traces, traces.now_s - page.back_s, window_s());
+    charts.draw(traces, traces.now_s - page.back_s, page.window_s);
     page.drawn += 1;
   }
 }
@@ -87,7 +88,8 @@ function ask(now_ms) {
   asked_ms = now_ms;
   waits = true;
   page.asked_at_s = page.at_s;
-  socket.send(JSON.stringify({ axis: page.axis, at_s: page.at_s, window_s: window_s() }));
+  const seen_s = Math.min(Math.max(1, page.window_s + page.back_s), KEPT_S);
+  socket.send(JSON.stringify({ axis: page.axis, at_s: page.at_s, window_s: seen_s }));
 }
 
 // --- recordings ---
@@ -100,6 +102,7 @@ function play(passed_ms) {
 
 function seek(at_s) {
   page.at_s = Math.min(Math.max(0, at_s), page.facts.duration_s);
+  page.back_s = 0;
   node("slider").value = page.at_s;
   tell("place", `${elapsed(page.at_s)} / ${elapsed(page.facts.duration_s)}`);
 }
@@ -124,17 +127,33 @@ function showPaused() {
 }
 
 function zoom(by) {
-  page.window = Math.min(Math.max(0, page.window + by), WINDOWS_S.length - 1);
+  const next = by > 0 ? WINDOWS_S.find((each) => each > page.window_s) : WINDOWS_S.findLast((each) => each < page.window_s);
+  look(next ?? page.window_s, page.back_s);
+}
+
+/** Shows `window_s` seconds up to `back_s` before now. */
+function look(window_s, back_s) {
+  page.window_s = Math.min(Math.max(SHORTEST_S, window_s), KEPT_S);
+  page.back_s = Math.min(Math.max(0, back_s), KEPT_S - page.window_s);
   page.asked_at_s = null;
   dirty = true;
-  showTicks();
 }
+
+const wants = {
+  again: () => { dirty = true; },
+  reset: () => { look(20, 0); pause(false); },
+  select: (from, to) => { pause(true); look(to - from, page.back_s + charts.frame.max - to); },
+  zoom: (factor, at) => {
+    const next_s = Math.min(Math.max(SHORTEST_S, page.window_s * factor), KEPT_S);
+    const moved_s = (charts.frame.max - at) * (next_s / page.window_s - 1);
+    look(next_s, page.paused ? page.back_s - moved_s : 0);
+  },
+};
 
 function move(by_s) {
   if (replays()) seek(page.at_s + by_s);
-  else if (page.paused) page.back_s = Math.min(Math.max(0, page.back_s - by_s), 60 - window_s());
+  else if (page.paused) look(page.window_s, page.back_s - by_s);
   dirty = true;
-  showTicks();
 }
 
 function nextAxis() {
@@ -164,6 +183,19 @@ function help() {
   else box.showModal();
 }
 
+/** Dark or light: as the system has it, until somebody chose. */
+function showTheme(name) {
+  if (name) document.documentElement.dataset.theme = name;
+  dirty = true;
+}
+
+function changeTheme() {
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  const next = (document.documentElement.dataset.theme ?? dark) === "dark" ? "light" : "dark";
+  localStorage.setItem(THEME, next);
+  showTheme(next);
+}
+
 function listen() {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
@@ -174,7 +206,7 @@ function listen() {
   });
   for (const [name, act] of [
     ["pause", () => pause(!page.paused)], ["play", () => pause(!page.paused)],
-    ["nearer", () => zoom(-1)], ["farther", () => zoom(1)], ["keys", help],
+    ["nearer", () => zoom(-1)], ["farther", () => zoom(1)], ["keys", help], ["theme", changeTheme],
   ]) node(name).addEventListener("click", (event) => { act(); event.currentTarget.blur(); });
   node("help").addEventListener("click", () => node("help").close());
   node("axis").addEventListener("change", (event) => { choose(event.target.value); event.target.blur(); });
@@ -211,25 +243,10 @@ function showSilence(silence) {
   tell("silence-where", silence.where ? `listening at ${silence.where}` : "");
 }
 
-function showTicks() {
-  const step = window_s() / 4;
-  const ends = [4, 3, 2, 1, 0].map((index) => {
-    const s = index * step + page.back_s;
-    return s === 0 ? "now" : `−${s} s`;
-  });
-  node("ticks").replaceChildren(...ends.map((text) => Object.assign(document.createElement("span"), { textContent: text })));
-}
-
-function start() {
-  if (!document.querySelector('[data-id="force"] canvas') || !document.querySelector('[data-id="delays"] canvas')) {
-    setTimeout(start, 50);
-    return;
-  }
-  charts = new Charts(node("force"), node("delays"));
-  listen();
-  showTicks();
-  connect();
-  requestAnimationFrame(frame);
-}
-
-start();
+page.charts = charts = new Charts(node("force"), node("delays"), wants);
+new ResizeObserver(() => { dirty = true; }).observe(node("force"));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
+showTheme(localStorage.getItem(THEME));
+listen();
+connect();
+requestAnimationFrame(frame);

@@ -9,10 +9,12 @@ from urllib.parse import urlsplit
 
 import pytest
 
-pytest.importorskip("nicegui")
-
-from fastapi import FastAPI, WebSocket
+pytest.importorskip("starlette")
+from starlette.applications import Starlette
+from starlette.requests import Request
 from starlette.responses import PlainTextResponse
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket
 
 from forefeel.dashboard.admission import guard
 
@@ -33,9 +35,7 @@ class Guarded:
     def __init__(self, listening: socket.socket, address: str) -> None:
         self.port = listening.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
-        self._app = FastAPI()
-        self._app.add_api_route("/", self._page)
-        self._app.add_api_websocket_route(LIVE, self._accept)
+        self._app = Starlette(routes=[Route("/", self._page), WebSocketRoute(LIVE, self._accept)])
         self.link = guard(self._app, listening, address).url
 
     @property
@@ -70,7 +70,7 @@ class Guarded:
         return self.get(LIVE, "websocket", **headers).status
 
     @staticmethod
-    async def _page() -> PlainTextResponse:
+    async def _page(_asked: Request) -> PlainTextResponse:
         return PlainTextResponse("forefeel")
 
     @staticmethod

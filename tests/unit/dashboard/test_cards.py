@@ -128,3 +128,10 @@ def test_a_loop_that_misses_ticks_is_said() -> None:
     view.newest.timings = {"master": timing(), "slave": timing(missed=9_000)}
     assert [loop["word"] for loop in cards.loops(view, now_ns)] == ["on time", "misses"]
     assert {loop["word"] for loop in cards.loops(view, now_ns + 4 * S)} == {"not heard"}
+
+
+def test_gain_is_error_in_place_of_late_error() -> None:
+    view, now_ns = heard(3.0)
+    assert cards.gain(view, now_ns)["head"] == "300 ms ahead: error 0.0 mN in place of 132"
+    for unjudged, at_ns in ((view, now_ns + 30 * S), heard(0.5)):
+        assert cards.gain(unjudged, at_ns)["head"] == "not judged yet"

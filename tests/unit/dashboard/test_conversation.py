@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import pytest
 
-pytest.importorskip("nicegui")
-from fastapi import WebSocket, WebSocketDisconnect
+pytest.importorskip("starlette")
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode

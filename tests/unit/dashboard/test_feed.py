@@ -43,12 +43,6 @@ def test_cards_come_when_they_say_something_new_and_slow_ones_seldom() -> None:
     assert feed.answer(cell, AXIS, now_ns + MS)["cards"] == {}
 
 
-def test_two_viewers_do_not_take_from_one_another() -> None:
-    cell, one, other = CellView(), Feed(), Feed()
-    now_ns = hear(cell, talk(1, 1000))
-    assert one.answer(cell, AXIS, now_ns) == other.answer(cell, AXIS, now_ns)
-
-
 def test_another_axis_and_another_time_begin_anew() -> None:
     cell, feed = CellView(), Feed()
     hear(cell, talk(1, 500), "rotation")

@@ -15,7 +15,7 @@ FILES = sorted(STATIC.iterdir())
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
 def test_nothing_is_made_html_and_nothing_is_loaded_from_elsewhere(file: Path) -> None:
-    text = file.read_text()
+    text = file.read_text().replace("http://www.w3.org/2000/svg", "")  # a name, not an address
     for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "new Function"):
         assert word not in text
     assert not re.search(r"(https?:)?//[a-z0-9-]+\.[a-z]", text)
@@ -29,7 +29,7 @@ def test_without_the_extra_one_line_says_so(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(sys.modules, "nicegui", None)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
     monkeypatch.delitem(sys.modules, "forefeel.dashboard.server", raising=False)
     assert run(command.split()) == 2
     assert "pip install forefeel[dashboard]" in capsys.readouterr().err
