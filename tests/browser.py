@@ -66,7 +66,7 @@ class Speaker:
         self.silent = False
         self._axes, self._ended = axes, threading.Event()
         clock = MonotonicClock()
-        self._transport = ZenohTransport.open(
+        self.transport = ZenohTransport.open(
             TransportSettings(listen=(self.endpoint,)), clock, lambda _: None
         )
         self._puts: dict[str, Any] = {}
@@ -79,13 +79,13 @@ class Speaker:
     def __exit__(self, *_: object) -> None:
         self._ended.set()
         self._thread.join()
-        self._transport.close()
+        self.transport.close()
 
     def say(self, topic: Topic[Any], message: Message, axis: str = "insertion") -> None:
         """One message, at once."""
         key = topic.key(CELL, axis)
         if key not in self._puts:
-            self._puts[key] = self._transport.publisher(key, topic.qos)
+            self._puts[key] = self.transport.publisher(key, topic.qos)
         self._puts[key](encode(message))
 
     def _speak(self) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from forefeel.common.error_size import Floats
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import UNKNOWN, quantity
-from forefeel.common.messages import LoopTiming, ModelParameters
+from forefeel.common.messages import LoopTiming, ModelParameters, SafetyState
 from forefeel.common.topics import (
     FORCE,
     HAPTICS,
@@ -23,7 +23,7 @@ from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.comparison import SPAN_S as COMPARED_S
 from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
-from forefeel.dashboard.lights import lights
+from forefeel.dashboard.lights import lights, safety_word
 from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.report.wording import deviating, micros, number
@@ -80,6 +80,17 @@ def gain(view: AxisView, now_ns: int) -> Card:
 
 def _millinewtons(value_n: float) -> str:
     return f"{1e3 * value_n:.{1 if value_n < 0.00995 else 0}f}"
+
+
+def banner(view: AxisView) -> Card:
+    """Why the axis is at rest until somebody clears it, and how; empty while it may move."""
+    slave = view.newest.slave
+    if slave is None or slave.state not in (SafetyState.ESTOPPED, SafetyState.FAULT):
+        return {"head": "", "more": ""}
+    return {
+        "head": f"{safety_word(slave)}: {printable(slave.reason)}",
+        "more": "To go on, on the slave's host: forefeel clear --config FILE, with the slave's file",
+    }
 
 
 def standing(view: AxisView, now_ns: int) -> list[Card]:

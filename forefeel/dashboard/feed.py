@@ -70,6 +70,7 @@ class Feed:
     def _cards(self, cell: CellView, view: AxisView, finding: LiveDiagnosis | None, now_ns: int) -> Answer:
         made: dict[str, tuple[int, Callable[[], Any]]] = {
             "numbers": (_QUICK_NS, lambda: cards.numbers(view, now_ns)),
+            "banner": (_QUICK_NS, lambda: cards.banner(view)),
             "gain": (_SLOW_NS, lambda: cards.gain(view, now_ns)),
             "standing": (_QUICK_NS, lambda: cards.standing(view, now_ns)),
             "watch": (_QUICK_NS, lambda: watch_card(view, finding, now_ns, cell.past)),

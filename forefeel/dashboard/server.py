@@ -6,14 +6,14 @@ import os
 import socket
 import time
 import webbrowser
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, closing, nullcontext, suppress
 from pathlib import Path
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.responses import Response
-from starlette.routing import Mount, WebSocketRoute
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
@@ -22,6 +22,7 @@ from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
+from forefeel.dashboard import stop
 from forefeel.dashboard.admission import guard
 from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
@@ -70,7 +71,9 @@ def run_dashboard(
                 say(transport.notice)
             diagnosing = Diagnosing(live.look)
             live.findings = diagnosing.findings
-            page = Page(listening, live, f"cell {settings.cell}", failed, address)
+            button = stop.StopButton(transport, settings.cell, live, clock)
+            routes = [Route(stop.PATH, button.press, methods=["POST"])]
+            page = Page(listening, live, f"cell {settings.cell}", failed, address, routes)
             page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed)])
 
 
@@ -117,6 +120,7 @@ class Page:
         what: it shows, in words.
         failed: what has failed; the page does not go on without it.
         address: where it was asked to listen, maybe a name.
+        more: what else is served.
     """
 
     def __init__(
@@ -126,9 +130,11 @@ class Page:
         what: str,
         failed: list[Exception],
         address: str = "127.0.0.1",
+        more: Sequence[BaseRoute] = (),
     ) -> None:
         self._listening, self._what, self._failed = listening, what, failed
         routes = [
+            *more,
             WebSocketRoute(PATH, Conversations(source).serve),
             Mount("/", _Files(directory=_STATIC, html=True)),
         ]

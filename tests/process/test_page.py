@@ -8,7 +8,9 @@ import pytest
 pytest.importorskip("starlette")
 pytest.importorskip("playwright")
 
-from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.codec import decode
+from forefeel.common.messages import EmergencyStop, SafetyState
+from forefeel.common.topics import EMERGENCY_STOP, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from tests.browser import Served, Shown, Speaker, installed_chromium
 from tests.unit.dashboard.said import CELL, HOSTILE, safety
 
@@ -40,6 +42,7 @@ def test_page_shows_forces_hostile_text_and_silence(tmp_path: Path) -> None:
             speaker.silent = False
             shown.until(lambda: not silence.is_visible(), "the end of the silence")
             shown.until(lambda: shown.text("felt") == "0.123", "the force")
+            check_stop(shown, speaker)
             assert shown.errors == []
 
 
@@ -50,6 +53,19 @@ def check_values(shown: Shown) -> None:
     shown.until(lambda: all(shown.light(name)[0] == "●" for name in names), "all lights")
     assert "armed" in shown.light("safety")
     assert shown.page.locator('canvas[data-id="force"]').count() == 1
+
+
+def check_stop(shown: Shown, speaker: Speaker) -> None:
+    """One press reaches the axis; the slave's reason stands in the banner, with what clears it."""
+
+    def stopped(payload: bytes, _receive_ns: int) -> None:
+        reason = decode(EmergencyStop, payload).reason
+        speaker.changes[SLAVE_STATE.name] = {"state": SafetyState.ESTOPPED, "reason": reason}
+
+    speaker.transport.subscribe(EMERGENCY_STOP.key(CELL, HOSTILE_AXIS), stopped)
+    shown.page.locator('[data-id="stop"]').click()
+    shown.until(lambda: "page, from 127.0.0.1" in shown.text("banner"), "the banner")
+    assert "forefeel clear" in shown.text("banner-more")
 
 
 def check_hostile_text(shown: Shown, speaker: Speaker) -> None:

@@ -14,6 +14,7 @@ export function tell(name, text) {
 export function showCards(cards, charts, when) {
   const show = {
     numbers: showNumbers,
+    banner: showBanner,
     gain: showGain,
     standing: showLights,
     watch: (card) => showWatch(card, when),
@@ -33,6 +34,12 @@ function showNumbers(card) {
   tell("age", card.age);
   tell("limited", card.limited ? "▲ limited" : "");
   tell("leading", card.leading ? `leads: ${card.leading}` : "");
+}
+
+export function showBanner(card) {
+  node("banner").hidden = !card.head;
+  tell("banner", card.head);
+  tell("banner-more", card.more);
 }
 
 function showGain(card) {

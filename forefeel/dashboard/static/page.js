@@ -2,7 +2,7 @@
 // open, so a slow page is served less and nothing waits for it. Whatever came from the network is set as text.
 import { Charts } from "./charts.js";
 import { Traces } from "./traces.js";
-import { showCards, field, node, tell } from "./cards.js";
+import { showBanner, showCards, field, node, tell } from "./cards.js";
 
 const PERIOD_MS = 31; // of two frames at 60 Hz
 const AGAIN_MS = 700;
@@ -59,6 +59,7 @@ function begin() {
   tell("cell", file ?? cell);
   tell("about", file ? `a recording of cell ${cell}` : "");
   traces.clear();
+  node("stop").hidden = Boolean(file);
   node("player").hidden = !file;
   field("about").hidden = Boolean(file);
   if (file) {
@@ -183,6 +184,23 @@ function help() {
   else box.showModal();
 }
 
+/** Asks nothing. What it says itself stands until the slave's own word comes. */
+async function stop() {
+  node("stop").setAttribute("aria-busy", true);
+  let why = "";
+  try {
+    const answer = await fetch("stop", { method: "POST" });
+    const { heard, running } = answer.ok ? await answer.json() : {};
+    if (!answer.ok) why = `the dashboard answered ${answer.status}`;
+    else if (!heard) why = "no axis is heard";
+    else if (running.length) why = `sent for 2 s, and not shown by ${running.join(", ")}`;
+  } catch {
+    why = "no connection to the dashboard";
+  }
+  node("stop").setAttribute("aria-busy", false);
+  if (why) showBanner({ head: `The stop is not confirmed: ${why}`, more: "Use the handle's button or the slave's own switch" });
+}
+
 /** Dark or light: as the system has it, until somebody chose. */
 function showTheme(name) {
   if (name) document.documentElement.dataset.theme = name;
@@ -206,7 +224,7 @@ function listen() {
   });
   for (const [name, act] of [
     ["pause", () => pause(!page.paused)], ["play", () => pause(!page.paused)],
-    ["nearer", () => zoom(-1)], ["farther", () => zoom(1)], ["keys", help], ["theme", changeTheme],
+    ["nearer", () => zoom(-1)], ["farther", () => zoom(1)], ["keys", help], ["theme", changeTheme], ["stop", stop],
   ]) node(name).addEventListener("click", (event) => { act(); event.currentTarget.blur(); });
   node("help").addEventListener("click", () => node("help").close());
   node("axis").addEventListener("change", (event) => { choose(event.target.value); event.target.blur(); });

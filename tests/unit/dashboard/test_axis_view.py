@@ -20,7 +20,6 @@ from tests.unit.dashboard.said import (
     S,
     force,
     haptics,
-    hear,
     heard,
     limit,
     safety,
@@ -145,15 +144,6 @@ def test_what_is_no_message_is_counted_and_changes_nothing() -> None:
     assert (cell.refused, cell.heard_ns, dict(cell.axes)) == ({"malformed": 1}, None, {})
     cell.hear(COMMAND.key(CELL, AXIS), b"not decoded", 3)
     assert (cell.refused, cell.heard_ns) == ({"malformed": 1}, 3)
-
-
-def test_several_axes_stay_apart() -> None:
-    cell = CellView()
-    hear(cell, talk(1, 500))
-    hear(cell, talk(1, 200), "rotation")
-    assert list(cell.axes) == [AXIS, "rotation"]
-    ends = [view.traces["felt"].end for view in cell.axes.values()]
-    assert ends[0] > 2 * ends[1] > 0
 
 
 def test_samples_of_a_slave_that_was_started_again_are_not_mixed_with_those_before() -> None:
