@@ -14,16 +14,13 @@ class Child:
     """`python WORDS`, started in a session of its own, so that only the run gets the terminal's Ctrl-C.
 
     Args:
-        prefix: what stands before the interpreter, such as `nice`.
         end_s: s from SIGTERM to SIGKILL.
     """
 
-    def __init__(
-        self, name: str, words: Sequence[str], out: Path, prefix: Sequence[str] = (), end_s: float = 10.0
-    ) -> None:
+    def __init__(self, name: str, words: Sequence[str], out: Path, end_s: float = 10.0) -> None:
         self.name = name
         self.log = out / f"{name}.log"
-        self._command = [*prefix, sys.executable, *words]
+        self._command = [sys.executable, *words]
         self._end_s = end_s
         self._process: subprocess.Popen[bytes] | None = None
 

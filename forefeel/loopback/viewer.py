@@ -12,11 +12,10 @@ from forefeel.loopback.child import Child
 PORT = 8600  # TCP port of the page, the default of `forefeel dashboard --port`, where it is free
 LOG = "dashboard.log"
 _END_S = 0.5  # the dashboard holds nothing that has to be kept
-_BEHIND = ("nice", "-n", "19")
 
 
 class DashboardProcess:
-    """One dashboard at the lowest priority; where it fails it says so and the run goes on.
+    """One dashboard, which steps behind the daemons once it serves; where it fails the run goes on.
 
     Args:
         opens: the page in the browser.
@@ -34,7 +33,7 @@ class DashboardProcess:
         try:
             with _listening() as listening:
                 port, fileno = listening.getsockname()[1], listening.fileno()
-                child = Child("dashboard", self._words(cell, endpoints, port), out, _BEHIND, _END_S)
+                child = Child("dashboard", self._words(cell, endpoints, port), out, _END_S)
                 child.start({LISTENING: str(fileno)}, [fileno])
         except OSError as error:
             self._say(f"dashboard: {error.strerror or error}")

@@ -34,7 +34,7 @@ export class Charts {
           { colour: "predicted", alpha: 0.26, rows: predicted.map(([t, , low, high]) => [t, low, high]) },
         ],
         lines: [
-          line("late", "late", late, { width: 1.8, dash: DASHED, alpha: 0.8 }),
+          line("late, without forefeel", "late", late, { width: 1.8, dash: DASHED, alpha: 0.8 }),
           line("predicted", "predicted", predicted),
           line("measured", "measured", of("measured"), { width: 2.4, dash: DOTTED }),
         ],
