@@ -9,6 +9,7 @@ healthy device was not believed.
 """
 
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -26,10 +27,12 @@ from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.slave.plant.stage import PlantStage
 from forefeel.slave.plant.world import PlantLoadCell, SimulatedWorld
 
+_FORCE = re.compile(r"_n(_|$)")
 LIES_S, FREED_S, RUN_S = 1.7, 2.5, 6.0
 _OFF_M = 2e-5
 _SLOW_M_S = 0.020
-INSTRUMENTS = "catheter", "guidewire"
+INSTRUMENTS = {"catheter": 1.0, "guidewire": 0.1}
+"""And by how much what is hidden is weaker: a guidewire's forces, and its force limit, are a tenth."""
 SEEDS = range(5)
 _NO_LENGTHS = "davinci", "robot_joint", "silverbox"
 
@@ -195,16 +198,19 @@ def _liars() -> Iterator[str]:
 
 def _healthy() -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
-        for instrument in INSTRUMENTS:
-            for cause in ("nothing", *(set(HIDDEN) - {"contact_loss"})):  # a vessel has one
-                hide = {} if cause == "nothing" else {"hide": hidden(cause, Path(folder)), "hide_at_s": 2.0}
+        for instrument, share in INSTRUMENTS.items():
+            for cause in ("nothing", *sorted(set(HIDDEN) - {"contact_loss"})):  # a vessel has one
+                hide: dict[str, Any] = {}
+                if cause != "nothing":
+                    hide = {"hide": hidden(cause, Path(folder), share), "hide_at_s": 2.0}
                 found = [run(demo(instrument, seed, **hide)) for seed in SEEDS]
                 yield from _told(f"{instrument}, {cause}", found)
 
 
-def hidden(cause: str, folder: Path, **parameters: float) -> Path:
-    """A model.yaml with that cause alone."""
-    path, values = folder / f"{cause}.yaml", {**HIDDEN[cause], **parameters}
+def hidden(cause: str, folder: Path, share: float = 1.0, **parameters: float) -> Path:
+    """A model.yaml with that cause alone, its forces by `share` of those of `HIDDEN`."""
+    scaled = {name: value * (share if _FORCE.search(name) else 1.0) for name, value in HIDDEN[cause].items()}
+    path, values = folder / f"{cause}.yaml", scaled | parameters
     entry = {"effect": cause, "parameters": values}
     path.write_text(dump_mapping({"schema": SCHEMA, "name": cause, "effects": [entry]}))
     return path
