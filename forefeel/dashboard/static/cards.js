@@ -11,7 +11,8 @@ export function tell(name, text) {
   if (found.textContent !== text) found.textContent = text;
 }
 
-export function showCards(cards, charts, when) {
+/** `when`: a time of the server in words; `goTo`: shows that time in the charts. */
+export function showCards(cards, charts, when, goTo) {
   const show = {
     numbers: showNumbers,
     banner: showBanner,
@@ -23,7 +24,7 @@ export function showCards(cards, charts, when) {
     model: showModel,
     loops: showLoops,
     counters: showCounters,
-    events: (card) => showEvents(card, when),
+    events: (card) => showEvents(card, when, goTo),
   };
   for (const [name, card] of Object.entries(cards)) show[name](card);
 }
@@ -113,11 +114,14 @@ function showCounters(card) {
   node("counters").replaceChildren(...rows);
 }
 
-function showEvents(events, when) {
+function showEvents(events, when, goTo) {
   const rows = events.map((event) => {
     const text = cell("", event.level);
     text.append(made("span", "mark", MARKS[event.level]), event.text);
-    return row([cell(when(event.heard_s), "time"), cell(event.who, "who"), text]);
+    const line = row([cell(when(event.heard_s), "time"), cell(event.who, "who"), text]);
+    line.className = "ff-event";
+    line.addEventListener("click", () => goTo(event.heard_s));
+    return line;
   });
   node("events").replaceChildren(...(rows.length ? rows : [row([cell("none since this page's server listens")])]));
 }

@@ -56,7 +56,8 @@ export class Charts {
       const s = +((quarter * window_s) / 4 + back_s).toFixed(window_s < 4 ? 2 : 1);
       return [end - (quarter * window_s) / 4, s === 0 ? "now" : `−${s} s`];
     });
-    this.frame = draw(this.force, { x: { min: start, max: end, ticks }, panels, hover: this.hover });
+    const hover = this.hover !== null && this.hover >= start && this.hover <= end ? this.hover : null;
+    this.frame = draw(this.force, { x: { min: start, max: end, ticks }, panels, hover });
     this.delays(this.card);
   }
 

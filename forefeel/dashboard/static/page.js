@@ -48,7 +48,7 @@ function take(answer) {
   if (answer.axis === null) return;
   if (answer.anew) traces.clear();
   traces.take(answer.traces, answer.now_s);
-  showCards(answer.cards, charts, when);
+  showCards(answer.cards, charts, when, goTo);
   page.updates += 1;
   dirty = true;
 }
@@ -142,7 +142,7 @@ function look(window_s, back_s) {
 
 const wants = {
   again: () => { dirty = true; },
-  reset: () => { look(20, 0); pause(false); },
+  reset: () => { look(20, 0); if (!replays()) pause(false); },
   select: (from, to) => { pause(true); look(to - from, page.back_s + charts.frame.max - to); },
   zoom: (factor, at) => {
     const next_s = Math.min(Math.max(SHORTEST_S, page.window_s * factor), KEPT_S);
@@ -155,6 +155,13 @@ function move(by_s) {
   if (replays()) seek(page.at_s + by_s);
   else if (page.paused) look(page.window_s, page.back_s - by_s);
   dirty = true;
+}
+
+/** To a moment of the server's clock, with what came after it. */
+function goTo(server_s) {
+  pause(true);
+  if (replays()) seek(server_s - page.facts.zero_s + page.window_s / 4);
+  else look(page.window_s, page.clock_s - server_s - page.window_s / 4);
 }
 
 function nextAxis() {
@@ -207,11 +214,16 @@ function showTheme(name) {
   dirty = true;
 }
 
+/** A browser that may keep nothing refuses with an error. */
+function stored(act) {
+  try { return act(localStorage); } catch { return null; }
+}
+
 function changeTheme() {
   const dark = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   const next = (document.documentElement.dataset.theme ?? dark) === "dark" ? "light" : "dark";
-  localStorage.setItem(THEME, next);
   showTheme(next);
+  stored((storage) => storage.setItem(THEME, next));
 }
 
 function listen() {
@@ -264,7 +276,7 @@ function showSilence(silence) {
 page.charts = charts = new Charts(node("force"), node("delays"), wants);
 new ResizeObserver(() => { dirty = true; }).observe(node("force"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
-showTheme(localStorage.getItem(THEME));
+showTheme(stored((storage) => storage.getItem(THEME)));
 listen();
 connect();
 requestAnimationFrame(frame);
