@@ -5,7 +5,6 @@ from urllib.parse import urlsplit
 
 import pytest
 
-pytest.importorskip("starlette")
 pytest.importorskip("playwright")
 
 from forefeel.common.codec import decode
@@ -52,7 +51,10 @@ def check_values(shown: Shown) -> None:
     names = "link", "lease", "safety", "deadman"
     shown.until(lambda: all(shown.light(name)[0] == "●" for name in names), "all lights")
     assert "armed" in shown.light("safety")
-    assert shown.page.locator('canvas[data-id="force"]').count() == 1
+    shown.until(lambda: shown.text("gain") == "300 ms ahead: error 333 mN in place of 689", "the gain")
+    for width in (390, 820, 1024, 1280):
+        shown.page.set_viewport_size({"width": width, "height": 800})
+        assert shown.ask("document.documentElement.scrollWidth") == width
 
 
 def check_stop(shown: Shown, speaker: Speaker) -> None:
