@@ -29,8 +29,8 @@ $(READY): $(DEMO) deploy/lock/dev.txt
 	$(PIP) --require-hashes -r deploy/lock/dev.txt
 	@touch $@
 
-demo: $(DEMO) ## two daemons over Zenoh on this machine for 20 s, report in out/demo; live at 127.0.0.1:8600
-	$(BIN)/forefeel loopback --dashboard --impairment paper --duration 20 --seed 1 --out out/demo --overwrite
+demo: $(DEMO) ## a minute and a half on this machine, live at 127.0.0.1:8600, report in out/demo
+	$(BIN)/forefeel demo
 
 test: $(READY) ## all tests; then, one after the other, those of real processes
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --ignore tests/process

@@ -13,6 +13,8 @@ from forefeel.commands.options import examples_of
 from forefeel.terminal import show
 
 COMMANDS = {
+    "demo": "Show it all on this machine: a run 300 ms away, the diagnosis of what it lacked, and a run "
+    "that knows it.",
     "devices": "List drivers, serial ports with their stable names, and CAN interfaces.",
     "doctor": "Check this host and these settings: green, amber, red, and what to do. "
     "Exit 1 when anything is red.",

@@ -16,15 +16,15 @@ from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
-from forefeel.loopback.viewer import LOG, DashboardProcess
+from forefeel.loopback.viewer import LOG, PORT, DashboardProcess
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import ten_lines, write_report
 from forefeel.report.summary import RunReport
 from forefeel.terminal import answer, progress, say, stages, warn
 
-_RECORDING = "recording.mcap"
+RECORDING = "recording.mcap"
 _OURS = (
-    _RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log",
+    RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log",
     "stage.log", "cell.log", "handle.log", "hub.log", LOG, STATE,
 )  # fmt: skip
 
@@ -37,6 +37,7 @@ class How:
     virtual: bool = False
     dashboard: bool = False
     opens: bool = False
+    port: int = PORT
 
 
 def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> RunReport:
@@ -49,6 +50,16 @@ def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> RunRep
     folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
     if how.virtual and how.dashboard:
         raise ConfigurationError("--dashboard: shows what runs in real time; expected no --virtual-time")
+    report = recorded_run(options, folder, how)
+    answer(*ten_lines(report, folder), document=report.to_json)
+    require_armed(report)
+    if remark := amber_line(report):
+        warn(remark)
+    return report
+
+
+def recorded_run(options: LoopbackOptions, folder: Path, how: How) -> RunReport:
+    """The same without a word but what is going on."""
     with ends_in_order("loopback", folder) as written:
         return _run_in(folder, options, how, written)
 
@@ -65,18 +76,13 @@ def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     for note in plan.notes:
         say(note)
-    viewer = DashboardProcess(how.opens, say) if how.dashboard else None
+    viewer = DashboardProcess(how.opens, say, how.port) if how.dashboard else None
     with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
         _run(plan, options, folder, how.virtual, written, _shown(bar, task, plan), viewer)
     with stages("loopback") as tell:
         tell("writing the report")
-        report = write_report(folder / _RECORDING, folder)
-    answer(*ten_lines(report, folder), document=report.to_json)
-    require_armed(report)
-    if remark := amber_line(report):
-        warn(remark)
-    return report
+        return write_report(folder / RECORDING, folder)
 
 
 def _make_prior_dir(folder: Path) -> None:
@@ -107,12 +113,12 @@ def _run(
         with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
             bench = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
             run_real(bench.plan, folder, show, bench.emulators, viewer)
-        written.append(_RECORDING)
+        written.append(RECORDING)
     elif not virtual:
         run_real(plan, folder, show, viewer=viewer)
-        written.append(_RECORDING)
+        written.append(RECORDING)
     else:
-        _run_virtual(VirtualLoopback(plan, options.seed), folder / _RECORDING, written, show)
+        _run_virtual(VirtualLoopback(plan, options.seed), folder / RECORDING, written, show)
     show(plan.expected_s, "done")
 
 

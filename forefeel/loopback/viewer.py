@@ -20,10 +20,11 @@ class DashboardProcess:
     Args:
         opens: the page in the browser.
         say: takes a line for the user.
+        port: where the page is served if it is free, else at any.
     """
 
-    def __init__(self, opens: bool, say: Callable[[str], None]) -> None:
-        self._opens, self._say = opens, say
+    def __init__(self, opens: bool, say: Callable[[str], None], port: int = PORT) -> None:
+        self._opens, self._say, self._port = opens, say, port
         self._child: Child | None = None
 
     def start(self, cell: str, endpoints: Sequence[str], out: Path) -> None:
@@ -31,7 +32,7 @@ class DashboardProcess:
             self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
             return
         try:
-            with _listening() as listening:
+            with _listening(self._port) as listening:
                 port, fileno = listening.getsockname()[1], listening.fileno()
                 child = Child("dashboard", self._words(cell, endpoints, port), out, _END_S)
                 child.start({LISTENING: str(fileno)}, [fileno])
@@ -55,9 +56,9 @@ class DashboardProcess:
             self._child.end()
 
 
-def _listening() -> socket.socket:
-    """At the usual port, or at any; whoever opens the page before it is served waits and is not refused."""
+def _listening(port: int) -> socket.socket:
+    """At that port, or at any; whoever opens the page before it is served waits and is not refused."""
     try:
-        return listening_at("127.0.0.1", PORT)
+        return listening_at("127.0.0.1", port)
     except EndpointError:
         return listening_at("127.0.0.1", 0)

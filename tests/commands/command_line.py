@@ -11,7 +11,7 @@ from forefeel.cli import app
 
 COMMANDS = [
     ["slave"], ["master"], ["config", "check"], ["record"], ["metrics"], ["dashboard"], ["view"], ["report"],
-    ["router"], ["loopback"], ["emulate"],
+    ["router"], ["loopback"], ["emulate"], ["demo"],
     ["evaluate"], ["simulate"], ["diagnose"],
     ["prior", "list"], ["prior", "show"], ["prior", "forget"],
     ["pki", "init"], ["pki", "show"],
