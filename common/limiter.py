@@ -13,11 +13,9 @@ from typing import NamedTuple
 from forefeel.common.settings import AxisLimits
 
 _EXACT = 1e-9  # a change below a nanometre or nm/s is rounding, no intervention
-
-
 _REACTION_S = 0.008
-"""T: the simulated stage (30 Hz) follows 2 to 6 ms late, the force comes a tick later. With 8 ms and walls as
-stiff as the bound the limit is exceeded by less than 3 % (`python -m benchmarks.force_limit`)."""
+"""T. At walls as stiff as the bound the limit is then exceeded by 0.4 % (`python -m benchmarks.force_limit`),
+with 5 ms by 1 %, and by 8 % where the stage has 15 Hz in place of 25."""
 _PROBING_M_S = 0.005
 _PROBING_SHARE = 0.5
 """While the measured force is below this share of the limit, a prediction does not slow the setpoint below

@@ -62,7 +62,7 @@ class PassivityLimit:
     it last gave all of it back, a force against the motion grows by 6 % min(1, |v| / 5 mm/s).
 
     In virtual time against walls of 200 to 3000 N/m across 300 and 600 ms, two seeds, the lowest E is
-    -0.2 mJ, with an actuator 1, 3, 5 ms late -0.6, -1.8, -3.1 mJ (`python -m benchmarks.felt_force`).
+    -0.3 mJ, with an actuator 1, 3, 5 ms late -0.6, -2.1, -3.3 mJ (`python -m benchmarks.felt_force`).
     """
 
     def __init__(self, max_force_n: float, max_slew_n_s: float, max_stiffness_n_m: float) -> None:
