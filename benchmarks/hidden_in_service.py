@@ -69,8 +69,8 @@ class Row:
 def in_service(effect: str, folder: Path) -> Row:
     """Both runs and the diagnosis between them."""
     world, hidden, found = (folder / f"{name}.yaml" for name in ("world", "hidden", "found"))
-    _write(world, "mass_damper_spring", WALL)
-    _write(hidden, effect, HIDDEN[effect])
+    write_model(world, "mass_damper_spring", WALL)
+    write_model(hidden, effect, HIDDEN[effect])
     first = _run(
         LoopbackOptions(SEED, "paper", duration_s=DURATION_S, slave_model=world, hide=hidden),
         folder / "1.mcap",
@@ -91,7 +91,7 @@ def in_service(effect: str, folder: Path) -> Row:
     )
 
 
-def _write(path: Path, effect: str, parameters: dict[str, float]) -> None:
+def write_model(path: Path, effect: str, parameters: dict[str, float]) -> None:
     entry = {"effect": effect, "parameters": parameters}
     path.write_text(yaml.safe_dump({"schema": SCHEMA, "name": effect, "effects": [entry]}), encoding="utf-8")
 

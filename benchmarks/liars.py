@@ -18,10 +18,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from benchmarks.hidden_in_service import HIDDEN
-from forefeel.common.causes.model import SCHEMA
+from benchmarks.hidden_in_service import HIDDEN, write_model
 from forefeel.common.recording.units import Mapping
-from forefeel.common.yaml_file import dump_mapping
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.slave.plant.stage import PlantStage
@@ -210,9 +208,8 @@ def _healthy() -> Iterator[str]:
 def hidden(cause: str, folder: Path, share: float = 1.0, **parameters: float) -> Path:
     """A model.yaml with that cause alone, its forces by `share` of those of `HIDDEN`."""
     scaled = {name: value * (share if _FORCE.search(name) else 1.0) for name, value in HIDDEN[cause].items()}
-    path, values = folder / f"{cause}.yaml", scaled | parameters
-    entry = {"effect": cause, "parameters": values}
-    path.write_text(dump_mapping({"schema": SCHEMA, "name": cause, "effects": [entry]}))
+    path = folder / f"{cause}.yaml"
+    write_model(path, cause, scaled | parameters)
     return path
 
 

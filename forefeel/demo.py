@@ -3,26 +3,26 @@
 from dataclasses import replace
 from pathlib import Path
 
-from forefeel.common.error_size import ErrorSize
+from forefeel.common.causes.model import SCHEMA
 from forefeel.common.events.text import quantity
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.diagnose.examine import FILES, PAGE, Task, examine
+from forefeel.diagnose.examine import FILES, Task, examine
 from forefeel.diagnose.folder import EARLIER, save
+from forefeel.diagnose.run import LONG, draw
 from forefeel.diagnosis.verdict import Cause, Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
-from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import LoopbackOptions
-from forefeel.loopback.run import RECORDING, How, recorded_run
+from forefeel.loopback.run import RECORDING, How, judge, recorded_run
 from forefeel.report.summary import RunReport
 from forefeel.report.transparency import Transparency
 from forefeel.report.wording import DISCLAIMER, shown
-from forefeel.terminal import say, show, stages, warn
+from forefeel.terminal import say, show, stages
 
 RUN_S = 30.0
 HIDDEN = "asymmetric_damping"
 _MODEL = {
-    "schema": "forefeel.model/1",
+    "schema": SCHEMA,
     "name": "hidden",
     "effects": [{"effect": HIDDEN, "parameters": {"forward_n_s_m": 6.0, "backward_n_s_m": 0.5}}],
 }
@@ -44,36 +44,29 @@ def run_demo(out: Path, seed: int, port: int, opens: bool, duration_s: float = R
         write_all(out, {hidden.name: dump_mapping(_MODEL)}, written)
         options = LoopbackOptions(seed, "paper", duration_s=duration_s, hide=hidden)
         say(f"1 of 3: {duration_s:g} s in a vessel that nothing is known of, 300 ms away")
-        first = _armed_run(options, out / "first", how)
+        first = recorded_run(options, out / "first", how)
+        judge(first)
         say("2 of 3: what did the contact model lack?")
         found = _diagnosed(out / "first" / RECORDING, out / "diagnosis")
         say(f"3 of 3: {duration_s:g} s in the same vessel, starting with what was found")
         knowing = replace(options, seed=seed + 1, master_model=out / "diagnosis" / "model.yaml")
-        second = _armed_run(knowing, out, replace(how, opens=False))
+        second = recorded_run(knowing, out, replace(how, opens=False))
+        judge(second)
     show(*_lines(first, found, second, out))
-
-
-def _armed_run(options: LoopbackOptions, folder: Path, how: How) -> RunReport:
-    report = recorded_run(options, folder, how)
-    require_armed(report)
-    if remark := amber_line(report):
-        warn(remark)
-    return report
 
 
 def _diagnosed(recording: Path, folder: Path) -> Diagnosis:
     fresh_folder(folder, FILES, EARLIER, overwrite=True)
-    with stages("diagnosis", {"search": "searching for causes", "report": "drawing the report"}) as tell:
+    with stages("diagnosis", LONG) as tell:
         result, page = examine(Task(recording), tell)
-        save(folder, result, [])
-        tell("report")
-        write_all(folder, {PAGE: page()}, [])
+    save(folder, result, [])
+    draw(page, "diagnosis", folder, [])
     return result.diagnosis
 
 
 def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path) -> list[str]:
     before, after = (run.transparency or Transparency() for run in (first, second))
-    late, felt, now = map(_millinewtons, (before.held, before.felt, after.felt))
+    late, felt, now = (quantity(error.rms_n, "N") for error in (before.held, before.felt, after.felt))
     last = f"Felt error  {late} if the late force were shown; {felt} in the first run; {now} now"
     return [
         f"First run   {quantity(first.delay_s.p50, 's')} away, nothing known: {_within(before)}",
@@ -105,7 +98,3 @@ def _causes(found: Diagnosis) -> list[str]:
 
 def _cause(cause: Cause) -> str:
     return f"{cause.name}, {'; '.join(str(shown(name, value)) for name, value in cause.parameters.items())}"
-
-
-def _millinewtons(error: ErrorSize) -> str:
-    return "unknown" if error.rms_n is None else f"{1e3 * error.rms_n:.0f} mN"

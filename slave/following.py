@@ -112,11 +112,9 @@ class FollowingWatch:
 
     def read(self, reading: StageReading, now_ns: int) -> str | None:
         """Why this readback is a fault; None where it is none."""
-        x_m, blind, self._read_ns = (
-            reading.position_m,
-            now_ns - self._read_ns > self._expected.blind_ns,
-            now_ns,
-        )
+        x_m = reading.position_m
+        blind = now_ns - self._read_ns > self._expected.blind_ns
+        self._read_ns = now_ns
         if abs(x_m - self._anchor_m) > _REST_M:
             self._anchor_m, self._moved_ns = x_m, now_ns
         self.at_rest = now_ns - self._moved_ns >= _REST_NS

@@ -71,7 +71,7 @@ def run_dashboard(
                 say(transport.notice)
             diagnosing = Diagnosing(live.look)
             live.findings = diagnosing.findings
-            button = stop.StopButton(transport, settings.cell, live, clock)
+            button = stop.StopButton(transport, settings.cell, clock)
             routes = [Route(stop.PATH, button.press, methods=["POST"])]
             page = Page(listening, live, f"cell {settings.cell}", failed, address, routes)
             page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed)])

@@ -11,7 +11,7 @@ from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.terminal import answer, complain, say, stages
 
-_LONG = {
+LONG = {
     "search": "searching for causes",
     "trust": "weighing the evidence",
     "prediction": "predicting across 300 ms",
@@ -55,19 +55,19 @@ def run_diagnosis(
     name = "together" if beside else first.stem
     with ends_in_order("diagnosis", out) as written:
         fresh_folder(out, FILES, EARLIER, overwrite)
-        with stages(name, _LONG) as tell:
+        with stages(name, LONG) as tell:
             result, page = examine(task, tell)
         save(out, result, written)
         where = f"{', '.join(result.texts)} in {out}"
         answer(*result.lines, where, document=lambda: result.texts[JSON])
         if task.page:
-            _draw(page, name, out, written)
+            draw(page, name, out, written)
 
 
-def _draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:
+def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:
     """A page that fails is one line: the diagnosis is there."""
     try:
-        with stages(name, _LONG) as tell:
+        with stages(name, LONG) as tell:
             tell("report")
             text = page()
     except RunError as error:

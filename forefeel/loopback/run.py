@@ -52,10 +52,19 @@ def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> RunRep
         raise ConfigurationError("--dashboard: shows what runs in real time; expected no --virtual-time")
     report = recorded_run(options, folder, how)
     answer(*ten_lines(report, folder), document=report.to_json)
+    judge(report)
+    return report
+
+
+def judge(report: RunReport) -> None:
+    """Warns where this host was too slow.
+
+    Raises:
+        RunError: the slave was never armed.
+    """
     require_armed(report)
     if remark := amber_line(report):
         warn(remark)
-    return report
 
 
 def recorded_run(options: LoopbackOptions, folder: Path, how: How) -> RunReport:

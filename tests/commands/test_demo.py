@@ -26,7 +26,8 @@ def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
     found = SimpleNamespace(
         verdict="cause_found", causes=[SimpleNamespace(name=name, parameters={}) for name in causes]
     )
-    monkeypatch.setattr(demo, "_armed_run", lambda *_: next(runs))
+    monkeypatch.setattr(demo, "recorded_run", lambda *_: next(runs))
+    monkeypatch.setattr(demo, "judge", lambda _: None)
     monkeypatch.setattr(demo, "_diagnosed", lambda *_: found)
     demo.run_demo(tmp_path, 1, 0, opens=False)
     lines = capsys.readouterr().out.splitlines()
