@@ -7,6 +7,7 @@ import pytest
 
 from forefeel import demo
 from forefeel.common.error_size import ErrorSize
+from forefeel.loopback.plan import LoopbackOptions
 from forefeel.report.transparency import Transparency
 
 
@@ -26,10 +27,18 @@ def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
     found = SimpleNamespace(
         verdict="cause_found", causes=[SimpleNamespace(name=name, parameters={}) for name in causes]
     )
-    monkeypatch.setattr(demo, "recorded_run", lambda *_: next(runs))
+    asked: list[LoopbackOptions] = []
+
+    def recorded_run(options: LoopbackOptions, *_: object) -> SimpleNamespace:
+        asked.append(options)
+        return next(runs)
+
+    monkeypatch.setattr(demo, "recorded_run", recorded_run)
     monkeypatch.setattr(demo, "judge", lambda _: None)
     monkeypatch.setattr(demo, "_diagnosed", lambda *_: found)
     demo.run_demo(tmp_path, 1, 0, opens=False)
+    assert [options.master_model is not None for options in asked] == [False, demo.HIDDEN in causes]
+    assert (asked[1].prior_dir is None) == (demo.HIDDEN in causes)
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 10
     assert (demo.HIDDEN in causes) == ("names what was hidden" in lines[1])
