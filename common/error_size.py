@@ -25,8 +25,13 @@ def error_size(estimate_n: Floats, force_n: Floats) -> ErrorSize:
         size = np.abs(estimate_n - force_n)
         largest = float(size.max())
         # scaled, so that squares of a diverged prediction do not overflow
-        rms = largest * float(np.sqrt(np.mean((size / largest) ** 2))) if largest > 0 else 0.0
-        return ErrorSize(_finite(rms), _finite(float(np.quantile(size, 0.95))), _finite(largest))
+        whole = largest * rms(size / largest) if largest > 0 else 0.0
+        return ErrorSize(_finite(whole), _finite(float(np.quantile(size, 0.95))), _finite(largest))
+
+
+def rms(values: Floats) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _finite(value: float) -> float | None:

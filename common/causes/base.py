@@ -69,6 +69,8 @@ class Effect(ABC):
     """One sentence: what it looks like in the residual of a model that lacks it."""
     words: ClassVar[str] = ""
     """What it is, in everyday words."""
+    remedy: ClassVar[str] = ""
+    """What a bench can do against it."""
     equation: ClassVar[tuple[str, ...]] = ()
     """Its term of `f = m x'' + b x' + k x + ...`, with its parameters in braces, in SI units; another one for
     other parameters. Behind a semicolon: the equation of a state that the term has. Of an effect that adds no

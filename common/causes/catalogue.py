@@ -77,6 +77,11 @@ def fingerprint(name: str) -> str:
     return _kind(name).fingerprint
 
 
+def remedy(name: str) -> str:
+    """What a bench can do against a cause; empty where nothing is wrong with it."""
+    return _kind(name).remedy
+
+
 def _kind(name: str) -> type[Effect]:
     return effect_class(name) if name in OWN or name in CANDIDATES else Effect
 

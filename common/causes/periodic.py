@@ -146,6 +146,7 @@ class MainsHum(PeriodicForce):
     reference = "Ott, Electromagnetic Compatibility Engineering, 2009; mains of 50 or 60 Hz"
     fingerprint = "a narrow line at 50 or 60 Hz and its harmonics, the same at rest and at no load"
     words = "hum of the mains"
+    remedy = "check shield and earth of the load cell's cable"
 
 
 def two_harmonics(x: Array, period_m: float) -> list[Array]:

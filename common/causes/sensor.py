@@ -26,6 +26,7 @@ class Bias(ForceEffect):
     reference = "additive offset of the measurement"
     fingerprint = "a constant level that does not depend on motion or time"
     words = "a constant offset of the load cell"
+    remedy = "tare the load cell at no load"
     equation = ("{force_n}",)
     candidates = (
         ReadingColumns(
@@ -57,6 +58,7 @@ class SensorDrift(ForceEffect):
     reference = "linear zero drift of the measurement"
     fingerprint = "a straight ramp in time that goes on at rest and at no load"
     words = "a drift of the load cell"
+    remedy = "let the load cell warm up, and tare it at no load before each run"
     equation = ("{rate_n_s} t",)
     candidates = (
         ReadingColumns(
@@ -89,6 +91,7 @@ class SensorLag(SensorEffect):
     reference = "first-order low-pass filter, zero-order-hold discretisation"
     fingerprint = "the force follows the motion late, and smaller the higher the frequency"
     words = "a load cell that follows slowly"
+    remedy = "raise the corner of the filter in the load cell's amplifier"
     equation = ("f read through a lag of {time_constant_s} s",)
     candidates = (
         Alignment(
@@ -121,6 +124,7 @@ class TimeDelay(SensorEffect):
     reference = "pure transport delay"
     fingerprint = "the force follows the motion late by one time at every frequency, and is as large"
     words = "a force that is stamped late against the motion"
+    remedy = "compare where position and force are stamped: both belong to one clock, at the reading"
     equation = ("f read {delay_s} s late",)
     candidates = (
         Alignment(
@@ -157,6 +161,7 @@ class SensorQuantisation(SensorEffect):
     reference = "uniform mid-tread quantiser, Widrow and Kollar, Quantization Noise, 2008"
     fingerprint = "a comb of levels at equal distances in the histogram of the readings"
     words = "coarse steps of the load cell"
+    remedy = "use more of the range of the converter, or a load cell of a smaller range"
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
         """The nearest level in N."""
@@ -174,6 +179,7 @@ class SensorSaturation(SensorEffect):
     reference = "end of the measuring range"
     fingerprint = "flat tops: many readings at exactly the largest magnitude"
     words = "the end of the load cell's range"
+    remedy = "use a load cell of a larger range, or limit the force"
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
         """The force in N, at most the limit in magnitude."""
@@ -208,6 +214,7 @@ class SensorSpikes(SensorEffect):
     reference = "Bernoulli process of additive outliers; hash: Steele, Lea and Flood, SplitMix, OOPSLA 2014"
     fingerprint = "single readings far off their neighbours, at instants that motion does not explain"
     words = "isolated outliers of the load cell"
+    remedy = "check plug, shield and bus of the load cell"
 
     def _configure(self) -> None:
         self._amplitude_n, self._duration_s = self.values["amplitude_n"], self.values["duration_s"]

@@ -48,6 +48,7 @@ class Backlash(MotionEffect):
     reference = "Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989, the play operator"
     fingerprint = "after each reversal the force stands still over a constant width of the position"
     words = "play between stage and instrument"
+    remedy = "tighten what clamps the instrument to the stage"
     equation: ClassVar[tuple[str, ...]] = ("x behind a play of {width_m} m",)
     candidates: ClassVar[Sequence[Candidate]] = (
         Transmission(
@@ -150,6 +151,7 @@ class Play(Backlash):
         "while the mass is felt at once; or it is zero over that width where its sign changes"
     )
     words = "play between the moving mass and the contact"
+    remedy = "tighten what holds the instrument behind the moving mass"
     equation = (
         "x but for the mass behind a play of {width_m} m, loose about {rest_position_m} m",
         "x but for the mass behind a play of {width_m} m",

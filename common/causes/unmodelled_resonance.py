@@ -82,6 +82,7 @@ class UnmodelledResonance(ForceEffect):
     reference = "den Hartog, Mechanical Vibrations, chapter 3: the vibration absorber"
     fingerprint = "ringing at one frequency that decays after each change of the motion"
     words = "something flexible that swings: a second mode"
+    remedy = "tap the fixture: stiffen the part that rings at this frequency"
     candidates = (
         Mode(
             shapes=_SHAPES, signs=(1,), spectra=_hanging, grid=_modes, making=_absorber, least_ratio=1.25,

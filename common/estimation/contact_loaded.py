@@ -26,8 +26,8 @@ OWN = (
     "hunt_crossley_damping",
 )
 """The causes of `contact_model` but its waves."""
-_OF_ITS_RUN = ("sensor_quantisation", "sensor_spikes", "stiffness_change")
-_TOLD_ANEW = ("bias", "sensor_drift")
+OF_ITS_RUN = ("sensor_quantisation", "sensor_spikes", "stiffness_change")
+TOLD_ANEW = ("bias", "sensor_drift")
 _LEAST_RATIO = 0.02  # a harmonic below this part of its fundamental is not told from noise
 _WAVES_HZ = {"heart": (0.6, 3.0), "breath": (0.1, 0.6)}  # of adults at rest and at work
 
@@ -51,7 +51,7 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
     for entry in model.effects:
         name, kind, values = entry.effect, effect_class(entry.effect), dict(entry.parameters)
         elsewhere = issubclass(kind, ForceEffect) and entry.site not in (None, kind.site)
-        if name in _OF_ITS_RUN:
+        if name in OF_ITS_RUN:
             continue
         if issubclass(kind, PeriodicForce):
             wave = next(
@@ -63,7 +63,7 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
                 further += _sines(entry, values)
         elif name in OWN and name not in shared and not elsewhere:
             shared.add(name)
-            means |= _of_shared(name, values) if name not in _TOLD_ANEW else {}
+            means |= _of_shared(name, values) if name not in TOLD_ANEW else {}
         else:
             count[name] += 1
             label = name if count[name] == 1 else f"{name}-{count[name]}"

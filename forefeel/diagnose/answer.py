@@ -6,6 +6,7 @@ from forefeel.common.causes.catalogue import equation as cause_equation
 from forefeel.common.causes.catalogue import words
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnose.advice import next_steps, why_no_better
 from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look
 from forefeel.report.wording import DISCLAIMER, shown, split_unit
 
@@ -33,8 +34,7 @@ _SAID = {
         "large its noise is."
     ),
     "not_driven_by_this_axis": (
-        "The motion of this axis does not cause the force: the force's own past tells more of it. Record the "
-        "axis that pushes, or a stroke that nobody else touches."
+        "The motion of this axis does not cause the force: the force's own past tells more of it."
     ),
     "not_separable": ("Something is missing, and this motion can not tell which of several causes it is:"),
     "unexplained": (
@@ -99,18 +99,18 @@ def said(
 
     `given`: name of the simulation. `across`: the prediction, or why it failed.
     """
-    found, motion = diagnosis.verdict == "cause_found", diagnosis.suggested_motion
+    found = diagnosis.verdict == "cause_found"
     parts = [
         *(("Rivals", [f"{name}: {words(name)}" for name in group]) for group in diagnosis.rivals),
-        ("Record next", [] if motion is None else [motion]),
         ("Look", look_texts(diagnosis.look)),
         ("Simulation", [_simulation(diagnosis, given)]),
         *(("Cause", _cause(cause)) for cause in diagnosis.causes),
         ("Extended", [_extended(diagnosis, given)] if found else []),
         ("Elsewhere", _elsewhere(diagnosis.other_motion)),
-        ("Predicted", _predicted(across) if found else []),
+        ("Predicted", _predicted(diagnosis, across) if found else []),
         ("Model", _model(diagnosis)),
         *(("Caution", [text]) for text in (*_unknown(diagnosis), *map(caution, diagnosis.flags))),
+        ("Next", next_steps(diagnosis, across)),
     ]
     return [("" if i else label, text) for label, texts in parts for i, text in enumerate(texts)]
 
@@ -223,14 +223,15 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _predicted(across: "Across | str | None") -> list[str]:
+def _predicted(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
     if across is None:
         return []
     if isinstance(across, str):
         return [f"failed: {across}"]
     return [
         f"{1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
-        f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold"
+        f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold",
+        *why_no_better(diagnosis, across),
     ]
 
 

@@ -3,7 +3,7 @@
 import json
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -100,7 +100,7 @@ def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     across = None
     if named and task.replay:  # without a cause there is no other model to predict with
         tell("prediction")
-        across = _prediction(recording, model)
+        across = _prediction(recording, model, analysis.regression.sense)
     texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(diagnosed, across)}
     given = None if task.given is None else task.given.name
     lines = tuple(answer(recording, diagnosed.diagnosis, across, given))
@@ -140,12 +140,16 @@ def _title(recording: Recording, diagnosis: Diagnosis) -> str:
     return f"{recording.name}, {diagnosis.verdict}: mass, damper, spring and bias"
 
 
-def _prediction(recording: Recording, model: ContactModel) -> "Across | str | None":
-    """None of a recording that is too short to be replayed; why it failed, in one line."""
+def _prediction(recording: Recording, model: ContactModel, sense: float) -> "Across | str | None":
+    """None of a recording that is too short to be replayed; why it failed, in one line.
+
+    `sense`: of the force, turned as that of the model is: a positive one resists.
+    """
     from forefeel.diagnosis.prediction import across_delay  # noqa: PLC0415 - loads the predictor
 
     try:
-        return across_delay(recording, model)
+        assert recording.force_n is not None
+        return across_delay(replace(recording, force_n=sense * recording.force_n), model)
     except RecordingError:
         return None
     except Exception as error:  # noqa: BLE001 - the verdict stands without it
