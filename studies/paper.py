@@ -42,9 +42,9 @@ from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.diagnosis.evaluation.rls import PRIOR_VARIANCE, RecursiveLeastSquares
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
 from forefeel.loopback.virtual import VirtualLoopback
-from forefeel.report import drawing
-from forefeel.report.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from forefeel.report import svg_drawing as drawing
 from forefeel.report.score import first_answers
+from forefeel.report.svg_drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from forefeel.report.template import environment
 
 Array = NDArray[np.float64]
@@ -649,7 +649,7 @@ def newton(value: float) -> str:
 
 _PAGE = """\
 {% extends "report/base.html.j2" %}
-{% from "report/parts.html.j2" import head, picture, row %}
+{% from "report/parts.html.j2" import head, svg_picture as picture, row %}
 {% set title, kind = "studies.paper", "python -m studies.paper" %}
 {% set heading = "Contact force prediction by parameter identification: the paper, reproduced" %}
 {% block main %}

@@ -20,7 +20,7 @@ from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.look import explained_share, strokes
 from forefeel.diagnosis.prediction import Across
 from forefeel.diagnosis.verdict import Cause, Diagnosis, Evidence, Look
-from forefeel.report.drawing import (
+from forefeel.report.svg_drawing import (
     BINS,
     BLACK,
     BLUE,

@@ -16,7 +16,7 @@ from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import alignment
 from forefeel.diagnosis.signals import Mask
 from forefeel.diagnosis.verdict import Cause
-from forefeel.report.drawing import (
+from forefeel.report.svg_drawing import (
     BLUE,
     GREY,
     ORANGE,

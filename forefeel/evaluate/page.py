@@ -14,7 +14,7 @@ from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.diagnosis.evaluation.regimes import REGIMES, RegimeScore
-from forefeel.report.drawing import (
+from forefeel.report.svg_drawing import (
     BLACK,
     BLUE,
     ORANGE,

@@ -1,112 +1,55 @@
-"""The figures of all pages: axes with units, series, points, bars, shaded bands. A figure ends as inline SVG,
-the same bytes for the same figure.
+"""Figures of all pages as data: a page carries each as JSON, and chart.js of the live page draws it.
+
+    lines = [line("felt", "felt", t_s, a_n, GAP_S), line("measured", "measured", t_s, b_n, GAP_S, **DOTTED)]
+    above = panel("force, N", limits(a_n, b_n, trim=0.002), lines=lines, weight=3)
+    Figure("Force", "What it shows.", 360, (spec([above, below], unit="s"),))
+
+A `spec` is one canvas: panels one above the other, on one axis of x. The `specs` of a figure stand side by
+side. The macro `picture` of parts.html.j2 shows a figure. Colours are names of theme.css: predicted, late,
+measured, felt, readback, good, warn, bad, ink, soft. What else a layer may have (width, dash, alpha, digits),
+and `spans` and `rules` of a panel, stand at the head of chart.js and are passed on as they are. Horizontal
+bars with names are a table, the macro `sizes`.
+Numbers are rounded to what a pixel shows, also where a part is enlarged 20 times; NaN breaks a line. So a
+file stays small, and the same recording gives the same bytes.
 """
 
-import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
-from io import StringIO
+from math import ceil, isfinite, log10
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from forefeel.common.error_size import Floats
 from forefeel.report.wording import scale
 
-BLACK, ORANGE, SKY, GREEN = "#1a1a1a", "#E69F00", "#56B4E9", "#009E73"
-YELLOW, BLUE, VERMILION, PURPLE, GREY = "#F0E442", "#0072B2", "#D55E00", "#CC79A7", "#b8bec6"
-"""Okabe and Ito's palette, which readers with any colour vision can tell apart; and a grey."""
+Layer = dict[str, Any]
+"""Lines, points, bars or a band of a panel; its `rows` are an array until `spec` rounds it."""
+Range = dict[str, Any]
 
-BINS = 1000
-"""Longer traces are drawn as smallest and largest value in each of so many stretches of time."""
+DASHED: Layer = {"dash": [7, 5]}
+DOTTED: Layer = {"dash": [0.1, 5], "width": 2.4}
+GAP_S = 0.25
+"""A longer pause between two samples interrupts a line along time."""
+BINS = 2500
+"""Of a longer line the smallest and the largest value in each of so many stretches of x."""
 
-_GAP_S = 0.25  # a longer pause between two samples interrupts the line
 _FAR = 1e99  # of a model that ran away; its square is still a number
 _POINTS = 700  # of a cloud; more would only fill the file
 _MEANS = 28  # bins of `means`
-_WIDTH_IN = 11.0  # of the page
-_STYLE: Any = {
-    "font.size": 9.5,
-    "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "axes.edgecolor": "#8a939e",
-    "axes.labelcolor": "#3c4450",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e6e9ee",
-    "grid.linewidth": 0.7,
-    "xtick.color": "#8a939e",
-    "ytick.color": "#8a939e",
-    "xtick.labelcolor": "#3c4450",
-    "ytick.labelcolor": "#3c4450",
-    "lines.linewidth": 1.1,
-    "lines.solid_joinstyle": "round",
-    "legend.frameon": False,
-    "legend.fontsize": 9.5,
-    "legend.borderpad": 0.0,
-    "legend.columnspacing": 1.3,
-    "svg.fonttype": "none",
-    "text.parse_math": False,
-}
-_GROUP_ID = re.compile(r'<g id="[^"]*"')
-_HEAD = re.compile(r'<svg [^>]*?(viewBox="[^"]*")[^>]*>')
-_SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+_X_COLUMNS = {"lines": 1, "points": 1, "bars": 2, "bands": 1}  # of a layer's rows; the others are y
+_STEPS = 20_000  # of a range, to which numbers are rounded
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
-    """One figure of a page: title, caption, and an `<svg>` element."""
+class Figure:
+    """A figure of a page: each of its `specs` is drawn in a canvas of its own, `height_px` high."""
 
     title: str
     caption: str
-    svg: str
-
-
-@contextmanager
-def styled() -> Iterator[None]:
-    """Where figures are built and turned into SVG, as a context or a decorator; a trace may have run away."""
-    with mpl.rc_context(_STYLE), np.errstate(over="ignore", invalid="ignore"):
-        yield
-
-
-def new_figure(height_in: float, width_in: float = _WIDTH_IN) -> Figure:
-    """A figure, transparent; by default of the page's width."""
-    figure = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="none")
-    FigureCanvasSVG(figure)
-    return figure
-
-
-def one_plot(height_in: float, width_in: float = _WIDTH_IN) -> tuple[Figure, Axes]:
-    figure = new_figure(height_in, width_in)
-    return figure, figure.subplots()
-
-
-def drawn(figure: Figure, name: str, title: str, caption: str) -> Drawing:
-    """The finished figure; `name` and `title` together set its ids apart from those of others on the page."""
-    return Drawing(title, caption, _svg(figure, f"{name} {title}", title))
-
-
-def _svg(figure: Figure, name: str, label: str) -> str:
-    """An `<svg>` element that scales with the page."""
-    text = StringIO()
-    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    with mpl.rc_context({"svg.hashsalt": f"forefeel {name}"}):
-        figure.savefig(text, format="svg", metadata=nothing, facecolor="none")
-    svg = text.getvalue()
-    svg = _GROUP_ID.sub("<g", svg[svg.index("<svg ") :])
-    return _HEAD.sub(
-        lambda found: f'<svg {_SPACES} {found[1]} role="img" aria-label="{escape(label)}">', svg, count=1
-    )
+    height_px: int
+    specs: tuple[Layer, ...]
 
 
 class AxisUnit:
@@ -115,99 +58,106 @@ class AxisUnit:
     def __init__(self, label: str, unit: str, *values: Floats) -> None:
         largest = max((float(np.max(np.abs(v), initial=0.0)) for v in values), default=0.0)
         self._factor, prefixed = scale(unit, largest)
-        self.label = f"{label} in {prefixed}"
+        self.label = f"{label}, {prefixed}"
 
     def __call__(self, values: Floats | float) -> Floats:
         return np.asarray(values, dtype=np.float64) * self._factor
 
 
-def thin(time_s: Floats, values: Floats, gap_s: float = _GAP_S) -> tuple[Floats, Floats]:
-    """The trace as a line of about 2 BINS points at most that keeps every peak.
+def line(name: str, colour: str, x: Floats, y: Floats, gap: float = np.inf, **more: object) -> Layer:
+    """A line along ascending x, thinned; a pause over `gap` in x interrupts it."""
+    return {"name": name, "colour": colour, "rows": thin(x, gap, y), **more}
 
-    NaN interrupts the line, and so does a pause over `gap_s`.
+
+def loop(name: str, colour: str, x: Floats, y: Floats, **more: object) -> Layer:
+    """A line whose x goes back and forth; hover reads nothing from it."""
+    step = -(-len(x) // (2 * BINS)) or 1
+    rows = np.column_stack((x, y))[::step]
+    return {"name": name, "colour": colour, "free": True, "rows": rows, **more}
+
+
+def band(
+    name: str, colour: str, x: Floats, low: Floats, high: Floats, gap: float = np.inf, alpha: float = 0.26
+) -> Layer:
+    """What lies between two lines, shaded."""
+    return {"name": name, "colour": colour, "alpha": alpha, "rows": thin(x, gap, low, high)}
+
+
+def cloud(name: str, colour: str, x: Floats, y: Floats, **more: object) -> Layer:
+    """At most _POINTS points, evenly taken."""
+    step = max(1, len(x) // _POINTS)
+    return {"name": name, "colour": colour, "rows": np.column_stack((x, y))[::step], **more}
+
+
+def bars(name: str, colour: str, edges: Floats, sizes: Floats, **more: object) -> Layer:
+    """Upright bars between n + 1 edges: a histogram."""
+    rows = np.column_stack((edges[:-1], edges[1:], sizes))
+    return {"name": name, "colour": colour, "rows": rows, **more}
+
+
+def panel(title: str, y: Range | None = None, **more: object) -> Layer:
+    """Layers on one axis of y: `lines`, `points`, `bars`, `bands`, `spans`, `rules`, lists of them.
+
+    `y`: its `limits`, which may have `log` too; without, what the lines need. `weight`: share of the height.
     """
-    order = np.argsort(time_s, kind="stable")
-    time_s, values = time_s[order], values[order]
-    pauses = np.flatnonzero(np.diff(time_s) > gap_s) + 1
-    time_s = np.insert(time_s, pauses, (time_s[pauses - 1] + time_s[pauses]) / 2)
-    values = np.insert(values, pauses, np.nan)
-    if len(time_s) <= 2 * BINS:
-        return time_s, values
-    bins = np.minimum((time_s - time_s[0]) / (time_s[-1] - time_s[0]) * BINS, BINS - 1).astype(np.int64)
-    starts = np.flatnonzero(np.diff(bins, prepend=-1))
-    low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
-    return np.repeat(time_s[starts], 2), np.column_stack((low, high)).ravel()
+    return {"title": title, **({"y": y} if y else {}), **more}
 
 
-def limit_y(
-    axes: Axes, *traces: Floats, beside: Floats | None = None, trim: float = 0.0, zero: bool = False
-) -> None:
-    """Limits the y axis to the traces; to `beside` too, but by two spans of the others at most.
+def spec(panels: Sequence[Layer], ends: tuple[float, float] | None = None, **x: object) -> Layer:
+    """One canvas. `ends` of x, else those of the layers; `x`: label, unit, log."""
+    columns = [
+        layer["rows"][:, : _X_COLUMNS[kind]].ravel()
+        for of in panels
+        for kind in _X_COLUMNS
+        for layer in of.get(kind, ())
+    ]
+    low, high = ends or _ends(np.concatenate([np.empty(0), *columns]), 0.0) or (0.0, 1.0)
+    high = high if high > low else low + 1.0
+    places = None if x.get("log") else _places(high - low)
+    low, high = (end if places is None else round(end, places) for end in (low, high))
+    return {"x": {"min": low, "max": high, **x}, "panels": [_rounded(of, places) for of in panels]}
 
-    Each trace's lowest and highest values, a share `trim`, do not count. `zero`: it is in the picture.
+
+def limits(
+    *traces: Floats, beside: Floats | None = None, trim: float = 0.0, zero: bool = False
+) -> Range | None:
+    """Limits of y that hold the traces; `beside` too, but by two spans of the others at most.
+
+    Each trace's lowest and highest values, a share `trim`, do not count. `zero`: it is in the picture. None:
+    there is no value.
     """
     ends = [found for trace in traces if (found := _ends(trace, trim))]
     if not ends:
-        return
+        return None
     ends += [(0.0, 0.0)] if zero else []
     low, high = min(end[0] for end in ends), max(end[1] for end in ends)
     span = (high - low) or 0.1 * abs(high) or 1.0
     more = None if beside is None else _ends(beside, trim)
     if more:
         low, high = min(low, max(more[0], low - 2 * span)), max(high, min(more[1], high + 2 * span))
-    axes.set_ylim(low - 0.06 * span, high + 0.06 * span)
+    places = _places(span)
+    return {"min": round(low - 0.06 * span, places), "max": round(high + 0.06 * span, places)}
 
 
-def _ends(trace: Floats, trim: float) -> tuple[float, float] | None:
-    known = trace[np.isfinite(trace)]
-    if not len(known):
-        return None
-    low, high = np.quantile(known.clip(-_FAR, _FAR), (trim, 1 - trim)).tolist()
-    return low, high
+def thin(x: Floats, gap: float, *columns: Floats) -> Floats:
+    """Rows of x and the columns, about 2 BINS at most, that keep every peak.
 
-
-def plot(
-    axes: Axes,
-    time_s: Floats,
-    values: Floats,
-    colour: str,
-    label: str,
-    width: float = 1.1,
-    gap_s: float = _GAP_S,
-) -> None:
-    """Draws a trace, thinned; it goes just out of the picture where it is beyond the limits."""
-    low, high = axes.get_ylim()
-    span = high - low
-    x, y = thin(time_s, values, gap_s)
-    axes.plot(x, np.clip(y, low - span, high + span), color=colour, label=label, linewidth=width)
-
-
-def band(
-    axes: Axes,
-    time_s: Floats,
-    low: Floats,
-    high: Floats,
-    label: str | None = None,
-    gap_s: float = _GAP_S,
-) -> None:
-    """Shades what lies between two traces, within the limits of the picture."""
-    if not np.isfinite(low).any():
-        return
-    floor, ceiling = axes.get_ylim()
-    x, below = thin(time_s, np.clip(low, floor, ceiling), gap_s)
-    _, above = thin(time_s, np.clip(high, floor, ceiling), gap_s)
-    axes.fill_between(x, below, above, color=SKY, alpha=0.4, linewidth=0, label=label)
-
-
-def band_about_zero(axes: Axes, size: float, label: str) -> None:
-    """Shades from -size to size: what is small enough."""
-    axes.axhspan(-size, size, color=GREY, alpha=0.35, linewidth=0, label=label)
-
-
-def cloud(axes: Axes, x: Floats, y: Floats, colour: str, size: float = 1.6) -> None:
-    """At most _POINTS points, evenly taken."""
-    step = max(1, len(x) // _POINTS)
-    axes.plot(x[::step], y[::step], ".", color=colour, markersize=size, alpha=0.4, zorder=2)
+    The first of two columns keeps its lowest values, the second its highest. NaN breaks a line, and so does
+    a pause over `gap`.
+    """
+    order = np.argsort(x, kind="stable")
+    x, values = x[order], np.column_stack(columns)[order]
+    pauses = np.flatnonzero(np.diff(x) > gap) + 1
+    x = np.insert(x, pauses, (x[pauses - 1] + x[pauses]) / 2)
+    values = np.insert(values, pauses, np.nan, axis=0)
+    if len(x) <= 2 * BINS:
+        return np.column_stack((x, values))
+    bins = np.minimum((x - x[0]) / (x[-1] - x[0]) * BINS, BINS - 1).astype(np.int64)
+    starts = np.flatnonzero(np.diff(bins, prepend=-1))
+    low, high = np.fmin.reduceat(values[:, 0], starts), np.fmax.reduceat(values[:, -1], starts)
+    if len(columns) > 1:
+        return np.column_stack((x[starts], low, high))
+    return np.column_stack((np.repeat(x[starts], 2), np.column_stack((low, high)).ravel()))
 
 
 def means(x: Floats, y: Floats, bins: int = _MEANS) -> tuple[Floats, Floats]:
@@ -233,36 +183,39 @@ def _binned(x: Floats, bins: int) -> list[NDArray[np.intp]]:
     return [part for part in parts if len(part)]
 
 
-def bars(axes: Axes, labels: Sequence[str], sizes: Sequence[float], colours: Sequence[str]) -> None:
-    """One horizontal bar in N for each, the first on top, its size beside it."""
-    unit = AxisUnit("rms", "N", np.array(sizes))
-    places = np.arange(len(labels))[::-1]
-    axes.barh(places, unit(np.array(sizes)), color=list(colours), height=0.62)
-    for place, size in zip(places, sizes, strict=True):
-        axes.text(float(unit(size)), float(place), f" {float(unit(size)):.3g}", va="center", fontsize=9.5)
-    axes.set_yticks(places, list(labels))
-    axes.set_xlabel(unit.label)
-    axes.grid(False, axis="y")
-    axes.margins(x=0.08)
+def _ends(trace: Floats, trim: float) -> tuple[float, float] | None:
+    known = trace[np.isfinite(trace)]
+    if not len(known):
+        return None
+    low, high = np.quantile(known.clip(-_FAR, _FAR), (trim, 1 - trim)).tolist()
+    return low, high
 
 
-def finish(axes: Axes, x: str, y: str, columns: int = 4, legend: bool = True, margin: float = 0.01) -> None:
-    """Labels, and the legend above the axes, where it hides nothing."""
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.margins(x=margin)
-    if legend and axes.get_legend_handles_labels()[0]:
-        axes.legend(ncols=columns, loc="lower left", bbox_to_anchor=(0, 1))
+def _rounded(of: Layer, x_places: int | None) -> Layer:
+    """The panel with lists for arrays; what is far beyond its limits lies just out of the picture."""
+    y, made = of.get("y", {}), dict(of)
+    for kind, n in _X_COLUMNS.items():
+        if kind in of:
+            made[kind] = [{**layer, "rows": _rows(layer["rows"], n, x_places, y)} for layer in of[kind]]
+    return made
 
 
-def common_legend(figure: Figure, axes: Axes) -> None:
-    """That of one of several pictures for all of them, above."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, ncols=4, loc="outside upper left")
+def _rows(rows: Floats, n: int, x_places: int | None, y: Range) -> list[tuple[float | None, ...]]:
+    values = rows[:, n:]
+    low, high = (y["min"], y["max"]) if "min" in y else _ends(values.ravel(), 0.0) or (0.0, 1.0)
+    values = values.clip(2 * low - high, 2 * high - low)
+    places = None if y.get("log") else _places(high - low)
+    columns = [_column(column, x_places) for column in rows[:, :n].T]
+    columns += [_column(column, places) for column in values.T]
+    return list(zip(*columns, strict=True))
 
 
-def plain_numbers(*axes: Axis) -> None:
-    """At a logarithmic axis: 0.01, 1, 100 in place of powers."""
-    for axis in axes:
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter("")
+def _column(values: Floats, places: int | None) -> list[float | None]:
+    """With so many places behind the point; None: of four digits."""
+    if places is None:
+        return [float(f"{value:.4g}") if isfinite(value) else None for value in values.tolist()]
+    return [value if isfinite(value) else None for value in (np.round(values, places) + 0.0).tolist()]
+
+
+def _places(span: float) -> int:
+    return max(0, ceil(-log10(span / _STEPS))) if span > 0 else 9

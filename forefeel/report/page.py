@@ -1,14 +1,10 @@
-"""report.json and report.html of a run: its figures, its sentences, and the ten lines for the terminal."""
+"""report.json and report.html of a run: its sentence, its figures, and the ten lines for the terminal."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
-from math import ceil
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from forefeel.common.error_size import ErrorSize, Floats
 from forefeel.common.events.console import printable
@@ -18,35 +14,26 @@ from forefeel.common.messages import LoopTiming, SafetyState
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.files import write_all
 from forefeel.report.drawing import (
-    BINS,
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILION,
-    YELLOW,
-    Drawing,
+    DASHED,
+    DOTTED,
+    GAP_S,
+    Figure,
+    Layer,
     band,
-    drawn,
-    finish,
-    limit_y,
-    new_figure,
-    one_plot,
-    plain_numbers,
-    plot,
-    styled,
+    bars,
+    limits,
+    line,
+    panel,
+    spec,
 )
 from forefeel.report.model import CalibrationFigures, LoopFigures, NotJudged, RunReport
 from forefeel.report.score import scored
 from forefeel.report.states import START_S
 from forefeel.report.summary import last_timing, summarise
 from forefeel.report.template import render
-from forefeel.report.traces import AxisTraces, CommandTraces, ParameterTraces, axis_traces
+from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
 from forefeel.report.transparency import Transparency
-from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, share
+from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, scale, share
 
 FILES = ("report.json", "report.html")
 REASONS = {
@@ -60,19 +47,17 @@ REASONS = {
 _TRIM = 0.002
 """Share of the highest and of the lowest values of a trace that may lie outside of its picture."""
 
-# parameters that are drawn, in two columns
-_MOST_PARAMETERS = 24
-_DETAIL_S = 4.0  # of the force that is drawn large
+_MOST_PARAMETERS = 24  # that are drawn
 _LONGEST = 99  # characters of a line in the terminal
 _STATE_COLOURS: dict[SafetyState | None, str] = {
-    SafetyState.IDLE: GREY,
-    SafetyState.READY: SKY,
-    SafetyState.ENGAGING: YELLOW,
-    SafetyState.ARMED: GREEN,
-    SafetyState.STOPPING: ORANGE,
-    SafetyState.FAULT: VERMILION,
-    SafetyState.ESTOPPED: PURPLE,
-    None: "#ffffff",
+    SafetyState.IDLE: "line",
+    SafetyState.READY: "busy",
+    SafetyState.ENGAGING: "warn",
+    SafetyState.ARMED: "good",
+    SafetyState.STOPPING: "warn",
+    SafetyState.FAULT: "bad",
+    SafetyState.ESTOPPED: "bad",
+    None: "card",
 }
 
 
@@ -103,11 +88,13 @@ def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:
 
 def render_page(report: RunReport, run: Run) -> str:
     """The report with figures as one HTML file that needs nothing else."""
+    traces = {axis: axis_traces(run, axis) for axis in run.axes}
     return render(
         "report/page.html.j2",
         report=report,
-        drawings={axis: axis_drawings(axis, axis_traces(run, axis)) for axis in run.axes},
-        loops=loop_drawings({role: last_timing(run, role) for role in ("master", "slave")}),
+        pictures={axis: picture(of) for axis, of in traces.items()},
+        figures={axis: axis_figures(of) for axis, of in traces.items()},
+        loops=lateness({role: last_timing(run, role) for role in ("master", "slave")}),
         verdict=verdict,
         calibration=calibration,
         reasons=reasons,
@@ -116,183 +103,152 @@ def render_page(report: RunReport, run: Run) -> str:
     )
 
 
-@styled()
-def axis_drawings(axis: str, traces: AxisTraces) -> list[Drawing]:
-    """The figures of one axis; for what was not recorded there is none."""
-    made = [(recipe(traces), title, caption) for recipe, title, caption in _FIGURES]
-    return [drawn(figure, axis, title, caption) for figure, title, caption in made if figure]
-
-
-@styled()
-def loop_drawings(timings: Mapping[str, LoopTiming | None]) -> list[Drawing]:
-    """Lateness of the loops, by role; nothing when neither said anything."""
-    known = {role: timing for role, timing in timings.items() if timing and _drawable(timing)}
+def picture(traces: AxisTraces) -> Figure | None:
+    """Force, felt force, position and safety state along time; None where there is none of them."""
+    of, panels = traces.commands, []
+    if len(of.time_s):
+        near = limits(of.zoh_n, of.force_n, beside=of.predicted_n, trim=_TRIM)
+        gap = np.minimum(of.zoh_n, of.predicted_n), np.maximum(of.zoh_n, of.predicted_n)
+        lines = [
+            _trace("late, without forefeel", "late", of.time_s, of.zoh_n, **DASHED, width=1.8, alpha=0.8),
+            _trace("predicted", "predicted", of.time_s, of.predicted_n),
+            _trace("measured", "measured", of.time_s, of.force_n, **DOTTED),
+        ]
+        bands = [
+            band("", "late", of.time_s, *gap, GAP_S, alpha=0.13),
+            band("95 % band", "predicted", of.time_s, of.low_n, of.high_n, GAP_S),
+        ]
+        felt = [_trace("felt by the hand", "felt", of.time_s, of.rendered_n)]
+        panels.append(panel("force at the catheter, N", near, weight=5, lines=lines, bands=bands))
+        panels.append(panel("force, N", limits(of.rendered_n, trim=_TRIM), weight=1.5, lines=felt))
+    if len(of.time_s) or len(traces.readback_time_s):
+        lines = [
+            _trace("commanded", "predicted", of.time_s, 1e3 * of.position_m),
+            _trace("read back", "readback", traces.readback_time_s, 1e3 * traces.readback_m, **DASHED),
+        ]
+        panels.append(panel("position, mm", weight=2, lines=lines))
+    if traces.states:
+        panels.append(panel("safety state of the slave", weight=0.4, hidesY=True, spans=_spans(traces)))
     caption = (
-        "How late each tick began after its deadline; both axes are logarithmic. The first bin holds all "
-        "that was earlier, the last all that was later."
+        "Late: the newest force that had arrived, all that the hand could feel without forefeel; the shade "
+        "is what forefeel takes away. Predicted: when its command was sent. Measured: while the slave "
+        "executed that command, drawn when it was sent. Positions stand where they were sent."
     )
-    return [drawn(_lateness(known), "", "Lateness of the 1 kHz loops", caption)] if known else []
+    return _along_time(traces, "Force", caption, 560, panels) if panels else None
 
 
-def _force(traces: AxisTraces) -> Figure | None:
-    commands = traces.commands
-    if not len(commands.time_s):
-        return None
-    figure = new_figure(4.6)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.3, 1))
-    _contact_force(above, commands)
-    limit_y(below, commands.rendered_n)
-    plot(below, commands.time_s, commands.rendered_n, GREEN, "felt by the hand")
-    finish(below, "time in s", "force in N")
-    _whole_time(below, traces)
-    return figure
+def _trace(name: str, colour: str, time_s: Floats, values: Floats, **more: object) -> Layer:
+    return line(name, colour, time_s, values, GAP_S, **more)
 
 
-def _force_detail(traces: AxisTraces) -> Figure | None:
-    """A stretch from the middle of what was scored."""
-    commands = traces.commands
-    times = commands.time_s[scored(commands.predicted_n, commands.zoh_n, commands.force_n)]
-    if not len(times) or np.ptp(commands.time_s) < 2 * _DETAIL_S:
-        return None
-    start_s = float(np.median(times)) - _DETAIL_S / 2
-    rows = np.flatnonzero((commands.time_s >= start_s) & (commands.time_s < start_s + _DETAIL_S))
-    columns = {name: getattr(commands, name)[rows] for name in CommandTraces.__dataclass_fields__}
-    figure, axes = one_plot(3.3)
-    _contact_force(axes, CommandTraces(**columns), "time in s")
-    return figure
+def _along_time(traces: AxisTraces, title: str, caption: str, height_px: int, panels: list[Layer]) -> Figure:
+    """On the whole time of the recording, as all others, so that they can be compared."""
+    return Figure(title, caption, height_px, (spec(panels, (0.0, traces.duration_s or 1.0), unit="s"),))
 
 
-def _contact_force(axes: Axes, commands: CommandTraces, x: str = "") -> None:
-    limit_y(axes, commands.zoh_n, commands.force_n, beside=commands.predicted_n, trim=_TRIM)
-    band(axes, commands.time_s, commands.low_n, commands.high_n, "95 % band")
-    plot(axes, commands.time_s, commands.zoh_n, ORANGE, "zero-order hold (newest that had arrived)")
-    plot(axes, commands.time_s, commands.force_n, BLACK, "measured, by command", width=1.7)
-    plot(axes, commands.time_s, commands.predicted_n, BLUE, "predicted")
-    finish(axes, x, "force in N")
+def _spans(traces: AxisTraces) -> list[Layer]:
+    return [
+        {
+            "name": of.state or "silent",
+            "colour": _STATE_COLOURS[of.state],
+            "alpha": 0.35,
+            "from": round((of.start_ns - traces.start_ns) * 1e-9, 3),
+            "to": round((of.end_ns - traces.start_ns) * 1e-9, 3),
+        }
+        for of in traces.states
+    ]
 
 
-def _error(traces: AxisTraces) -> Figure | None:
-    commands = traces.commands
-    rows = scored(commands.predicted_n, commands.zoh_n, commands.force_n)
+def axis_figures(traces: AxisTraces) -> list[Figure]:
+    """Errors, delay, parameters; for what was not recorded there is none."""
+    made = errors(traces), delay(traces), parameters(traces)
+    return [figure for figure in made if figure]
+
+
+def errors(traces: AxisTraces) -> Figure | None:
+    of = traces.commands
+    rows = scored(of.predicted_n, of.zoh_n, of.force_n)
     if not rows.any():
         return None
-    zoh_mn = 1e3 * (commands.zoh_n - commands.force_n)[rows]
-    predicted_mn = 1e3 * (commands.predicted_n - commands.force_n)[rows]
-    figure, axes = one_plot(3.0)
-    limit_y(axes, zoh_mn, beside=predicted_mn, trim=_TRIM)
-    axes.axhline(0, color="#8a939e", linewidth=0.8)
-    plot(axes, commands.time_s[rows], zoh_mn, ORANGE, "zero-order hold - measured")
-    plot(axes, commands.time_s[rows], predicted_mn, BLUE, "predicted - measured")
-    finish(axes, "time in s", "error in mN")
-    _whole_time(axes, traces)
-    return figure
-
-
-def _position(traces: AxisTraces) -> Figure | None:
-    commands = traces.commands
-    if not len(commands.time_s) and not len(traces.readback_time_s):
-        return None
-    commanded_mm, readback_mm = 1e3 * commands.position_m, 1e3 * traces.readback_m
-    figure, axes = one_plot(2.7)
-    limit_y(axes, commanded_mm, readback_mm)
-    plot(axes, commands.time_s, commanded_mm, BLUE, "commanded")
-    plot(axes, traces.readback_time_s, readback_mm, VERMILION, "read back")
-    finish(axes, "time in s", "position in mm")
-    _whole_time(axes, traces)
-    return figure
-
-
-def _states(traces: AxisTraces) -> Figure | None:
-    if not traces.states:
-        return None
-    figure, axes = one_plot(1.35)
-    for state in dict.fromkeys(span.state for span in traces.states):
-        bars = [
-            ((span.start_ns - traces.start_ns) * 1e-9, (span.end_ns - span.start_ns) * 1e-9)
-            for span in traces.states
-            if span.state is state
-        ]
-        axes.broken_barh(bars, (0, 1), facecolor=_STATE_COLOURS[state], edgecolor="none")
-    axes.set_yticks([])
-    axes.set_ylim(0, 1)
-    axes.grid(False)
-    axes.set_xlim(0, traces.duration_s)
-    axes.set_xlabel("time in s")
-    patches = [
-        Patch(facecolor=_STATE_COLOURS[state], edgecolor="#8a939e", linewidth=0.5, label=state or "silent")
-        for state in _STATE_COLOURS
-        if any(span.state is state for span in traces.states)
+    late_mn, predicted_mn = (1e3 * (force_n - of.force_n)[rows] for force_n in (of.zoh_n, of.predicted_n))
+    lines = [
+        _trace("late", "late", of.time_s[rows], late_mn, width=1.4, alpha=0.8),
+        _trace("predicted", "predicted", of.time_s[rows], predicted_mn, width=1.4),
     ]
-    axes.legend(handles=patches, ncols=len(patches), loc="lower left", bbox_to_anchor=(0, 1))
-    return figure
+    near = limits(late_mn, beside=predicted_mn, trim=_TRIM)
+    return _along_time(
+        traces,
+        "Error of the predicted and of the late force",
+        "Against the measured force of the same command. What is far off may lie outside of the picture; the "
+        "numbers count it.",
+        260,
+        [panel("error, mN", near, lines=lines)],
+    )
 
 
-def _delay(traces: AxisTraces) -> Figure | None:
+def delay(traces: AxisTraces) -> Figure | None:
     if not len(traces.delay_s):
         return None
     delay_ms = 1e3 * traces.delay_s
-    figure, axes = one_plot(2.5)
     span = float(np.ptp(delay_ms)) or 1.0
-    axes.hist(
-        delay_ms, bins=60, range=(delay_ms.min() - 0.02 * span, delay_ms.max() + 0.02 * span), color=SKY
-    )
-    for part, dashes in (0.50, "solid"), (0.99, "dashed"):
+    counts, edges = np.histogram(delay_ms, 60, (delay_ms.min() - 0.02 * span, delay_ms.max() + 0.02 * span))
+    rules = []
+    for part, dash in (0.50, {}), (0.99, DASHED):
         value_ms = float(np.quantile(delay_ms, part))
-        label = f"{part:.0%} within {value_ms:.4g} ms"
-        axes.axvline(value_ms, color=BLACK, linewidth=1.2, linestyle=dashes, label=label)
-    finish(axes, "from a command to the arrival of its force, in ms", "commands")
-    return figure
+        name = f"{part:.0%} within {value_ms:.4g} ms"
+        rules.append({"name": name, "colour": "ink", "at": round(value_ms, 3), "width": 1.2, **dash})
+    upright = panel("commands", bars=[bars("", "predicted", edges, counts)], rules=rules)
+    caption = "From a command to the arrival of its force, on the master's clock; once for each command."
+    return Figure("Delay", caption, 220, (spec([upright], unit="ms"),))
 
 
-def _parameters(traces: AxisTraces) -> Figure | None:
+def parameters(traces: AxisTraces) -> Figure | None:
     known = traces.parameters
     if known is None:
         return None
-    shown = known.names[:_MOST_PARAMETERS]
-    rows = ceil(len(shown) / 2)
-    figure = new_figure(0.6 + 1.55 * rows)
-    grid = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
-    for index, axes in enumerate(grid):
-        if index < len(shown):
-            _parameter(axes, known, index)
-        else:
-            axes.set_axis_off()
-    for axes in grid[max(0, len(shown) - 2) : len(shown)]:
-        axes.xaxis.set_tick_params(labelbottom=True)
-        axes.set_xlabel("time in s")
-        _whole_time(axes, traces)
-    return figure
+    specs = [_parameter(traces, known, index) for index in range(min(len(known.names), _MOST_PARAMETERS))]
+    caption = (
+        "With bands of two standard deviations, which know of noise and not of errors of the model. What is "
+        "far off in the first quarter may lie outside of the picture."
+    )
+    return Figure("Identified parameters", caption, 150, tuple(specs))
 
 
-def _parameter(axes: Axes, known: ParameterTraces, index: int) -> None:
-    values, twice = known.values[:, index], 2 * known.standard_deviations[:, index]
-    later = slice(len(values) // 4, None)  # the first values may be far off, their bands as wide as the prior
-    limit_y(axes, (values - twice)[later], (values + twice)[later])
-    band(axes, known.time_s, values - twice, values + twice)
-    plot(axes, known.time_s, values, BLUE, known.names[index], width=1.3)
-    label, unit = named(known.names[index])
-    axes.set_title(f"{label} in {unit}" if unit else label)
+def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
+    label, plain = named(known.names[index])
+    known_s, later = known.time_s, slice(len(known.time_s) // 4, None)
+    factor, unit = scale(plain, float(np.abs(known.values[later, index]).max()))
+    values, twice = factor * known.values[:, index], 2 * factor * known.standard_deviations[:, index]
+    one = panel(
+        "",
+        limits((values - twice)[later], (values + twice)[later]),
+        lines=[_trace(f"{label}, {unit}" if unit else label, "predicted", known_s, values)],
+        bands=[band("", "predicted", known_s, values - twice, values + twice, GAP_S)],
+    )
+    return spec([one], (0.0, traces.duration_s or 1.0), unit="s")
 
 
-def _lateness(known: Mapping[str, LoopTiming]) -> Figure:
-    figure, axes = one_plot(2.7)
-    for (role, timing), colour in zip(known.items(), (BLUE, VERMILION), strict=False):
-        edges, counts = _histogram(timing)
-        label = f"{role}: {timing.loop}"
-        axes.stairs(counts, edges, fill=True, color=colour, alpha=0.25)
-        axes.stairs(counts, edges, color=colour, linewidth=1.3, label=label)
-        axes.loglog()
-    axes.set_xlim(right=max(1e3, axes.get_xlim()[1]))
-    axes.set_ylim(bottom=0.7)
-    plain_numbers(axes.xaxis, axes.yaxis)
-    finish(axes, "lateness in µs", "ticks")
-    return figure
+def lateness(timings: Mapping[str, LoopTiming | None]) -> list[Figure]:
+    """Of the loops, by role; nothing when neither said anything."""
+    known = {role: timing for role, timing in timings.items() if timing and _drawable(timing)}
+    if not known:
+        return []
+    layers = [
+        bars(f"{role}: {timing.loop}", colour, *_histogram(timing), alpha=0.4)
+        for (role, timing), colour in zip(known.items(), ("predicted", "readback"), strict=False)
+    ]
+    caption = (
+        "How late each tick began after its deadline. The first bin holds all that was earlier, the last all "
+        "that was later."
+    )
+    one = spec([panel("ticks", {"log": True}, bars=layers)], log=True, label="lateness, µs")
+    return [Figure("Lateness of the 1 kHz loops", caption, 240, (one,))]
 
 
 def _drawable(timing: LoopTiming) -> bool:
     edges, counts = timing.edges_us, timing.counts
     ascending = all(0 < low < high for low, high in pairwise(edges))
-    return len(counts) == len(edges) + 1 >= 3 and ascending and min(counts) >= 0 and any(counts)
+    return len(counts) == len(edges) + 1 >= 3 and ascending and min(counts) >= 0 and any(counts[1:])
 
 
 def _histogram(timing: LoopTiming) -> tuple[Floats, Floats]:
@@ -302,61 +258,6 @@ def _histogram(timing: LoopTiming) -> tuple[Floats, Floats]:
     counts = np.array(timing.counts, dtype=np.float64)
     last = int(np.flatnonzero(counts)[-1]) + 1
     return edges[: last + 1], counts[:last]
-
-
-def _whole_time(axes: Axes, traces: AxisTraces) -> None:
-    """The same for all figures along time, so that they can be compared."""
-    axes.set_xlim(0, traces.duration_s or 1.0)
-
-
-_THINNED = f"Long traces are drawn as the smallest and largest value in each of {BINS} stretches of time."
-_FIGURES: tuple[tuple[Callable[[AxisTraces], Figure | None], str, str], ...] = (
-    (
-        _force,
-        "Force",
-        "Above: prediction and zero-order hold when a command was sent, and the force measured when the "
-        "slave executed it, drawn at the time of the command. Below: what the hand felt, which is the "
-        "prediction scaled to the hand, limited, kept passive, and faded out while the slave does not "
-        f"follow. The band should hold 95 % of the measured forces. {_THINNED}",
-    ),
-    (
-        _force_detail,
-        f"Force: {_DETAIL_S:g} s from the middle",
-        "The same, from the middle of what was scored. The zero-order hold is a force of the past; the "
-        "prediction should lie on the measured force.",
-    ),
-    (
-        _error,
-        "Error of prediction and zero-order hold",
-        f"Against the measured force, on the same commands. The highest and lowest {_TRIM:.1%}, and a "
-        "prediction that is far off, may lie outside of the picture; the figures in numbers count them. "
-        f"{_THINNED}",
-    ),
-    (
-        _position,
-        "Position",
-        f"Each drawn when it was sent; not by command, as the forces are. {_THINNED}",
-    ),
-    (
-        _states,
-        "Safety state of the slave",
-        "From the slave's own messages, 50 a second. Silent: nothing was heard of it for longer than such a "
-        "message counts.",
-    ),
-    (
-        _delay,
-        "Delay",
-        "From a command to the arrival of the force that answers it, on the master's clock; once for each "
-        "command that was answered.",
-    ),
-    (
-        _parameters,
-        "Identified parameters",
-        "With bands of two standard deviations, which know of noise and not of errors of the model. What is "
-        "far off in the first quarter may lie outside of the picture. "
-        f"At most {_MOST_PARAMETERS} are drawn. {_THINNED}",
-    ),
-)
 
 
 def reasons(found: NotJudged) -> str:

@@ -1,11 +1,21 @@
-"""Pages as one HTML file that needs nothing else: `base.html.j2`, and a template for each kind of page."""
+"""Pages as one HTML file that needs nothing else: `base.html.j2`, and a template for each kind of page.
+
+Text stands in the file; figures stand in it as JSON, see `drawing`, with the script that draws them.
+"""
+
+import re
+from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from forefeel.common.events.text import UNKNOWN, quantity
-from forefeel.report.drawing import Drawing
+from forefeel.report.svg_drawing import Drawing
 from forefeel.report.wording import DISCLAIMER, deviating, micros, number, ratio, share
+
+_STATIC = Path(__file__).parent.parent / "dashboard" / "static"
+_IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
+_EXPORT = re.compile(r"^export (?:const|function|class) (\w+)", re.MULTILINE)
 
 
 def environment() -> Environment:
@@ -17,13 +27,30 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
     words = {word.__name__: word for word in (quantity, micros, share, ratio, number, deviating)}
-    made.globals.update(words, svg=_svg, disclaimer=DISCLAIMER, unknown=UNKNOWN)
+    made.globals.update(words, svg=_svg, style=_style, module=_module, disclaimer=DISCLAIMER, unknown=UNKNOWN)
     return made
 
 
 def render(template: str, **values: object) -> str:
     return environment().get_template(template).render(**values)
+
+
+def _style(name: str) -> Markup:
+    """A style sheet of the live page."""
+    return Markup((_STATIC / f"{name}.css").read_text(encoding="utf-8"))
+
+
+def _module(name: str) -> Markup:
+    """A module of the live page as a statement: `const chart = ...` has all that chart.js exports.
+
+    Of the modules it imports, each is made before it.
+    """
+    source = (_STATIC / f"{name}.js").read_text(encoding="utf-8")
+    exported = ", ".join(_EXPORT.findall(source))
+    body = _IMPORT.sub(r"const \1 = \2;", source).replace("\nexport ", "\n")
+    return Markup(f"const {name} = (() => {{\n{body}\nreturn {{ {exported} }};\n}})();")
 
 
 def _svg(drawing: Drawing) -> Markup:

@@ -1,9 +1,10 @@
-from xml.etree import ElementTree
+import json
 
 import numpy as np
 import pytest
 
-from forefeel.report.drawing import BINS, drawn, limit_y, means, new_figure, one_plot, thin
+from forefeel.report.drawing import BINS, Figure, bars, limits, line, means, panel, spec, thin
+from forefeel.report.template import environment
 
 
 def test_thin_traces_keep_every_peak_and_show_gaps() -> None:
@@ -11,29 +12,35 @@ def test_thin_traces_keep_every_peak_and_show_gaps() -> None:
     time_s = np.concatenate((np.arange(0, 10, 1e-3), np.arange(20, 30, 1e-3)))
     values = rng.normal(size=len(time_s))
     values[1234], values[15_678] = 50.0, -60.0
-    x, y = thin(time_s, values)
+    x, y = thin(time_s, 0.25, values).T
     assert len(x) <= 2 * BINS + 2
     assert np.all(np.diff(x) >= 0)
-    assert np.nanmax(y) == 50.0
-    assert np.nanmin(y) == -60.0
+    assert (np.nanmax(y), np.nanmin(y)) == (50.0, -60.0)
     assert x[np.argmax(np.nan_to_num(y))] == pytest.approx(1.234, abs=30 / BINS)
     inside = x[np.isnan(y)]
     assert len(inside)
     assert np.all((inside > 10) & (inside < 20))
 
 
-def test_short_traces_stay_as_they_are() -> None:
-    time_s, values = np.arange(5.0) / 10, np.array([1.0, 2.0, np.nan, 3.0, 4.0])
-    x, y = thin(time_s[::-1], values[::-1])
-    np.testing.assert_array_equal(x, time_s)
-    np.testing.assert_array_equal(y, values)
+def test_spec_rounds_to_pixels_and_cuts_what_is_far_off() -> None:
+    y = np.array([0.123456789, np.nan, 1e300])
+    made = spec(
+        [panel("force, N", limits(y[:1], np.array([0.0, 1.0])), lines=[line("a", "late", np.arange(3.0), y)])]
+    )
+    assert made["x"] == {"min": 0, "max": 2}
+    rows = made["panels"][0]["lines"][0]["rows"]
+    assert rows[:2] == [(0.0, 0.12346), (1.0, None)] and 1.0 < rows[2][1] < 3.0
+    edges = np.array([0.5, 5.0, 50.00009])
+    drawn = spec([panel("ticks", {"log": True}, bars=[bars("", "late", edges, edges[:2])])], log=True)
+    assert drawn["panels"][0]["bars"][0]["rows"] == [(0.5, 5.0, 0.5), (5.0, 50.0, 5.0)]
 
 
-def test_titles_of_drawings_are_escaped() -> None:
-    figure = new_figure(1.0)
-    figure.subplots().set_title("<a> & b")
-    drawing = drawn(figure, "name", 'a "title" \\1 <b>', "")
-    assert ElementTree.fromstring(drawing.svg).get("aria-label") == 'a "title" \\1 <b>'
+def test_hostile_names_stay_inside_the_data_of_a_figure() -> None:
+    name = "</script><b> & '"
+    figure = Figure("title", "", 100, (spec([panel(name)]),))
+    page = environment().from_string('{% from "report/parts.html.j2" import picture %}{{ picture(figure) }}')
+    data = page.render(figure=figure).partition('json">')[2].partition("</script>")[0]
+    assert json.loads(data)["panels"] == [{"title": name}]
 
 
 def test_means_are_those_of_their_bins() -> None:
@@ -44,10 +51,6 @@ def test_means_are_those_of_their_bins() -> None:
 
 
 def test_limits_hold_every_trace_and_zero_where_it_is_wanted() -> None:
-    _, axes = one_plot(1.0)
-    limit_y(axes, np.array([2.0, np.nan, 3.0]), np.array([4.0]))
-    assert axes.get_ylim() == pytest.approx((2.0 - 0.12, 4.0 + 0.12))
-    limit_y(axes, np.array([2.0, 4.0]), zero=True)
-    assert axes.get_ylim() == pytest.approx((-0.24, 4.24))
-    limit_y(axes, np.array([0.0, 1.0]), beside=np.array([-100.0, 0.5]))
-    assert axes.get_ylim() == pytest.approx((-2.06, 1.06))
+    assert limits(np.array([2.0, np.nan, 3.0]), np.array([4.0])) == {"min": 1.88, "max": 4.12}
+    assert limits(np.array([2.0, 4.0]), zero=True) == {"min": -0.24, "max": 4.24}
+    assert limits(np.array([0.0, 1.0]), beside=np.array([-100.0, 0.5])) == {"min": -2.06, "max": 1.06}

@@ -12,8 +12,8 @@ from tests.unit.report_run import RunBuilder, S, recorded, write_known_run
 HOSTILE = '<script>alert("1")</script>'
 Fields = dict[str, str | float | None]
 TITLES = (
-    "Force", "Error of prediction and zero-order hold", "Position", "Safety state of the slave", "Delay",
-    "Identified parameters", "Lateness of the 1 kHz loops",
+    "Force", "Error of the predicted and of the late force", "Delay", "Identified parameters",
+    "Lateness of the 1 kHz loops",
 )  # fmt: skip
 
 
@@ -37,12 +37,12 @@ def test_both_files_are_there_and_nothing_else(out: Path) -> None:
 
 
 def test_hostile_texts_appear_as_text(page: str) -> None:
-    assert "<script" not in page
+    assert "<script>" not in page
     assert page.count("&lt;script&gt;alert(") >= 2
 
 
 def test_the_page_stands_alone_and_every_figure_is_drawn_once(page: str) -> None:
-    check_page(page, drawings=len(TITLES))
+    check_page(page, figures=len(TITLES))
     for title in TITLES:
         assert page.count(f"<h3>{title}</h3>") == 1
 
@@ -60,7 +60,7 @@ def test_an_empty_run_has_a_page(tmp_path: Path) -> None:
     write_report(tmp_path / "run.mcap", tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert "Nothing was recorded." in page
-    assert "<svg" not in page
+    assert "<canvas" not in page
 
 
 def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(tmp_path: Path) -> None:

@@ -1,34 +1,30 @@
-// Line charts on a canvas, one above the other on one axis of x. draw(canvas, spec): the same spec gives the same
-// picture; nothing is kept but what interact() needs. Texts are drawn, never parsed. A spec is JSON:
-//   x: {min, max, ticks: [[x, text]] (else round numbers), unit}
-//   panels: [{weight, title, y: {min, max, interval} (else what the lines need), hidesY,
-//             bands: [{colour, alpha, rows: [[x, low, high]]}], bars: {colour, rows: [[x0, x1, y]]},
-//             lines: [{name, colour, width, dash, alpha, digits, now, rows: [[x, y]]}],
-//             spans: [{from, to, colour}]}]
+// Charts on a canvas, one panel above the other on one axis of x: live page, replay and all pages of results.
+// draw(canvas, spec): the same spec gives the same picture; interaction.js adds hover and zoom. Texts are drawn, never
+// parsed. A spec is JSON:
+//   x: {min, max, log, ticks: [[x, text]] (else round numbers), unit (of each tick), label}
+//   panels: [{weight, title, y: {min, max, interval, log} (else what the lines need), hidesY,
+//             lines: [{name, colour, width, dash, alpha, digits, now, free (x goes back), rows: [[x, y]]}],
+//             points: [{name, colour, size, alpha, rows: [[x, y]]}],
+//             bars: [{name, colour, alpha, rows: [[x0, x1, y]]}],
+//             bands: [{name, colour, alpha, rows: [[x, low, high]]}],
+//             spans: [{name, colour, alpha, from, to}], rules: [{name, colour, dash, at}] (upright)}]
 //   hover: x where the values are read, or null.
-// A row whose value is null breaks its line. Colours are names of custom properties of the style sheet.
-const FONT = "12.5px system-ui, -apple-system, \"Segoe UI\", Roboto, \"Noto Sans\", \"DejaVu Sans\", Arial, sans-serif";
-const ROW_PX = 19, FOOT_PX = 19, GAP_PX = 6, RIGHT_PX = 14;
-const known = new Map();
-let ink = null;
+// A row whose value is null breaks its line. Colours are names of custom properties of theme.css.
+import { colour, dot, drawBand, drawBars, drawPoints, ends, path, prepare, scale, shade, stroke, upright, valueAt } from "./layers.js";
 
-/** Draws, and gives where things are: {left, right, min, max}. */
+const ROW_PX = 19, FOOT_PX = 19, GAP_PX = 6, RIGHT_PX = 14, SAMPLE_PX = 24;
+const SAMPLED = ["lines", "rules", "points", "bars", "bands"];
+
+/** Draws, and gives where things are: {left, right, min, max, log}. */
 export function draw(canvas, spec) {
-  const width = canvas.clientWidth, height = canvas.clientHeight, ratio = devicePixelRatio || 1;
-  if (!width || !height) return null;
-  const [across, down] = [Math.round(width * ratio), Math.round(height * ratio)];
-  if (canvas.width !== across || canvas.height !== down) Object.assign(canvas, { width: across, height: down });
-  const pen = canvas.getContext("2d");
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, width, height);
-  themed(canvas);
-  pen.font = FONT;
-  pen.lineJoin = "round";
+  const prepared = prepare(canvas);
+  if (!prepared) return null;
+  const { pen, width, height } = prepared;
   const left = spec.panels.every((panel) => panel.hidesY) ? 6 : 46;
-  const frame = { left, right: width - RIGHT_PX, min: spec.x.min, max: spec.x.max };
+  const frame = { left, right: width - RIGHT_PX, min: spec.x.min, max: spec.x.max, log: spec.x.log };
   const legends = spec.panels.map((panel) => arrange(pen, panel, frame, spec.hover));
   const heads = legends.map((legend) => (legend.length ? 1 + Math.max(...legend.map((each) => each.row)) : 0) * ROW_PX);
-  const spare = height - FOOT_PX - heads.reduce((sum, each) => sum + each, 0) - GAP_PX * spec.panels.length;
+  const spare = height - FOOT_PX - (spec.x.label ? ROW_PX - 3 : 0) - heads.reduce((sum, each) => sum + each, 0) - GAP_PX * spec.panels.length;
   const weights = spec.panels.reduce((sum, panel) => sum + (panel.weight ?? 1), 0);
   let top = 0;
   spec.panels.forEach((panel, index) => {
@@ -42,79 +38,21 @@ export function draw(canvas, spec) {
   return frame;
 }
 
-/** Calls back with what hand and mouse want: hover(x or null), zoom(factor, x), select(x0, x1), reset(). */
-export function interact(canvas, place, wants) {
-  const fingers = new Map();
-  let pressed = null, spread = null;
-  const x = (event) => {
-    const frame = place();
-    const share = (event.clientX - canvas.getBoundingClientRect().left - frame.left) / (frame.right - frame.left);
-    return frame.min + Math.min(Math.max(share, 0), 1) * (frame.max - frame.min);
-  };
-  const apart = () => { const [a, b] = [...fingers.values()]; return Math.max(10, Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY)); };
-  const on = (name, act) => canvas.addEventListener(name, (event) => place() && act(event), { passive: false });
-  on("wheel", (event) => { event.preventDefault(); wants.zoom(Math.exp(Math.sign(event.deltaY) * 0.2), x(event)); });
-  on("pointerdown", (event) => {
-    fingers.set(event.pointerId, event);
-    if (event.pointerType === "mouse" && event.button === 0) { pressed = x(event); canvas.setPointerCapture(event.pointerId); }
-    if (fingers.size === 2) spread = apart();
-    wants.hover(x(event));
-  });
-  on("pointermove", (event) => {
-    if (fingers.has(event.pointerId)) fingers.set(event.pointerId, event);
-    if (fingers.size === 2) { const now = apart(); wants.zoom(spread / now, x(event)); spread = now; }
-    else wants.hover(x(event), pressed);
-  });
-  for (const name of ["pointerup", "pointercancel"]) on(name, (event) => {
-    fingers.delete(event.pointerId);
-    const from = pressed, to = x(event), { left, right, min, max } = place();
-    pressed = null;
-    if (name === "pointerup" && from !== null && Math.abs(to - from) > (8 * (max - min)) / (right - left)) wants.select(Math.min(from, to), Math.max(from, to));
-    wants.hover(null);
-  });
-  on("pointerleave", () => { if (pressed === null) wants.hover(null); });
-  on("dblclick", () => wants.reset());
-}
-
 export function nice(step) {
   const power = 10 ** Math.floor(Math.log10(step));
   return [1, 2, 2.5, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= step * 0.999);
 }
 
-export function ends(lines) {
-  let low = Infinity, high = -Infinity;
-  for (const rows of lines) for (const [, value] of rows) {
-    if (value === null) continue;
-    if (value < low) low = value;
-    if (value > high) high = value;
-  }
-  return [low, high];
-}
-
-/** Colours are asked for anew when the theme has changed. */
-function themed(canvas) {
-  const now = getComputedStyle(canvas).color;
-  if (now !== ink) known.clear();
-  ink = now;
-}
-
-function colour(canvas, name) {
-  if (!known.has(name)) {
-    canvas.style.color = `var(--${name})`;
-    known.set(name, getComputedStyle(canvas).color);
-    canvas.style.color = "";
-  }
-  return known.get(name);
-}
-
 /** Title and legend, one after the other, in as many rows as they need. */
 function arrange(pen, panel, frame, hover) {
-  const items = (panel.lines ?? []).filter((line) => line.name).map((line) => ({ line, text: said(line, hover) }));
+  const items = SAMPLED.flatMap((kind) => (panel[kind] ?? []).filter((each) => each.name).map((each) => ({ each, kind })));
+  for (const item of items) item.text = said(item, hover == null ? item.each.now : read(item, hover));
   if (panel.title) items.unshift({ text: panel.title });
+  const state = hover != null && (panel.spans ?? []).find(({ name, from, to }) => name && from <= hover && hover <= to);
+  if (state) items[0].text += `: ${state.name}`;
   let x = 0, row = 0;
   for (const item of items) {
-    const sample = item.line ? 30 : 0;
-    const needed = sample + pen.measureText(item.line ? widest(item.line) : item.text).width;
+    const needed = item.kind ? SAMPLE_PX + 6 + pen.measureText(widest(item)).width : pen.measureText(item.text).width;
     if (x > 0 && x + needed > frame.right - frame.left) { x = 0; row += 1; }
     Object.assign(item, { x, row });
     x += needed + 16;
@@ -122,163 +60,126 @@ function arrange(pen, panel, frame, hover) {
   return items;
 }
 
-const shown = (line, value) => `${line.name} ${value.toFixed(line.digits ?? 3)}`;
-const widest = (line) => shown(line, -1);
+const reads = ({ kind, each }) => (kind === "lines" && !each.free) || kind === "bars";
+const widest = (item) => (reads(item) ? said(item, item.each.digits == null ? -0.1234 : -1) : item.each.name);
 
-function said(line, hover) {
-  const value = hover == null ? line.now : valueAt(line.rows, hover);
-  return value == null ? line.name : shown(line, value);
+function said({ each }, value) {
+  if (value == null) return each.name;
+  return `${each.name} ${each.digits == null ? plain(value) : value.toFixed(each.digits)}`;
 }
 
-function legendItem(pen, canvas, { line, text, x, row }, left, top) {
-  const y = top + row * ROW_PX + ROW_PX / 2 + 2;
-  if (line) stroke(pen, canvas, line, () => { pen.moveTo(left + x, y); pen.lineTo(left + x + 24, y); });
-  pen.fillStyle = colour(canvas, line ? "ink" : "soft");
+function read({ kind, each }, x) {
+  if (kind === "bars") return each.rows.find(([from, to]) => from <= x && x < to)?.[2] ?? null;
+  return kind === "lines" && !each.free ? valueAt(each.rows, x) : null;
+}
+
+function plain(value, digits = 4) {
+  const size = Math.abs(value);
+  return size && (size >= 1e6 || size < 1e-3) ? value.toExponential(digits - 2).replace(/\.?0*e/, "e") : String(+value.toPrecision(digits));
+}
+
+function legendItem(pen, canvas, { each, kind, text, x, row }, left, top) {
+  const y = top + row * ROW_PX + ROW_PX / 2 + 2, from = left + x;
+  if (kind === "lines" || kind === "rules") stroke(pen, canvas, each, () => { pen.moveTo(from, y); pen.lineTo(from + SAMPLE_PX, y); });
+  else if (kind) {
+    pen.fillStyle = colour(canvas, each.colour);
+    pen.globalAlpha = kind === "points" ? 1 : each.alpha ?? 1;
+    if (kind === "points") dot(pen, from + SAMPLE_PX / 2, y, 3);
+    else pen.fillRect(from, y - 5, SAMPLE_PX, 10);
+    pen.globalAlpha = 1;
+  }
+  pen.fillStyle = colour(canvas, kind ? "ink" : "soft");
   pen.textAlign = "left"; pen.textBaseline = "middle";
-  pen.fillText(text, left + x + (line ? 30 : 0), y);
+  pen.fillText(text, from + (kind ? SAMPLE_PX + 6 : 0), y);
 }
 
 function drawPanel(pen, canvas, panel, box, hover) {
-  const y = panel.y ?? fitted(panel);
-  const atX = (x) => box.left + ((x - box.min) / (box.max - box.min)) * (box.right - box.left);
-  const atY = (value) => box.bottom - ((value - y.min) / (y.max - y.min)) * (box.bottom - box.top);
-  if (!panel.hidesY) yTicks(pen, canvas, y, box, atY);
+  const y = panel.y?.min == null ? fitted(panel, box) : panel.y;
+  const atX = scale(box, box.left, box.right), atY = scale(y, box.bottom, box.top);
+  if (!panel.hidesY) yTicks(pen, canvas, { interval: nice((y.max - y.min) / (panel.steps ?? 4)), ...y }, box, atY);
   pen.save();
   pen.beginPath();
   pen.rect(box.left, box.top - 1, box.right - box.left, box.bottom - box.top + 2);
   pen.clip();
-  for (const band of panel.bands ?? []) drawBand(pen, canvas, band, atX, atY);
-  if (panel.bars) drawBars(pen, canvas, panel.bars, atX, atY);
-  for (const line of panel.lines ?? []) stroke(pen, canvas, line, () => path(pen, line.rows, atX, atY));
   for (const span of panel.spans ?? []) shade(pen, canvas, span, box, atX);
+  for (const band of panel.bands ?? []) drawBand(pen, canvas, band, atX, atY);
+  for (const bars of panel.bars ?? []) drawBars(pen, canvas, bars, atX, atY, box.bottom);
+  for (const cloud of panel.points ?? []) drawPoints(pen, canvas, cloud, atX, atY);
+  for (const { at, ...line } of panel.rules ?? []) stroke(pen, canvas, line, () => { pen.moveTo(atX(at), box.top); pen.lineTo(atX(at), box.bottom); });
+  for (const line of panel.lines ?? []) stroke(pen, canvas, line, () => path(pen, line.rows, atX, atY));
   if (hover != null) readOut(pen, canvas, panel, hover, box, atX, atY);
   pen.restore();
 }
 
-function fitted(panel) {
-  const [low, high] = ends([...(panel.lines ?? []).map((line) => line.rows), (panel.bars?.rows ?? []).map(([, , value]) => [0, value]), ...(panel.bars ? [[[0, 0]]] : [])]);
+/** The range of what is seen. */
+function fitted(panel, { min: from, max: to }) {
+  const layers = [...(panel.lines ?? []), ...(panel.points ?? [])].map(({ rows }) => rows.filter(([x]) => from <= x && x <= to));
+  const bars = (panel.bars ?? []).map(({ rows }) => [[0, panel.y?.log ? null : 0], ...rows.map(([, , value]) => [0, value])]);
+  const [low, high] = ends([...layers, ...bars]), log = panel.y?.log;
   if (!(low <= high)) return { min: -1, max: 1, interval: 1 };
+  if (log) return { min: low / 1.3, max: high * 1.3, log };
   const interval = nice(Math.max(high - low, 1e-9) / (panel.steps ?? 4));
   return { min: Math.floor(low / interval) * interval, max: Math.ceil(high / interval) * interval, interval };
 }
 
-function yTicks(pen, canvas, { min, max, interval }, box, atY) {
-  pen.textAlign = "right"; pen.textBaseline = "middle";
-  const digits = Math.max(0, -Math.floor(Math.log10(interval) + 1e-9) + (String(interval).includes("25") ? 1 : 0));
-  let above = Infinity;
-  for (let index = 0; index <= Math.round((max - min) / interval); index += 1) {
-    const value = min + index * interval, y = Math.round(atY(value)) + 0.5;
-    pen.strokeStyle = colour(canvas, "line");
-    pen.lineWidth = 1;
-    pen.beginPath(); pen.moveTo(box.left, y); pen.lineTo(box.right, y); pen.stroke();
-    if (above - y < 13) continue;
-    above = y;
-    pen.fillStyle = colour(canvas, "soft");
-    pen.fillText(value.toFixed(digits), box.left - 7, y);
+/** Round values within a range. */
+function marks({ min, max, interval, log }) {
+  const found = [];
+  if (log) {
+    const decades = Math.log10(max / min), factors = decades < 2.5 ? [1, 2, 5] : [1];
+    for (let power = Math.floor(Math.log10(min)); power <= Math.log10(max); power += Math.max(1, Math.floor(decades / 6))) {
+      found.push(...factors.map((factor) => factor * 10 ** power).filter((value) => value >= min * 0.999 && value <= max * 1.001));
+    }
+  } else if (interval > 0) {
+    for (let index = Math.ceil(min / interval - 1e-6); index * interval <= max + 1e-6 * interval; index += 1) found.push(index * interval);
   }
-}
-
-function xTicks(pen, canvas, { x }, frame, top) {
-  const ticks = x.ticks ?? roundTicks(x, Math.max(2, (frame.right - frame.left) / 80));
-  pen.fillStyle = colour(canvas, "soft");
-  pen.textBaseline = "top";
-  for (const [at, text] of ticks) {
-    const place = frame.left + ((at - x.min) / (x.max - x.min)) * (frame.right - frame.left);
-    const half = pen.measureText(text).width / 2;
-    pen.textAlign = "center";
-    pen.fillText(text, Math.min(Math.max(place, half), frame.right + RIGHT_PX - half), top + 5);
-  }
-}
-
-function roundTicks({ min, max, unit }, most) {
-  const step = nice((max - min) / most), found = [];
-  if (!(step > 0)) return found;
-  for (let value = Math.ceil(min / step) * step; value <= max + 1e-9; value += step) found.push([value, `${+value.toPrecision(6)}${unit ? ` ${unit}` : ""}`]);
   return found;
 }
 
-function stroke(pen, canvas, line, trace) {
-  pen.beginPath();
-  trace();
-  pen.globalAlpha = line.alpha ?? 1;
-  pen.strokeStyle = colour(canvas, line.colour);
-  pen.lineWidth = line.width ?? 2;
-  pen.lineCap = line.dash?.[0] < 1 ? "round" : "butt";
-  pen.setLineDash(line.dash ?? []);
-  pen.stroke();
-  pen.setLineDash([]);
-  pen.globalAlpha = 1;
-}
-
-function path(pen, rows, atX, atY) {
-  let draws = false;
-  for (const [x, value] of rows) {
-    if (value === null) { draws = false; continue; }
-    if (draws) pen.lineTo(atX(x), atY(value));
-    else pen.moveTo(atX(x), atY(value));
-    draws = true;
+function yTicks(pen, canvas, y, box, atY) {
+  pen.textAlign = "right"; pen.textBaseline = "middle";
+  const { interval, log } = y;
+  let digits = 0, above = Infinity;
+  while (!log && digits < 9 && Math.abs(interval * 10 ** digits - Math.round(interval * 10 ** digits)) > 1e-6) digits += 1;
+  for (const value of marks(y)) {
+    const at = Math.round(atY(value)) + 0.5;
+    pen.strokeStyle = colour(canvas, "line");
+    pen.lineWidth = 1;
+    pen.beginPath(); pen.moveTo(box.left, at); pen.lineTo(box.right, at); pen.stroke();
+    if (above - at < 13) continue;
+    above = at;
+    pen.fillStyle = colour(canvas, "soft");
+    pen.fillText(log ? plain(value) : value.toFixed(digits), box.left - 7, at);
   }
 }
 
-function drawBand(pen, canvas, band, atX, atY) {
-  pen.fillStyle = colour(canvas, band.colour);
-  pen.globalAlpha = band.alpha ?? 0.25;
-  let piece = [];
-  const close = () => {
-    if (piece.length > 1) {
-      pen.beginPath();
-      for (const [x, , high] of piece) pen.lineTo(atX(x), atY(high));
-      for (const [x, low] of piece.reverse()) pen.lineTo(atX(x), atY(low));
-      pen.fill();
-    }
-    piece = [];
+function xTicks(pen, canvas, { x, hover }, frame, top) {
+  const { left, right } = frame, atX = scale(frame, left, right);
+  const text = (value, digits) => `${plain(value, digits)}${x.unit ? ` ${x.unit}` : ""}`;
+  const ticks = x.ticks ?? marks({ ...x, interval: nice((x.max - x.min) / Math.max(2, (right - left) / 80)) }).map((value) => [value, text(value, 6)]);
+  pen.fillStyle = colour(canvas, "soft");
+  pen.textBaseline = "top"; pen.textAlign = "center";
+  const write = (at, words) => {
+    const half = pen.measureText(words).width / 2, place = Math.min(Math.max(at, half), right + RIGHT_PX - half);
+    pen.fillText(words, place, top + 5);
+    return [place - half, 2 * half];
   };
-  for (const row of band.rows) {
-    if (row[1] == null || row[2] == null) close();
-    else piece.push(row);
-  }
-  close();
-  pen.globalAlpha = 1;
-}
-
-function drawBars(pen, canvas, bars, atX, atY) {
-  pen.fillStyle = colour(canvas, bars.colour);
-  for (const [from, to, value] of bars.rows) pen.fillRect(atX(from), atY(value), Math.max(1, atX(to) - atX(from) - 1), atY(0) - atY(value));
+  for (const [at, words] of ticks) write(atX(at), words);
+  if (x.label) pen.fillText(x.label, (left + right) / 2, top + FOOT_PX + 2);
+  if (hover == null || x.ticks) return;
+  const words = text(hover, 4), half = pen.measureText(words).width / 2 + 12;
+  pen.fillStyle = colour(canvas, "card");
+  pen.fillRect(Math.min(Math.max(atX(hover), half), right + RIGHT_PX - half) - half, top + 3, 2 * half, FOOT_PX - 3);
+  pen.fillStyle = colour(canvas, "ink");
+  write(atX(hover), words);
 }
 
 function readOut(pen, canvas, panel, hover, box, atX, atY) {
-  rule(pen, canvas, atX(hover), box, "soft");
+  upright(pen, canvas, atX(hover), box, "soft");
   for (const line of panel.lines ?? []) {
-    const value = valueAt(line.rows, hover);
+    const value = line.free ? null : valueAt(line.rows, hover);
     if (value === null) continue;
     pen.fillStyle = colour(canvas, line.colour);
-    pen.beginPath(); pen.arc(atX(hover), atY(value), 3.5, 0, 7); pen.fill();
+    dot(pen, atX(hover), atY(value), 3.5);
   }
-}
-
-function shade(pen, canvas, { from, to, colour: name }, box, atX) {
-  pen.globalAlpha = 0.2;
-  pen.fillStyle = colour(canvas, name);
-  pen.fillRect(atX(Math.min(from, to)), box.top, Math.abs(atX(to) - atX(from)), box.bottom - box.top);
-  pen.globalAlpha = 1;
-}
-
-function rule(pen, canvas, x, box, name) {
-  pen.strokeStyle = colour(canvas, name);
-  pen.lineWidth = 1;
-  pen.beginPath(); pen.moveTo(Math.round(x) + 0.5, box.top); pen.lineTo(Math.round(x) + 0.5, box.bottom); pen.stroke();
-}
-
-/** Between two rows in a straight line; null in a gap and beyond the ends. */
-function valueAt(rows, x) {
-  let low = 0, high = rows.length;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (rows[middle][0] <= x) low = middle + 1;
-    else high = middle;
-  }
-  const [before, after] = [rows[low - 1], rows[low]];
-  if (!before || !after || before[1] === null || after[1] === null) return null;
-  const share = after[0] > before[0] ? (x - before[0]) / (after[0] - before[0]) : 0;
-  return before[1] + share * (after[1] - before[1]);
 }

@@ -1,8 +1,9 @@
 // The charts of the page: which traces stand in which, and which part of their values is shown, calmly.
-import { draw, ends, interact, nice } from "./chart.js";
+import { draw, nice } from "./chart.js";
+import { BIN_PX, interact } from "./interaction.js";
+import { ends } from "./layers.js";
 
 const CALM_MS = 4000; // so long a smaller range must do before the axis shrinks
-const BIN_PX = 2.5;
 const LAG_S = 0.06; // the newest bins are still open
 const DOTTED = [0.1, 5], DASHED = [7, 5];
 
@@ -65,7 +66,7 @@ export class Charts {
     this.card = card;
     const rows = card.counts.map((count, index) => [card.edges_ms[index], card.edges_ms[index + 1], count]);
     const x = rows.length ? { min: card.edges_ms[0], max: card.edges_ms.at(-1) } : { min: 0, max: 1, ticks: [] };
-    draw(this.delayed, { x, panels: [{ hidesY: true, bars: { colour: "predicted", rows } }] });
+    draw(this.delayed, { x, panels: [{ hidesY: true, bars: [{ colour: "predicted", rows }] }] });
   }
 }
 
