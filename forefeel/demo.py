@@ -1,64 +1,87 @@
-"""The demo: a run in a vessel with a cause that nobody told of, its diagnosis, a second run that knows it."""
+"""The demo: a run in a vessel with causes that nobody told of, the diagnosis, a run that knows them."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from itertools import starmap
 from pathlib import Path
 from shutil import rmtree
 
 from forefeel.common.causes.model import SCHEMA
 from forefeel.common.events.text import quantity
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.diagnose.examine import FILES, Task, examine
+from forefeel.dashboard.chapter import Chapter
+from forefeel.diagnose.examine import FILES, MODEL, PAGE, Task, examine
 from forefeel.diagnose.folder import EARLIER, save
 from forefeel.diagnose.run import LONG, draw
 from forefeel.diagnosis.verdict import Cause, Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.loopback.plan import LoopbackOptions
-from forefeel.loopback.run import RECORDING, How, judge, recorded_run
+from forefeel.loopback.run import RECORDING, REPORT, How, judge, recorded_run
+from forefeel.loopback.viewer import DashboardProcess
 from forefeel.report.summary import RunReport
 from forefeel.report.transparency import Transparency
-from forefeel.report.wording import DISCLAIMER, shown
+from forefeel.report.wording import DISCLAIMER, plain_value, share, shown, split_unit
 from forefeel.terminal import say, show, stages
 
+Effects = Mapping[str, Mapping[str, float]]
+
 RUN_S = 30.0
-HIDDEN = "asymmetric_damping"
-_MODEL = {
-    "schema": SCHEMA,
-    "name": "hidden",
-    "effects": [{"effect": HIDDEN, "parameters": {"forward_n_s_m": 6.0, "backward_n_s_m": 0.5}}],
+VESSEL: Effects = {"mass_damper_spring": {"mass_kg": 0.01, "damping_n_s_m": 0.4, "stiffness_n_m": 7.5}}
+HIDDEN: Effects = {
+    "presliding_hysteresis": {"force_n": 0.08, "stiffness_n_m": 250.0},
+    "asymmetric_damping": {"forward_n_s_m": 6.0, "backward_n_s_m": 0.5},
 }
-_TOLD = "6 N s/m on the way in, 0.5 on the way out"
 
 
-def run_demo(out: Path, seed: int, port: int, opens: bool, duration_s: float = RUN_S) -> None:
+def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float = RUN_S) -> None:
     """Both runs at 300 ms of round trip with a live page, the diagnosis between them, and ten lines.
 
     `out` has the second run; `out/first` the first, `out/diagnosis` what it taught. The second run starts
     with the model of the diagnosis, or, where that does not name what was hidden, with the first run's prior.
 
     Raises:
-        InputError: the folder or the port can not be used.
+        InputError: the folder can not be used.
         RunError: a run failed, or was interrupted.
     """
-    hidden, prior = out / "hidden.yaml", out / "prior"
-    how = How(True, dashboard=True, opens=opens, port=port)
+    first_out, diagnosis_out = out / "first", out / "diagnosis"
+    vessel, hidden, prior = out / "vessel.yaml", out / "hidden.yaml", out / "prior"
     with ends_in_order("demo", out) as written:
-        fresh_folder(out, (), "an earlier demo", overwrite=True)
-        write_all(out, {hidden.name: dump_mapping(_MODEL)}, written)
+        write_all(out, {each.name: _model(each.stem) for each in (vessel, hidden)}, written)
         rmtree(prior, ignore_errors=True)  # of an earlier demo: the first run is cold
-        options = LoopbackOptions(seed, "paper", duration_s=duration_s, hide=hidden, prior_dir=prior)
-        say(f"1 of 3: {duration_s:g} s in a vessel that nothing is known of, 300 ms away")
-        first = recorded_run(options, out / "first", how)
+        options = LoopbackOptions(
+            seed, "paper", duration_s=duration_s, slave_model=vessel, hide=hidden, prior_dir=prior
+        )
+        how = How(overwrite=True)
+        pages: dict[str, Path] = {}
+
+        def tell(head: str, recording: Path | None = None) -> None:
+            say(head)
+            viewer.tell(Chapter(head=head, recording=recording, pages=pages))
+
+        tell(f"1 of 3: {duration_s:g} s in a vessel that nothing is known of, 300 ms away")
+        first = recorded_run(options, first_out, how, viewer)
         judge(first)
-        say("2 of 3: what did the contact model lack?")
-        found = _diagnosed(out / "first" / RECORDING, out / "diagnosis")
-        say(f"3 of 3: {duration_s:g} s in the same vessel, starting with what is known of it now")
+        pages["first run"] = first_out / REPORT
+        tell("2 of 3: what did the contact model lack? The diagnosis looks for it", first_out / RECORDING)
+        found = _diagnosed(first_out / RECORDING, diagnosis_out)
+        pages["diagnosis"] = diagnosis_out / PAGE
+        tell(f"3 of 3: the same vessel, starting with {_known(found)}")
         knowing = replace(options, seed=seed + 1)
         if _named(found):
-            knowing = replace(knowing, master_model=out / "diagnosis" / "model.yaml", prior_dir=None)
-        second = recorded_run(knowing, out, replace(how, opens=False))
+            knowing = replace(knowing, master_model=diagnosis_out / MODEL, prior_dir=None)
+        second = recorded_run(knowing, out, how, viewer)
         judge(second)
-    show(*_lines(first, found, second, out))
+    lines = _lines(first, found, second, out, viewer.url)
+    show(*lines)
+    pages["second run"] = out / REPORT
+    viewer.stay(Chapter(head=lines[-1], recording=out / RECORDING, pages=pages))
+
+
+def _model(name: str) -> str:
+    effects = VESSEL if name == "vessel" else HIDDEN
+    listed = [{"effect": effect, "parameters": dict(values)} for effect, values in effects.items()]
+    return dump_mapping({"schema": SCHEMA, "name": name, "effects": listed})
 
 
 def _diagnosed(recording: Path, folder: Path) -> Diagnosis:
@@ -70,42 +93,46 @@ def _diagnosed(recording: Path, folder: Path) -> Diagnosis:
     return result.diagnosis
 
 
-def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path) -> list[str]:
+def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path, url: str) -> list[str]:
+    """Ten at most; the last is what all of it is for."""
     before, after = (run.transparency or Transparency() for run in (first, second))
     late, felt, now = (quantity(error.rms_n, "N") for error in (before.held, before.felt, after.felt))
-    known = "that model" if _named(found) else "what the first run has learned"
     last = f"Felt error  {late} if the late force were shown; {felt} in the first run; {now} now"
+    hidden = (f"{name}: {', '.join(map(_value, values, values.values()))}" for name, values in HIDDEN.items())
     return [
         f"First run   {quantity(first.delay_s.p50, 's')} away, nothing known: {_within(before)}",
-        *_causes(found),
-        f"Second run  starts with {known}: {_within(after)}",
-        f"Files       report.html, report.json, {RECORDING} in {out}",
-        f"            report.html, model.yaml of the diagnosis in {out / 'diagnosis'}",
-        f"Next        forefeel view {out / RECORDING}; forefeel diagnose your.csv",
+        f"Hidden      {'; '.join(hidden)}",
+        f"Diagnosis   {_found(found)}",
+        f"Second run  starts with {_known(found)}: {_within(after)}",
+        f"Files       report.html, report.json, {RECORDING} in {out}; first and diagnosis beside them",
+        f"Page        {url or 'none'}: both runs again, report, diagnosis",
+        "Next        forefeel diagnose your.csv",
         DISCLAIMER,
         last if after.ratio is None else f"{last}, {after.ratio:.2f} of the late force's",
     ]
 
 
 def _within(score: Transparency) -> str:
-    share = "unknown" if score.within_jnd is None else f"{score.within_jnd:.0%}"
-    return f"{share} of the time no hand could tell the felt force from the true one"
+    return f"{share(score.within_jnd)} of the time no hand could tell the felt force from the true one"
 
 
-def _named(found: Diagnosis) -> bool:
-    return HIDDEN in {cause.name for cause in found.causes}
+def _named(found: Diagnosis) -> list[Cause]:
+    """What was hidden and is found."""
+    return [cause for cause in found.causes if cause.name in HIDDEN]
 
 
-def _causes(found: Diagnosis) -> list[str]:
-    named = {cause.name: cause for cause in found.causes}
-    if not _named(found):
-        return [f"Diagnosis   {found.verdict}; what was hidden, {HIDDEN} ({_TOLD}), it does not name"]
-    others = ", ".join(name for name in named if name != HIDDEN)
-    return [
-        f"Diagnosis   names what was hidden: {_cause(named[HIDDEN])}",
-        f"            hidden were {_TOLD}" + (f"; beside it {others}" if others else ""),
-    ]
+def _known(found: Diagnosis) -> str:
+    return "the model of the diagnosis" if _named(found) else "what the first run has learned"
 
 
-def _cause(cause: Cause) -> str:
-    return f"{cause.name}, {'; '.join(str(shown(name, value)) for name, value in cause.parameters.items())}"
+def _found(found: Diagnosis) -> str:
+    named = _named(found)
+    if not named:
+        return f"{found.verdict}; it names nothing that was hidden"
+    values = (f"{c.name}: {', '.join(map(str, starmap(shown, c.parameters.items())))}" for c in named)
+    how_many = "all of it" if len(named) == len(HIDDEN) else f"{len(named)} of {len(HIDDEN)}"
+    return f"names {how_many}, {'; '.join(values)}"
+
+
+def _value(name: str, value: float) -> str:
+    return f"{split_unit(name)[0]} {plain_value(name, value)}"

@@ -1,5 +1,6 @@
 """`forefeel dashboard`."""
 
+import sys
 from typing import Annotated
 
 import typer
@@ -41,6 +42,7 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     port: Port = 8600,
     opens: Open = False,
     duration: Duration = None,
+    told: Annotated[bool, typer.Option("--told", hidden=True)] = False,
     quiet: Quiet = False,
 ) -> None:
     from forefeel.network_settings import observer  # noqa: PLC0415 - the help needs none of it
@@ -49,4 +51,4 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     with extra("dashboard", *PACKAGES, command="dashboard"):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
     with output(quiet=quiet):
-        run_dashboard(found, address, port, duration, insecure, opens)
+        run_dashboard(found, address, port, duration, insecure, opens, sys.stdin if told else None)

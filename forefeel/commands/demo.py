@@ -7,7 +7,9 @@ import typer
 
 from forefeel.commands.dashboard import Open, Port
 from forefeel.commands.options import Quiet, examples
-from forefeel.terminal import output
+from forefeel.files import fresh_folder
+from forefeel.loopback.viewer import DashboardProcess
+from forefeel.terminal import output, say
 
 
 @examples("forefeel demo --open")
@@ -23,7 +25,10 @@ def demo(
     quiet: Quiet = False,
 ) -> None:
     """About a minute and a half. Ctrl-C ends it."""
-    from forefeel.demo import run_demo  # noqa: PLC0415 - the help needs none of it
-
     with output(quiet=quiet):
-        run_demo(out, seed, port, opens)
+        fresh_folder(out, (), "an earlier demo", overwrite=True)
+        with DashboardProcess(out, opens, say, port) as viewer:
+            viewer.start()
+            from forefeel.demo import run_demo  # noqa: PLC0415 - the page is there before all that it loads
+
+            run_demo(viewer, out, seed)

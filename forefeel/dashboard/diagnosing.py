@@ -36,14 +36,11 @@ class Diagnosing:
 
     Args:
         look: calls its argument with the cell, the time, and nobody else at it.
-
-    Attributes:
-        findings: the last one of each axis.
+        findings: takes the last one of each axis.
     """
 
-    def __init__(self, look: "Look") -> None:
-        self.findings: dict[str, LiveDiagnosis] = {}
-        self._look = look
+    def __init__(self, look: "Look", findings: dict[str, LiveDiagnosis]) -> None:
+        self._look, self._findings = look, findings
 
     async def run(self) -> None:
         """Until it is cancelled; the process it has started then ends, too."""
@@ -57,7 +54,7 @@ class Diagnosing:
         """What is to be diagnosed now, if anything."""
         for axis, view in cell.axes.items():
             alarm, now_s = view.watch.alarm, view.timeline.now_s(now_ns)
-            span_s = wanted_s(alarm, self.findings.get(axis), now_s)
+            span_s = wanted_s(alarm, self._findings.get(axis), now_s)
             if alarm is None or span_s is None:
                 continue
             rows = view.samples.rows()
@@ -68,11 +65,12 @@ class Diagnosing:
 
     async def _diagnose(self, stretch: Stretch) -> None:
         at_work = LiveDiagnosis(stretch.since_s, stretch.span_s, stretch.until_s)
-        self.findings[stretch.axis] = at_work
+        self._findings[stretch.axis] = at_work
         said = await _ask(stretch.rows)
-        self.findings[stretch.axis] = replace(
-            at_work, headline=said["headline"], causes=tuple(said["causes"]), final=said["final"]
-        )
+        if self._findings.get(stretch.axis) is at_work:  # else another run has begun
+            self._findings[stretch.axis] = replace(
+                at_work, headline=said["headline"], causes=tuple(said["causes"]), final=said["final"]
+            )
 
 
 Look = Callable[[Callable[[CellView, int], Stretch | None]], Stretch | None]

@@ -1,4 +1,4 @@
-"""The process that serves the page, until Ctrl-C."""
+"""The process that serves the page, until Ctrl-C or until the command that started it has told all."""
 
 import asyncio
 import logging
@@ -8,7 +8,9 @@ import time
 import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, closing, nullcontext, suppress
+from functools import partial
 from pathlib import Path
+from typing import TextIO
 
 import uvicorn
 from starlette.applications import Starlette
@@ -24,9 +26,11 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.dashboard import stop
 from forefeel.dashboard.admission import guard
+from forefeel.dashboard.chapter import Chapter
 from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
-from forefeel.dashboard.sources import LiveCell, RecordedSource, Source
+from forefeel.dashboard.sources import LiveCell
+from forefeel.dashboard.story import RESULTS, Story
 from forefeel.interrupt import heeded
 from forefeel.network_settings import ObserverSettings
 from forefeel.terminal import ask, say
@@ -34,6 +38,7 @@ from forefeel.terminal import ask, say
 _POLL_S = 0.2  # s between two looks for an end
 # niceness that is added (nice(2)): behind the daemons and other programs, before a diagnosis at 19
 _NICE = 10
+_LINGER_S = 10.0  # s that a page has for a reload when all is told
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
 _STATIC = Path(__file__).parent / "static"
 # asked for anew with every load; nothing comes from elsewhere or stands inside another page
@@ -48,9 +53,17 @@ Background = Callable[[], Awaitable[None]]
 
 
 def run_dashboard(
-    settings: ObserverSettings, address: str, port: int, duration_s: float | None, insecure: bool, opens: bool
+    settings: ObserverSettings,
+    address: str,
+    port: int,
+    duration_s: float | None,
+    insecure: bool,
+    opens: bool,
+    told: TextIO | None = None,
 ) -> None:
     """Shows a live cell until SIGINT, SIGTERM, SIGHUP or the duration.
+
+    `told`: its lines, each a `Chapter`, say what is to be shown from then on.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
@@ -69,25 +82,28 @@ def run_dashboard(
             transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)
             if transport.notice:
                 say(transport.notice)
-            diagnosing = Diagnosing(live.look)
-            live.findings = diagnosing.findings
+            diagnosing = Diagnosing(live.look, live.findings)
             button = stop.StopButton(transport, settings.cell, clock)
             routes = [Route(stop.PATH, button.press, methods=["POST"])]
-            page = Page(listening, live, f"cell {settings.cell}", failed, address, routes)
-            page.serve(opens, [diagnosing.run, lambda: _until(duration_s, failed)])
+            story = Story(live, Chapter())
+            page = Page(listening, story, f"cell {settings.cell}", failed, address, routes)
+            ends = partial(page.follow, told) if told else partial(_until, duration_s, failed)
+            page.serve(opens, [diagnosing.run, ends])
 
 
 def run_view(file: Path, address: str, port: int, duration_s: float | None, opens: bool) -> None:
-    """Shows a recording until SIGINT, SIGTERM, SIGHUP or the duration.
+    """Shows a recording until SIGINT, SIGTERM, SIGHUP or the duration, and the results that lie beside it.
 
     Raises:
         InputError: the file or the port can not be used.
         RunError: what the page is made of failed.
     """
-    recorded = RecordedSource(file)
+    beside = {"report": file.parent / "report.html", "diagnosis": file.parent / "diagnosis" / "report.html"}
+    pages = {words: path for words, path in beside.items() if path.is_file()}
+    story = Story(None, Chapter(recording=file, pages=pages))
     _step_back()
     with heeded(_exit), listening_at(address, port) as listening:
-        page = Page(listening, recorded, str(file), [], address)
+        page = Page(listening, story, str(file), [], address)
         page.serve(opens, [lambda: _until(duration_s, [])])
 
 
@@ -126,16 +142,18 @@ class Page:
     def __init__(
         self,
         listening: socket.socket,
-        source: Source,
+        story: Story,
         what: str,
         failed: list[Exception],
         address: str = "127.0.0.1",
         more: Sequence[BaseRoute] = (),
     ) -> None:
-        self._listening, self._what, self._failed = listening, what, failed
+        self._listening, self._what, self._failed, self._story = listening, what, failed, story
+        self._conversations = Conversations(story)
         routes = [
             *more,
-            WebSocketRoute(PATH, Conversations(source).serve),
+            WebSocketRoute(PATH, self._conversations.serve),
+            Route(RESULTS, story.result),
             Mount("/", _Files(directory=_STATIC, html=True)),
         ]
         app = Starlette(routes=routes, lifespan=self._lifespan)
@@ -160,6 +178,19 @@ class Page:
         if self._failed:
             error = self._failed[0]
             raise RunError(f"dashboard of {self._what}: {type(error).__name__}: {error}") from error
+
+    async def follow(self, lines: TextIO) -> None:
+        """Tells chapter after chapter; after the last until nobody looks, or without end if it stays."""
+        reader = asyncio.StreamReader()
+        loop = asyncio.get_running_loop()
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)
+        while line := await reader.readline():
+            self._story.tell(Chapter.model_validate_json(line))
+        seen_s = time.monotonic()
+        while self._story.chapter.stays or time.monotonic() - seen_s < _LINGER_S:
+            await asyncio.sleep(_POLL_S)
+            if self._conversations.open:
+                seen_s = time.monotonic()
 
     @asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncIterator[None]:

@@ -56,8 +56,14 @@ class LiveCell:
     def __init__(self, name: str, where: str, clock: Clock) -> None:
         self.findings: dict[str, LiveDiagnosis] = {}
         self._name, self._where, self._clock = name, where, clock
-        self._cell, self._lock = CellView(), threading.Lock()
-        self._since_ns = clock.now_ns()
+        self._lock = threading.Lock()
+        self.begin()
+
+    def begin(self) -> None:
+        """Forgets what was heard: another run of the cell is to come."""
+        with self._lock:
+            self._cell, self._since_ns = CellView(), self._clock.now_ns()
+            self.findings.clear()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
         with self._lock:

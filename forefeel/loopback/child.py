@@ -1,9 +1,11 @@
 """A process that a loopback run starts; its output goes to a log file beside the recording."""
 
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from forefeel.child_process import child_environment
@@ -24,18 +26,36 @@ class Child:
         self._end_s = end_s
         self._process: subprocess.Popen[bytes] | None = None
 
-    def start(self, environment: Mapping[str, str] = {}, descriptors: Sequence[int] = ()) -> None:
-        """`environment` is added to that of this process; `descriptors` are files for it to inherit."""
+    def start(
+        self, environment: Mapping[str, str] = {}, descriptors: Sequence[int] = (), hears: bool = False
+    ) -> None:
+        """`environment` is added to that of this process; `descriptors` are files for it to inherit; `hears`:
+        what `tell` says.
+        """
         with self.log.open("wb") as log:
             self._process = subprocess.Popen(
                 self._command,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if hears else subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
                 start_new_session=True,
                 env={**child_environment(), **environment},
                 pass_fds=descriptors,
             )
+
+    def tell(self, line: str) -> None:
+        """A line on its standard input; one that has ended does not hear it."""
+        assert self._process is not None
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.write(f"{line}\n".encode())
+            self._process.stdin.flush()
+
+    def told_all(self) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
 
     @property
     def running(self) -> bool:
@@ -66,3 +86,12 @@ class Child:
         if code == 2:
             raise InputError(f"{self.name}: {last}")
         raise RunError(f"the {self.name} ended with code {code}: {last} (see {self.log})")
+
+
+def free_endpoints(count: int) -> list[str]:
+    """Where nobody listens now, on this host."""
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    endpoints = [f"tcp/127.0.0.1:{each.getsockname()[1]}" for each in sockets]
+    for each in sockets:
+        each.close()
+    return endpoints

@@ -14,6 +14,7 @@ from forefeel.common.recording.recording import Array, Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
+from forefeel.loopback.viewer import CELL
 from forefeel.master.settings import MasterSettings
 from forefeel.slave.plant.presets import PRESETS as WORLDS
 from forefeel.slave.plant.settings import world_settings
@@ -126,8 +127,8 @@ def make_plan(options: LoopbackOptions) -> Plan:
         slave_axis["simulation"] = {**simulation, "model": None, "contact": contact.to_mapping()}
     link = {"inbound": options.impairment, "seed": options.seed}
     return Plan(
-        slave={"cell": "loopback", "impairment": link, "axes": [slave_axis]},
-        master={"cell": "loopback", "impairment": link, "axes": [master_axis]},
+        slave={"cell": CELL, "impairment": link, "axes": [slave_axis]},
+        master={"cell": CELL, "impairment": link, "axes": [master_axis]},
         duration_s=duration_s,
         expected_s=expected_s,
         notes=notes,

@@ -2,7 +2,6 @@
 in order.
 """
 
-import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,7 +14,7 @@ from forefeel.common.messages import FOLLOWING
 from forefeel.common.topics import COMMAND, SLAVE_STATE
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.interrupt import Stop, heeded
-from forefeel.loopback.child import Child
+from forefeel.loopback.child import Child, free_endpoints
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
 from forefeel.loopback.viewer import DashboardProcess
@@ -50,8 +49,11 @@ def run_real(
     Raises:
         RunError: a daemon failed, or the user ended the run.
     """
-    endpoints = [f"tcp/127.0.0.1:{port}" for port in _free_ports(2 if viewer is None else 3)]
-    plan = with_state(_with_endpoints(plan, *endpoints), out)
+    recorder_at, slave_at = free_endpoints(2)
+    master_at: list[str] = []
+    if viewer is not None:
+        slave_at, *master_at = viewer.endpoints
+    plan = with_state(_with_endpoints(plan, slave_at, recorder_at, *master_at), out)
     with heeded() as stop:
         paths = plan.write(out)
         children = [
@@ -59,21 +61,15 @@ def run_real(
             Child("master", _daemon("master", paths[1], plan.duration_s), out),
         ]
         devices = [Child(each.name, emulator_command(each), out) for each in emulators]
-        listening = TransportSettings(listen=(endpoints[1],))
+        listening = TransportSettings(listen=(recorder_at,))
         recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.recorded())
         try:
             if _started(devices, children, stop):
-                if viewer is not None:
-                    viewer.start(plan.slave["cell"], (endpoints[0], endpoints[2]), out)
                 _watch(children, recorder, plan, progress, stop)
         finally:
-            if viewer is not None:
-                viewer.ask_to_end()
             for child in reversed([*devices, *children]):
                 child.end()
             recorder.close()
-            if viewer is not None:
-                viewer.end()
         if stop.wanted():
             raise InterruptedRunError("interrupted; both ends stopped in order and the recording is closed")
     for child in [*children, *devices]:
@@ -166,11 +162,3 @@ def with_state(plan: Plan, out: Path) -> Plan:
     """Both keep their event log and flight records with the results."""
     slave, master = ({"directory": str((out / STATE / role).absolute())} for role in ("slave", "master"))
     return replace(plan, slave={**plan.slave, "state": slave}, master={**plan.master, "state": master})
-
-
-def _free_ports(count: int) -> list[int]:
-    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [s.getsockname()[1] for s in sockets]
-    for s in sockets:
-        s.close()
-    return ports

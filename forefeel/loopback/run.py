@@ -1,6 +1,7 @@
 """One loopback run from its options to the ten lines."""
 
 import shutil
+from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -9,6 +10,7 @@ from tempfile import TemporaryDirectory
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from forefeel.common.errors import ConfigurationError
+from forefeel.dashboard.chapter import Chapter
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.loopback.hardware import SIMULATED, check_hardware, on_bench
@@ -16,16 +18,16 @@ from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import Progress as Show
 from forefeel.loopback.real import run_real
-from forefeel.loopback.viewer import LOG, PORT, DashboardProcess
+from forefeel.loopback.viewer import DashboardProcess
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import ten_lines, write_report
 from forefeel.report.summary import RunReport
 from forefeel.terminal import answer, progress, say, stages, warn
 
-RECORDING = "recording.mcap"
+RECORDING, REPORT = "recording.mcap", "report.html"
 _OURS = (
-    RECORDING, "report.json", "report.html", "slave.yaml", "master.yaml", "slave.log", "master.log",
-    "stage.log", "cell.log", "handle.log", "hub.log", LOG, STATE,
+    RECORDING, "report.json", REPORT, "slave.yaml", "master.yaml", "slave.log", "master.log",
+    "stage.log", "cell.log", "handle.log", "hub.log", STATE,
 )  # fmt: skip
 
 
@@ -37,7 +39,6 @@ class How:
     virtual: bool = False
     dashboard: bool = False
     opens: bool = False
-    port: int = PORT
 
 
 def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> RunReport:
@@ -50,9 +51,14 @@ def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> RunRep
     folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
     if how.virtual and how.dashboard:
         raise ConfigurationError("--dashboard: shows what runs in real time; expected no --virtual-time")
-    report = recorded_run(options, folder, how)
-    answer(*ten_lines(report, folder), document=report.to_json)
-    judge(report)
+    viewer = DashboardProcess(folder, how.opens, say) if how.dashboard else None
+    with viewer or nullcontext():
+        report = recorded_run(options, folder, how, viewer)
+        answer(*ten_lines(report, folder), document=report.to_json)
+        judge(report)
+        if viewer is not None:
+            pages = {"report": (folder / REPORT).absolute()}
+            viewer.stay(Chapter(head="The run has ended", recording=folder / RECORDING, pages=pages))
     return report
 
 
@@ -67,13 +73,17 @@ def judge(report: RunReport) -> None:
         warn(remark)
 
 
-def recorded_run(options: LoopbackOptions, folder: Path, how: How) -> RunReport:
+def recorded_run(
+    options: LoopbackOptions, folder: Path, how: How, viewer: DashboardProcess | None
+) -> RunReport:
     """The same without a word but what is going on."""
     with ends_in_order("loopback", folder) as written:
-        return _run_in(folder, options, how, written)
+        return _run_in(folder, options, how, written, viewer)
 
 
-def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]) -> RunReport:
+def _run_in(
+    folder: Path, options: LoopbackOptions, how: How, written: list[str], viewer: DashboardProcess | None
+) -> RunReport:
     check_hardware(options.hardware, options.recording is not None, how.virtual)
     plan = make_plan(options)
     plan.slave_settings()
@@ -85,7 +95,8 @@ def _run_in(folder: Path, options: LoopbackOptions, how: How, written: list[str]
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     for note in plan.notes:
         say(note)
-    viewer = DashboardProcess(how.opens, say, how.port) if how.dashboard else None
+    if viewer is not None:
+        viewer.start()
     with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
         _run(plan, options, folder, how.virtual, written, _shown(bar, task, plan), viewer)

@@ -1,59 +1,89 @@
-"""A dashboard beside a loopback, in a process of its own, on which the run does not depend."""
+"""The page beside a loopback, in a process of its own, on which the run does not depend."""
 
 import socket
-from collections.abc import Callable, Sequence
+import sys
+import time
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from forefeel.child_process import LISTENING, listening_at
 from forefeel.common.errors import EndpointError
-from forefeel.loopback.child import Child
+from forefeel.dashboard.chapter import Chapter
+from forefeel.interrupt import heeded
+from forefeel.loopback.child import Child, free_endpoints
 
 PORT = 8600  # TCP port of the page, the default of `forefeel dashboard --port`, where it is free
-LOG = "dashboard.log"
+CELL = "loopback"
 _END_S = 0.5  # the dashboard holds nothing that has to be kept
+_POLL_S = 0.1  # s between two looks for its end
 
 
 class DashboardProcess:
-    """One dashboard, which steps behind the daemons once it serves; where it fails the run goes on.
+    """One dashboard for all runs of a command; where it fails they go on.
 
     Args:
+        out: where its log goes, when it starts.
         opens: the page in the browser.
         say: takes a line for the user.
         port: where the page is served if it is free, else at any.
+
+    Attributes:
+        endpoints: where it connects to the slave and to the master of each run.
+        url: of the page; empty where there is none.
     """
 
-    def __init__(self, opens: bool, say: Callable[[str], None], port: int = PORT) -> None:
-        self._opens, self._say, self._port = opens, say, port
+    def __init__(self, out: Path, opens: bool, say: Callable[[str], None], port: int = PORT) -> None:
+        self.endpoints = free_endpoints(2)
+        self.url = ""
+        self._out, self._opens, self._say, self._port = out, opens, say, port
         self._child: Child | None = None
 
-    def start(self, cell: str, endpoints: Sequence[str], out: Path) -> None:
+    def start(self) -> None:
+        """Once; the folder is there."""
+        if self._child is not None:
+            return
         if find_spec("starlette") is None:
             self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
             return
+        connect = [word for endpoint in self.endpoints for word in ("--connect", endpoint)]
+        words = ["-m", "forefeel", "dashboard", "--told", "--cell", CELL, *connect]
+        words += ["--open"] if self._opens else []
         try:
             with _listening(self._port) as listening:
-                port, fileno = listening.getsockname()[1], listening.fileno()
-                child = Child("dashboard", self._words(cell, endpoints, port), out, _END_S)
-                child.start({LISTENING: str(fileno)}, [fileno])
+                fileno = listening.fileno()
+                child = Child("dashboard", words, self._out, _END_S)
+                child.start({LISTENING: str(fileno)}, [fileno], hears=True)
+                self.url = f"http://127.0.0.1:{listening.getsockname()[1]}/"
         except OSError as error:
             self._say(f"dashboard: {error.strerror or error}")
             return
         self._child = child
-        self._say(f"dashboard at http://127.0.0.1:{port}/ while it runs")
+        self._say(f"dashboard at {self.url}")
 
-    def _words(self, cell: str, endpoints: Sequence[str], port: int) -> list[str]:
-        connect = [word for endpoint in endpoints for word in ("--connect", endpoint)]
-        words = ["-m", "forefeel", "dashboard", "--cell", cell, "--port", str(port), *connect]
-        return [*words, "--open"] if self._opens else words
+    def __enter__(self) -> Self:
+        return self
 
-    def ask_to_end(self) -> None:
-        if self._child is not None:
-            self._child.ask_to_end()
-
-    def end(self) -> None:
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         if self._child is not None:
             self._child.end()
+
+    def tell(self, chapter: Chapter) -> None:
+        """What the page shows from now on."""
+        if self._child is not None:
+            self._child.tell(chapter.model_dump_json())
+
+    def stay(self, chapter: Chapter) -> None:
+        """The last chapter: on a terminal until a signal, elsewhere as long as somebody looks."""
+        if self._child is None:
+            return
+        with heeded() as stop:
+            self.tell(chapter.model_copy(update={"stays": sys.stdout.isatty()}))
+            self._child.told_all()
+            while self._child.running and not stop.wanted():
+                time.sleep(_POLL_S)
 
 
 def _listening(port: int) -> socket.socket:

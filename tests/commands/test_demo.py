@@ -7,6 +7,7 @@ import pytest
 
 from forefeel import demo
 from forefeel.common.error_size import ErrorSize
+from forefeel.dashboard.chapter import Chapter
 from forefeel.loopback.plan import LoopbackOptions
 from forefeel.report.transparency import Transparency
 
@@ -16,7 +17,19 @@ def run(felt_n: float, held_n: float) -> SimpleNamespace:
     return SimpleNamespace(transparency=score, delay_s=SimpleNamespace(p50=0.3))
 
 
-@pytest.mark.parametrize("causes", [(), ("capstan",), ("capstan", demo.HIDDEN)])
+class Viewer:
+    url = "http://127.0.0.1:8600/"
+
+    def __init__(self) -> None:
+        self.chapters: list[Chapter] = []
+
+    def tell(self, chapter: Chapter) -> None:
+        self.chapters.append(chapter)
+
+    stay = tell
+
+
+@pytest.mark.parametrize("causes", [(), ("capstan",), ("capstan", "asymmetric_damping"), (*demo.HIDDEN,)])
 def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
     causes: tuple[str, ...],
     tmp_path: Path,
@@ -36,11 +49,18 @@ def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
     monkeypatch.setattr(demo, "recorded_run", recorded_run)
     monkeypatch.setattr(demo, "judge", lambda _: None)
     monkeypatch.setattr(demo, "_diagnosed", lambda *_: found)
-    demo.run_demo(tmp_path, 1, 0, opens=False)
-    assert [options.master_model is not None for options in asked] == [False, demo.HIDDEN in causes]
-    assert (asked[1].prior_dir is None) == (demo.HIDDEN in causes)
+    viewer = Viewer()
+    demo.run_demo(viewer, tmp_path, 1)  # type: ignore[arg-type]
+    named = [name for name in causes if name in demo.HIDDEN]
+    assert [options.master_model is not None for options in asked] == [False, bool(named)]
+    assert (asked[1].prior_dir is None) == bool(named)
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 10
-    assert (demo.HIDDEN in causes) == ("names what was hidden" in lines[1])
-    assert demo.HIDDEN in lines[1]
+    assert all(name in lines[1] for name in demo.HIDDEN)
+    assert ("all of it" in lines[2], "1 of 2" in lines[2]) == (len(named) == 2, len(named) == 1)
     assert all(each in lines[-1] for each in ("89 mN", "33 mN", "14 mN", "0.15"))
+    shown = [
+        (each.head[:1], each.recording and each.recording.parent.name, len(each.pages))
+        for each in viewer.chapters
+    ]
+    assert shown == [("1", None, 0), ("2", "first", 1), ("3", None, 2), ("F", tmp_path.name, 3)]

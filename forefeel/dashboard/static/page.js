@@ -34,13 +34,15 @@ function connect() {
 }
 
 function take(answer) {
-  if (page.facts === null) {
-    page.facts = answer;
+  waits = false;
+  const facts = page.facts === null ? answer : answer.facts;
+  if (facts) {
+    page.at_s = page.facts ? 0 : page.at_s;
+    page.facts = facts;
     page.lost_ms = null;
     begin();
     return;
   }
-  waits = false;
   page.clock_s = answer.clock_s;
   page.offset_ms = Date.now() - 1e3 * answer.clock_s;
   showAxes(answer.axes, answer.axis);
@@ -54,17 +56,18 @@ function take(answer) {
 }
 
 function begin() {
-  const { cell, file, duration_s } = page.facts;
+  const { cell, file, duration_s, chapter } = page.facts;
   tell("connection", "");
+  showChapter(chapter);
   tell("cell", file ?? cell);
   tell("about", file ? `a recording of cell ${cell}` : "");
   traces.clear();
   node("stop").hidden = Boolean(file);
   node("player").hidden = !file;
+  page.paused = false;
   field("about").hidden = Boolean(file);
   if (file) {
     node("slider").max = duration_s;
-    page.paused = false;
     seek(page.at_s || Math.min(duration_s / 2, page.window_s));
   }
   showPaused();
@@ -263,6 +266,17 @@ function showAxes(axes, axis) {
   node("axis").hidden = axes.length < 1;
   if (node("axis").value !== axis) node("axis").value = axis;
   page.axis ??= axis;
+}
+
+/** What goes on, and where its results are. */
+function showChapter({ head, pages }) {
+  node("chapter").hidden = !head && !pages.length;
+  tell("chapter", head);
+  node("pages").replaceChildren(...pages.map((words) => {
+    const link = document.createElement("a");
+    Object.assign(link, { href: `results/${encodeURIComponent(words)}`, textContent: words, target: "_blank" });
+    return link;
+  }));
 }
 
 function showSilence(silence) {

@@ -14,8 +14,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
 from forefeel.dashboard import conversation
+from forefeel.dashboard.chapter import Chapter
 from forefeel.dashboard.conversation import Conversations
-from forefeel.dashboard.sources import LiveCell, RecordedSource, Source
+from forefeel.dashboard.sources import Ask, LiveCell, RecordedSource, Source
+from forefeel.dashboard.story import Story
 from tests.unit.dashboard.said import AXIS, CELL, S, talk
 from tests.unit.dashboard.test_replay import write
 
@@ -124,3 +126,17 @@ def test_damage_in_a_recording_is_said_on_the_page(tmp_path: Path) -> None:
     path.write_bytes(content)
     _, answer = answers(recorded, {"at_s": 3.0})
     assert "damaged" in answer["silence"]["word"]
+
+
+def test_next_chapter_begins_with_its_facts(live: tuple[LiveCell, VirtualClock], tmp_path: Path) -> None:
+    story = Story(live[0], Chapter(head="running"))
+    assert story.facts()["file"] is None
+    viewer = story.viewer()
+    report = tmp_path / "report.html"
+    story.tell(Chapter(head="ended", recording=write(tmp_path / "run.mcap", 3), pages={"report": report}))
+    facts = asyncio.run(viewer.answer(Ask()))["facts"]
+    assert (facts["file"], facts["chapter"]) == ("run.mcap", {"head": "ended", "pages": ["report"]})
+    assert asyncio.run(viewer.answer(Ask(at_s=2.0)))["traces"]["felt"]
+    story.tell(Chapter(head="another run"))
+    assert asyncio.run(viewer.answer(Ask()))["facts"]["file"] is None
+    assert asyncio.run(viewer.answer(Ask()))["axes"] == []  # nothing of the run before

@@ -129,18 +129,18 @@ def test_a_wrong_model_is_diagnosed_once_from_what_came_since(monkeypatch: pytes
     view = watched.cell.axes[AXIS]
     watched.now_ns += 20 * S
     view.watch.alarm = Alarm(view.timeline.now_s(watched.now_ns) - 14.0, 3.0, 0.1)
-    found = Diagnosing(watched.look)
+    found: dict[str, LiveDiagnosis] = {}
 
     async def for_a_while() -> None:
-        task = asyncio.create_task(found.run())
+        task = asyncio.create_task(Diagnosing(watched.look, found).run())
         await asyncio.sleep(0.05)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
 
     asyncio.run(for_a_while())
     assert asked == [1700]
-    assert found.findings[AXIS].headline == "It is friction."
-    assert found.findings[AXIS].final
+    assert found[AXIS].headline == "It is friction."
+    assert found[AXIS].final
 
 
 class Ended:

@@ -1,0 +1,23 @@
+"""One part of what a page tells, as a line of JSON from the command to the process that serves the page."""
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Chapter(BaseModel):
+    """Which runs are going on, or what has come of them.
+
+    Attributes:
+        head: in one sentence.
+        recording: is shown in place of the live cell.
+        pages: files beside it that the page leads to, by their words.
+        stays: as the last one until the server is told to end, in place of until nobody looks.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    head: str = ""
+    recording: Path | None = None
+    pages: dict[str, Path] = {}
+    stays: bool = False
