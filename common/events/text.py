@@ -18,6 +18,17 @@ UNKNOWN = "–"
 ROUND_TRIP = "round_trip"
 """The rule by which an axis does not arm over a link that is too slow."""
 _ROUND_TRIP = "round trip "
+_LIMITED = {
+    "workspace": "position kept within the workspace",
+    "travel": "position kept within the travel",
+    "contact_speed": "slower at the contact",
+    "force": "slower towards the force limit",
+    "rendered_force": "force at the hand limited",
+    "rendered_step": "force at the hand smoothed",
+    "rendered_energy": "force at the hand kept passive",
+}
+"""What became of a motion or a force by a rule; of others that they were limited."""
+
 PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
 
 
@@ -59,7 +70,8 @@ def is_long_round_trip(reason: str) -> bool:
 def _limit(event: LimitEvent) -> str:
     asked, applied = quantity(event.requested, event.unit), quantity(event.applied, event.unit)
     times = f", {event.count} times" if event.count > 1 else ""
-    return f"limit {event.rule.replace('_', ' ')}: asked {asked}, applied {applied}{times}"
+    words = _LIMITED.get(event.rule, f"{event.rule.replace('_', ' ')} limited")
+    return f"{words}: {applied} in place of {asked}{times}"
 
 
 def quantity(value: float | None, unit: str) -> str:

@@ -125,7 +125,7 @@ def test_events_are_kept_in_words_and_bounded() -> None:
     lines = list(view.events)
     assert len(lines) == MOST
     assert lines[-1].text == f"armed -> stopping, watchdog: {HOSTILE}?[2J?"
-    assert lines[-2].text == f"limit velocity: asked 300 mm/s, applied 200 mm/s, {3 * MOST} times"
+    assert lines[-2].text == f"velocity limited: 200 mm/s in place of 300 mm/s, {3 * MOST} times"
     assert lines[-1].level == "warn"
 
 
