@@ -37,7 +37,7 @@ from forefeel.terminal import ask, say
 
 _POLL_S = 0.2  # s between two looks for an end
 # niceness that is added (nice(2)): behind the daemons and other programs, before a diagnosis at 19
-_NICE = 10
+_NICE = 5
 _LINGER_S = 10.0  # s that a page has for a reload when all is told
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
 _STATIC = Path(__file__).parent / "static"
