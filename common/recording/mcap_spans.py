@@ -1,7 +1,7 @@
 """Spans of a recorded run by time, for who looks at a piece of a file that is too long for the memory."""
 
 from bisect import bisect_left
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk
+from mcap.records import Channel, Chunk, Metadata
 from mcap.records import Message as MessageRecord
 from pydantic import ValidationError
 
@@ -51,6 +51,7 @@ class RunSpans:
         start_ns, end_ns: when the first and the last message were received.
         cell: whose run it is.
         axes: by name.
+        metadata: tables by name.
 
     Raises:
         RecordingError: unreadable, not MCAP, damaged, of several cells, without messages, or not in chunks.
@@ -59,7 +60,8 @@ class RunSpans:
     def __init__(self, path: Path) -> None:
         self.path = path
         with opened(path) as file:
-            channels, self._chunks = _index(file, path)
+            channels, self._chunks, tables = _index(file, path)
+        self.metadata: Mapping[str, Mapping[str, str]] = {each.name: each.metadata for each in tables}
         keys = {c.id: parse_key(c.topic) for c in channels if c.message_encoding == "json"}
         cells = {found[0] for found in keys.values() if found}
         if len(cells) > 1:
@@ -110,22 +112,25 @@ class RunSpans:
         return sorted((each for each in records if isinstance(each, MessageRecord)), key=_LOG_NS)
 
 
-def _index(file: BinaryIO, path: Path) -> tuple[list[Channel], list[_Chunk]]:
+def _index(file: BinaryIO, path: Path) -> tuple[list[Channel], list[_Chunk], list[Metadata]]:
     try:
-        summary = make_reader(file).get_summary()
+        reader = make_reader(file)
+        summary, tables = reader.get_summary(), list(reader.iter_metadata())
     except DAMAGE:
-        summary = None
+        summary, tables = None, []
     if summary is not None and summary.chunk_indexes:
         chunks = [
             _Chunk(each.chunk_start_offset, each.message_start_time, each.message_end_time)
             for each in summary.chunk_indexes
         ]
-        return list(summary.channels.values()), chunks
+        return list(summary.channels.values()), chunks, tables
     file.seek(0)
-    records, channels, chunks = RecordReader(file, path), [], []
+    records, channels, chunks, tables = RecordReader(file, path), [], [], []
     for record in records:
         if isinstance(record, Chunk):
             chunks.append(_Chunk(records.at, record.message_start_time, record.message_end_time))
         elif isinstance(record, Channel):
             channels.append(record)
-    return channels, chunks
+        elif isinstance(record, Metadata):
+            tables.append(record)
+    return channels, chunks, tables

@@ -19,6 +19,7 @@ _ENDINGS = {
     "_us": "µs",
     "_days": "days",
     "_s": "s",
+    "_mm": "mm",
     "_m": "m",
     "_n": "N",
     "_a": "A",

@@ -1,6 +1,7 @@
 """`forefeel dashboard`."""
 
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -25,6 +26,9 @@ _ADDRESS = "Where the page is served; beyond this host it asks for the token of 
 Address = Annotated[str, typer.Option("--address", help=_ADDRESS)]
 Port = Annotated[int, typer.Option("--port", min=0, max=65535, help="Where the page is served; 0: any.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
+Vessel = Annotated[
+    Path | None, typer.Option("--vessel", metavar="FILE", help="YAML profile of the vessel that is drawn.")
+]
 
 
 @examples(
@@ -41,14 +45,16 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     address: Address = "127.0.0.1",
     port: Port = 8600,
     opens: Open = False,
+    vessel: Vessel = None,
     duration: Duration = None,
     told: Annotated[bool, typer.Option("--told", hidden=True)] = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.network_settings import observer  # noqa: PLC0415 - the help needs none of it
+    from forefeel.dashboard.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
+    from forefeel.network_settings import observer  # noqa: PLC0415
 
-    found = observer(config, cell, connect or [], pki, through_router)
+    found, drawn = observer(config, cell, connect or [], pki, through_router), vessel_of(vessel)
     with extra("dashboard", *PACKAGES, command="dashboard"):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
     with output(quiet=quiet):
-        run_dashboard(found, address, port, duration, insecure, opens, sys.stdin if told else None)
+        run_dashboard(found, address, port, duration, insecure, opens, drawn, sys.stdin if told else None)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.dashboard import PACKAGES, Address, Open, Port
+from forefeel.commands.dashboard import PACKAGES, Address, Open, Port, Vessel
 from forefeel.commands.options import Duration, Quiet, examples, extra
 from forefeel.terminal import output
 
@@ -16,10 +16,14 @@ def view(
     address: Address = "127.0.0.1",
     port: Port = 8600,
     opens: Open = False,
+    vessel: Vessel = None,
     duration: Duration = None,
     quiet: Quiet = False,
 ) -> None:
+    from forefeel.dashboard.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
+
+    drawn = vessel_of(vessel)
     with extra("dashboard", *PACKAGES, command="view"):
         from forefeel.dashboard.server import run_view  # noqa: PLC0415
     with output(quiet=quiet):
-        run_view(file, address, port, duration, opens)
+        run_view(file, address, port, duration, opens, drawn)

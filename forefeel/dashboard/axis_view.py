@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from forefeel.common.messages import (
     ForceSample,
+    Grip,
     HapticSample,
     LoopTiming,
     MasterState,
@@ -55,7 +56,8 @@ class Newest:
 
 def new_traces() -> dict[str, MinMaxTrace]:
     """Those of the charts; predicted: force, low and high end of the band; late: the newest force that has
-    arrived, and what is predicted at that moment.
+    arrived, and what is predicted at that moment; readback: of the stage, and how far it has moved with the
+    fixture open, without the instrument.
     """
     return {
         "felt": MinMaxTrace(),
@@ -63,7 +65,7 @@ def new_traces() -> dict[str, MinMaxTrace]:
         "late": MinMaxTrace(2),
         "measured": MinMaxTrace(),
         "commanded": MinMaxTrace(),
-        "readback": MinMaxTrace(),
+        "readback": MinMaxTrace(2),
         "energy": MinMaxTrace(bin_s=_ENERGY_BIN_S),
     }
 
@@ -99,6 +101,7 @@ class AxisView:
         self._said: list[CommandPrediction | None] = [None] * _REMEMBERED_COMMANDS
         self._answered: tuple[int, int] | None = None
         self._sampled_ns: int | None = None
+        self._slip_m = 0.0
 
     def take(self, topic: Topic[Message], message: Message, receive_ns: int) -> None:
         """A message of a topic, heard at `receive_ns`."""
@@ -150,8 +153,10 @@ class AxisView:
     def _measured(self, sample: ForceSample, receive_ns: int) -> None:
         now_s = self.timeline.now_s(receive_ns)
         t_s = self._place_s(sample, now_s)
-        self.newest.force = sample
-        self.traces["readback"].add(t_s, sample.position_m)
+        before, self.newest.force = self.newest.force, sample
+        if before is not None and before.gripper is not Grip.CLOSED:
+            self._slip_m += sample.position_m - before.position_m
+        self.traces["readback"].add(t_s, sample.position_m, self._slip_m)
         if not sample.valid:
             return
         self.traces["measured"].add(t_s, sample.force_n)

@@ -43,6 +43,10 @@ _LEADS = {
     "": "nobody yet",
     "zoh": "zero-order hold: the newest force that arrived",
 }
+_FRICTION = (
+    ("valve_mn", "presliding_hysteresis.force_n", 1e3),
+    ("rub_mn_per_mm", "position_dependent_friction.force_per_length_n_m", 1.0),
+)
 _TICK_US = 1000.0  # us, period of a loop at 1 kHz
 
 
@@ -74,7 +78,7 @@ def gain(view: AxisView, now_ns: int) -> Card:
     return {
         "level": GOOD if errors.predicted_n < errors.late_n else WARN,
         "head": f"{1e3 * float(np.median(delays_s)):.0f} ms ahead: error {predicted} mN in place of {late}",
-        "more": f"rms of the last {COMPARED_S} s against the measured force, predicted in place of late",
+        "more": f"rms of the last {COMPARED_S} s",
     }
 
 
@@ -120,14 +124,23 @@ def model(view: AxisView, now_ns: int) -> Card:
     """Parameters with their uncertainty, what the motion tells apart, and how good the model is."""
     found = view.newest.model
     if found is None:
-        return {"parameters": [], "statements": ["the identification has said nothing yet"], "foot": ""}
+        nothing = "the identification has said nothing yet"
+        return {"parameters": [], "statements": [nothing], "foot": "", "friction": {}}
     quiet = "" if _fresh(view, PARAMETERS.name, now_ns) else " · not heard now"
     return {
         "parameters": _parameters(found),
         "statements": _statements(found),
         "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates"
         f"{_resets(found)}{_prior(found)}{quiet}",
+        "friction": _friction(found),
     }
+
+
+def _friction(found: ModelParameters) -> Card:
+    """What the picture shows of it: in mN at the valve, in mN of each mm in contact, where it is known."""
+    rows = zip(found.names, found.values, found.standard_deviations, strict=False)
+    known = {name: value for name, value, deviation in rows if _known(value, deviation) != "not yet"}
+    return {shown: scale * known[name] for shown, name, scale in _FRICTION if name in known}
 
 
 def _prior(found: ModelParameters) -> str:

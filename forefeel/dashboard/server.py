@@ -31,6 +31,7 @@ from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.sources import LiveCell
 from forefeel.dashboard.story import RESULTS, Story
+from forefeel.dashboard.vessel import VesselSettings
 from forefeel.interrupt import heeded
 from forefeel.network_settings import ObserverSettings
 from forefeel.terminal import ask, say
@@ -52,13 +53,14 @@ _HEADERS = {
 Background = Callable[[], Awaitable[None]]
 
 
-def run_dashboard(
+def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     settings: ObserverSettings,
     address: str,
     port: int,
     duration_s: float | None,
     insecure: bool,
     opens: bool,
+    vessel: VesselSettings | None,
     told: TextIO | None = None,
 ) -> None:
     """Shows a live cell until SIGINT, SIGTERM, SIGHUP or the duration.
@@ -85,13 +87,15 @@ def run_dashboard(
             diagnosing = Diagnosing(live.look, live.findings)
             button = stop.StopButton(transport, settings.cell, clock)
             routes = [Route(stop.PATH, button.press, methods=["POST"])]
-            story = Story(live, Chapter())
+            story = Story(live, Chapter(vessel=vessel))
             page = Page(listening, story, f"cell {settings.cell}", failed, address, routes)
             ends = partial(page.follow, told) if told else partial(_until, duration_s, failed)
             page.serve(opens, [diagnosing.run, ends])
 
 
-def run_view(file: Path, address: str, port: int, duration_s: float | None, opens: bool) -> None:
+def run_view(
+    file: Path, address: str, port: int, duration_s: float | None, opens: bool, vessel: VesselSettings | None
+) -> None:
     """Shows a recording until SIGINT, SIGTERM, SIGHUP or the duration, and the results that lie beside it.
 
     Raises:
@@ -100,7 +104,7 @@ def run_view(file: Path, address: str, port: int, duration_s: float | None, open
     """
     beside = {"report": file.parent / "report.html", "diagnosis": file.parent / "diagnosis" / "report.html"}
     pages = {words: path for words, path in beside.items() if path.is_file()}
-    story = Story(None, Chapter(recording=file, pages=pages))
+    story = Story(None, Chapter(recording=file, pages=pages, vessel=vessel))
     _step_back()
     with heeded(_exit), listening_at(address, port) as listening:
         page = Page(listening, story, str(file), [], address)

@@ -111,6 +111,7 @@ class RecordedSource:
 
     def __init__(self, path: Path) -> None:
         self._spans = RunSpans(path)
+        self.metadata = self._spans.metadata
 
     def facts(self) -> dict[str, Any]:
         duration_s = (self._spans.end_ns - self._spans.start_ns) * 1e-9

@@ -10,6 +10,7 @@ from starlette.responses import FileResponse
 from forefeel.dashboard.chapter import Chapter
 from forefeel.dashboard.feed import Answer
 from forefeel.dashboard.sources import Ask, LiveCell, RecordedSource, Source, Viewer
+from forefeel.dashboard.vessel import of_recording
 
 RESULTS = "/results/{words}"
 # its script and style stand in the file; it can reach nothing, not even the server that it comes from
@@ -36,8 +37,10 @@ class Story:
     def tell(self, chapter: Chapter) -> None:
         """Raises InputError where its recording can not be read."""
         self.source: Source
+        self._vessel = chapter.vessel
         if chapter.recording is not None:
             self.source = RecordedSource(chapter.recording)
+            self._vessel = chapter.vessel or of_recording(self.source.metadata)
         else:
             assert self._live is not None
             self._live.begin()
@@ -47,7 +50,8 @@ class Story:
 
     def facts(self) -> dict[str, Any]:
         chapter = {"head": self.chapter.head, "pages": list(self.chapter.pages)}
-        return self.source.facts() | {"chapter": chapter}
+        vessel = None if self._vessel is None else self._vessel.model_dump(mode="json")
+        return self.source.facts() | {"chapter": chapter, "vessel": vessel}
 
     def viewer(self) -> "StoryViewer":
         return StoryViewer(self)

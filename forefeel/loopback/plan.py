@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from forefeel.common.causes.base import ContactEffect, ForceEffect
 from forefeel.common.config import checked, dump_yaml
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
@@ -14,10 +15,11 @@ from forefeel.common.recording.recording import Array, Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
+from forefeel.dashboard.vessel import RECORDED, VesselSettings
 from forefeel.loopback.viewer import CELL
 from forefeel.master.settings import MasterSettings
 from forefeel.slave.plant.presets import PRESETS as WORLDS
-from forefeel.slave.plant.settings import world_settings
+from forefeel.slave.plant.settings import WorldSettings, world_settings
 from forefeel.slave.plant.variation import varied
 from forefeel.slave.settings import SlaveSettings
 
@@ -33,6 +35,9 @@ _GUIDEWIRE_SCALE = 10.0
 HAND_MAX_N = 4.0
 """What the hand is given at most."""
 _APPROACH_M_S = 0.03  # m/s, fastest approach to the recording's start
+# A simulated world says where its wall begins and not how wide it is: radii in those of the instrument,
+# wider up to there and narrower beyond, for the wall resists more the deeper.
+_ENTRANCE, _INSTRUMENT, _DEEPEST = 2.6, 1.0, 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +80,18 @@ class Plan:
 
     def recorded(self) -> dict[str, str]:
         """The metadata of the recording: with what the slave simulates, where stage and load cell are."""
-        axis = self.slave_settings().axes[0]
+        axis, vessel = self.slave_settings().axes[0], self.vessel()
+        drawn = {} if vessel is None else {RECORDED: vessel.model_dump_json()}
         if {axis.stage.driver, axis.load_cell.driver} != {"simulated"}:
-            return self.metadata
+            return {**self.metadata, **drawn}
         scale = self.master_settings().axes[0].rendering.force_scale
-        return {**self.metadata, "slave_axis": axis.model_dump_json(), "force_scale": f"{scale!r}"}
+        simulated = {"slave_axis": axis.model_dump_json(), "force_scale": f"{scale!r}"}
+        return {**self.metadata, **drawn, **simulated}
+
+    def vessel(self) -> VesselSettings | None:
+        """What a picture may show of the simulated world; None where recorded forces take its place."""
+        axis = self.slave_settings().axes[0]
+        return None if axis.load_cell.driver == "recorded" else _vessel(axis.simulation, axis.name)
 
     def _where(self, role: str) -> str:
         return f"loopback {role}, recording {self.metadata['recording']}"
@@ -90,6 +102,24 @@ class Plan:
         for path, settings in zip(paths, (self.slave_settings(), self.master_settings()), strict=True):
             path.write_text(dump_yaml(settings), encoding="utf-8")
         return paths
+
+
+def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
+    """Where the wall begins, and a valve at the entrance where something rubs along the shaft."""
+    hidden = world.hidden.effects.effects if world.hidden else ()
+    effects = [(entry.instance(), entry.site) for entry in (*world.contact.effects, *hidden)]
+    shaft = [e for e, site in effects if isinstance(e, ForceEffect) and (site or e.site) == "shaft"]
+    begins = [1e3 * e.values["contact_position_m"] for e, _ in effects if isinstance(e, ContactEffect)]
+    contact_mm, tip_mm = max([0.0, *begins]), 1e3 * (world.fixture.inserted_m - world.stage.start_m)
+    end_mm = max(1e3 * world.stage.travel_upper_m + tip_mm, contact_mm + 1.0)
+    return VesselSettings(
+        axis=axis,
+        tip_mm=tip_mm,
+        instrument_radius_mm=_INSTRUMENT,
+        lumen_radius_mm={0.0: _ENTRANCE, contact_mm: _INSTRUMENT, end_mm: _DEEPEST},
+        landmarks_mm={**({"valve": 0.0} if shaft else {}), "contact": contact_mm},
+        to_scale=False,
+    )
 
 
 def make_plan(options: LoopbackOptions) -> Plan:

@@ -97,6 +97,7 @@ def _run_in(
         say(note)
     if viewer is not None:
         viewer.start()
+        viewer.tell(viewer.chapter.model_copy(update={"vessel": plan.vessel()}))
     with _progress() as bar:
         task = bar.add_task("starting", total=plan.expected_s)
         _run(plan, options, folder, how.virtual, written, _shown(bar, task, plan), viewer)

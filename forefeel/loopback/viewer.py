@@ -33,12 +33,14 @@ class DashboardProcess:
     Attributes:
         endpoints: where it connects to the slave and to the master of each run.
         url: of the page; empty where there is none.
+        chapter: what it shows.
     """
 
     def __init__(self, out: Path, opens: bool, say: Callable[[str], None], port: int = PORT) -> None:
         self.endpoints = free_endpoints(2)
         self.url = ""
         self._out, self._opens, self._say, self._port = out, opens, say, port
+        self.chapter = Chapter()
         self._child: Child | None = None
 
     def start(self) -> None:
@@ -72,6 +74,7 @@ class DashboardProcess:
 
     def tell(self, chapter: Chapter) -> None:
         """What the page shows from now on."""
+        self.chapter = chapter
         if self._child is not None:
             self._child.tell(chapter.model_dump_json())
 

@@ -16,6 +16,7 @@ PLAYED = f"{LOOPBACK} --recording @/run.csv"
 MODEL = "schema: forefeel.model/1\nname: x\neffects:\n"
 MAGIC, BIAS, CONTACT = (f"{MODEL}  - effect: {name}\n" for name in ("magic", "bias", "contact_loss"))
 AXIS = "role: slave\naxes:\n  - "
+VESSEL = "instrument_radius_mm: 0.9\nlumen_radius_mm: {0: 3.0, 40: -1.0}\n"
 NEAR = "--connect tcp/127.0.0.1:9"
 
 
@@ -53,6 +54,7 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     (f"record --out @/r.mcap {NEAR} --duration -1", ("--duration",), {}),
     ("dashboard", ("--connect", "missing"), {}),
     (f"dashboard {NEAR} --port 99999", ("--port",), {}),
+    (f"dashboard {NEAR} --vessel @/v.yaml", ("v.yaml:2", "lumen_radius_mm"), {"v.yaml": VESSEL}),
     ("report @/none.mcap --out @/out", ("none.mcap", "No such file"), {}),
     ("report @/run.csv --out @/out", ("run.csv", "MCAP"), {"run.csv": RECORDING}),
     # --- loopback ---

@@ -14,6 +14,13 @@ from tests.browser import Served, Shown, Speaker, installed_chromium
 from tests.unit.dashboard.said import CELL, HOSTILE, safety
 
 HOSTILE_AXIS = "<i>axis"
+VESSEL = f"""
+axis: "{HOSTILE_AXIS}"
+tip_mm: 5
+instrument_radius_mm: 0.9
+lumen_radius_mm: {{0: 3, 40: 0.8, 80: 2}}
+landmarks_mm: {{"<b>stenosis": 40}}
+"""
 
 
 def test_page_shows_forces_hostile_text_and_silence(tmp_path: Path) -> None:
@@ -23,13 +30,16 @@ def test_page_shows_forces_hostile_text_and_silence(tmp_path: Path) -> None:
             FORCE.name: {"force_n": 0.789},
             SLAVE_STATE.name: {"reason": HOSTILE},
         }
-        words = "dashboard", "--cell", CELL, "--connect", speaker.endpoint
+        vessel = tmp_path / "vessel.yaml"
+        vessel.write_text(VESSEL)
+        words = "dashboard", "--cell", CELL, "--connect", speaker.endpoint, "--vessel", str(vessel)
         with (
             installed_chromium(tmp_path) as chromium,
             Served(tmp_path, *words) as served,
             Shown(chromium, served.url) as shown,
         ):
             check_values(shown)
+            check_picture(shown, speaker)
             check_hostile_text(shown, speaker)
             hosts = {urlsplit(url).netloc for url in shown.asked if not url.startswith("data:")}
             assert hosts == {f"127.0.0.1:{served.port}"}
@@ -55,6 +65,16 @@ def check_values(shown: Shown) -> None:
     for width in (390, 820, 1024, 1280):
         shown.page.set_viewport_size({"width": width, "height": 800})
         assert shown.ask("document.documentElement.scrollWidth") == width
+
+
+def check_picture(shown: Shown, speaker: Speaker) -> None:
+    """The tip moves as the stage reports, late by the delay that is shown."""
+    pixels = """document.querySelector('[data-id="picture"]').toDataURL()"""
+    before = shown.ask(pixels)
+    speaker.changes[FORCE.name]["position_m"] = 0.03
+    shown.until(lambda: shown.ask("forefeel.charts.drawn.tip_mm") == 35.0, "the tip")
+    assert shown.ask(pixels) != before
+    assert shown.ask("forefeel.charts.drawn.arrows[2].more") == f"{shown.text('delay')} ms late"
 
 
 def check_stop(shown: Shown, speaker: Speaker) -> None:

@@ -16,7 +16,7 @@ from tests.repository.commands import tree
 from tests.repository.pages import ROOT
 
 _PRODUCT = ("common", "slave", "master", "forefeel")
-_FILES = ("settings.py", "network_settings.py", "hardware/calibration.py")
+_FILES = ("settings.py", "network_settings.py", "hardware/calibration.py", "dashboard/vessel.py")
 _BASES = {  # never a section: what derives from them is
     "DaemonSettings", "SerialSettings", "DriverSettings", "StageDriverSettings", "GripperDriverSettings",
     "LoadCellDriverSettings", "HandleDriverSettings", "ScaledStageSettings",

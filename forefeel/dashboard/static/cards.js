@@ -14,14 +14,14 @@ export function tell(name, text) {
 /** `when`: a time of the server in words; `goTo`: shows that time in the charts. */
 export function showCards(cards, charts, when, goTo) {
   const show = {
-    numbers: showNumbers,
+    numbers: (card) => { charts.late_ms = card.delay === "–" ? null : Number(card.delay); showNumbers(card); },
     banner: showBanner,
     gain: showGain,
     standing: showLights,
     watch: (card) => showWatch(card, when),
     energy: showEnergy,
     delay: (card) => { tell("delay-words", card.words); charts.delays(card); },
-    model: showModel,
+    model: (card) => { charts.friction = card.friction; showModel(card); },
     loops: showLoops,
     counters: showCounters,
     events: (card) => showEvents(card, when, goTo),

@@ -131,12 +131,12 @@ export function upright(pen, canvas, x, box, name) {
   pen.beginPath(); pen.moveTo(Math.round(x) + 0.5, box.top); pen.lineTo(Math.round(x) + 0.5, box.bottom); pen.stroke();
 }
 
-/** Between two rows in a straight line; null in a gap and beyond the ends. */
-export function valueAt(rows, x) {
+/** Of a column, between two rows in a straight line; null in a gap and beyond the ends. */
+export function valueAt(rows, x, column = 1) {
   const index = after(rows, x), [before, next] = [rows[index - 1] ?? rows[index], rows[index]];
-  if (!before || !next || before[0] > x || before[1] === null || next[1] === null) return null;
+  if (!before || !next || before[0] > x || before[column] === null || next[column] === null) return null;
   const share = next[0] > before[0] ? (x - before[0]) / (next[0] - before[0]) : 0;
-  return before[1] + share * (next[1] - before[1]);
+  return before[column] + share * (next[column] - before[column]);
 }
 
 /**

@@ -50,6 +50,7 @@ function take(answer) {
   if (answer.axis === null) return;
   if (answer.anew) traces.clear();
   traces.take(answer.traces, answer.now_s);
+  charts.vessel = page.facts.vessel?.axis === answer.axis ? page.facts.vessel : null;
   showCards(answer.cards, charts, when, goTo);
   page.updates += 1;
   dirty = true;
@@ -287,7 +288,7 @@ function showSilence(silence) {
   tell("silence-where", silence.where ? `listening at ${silence.where}` : "");
 }
 
-page.charts = charts = new Charts(node("force"), node("delays"), wants);
+page.charts = charts = new Charts(node("force"), node("delays"), node("picture"), wants);
 new ResizeObserver(() => { dirty = true; }).observe(node("force"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
 showTheme(stored((storage) => storage.getItem(THEME)));

@@ -91,9 +91,11 @@ def master_state(stamp_ns: int = 0, **changes: object) -> MasterState:
 
 def parameters(stamp_ns: int = 0, **changes: object) -> ModelParameters:
     fields: dict[str, Any] = {
-        **header(1, stamp_ns), "names": ("mass_damper_spring.stiffness_n_m", "bias.force_n"),
-        "values": (12.0, 0.01), "standard_deviations": (0.3, 0.02), "identifiable": (), "valid": True,
-        "samples": 900, "updates": 800, "resets": 0, "innovation_rms_n": 0.005,
+        **header(1, stamp_ns),
+        "names": ("mass_damper_spring.stiffness_n_m", "bias.force_n", "presliding_hysteresis.force_n"),
+        "values": (12.0, 0.01, 0.08), "standard_deviations": (0.3, 0.02, 0.001),
+        "identifiable": (), "valid": True, "samples": 900, "updates": 800, "resets": 0,
+        "innovation_rms_n": 0.005,
     }  # fmt: skip
     return ModelParameters(**fields | changes)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forefeel.common.codec import encode
-from forefeel.common.messages import ForceSample
+from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import BEYOND, MOST_AXES, CellView
@@ -58,6 +58,17 @@ def test_an_answer_to_a_command_far_away_can_not_stretch_the_time() -> None:
     for tick, stamp_ns in enumerate((2**62, 1, 9 * S + 100 * S)):
         view.take(FORCE, force(tick, tick, (1, stamp_ns)), 10 * S + 40 * tick * MS)
     assert np.nanmax(view.traces["readback"].since(0).rows[:, 0]) < 2.0
+
+
+def test_stage_that_moves_with_open_fixture_moves_no_tip() -> None:
+    view = AxisView()
+    view.take(HAPTICS, haptics(1, 9 * S), 9 * S)
+    for tick, position_m in enumerate((0.03, 0.01, 0.02, 0.02)):
+        grip = Grip.OPEN if tick == 0 else Grip.CLOSED
+        said = force(tick, tick, None, position_m=position_m, gripper=grip)
+        view.take(FORCE, said, 9 * S + 40 * tick * MS)
+    rows = view.traces["readback"].since(0).rows
+    assert (rows[:, 1] - rows[:, 2]).tolist() == pytest.approx([0.03, 0.03, 0.04])
 
 
 def test_the_band_goes_with_the_prediction() -> None:

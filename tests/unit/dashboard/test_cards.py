@@ -109,6 +109,7 @@ def test_what_is_known_of_the_model() -> None:
         "name": "stiffness", "value": "12", "deviation": "0.3", "unit": "N/m", "known": "well",
     }  # fmt: skip
     assert found["parameters"][1]["known"] == "not yet"
+    assert found["friction"] == {"valve_mn": pytest.approx(80.0)}
     view.newest.model = parameters(valid=False, identifiable=(HOSTILE,))
     assert cards.model(view, now_ns)["statements"][1:] == [HOSTILE]
 

@@ -1,0 +1,167 @@
+// An instrument in its vessel, in profile. drawVessel(canvas, spec): the same spec gives the same picture. Texts are
+// drawn, never parsed; what is null is not known and not drawn. Places along the path are in mm. A spec is JSON:
+//   x: {min, max}
+//   vessel: {instrument_radius_mm, lumen_radius_mm: {mm: radius}, landmarks_mm: {name: mm}, to_scale}; null: a line
+//   tip_mm: where the stage reports it, commanded_mm: where the hand wants it
+//   arrows: [{name, more, mn, most_mn, at_mm, colour, lane, ghost}], lanes 0 and 1 above the vessel, 2 below it; a force
+//           that resists the way in is positive and points to the left; that of most_mn is the longest arrow
+//   valve_mn, rub_mn_per_mm: friction at the valve, and along each mm that touches the wall
+// Colours are names of custom properties of the style sheet.
+import { nice } from "./chart.js";
+import { colour, prepare } from "./layers.js";
+
+const LANE_PX = 18, AXIS_PX = 22, WALL_PX = 8, STEP_PX = 4, THINNEST_PX = 3.5, MARK_MM = 10, HATCH_PX = 7, HEAD_PX = 10;
+const LINE = { instrument_radius_mm: 1, lumen_radius_mm: {}, landmarks_mm: {}, to_scale: true };
+const inMn = (mn, most_mn) => `${mn.toFixed(most_mn < 50 ? 1 : 0).replace("-", "\u2212")} mN`;
+
+export function drawVessel(canvas, spec) {
+  const sized = prepare(canvas);
+  if (!sized) return;
+  const picture = new Picture(canvas, spec, sized), { valve } = picture.vessel.landmarks_mm;
+  if (spec.vessel) picture.walls();
+  else picture.line([[0, picture.middle], [sized.width, picture.middle]], "line", 1.5);
+  picture.axis();
+  if (spec.tip_mm !== null) picture.instrument();
+  if (spec.commanded_mm !== null) picture.commanded(picture.atX(spec.commanded_mm));
+  if (valve !== undefined) picture.valve(picture.atX(valve));
+  for (const arrow of spec.arrows) if (arrow.mn !== null && arrow.at_mm !== null) picture.arrow(arrow);
+}
+
+class Picture {
+  constructor(canvas, spec, { pen, width, height }) {
+    const vessel = spec.vessel ?? LINE, top = 2 * LANE_PX + 4, bottom = height - AXIS_PX - LANE_PX - 2;
+    const lumen = Object.entries(vessel.lumen_radius_mm).map(([mm, radius]) => [Number(mm), radius]).sort((a, b) => a[0] - b[0]);
+    pen.lineCap = "round";
+    Object.assign(this, { spec, pen, width, height, vessel, lumen, top, bottom, middle: (top + bottom) / 2 });
+    this.of = (name) => colour(canvas, name);
+    this.atX = (mm) => ((mm - spec.x.min) / (spec.x.max - spec.x.min)) * width;
+    this.scale = (this.middle - top - WALL_PX) / Math.max(2.6 * vessel.instrument_radius_mm, ...lumen.map((row) => row[1]));
+    this.shaft = Math.max(THINNEST_PX, vessel.instrument_radius_mm * this.scale);
+    this.tip = spec.tip_mm === null ? -Infinity : this.atX(spec.tip_mm);
+  }
+
+  line(points, name, width, { alpha = 1, dash = [], fill = "" } = {}) {
+    const { pen } = this;
+    Object.assign(pen, { strokeStyle: this.of(name), lineWidth: width, globalAlpha: alpha });
+    pen.setLineDash(dash);
+    pen.beginPath();
+    for (const [x, y] of points) pen.lineTo(x, y);
+    if (fill) Object.assign(pen, { fillStyle: fill.addColorStop ? fill : this.of(fill) }).fill();
+    if (width) pen.stroke();
+    pen.setLineDash([]);
+    pen.globalAlpha = 1;
+  }
+
+  /** Colours across the path, from the one edge over the middle to the other. */
+  across(half, edge, middle) {
+    const shade = this.pen.createLinearGradient(0, this.middle - half, 0, this.middle + half);
+    for (const [at, name] of [[0, edge], [0.42, middle], [1, edge]]) shade.addColorStop(at, this.of(name));
+    return shade;
+  }
+
+  /** Radius in mm of the lumen at an x in px that nothing touches. */
+  free(x) {
+    const mm = this.spec.x.min + (x / this.width) * (this.spec.x.max - this.spec.x.min), next = this.lumen.findIndex((row) => row[0] >= mm);
+    if (next <= 0) return this.lumen.at(next)[1];
+    const [[x0, r0], [x1, r1]] = [this.lumen[next - 1], this.lumen[next]], share = (mm - x0) / (x1 - x0);
+    return r0 + (r1 - r0) * share * share * (3 - 2 * share);
+  }
+
+  touches(x) { return x <= this.tip && this.free(x) <= this.vessel.instrument_radius_mm; }
+
+  /** The wall gives way where the instrument is. */
+  walls() {
+    const { lumen, middle, shaft } = this, rows = [];
+    const end = Math.min(this.width + STEP_PX, this.atX(lumen.at(-1)[0]));
+    for (let x = Math.max(-STEP_PX, this.atX(lumen[0][0])); x <= end; x += STEP_PX) {
+      const ahead = Math.max(0, x - this.tip) / (3 * shaft), free = this.free(x) * this.scale;
+      rows.push([x, ahead < 1 ? Math.max(free, shaft * (1 - ahead * ahead)) : free]);
+    }
+    const side = (sign, more = 0) => rows.map(([x, radius]) => [x, middle + sign * (radius + more)]);
+    this.line([...side(-1), ...side(1).reverse()], "wall", 0, { fill: this.across(middle - this.top, "lumen-edge", "lumen") });
+    for (const sign of [-1, 1]) {
+      for (const width of [4, WALL_PX]) this.line(side(sign, width / 2), "tissue", width, { alpha: 0.4 });
+      this.line(side(sign), "wall", 1.6);
+      this.line(side(sign).filter(([x]) => this.touches(x)), "touch", 3);
+    }
+  }
+
+  axis() {
+    const { pen, spec, vessel, width } = this, { min, max } = spec.x, y = this.height - AXIS_PX + 2, step = nice((max - min) / Math.max(3, width / 90)), taken = [];
+    Object.assign(pen, { textBaseline: "top", textAlign: "center" });
+    const notes = [spec.rub_mn_per_mm === null || !spec.vessel ? "" : `shaft ${spec.rub_mn_per_mm.toPrecision(2)} mN per mm`, vessel.to_scale ? "" : "across not to scale"];
+    const note = notes.filter((each) => each).slice(width < 600 ? -1 : 0).join(" · ");
+    const write = (mm, text, name) => {
+      const half = pen.measureText(text).width / 2, x = Math.min(Math.max(this.atX(mm), half + 2), width - half - 2);
+      if (mm < min || mm > max || taken.some(([from, to]) => x + half > from - 8 && x - half < to + 8)) return;
+      taken.push([x - half, x + half]);
+      Object.assign(pen, { fillStyle: this.of(name) }).fillText(text, x, y + 5);
+      if (text !== note) this.line([[this.atX(mm), y], [this.atX(mm), y + 3]], name, 1);
+    };
+    for (const [name, mm] of Object.entries(vessel.landmarks_mm)) {
+      if (name !== "valve") this.line([[this.atX(mm), this.top - 2], [this.atX(mm), y]], "soft", 1, { dash: [1, 4] });
+      write(mm, name === "valve" && spec.valve_mn !== null ? `valve ${inMn(spec.valve_mn, 100)}` : name, "ink");
+    }
+    write(max, note, "soft");
+    for (let mm = Math.ceil(min / step) * step; mm <= max; mm += step) if (mm >= 0 || !spec.vessel) write(mm, `${+mm.toFixed(3)} mm`, "soft");
+  }
+
+  /** The shaft with a mark every 10 mm from its tip, hatched where it touches and is known to rub. */
+  instrument() {
+    const { pen, middle, shaft, tip, spec } = this, body = this.body(tip), across = (x, inset = 0) => [[x, middle - shaft + inset], [x, middle + shaft - inset]];
+    pen.save();
+    pen.clip(body);
+    Object.assign(pen, { fillStyle: this.across(shaft, "shaft-edge", "shaft") }).fill(body);
+    for (let mm = spec.tip_mm - MARK_MM; mm > spec.x.min; mm -= MARK_MM) this.line(across(this.atX(mm)), "shaft-edge", 2.5);
+    const alpha = Math.min(0.9, 0.4 + Math.abs(spec.rub_mn_per_mm * spec.tip_mm) / spec.arrows[0].most_mn);
+    for (let x = tip - 1.5 * shaft; spec.vessel && spec.rub_mn_per_mm !== null && x > 0; x -= HATCH_PX) {
+      if (this.touches(x)) this.line([[x - 4, middle - shaft], [x, middle], [x - 4, middle + shaft]], "rub", 1.3, { alpha });
+    }
+    pen.restore();
+    Object.assign(pen, { strokeStyle: this.of("shaft-edge"), lineWidth: 1 }).stroke(body);
+    this.line(across(tip - 0.9 * shaft, 1.5), "readback", 4);
+  }
+
+  /** Its outline, with the tip at x. */
+  body(x, from = -4) {
+    const { middle, shaft } = this, path = new Path2D();
+    path.moveTo(from, middle - shaft);
+    path.arc(x - shaft, middle, shaft, -Math.PI / 2, Math.PI / 2);
+    path.lineTo(from, middle + shaft);
+    return path;
+  }
+
+  /** A thin ghost of the tip, ahead of what is reported or behind it. */
+  commanded(x) {
+    const { pen, tip, shaft } = this;
+    Object.assign(pen, { strokeStyle: this.of("predicted"), lineWidth: 1.6 }).setLineDash([4, 4]);
+    pen.stroke(this.body(x, x > tip ? Math.max(0, tip - shaft) : x - 2 * shaft));
+    pen.setLineDash([]);
+  }
+
+  /** Two seals that hold the shaft. */
+  valve(x) {
+    const { shaft, spec } = this, outer = (this.middle - this.top) * 0.85;
+    for (const sign of [-1, 1]) {
+      const seal = [[-13, outer], [-3, shaft], [3, shaft], [13, outer]].map(([dx, dy]) => [x + dx, this.middle + sign * dy]);
+      this.line(seal, "wall", 1.6, { fill: "tissue" });
+      this.line(seal.slice(1, 3), spec.valve_mn === null ? "wall" : "touch", 3);
+    }
+  }
+
+  arrow({ name, more, mn, most_mn, at_mm, colour: hue, lane, ghost }) {
+    const { pen, middle, shaft, width } = this, x = this.atX(at_mm), y = lane < 2 ? 11 + lane * LANE_PX : this.bottom + LANE_PX / 2 + 2;
+    const long = Math.min(1, Math.abs(mn) / most_mn) * Math.min(150, width / 5), head = Math.min(HEAD_PX, long), sign = Math.sign(mn);
+    const [tail, point] = mn >= 0 ? [x + long, x] : [x, x + long];
+    this.line([[x, y], [x, middle + (lane < 2 ? -shaft : shaft)]], hue, 1, { alpha: 0.55, dash: [1, 3] });
+    this.line([[tail, y], [point + sign * head * 0.6, y]], hue, ghost ? 3.2 : 4.5, ghost ? { dash: [0.1, 6.5] } : {});
+    const corners = [[0, 0], [head, -0.6 * head], [head, 0.6 * head], [0, 0]].map(([dx, dy]) => [point + sign * dx, y + dy]);
+    this.line(corners, hue, 1.6, ghost ? {} : { fill: hue });
+    const value = inMn(mn, most_mn), right = Math.max(tail, point) + 9, left = x - 9;
+    Object.assign(pen, { textAlign: "left", textBaseline: "middle", fillStyle: this.of("ink") });
+    for (const text of [`${name} ${value}${more ? `, ${more}` : ""}`, `${name} ${value}`, value]) {
+      const wide = pen.measureText(text).width, at = right + wide <= width ? right : left >= wide ? left - wide : null;
+      if (at !== null) { pen.fillText(text, at, y); return; }
+    }
+  }
+}
