@@ -13,36 +13,19 @@ class _Part(BaseModel):
     model_config: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class NotJudged(_Part):
-    """Commands that were sent and not scored, each counted under one reason.
-
-    Attributes:
-        not_followed: sent while the slave followed no command: before it engaged, after a stop.
-        skipped: no force was measured while the slave executed it: it was lost or refused, a newer command
-            came before it was executed, or the load cell reads less often than commands come.
-        invalid_force: the force that answers it is not valid.
-        not_predicted: answered, but there was no prediction or no received force in its tick.
-    """
-
-    not_followed: int = 0
-    skipped: int = 0
-    invalid_force: int = 0
-    not_predicted: int = 0
-
-
 class ScoredCommands(_Part):
-    """`sent` by the master; `answered` by a valid force; `scored`: answered, predicted and with a zoh.
+    """`sent` by the master; `answered` by a valid force; `scored`: answered, predicted, with a late force.
 
-    `sent` is `scored` and `not_judged` together; `reasons` add up to `not_judged`.
+    `reasons`: of those that were not scored, each under one. not_followed: sent while the slave followed no
+    command, before it engaged or after a stop. skipped: no force was measured while the slave executed it,
+    for it was lost or refused, or a newer command overtook it. invalid_force: the force that answers it is
+    not valid. not_predicted: there was no prediction or no received force in its tick.
     """
 
     sent: int = 0
     answered: int = 0
     scored: int = 0
-    not_judged: int = 0
-    reasons: NotJudged = NotJudged()
-    answered_share: float | None = None
-    scored_share: float | None = None
+    reasons: dict[str, int] = {}
 
 
 class LoopFigures(_Part):
@@ -59,14 +42,6 @@ class LoopFigures(_Part):
 class Loops(_Part):
     master: LoopFigures = LoopFigures()
     slave: LoopFigures = LoopFigures()
-
-
-class ClockFigures(_Part):
-    """The slave's clock minus the master's, true to within +-`bound_s`; as the master knew it last."""
-
-    offset_s: float | None = None
-    bound_s: float | None = None
-    grade: Literal["good", "acceptable", "poor", "unknown"] = "unknown"
 
 
 class ParameterFigures(_Part):
@@ -99,13 +74,6 @@ class PredictorFigures(_Part):
     leading: dict[str, float] = {}
 
 
-class HandFigures(_Part):
-    """Energy in J that the hand had put into the handle: at the end, and at its lowest (negative: given)."""
-
-    energy_j: float | None = None
-    lowest_energy_j: float | None = None
-
-
 class SafetyNote(_Part):
     """One transition of the slave's safety state."""
 
@@ -116,23 +84,13 @@ class SafetyNote(_Part):
     reason: str
 
 
-class CalibrationFigures(_Part):
-    """A calibration that a driver of the slave had loaded, see `forefeel.common.messages.Calibration`."""
-
-    slot: str
-    driver: str
-    serial: str
-    date: str
-    zero: float
-    gain_n: float | None
-    residual_n: float | None
-    hysteresis_n: float | None
-    native_per_m: float | None
-    repeatability_m: float | None
-
-
 class AxisReport(_Part):
-    """One axis. What was not recorded is None, or empty. `transparency`: None without a simulated world."""
+    """One axis. What was not recorded is None, or empty.
+
+    `transparency`: None without a simulated world. `hand_energy_j`: that the hand had put into the handle at
+    the end, and at its lowest (negative: given). `settings`: that both ends agreed on, JSON. `calibrations`:
+    that drivers of the slave had loaded, see `forefeel.common.messages.Calibration`.
+    """
 
     axis: str | None = None
     commands: ScoredCommands = ScoredCommands()
@@ -142,20 +100,19 @@ class AxisReport(_Part):
     ratio: ErrorRatio = ErrorRatio()
     settled: PredictionComparison = PredictionComparison()
     predictor: PredictorFigures = PredictorFigures()
-    hand: HandFigures = HandFigures()
+    hand_energy_j: float | None = None
+    hand_lowest_energy_j: float | None = None
     delay_s: Spread = Spread()
     force_age_s: Spread = Spread()
     armed_share: float | None = None
     stops: int | None = None
-    clock: ClockFigures = ClockFigures()
     parameters: tuple[ParameterFigures, ...] = ()
     identifiable: tuple[str, ...] = ()
     model: ModelFigures = ModelFigures()
     counters: dict[str, int] = {}
     safety_events: tuple[SafetyNote, ...] = ()
-    settings: dict[str, str] = {}
-    calibrations: tuple[CalibrationFigures, ...] = ()
-    samples: dict[str, int] = {}
+    settings: str = ""
+    calibrations: tuple[dict[str, str | float], ...] = ()
     notes: tuple[str, ...] = ()
 
 

@@ -1,7 +1,6 @@
 """report.json and report.html of a run: its sentence, its figures, and the ten lines for the terminal."""
 
 from collections.abc import Mapping
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from forefeel.common.error_size import ErrorSize, Floats
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity
 from forefeel.common.limiter import MOTION_RULES
-from forefeel.common.messages import LoopTiming, SafetyState
+from forefeel.common.messages import SafetyState
 from forefeel.common.recording.mcap_reader import Run, read_run
 from forefeel.files import write_all
 from forefeel.report.drawing import (
@@ -26,29 +25,28 @@ from forefeel.report.drawing import (
     panel,
     spec,
 )
-from forefeel.report.model import CalibrationFigures, LoopFigures, NotJudged, RunReport
-from forefeel.report.score import scored
-from forefeel.report.states import START_S
-from forefeel.report.summary import last_timing, summarise
+from forefeel.report.model import AxisReport, Loops, RunReport, ScoredCommands
+from forefeel.report.summary import MOST_EVENTS, SETTLING_S, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
-from forefeel.report.transparency import Transparency
+from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, Transparency
 from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, scale, share
 
 FILES = ("report.json", "report.html")
-REASONS = {
-    "not_followed": "not followed",
-    "skipped": "skipped",
-    "invalid_force": "invalid force",
-    "not_predicted": "not predicted",
-}
-"""Why a command was not judged, see `NotJudged`."""
-
 _TRIM = 0.002
 """Share of the highest and of the lowest values of a trace that may lie outside of its picture."""
 
 _MOST_PARAMETERS = 24  # that are drawn
 _LONGEST = 99  # characters of a line in the terminal
+_REASONS = {
+    "skipped": "overtaken or lost",
+    "not_followed": "at rest",
+    "not_predicted": "not predicted",
+    "invalid_force": "without a valid force",
+}
+"""Why a command was not scored, see `ScoredCommands`."""
+_RULES = {"sequence": "overtaken by a newer one", "late": "too old"}
+"""Of the slave's gate, for which commands are refused over any link that reorders and delays them."""
 _STATE_COLOURS: dict[SafetyState | None, str] = {
     SafetyState.IDLE: "line",
     SafetyState.READY: "busy",
@@ -93,11 +91,12 @@ def render_page(report: RunReport, run: Run) -> str:
         "report/page.html.j2",
         report=report,
         pictures={axis: picture(of) for axis, of in traces.items()},
-        figures={axis: axis_figures(of) for axis, of in traces.items()},
-        loops=lateness({role: last_timing(run, role) for role in ("master", "slave")}),
-        verdict=verdict,
-        calibration=calibration,
-        reasons=reasons,
+        delays={axis: delay(of) for axis, of in traces.items()},
+        parameters={axis: parameters(of) for axis, of in traces.items()},
+        most_events=MOST_EVENTS,
+        story=story,
+        settling_s=SETTLING_S,
+        not_scored=not_scored,
         refused=refused,
         injected=injected,
     )
@@ -134,16 +133,16 @@ def picture(traces: AxisTraces) -> Figure | None:
         "is what forefeel takes away. Predicted: when its command was sent. Measured: while the slave "
         "executed that command, drawn when it was sent. Positions stand where they were sent."
     )
-    return _along_time(traces, "Force", caption, 560, panels) if panels else None
+    return Figure("Force", caption, 560, (_along_time(traces, panels),)) if panels else None
 
 
 def _trace(name: str, colour: str, time_s: Floats, values: Floats, **more: object) -> Layer:
     return line(name, colour, time_s, values, GAP_S, **more)
 
 
-def _along_time(traces: AxisTraces, title: str, caption: str, height_px: int, panels: list[Layer]) -> Figure:
-    """On the whole time of the recording, as all others, so that they can be compared."""
-    return Figure(title, caption, height_px, (spec(panels, (0.0, traces.duration_s or 1.0), unit="s"),))
+def _along_time(traces: AxisTraces, panels: list[Layer]) -> Layer:
+    """On the whole time of the recording, so that figures can be compared."""
+    return spec(panels, (0.0, traces.duration_s or 1.0), unit="s")
 
 
 def _spans(traces: AxisTraces) -> list[Layer]:
@@ -157,33 +156,6 @@ def _spans(traces: AxisTraces) -> list[Layer]:
         }
         for of in traces.states
     ]
-
-
-def axis_figures(traces: AxisTraces) -> list[Figure]:
-    """Errors, delay, parameters; for what was not recorded there is none."""
-    made = errors(traces), delay(traces), parameters(traces)
-    return [figure for figure in made if figure]
-
-
-def errors(traces: AxisTraces) -> Figure | None:
-    of = traces.commands
-    rows = scored(of.predicted_n, of.zoh_n, of.force_n)
-    if not rows.any():
-        return None
-    late_mn, predicted_mn = (1e3 * (force_n - of.force_n)[rows] for force_n in (of.zoh_n, of.predicted_n))
-    lines = [
-        _trace("late", "late", of.time_s[rows], late_mn, width=1.4, alpha=0.8),
-        _trace("predicted", "predicted", of.time_s[rows], predicted_mn, width=1.4),
-    ]
-    near = limits(late_mn, beside=predicted_mn, trim=_TRIM)
-    return _along_time(
-        traces,
-        "Error of the predicted and of the late force",
-        "Against the measured force of the same command. What is far off may lie outside of the picture; the "
-        "numbers count it.",
-        260,
-        [panel("error, mN", near, lines=lines)],
-    )
 
 
 def delay(traces: AxisTraces) -> Figure | None:
@@ -219,152 +191,118 @@ def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
     known_s, later = known.time_s, slice(len(known.time_s) // 4, None)
     factor, unit = scale(plain, float(np.abs(known.values[later, index]).max()))
     values, twice = factor * known.values[:, index], 2 * factor * known.standard_deviations[:, index]
+    last = float(f"{values[-1]:.3g}")
     one = panel(
-        "",
+        label,
         limits((values - twice)[later], (values + twice)[later]),
-        lines=[_trace(f"{label}, {unit}" if unit else label, "predicted", known_s, values)],
+        lines=[_trace("", "predicted", known_s, values, unit=unit or "ratio", now=last)],
         bands=[band("", "predicted", known_s, values - twice, values + twice, GAP_S)],
     )
-    return spec([one], (0.0, traces.duration_s or 1.0), unit="s")
+    return _along_time(traces, [one])
 
 
-def lateness(timings: Mapping[str, LoopTiming | None]) -> list[Figure]:
-    """Of the loops, by role; nothing when neither said anything."""
-    known = {role: timing for role, timing in timings.items() if timing and _drawable(timing)}
-    if not known:
-        return []
-    layers = [
-        bars(f"{role}: {timing.loop}", colour, *_histogram(timing), alpha=0.4)
-        for (role, timing), colour in zip(known.items(), ("predicted", "readback"), strict=False)
-    ]
-    caption = (
-        "How late each tick began after its deadline. The first bin holds all that was earlier, the last all "
-        "that was later."
+def story(part: AxisReport) -> tuple[str, list[str]]:
+    """What forefeel was worth in one sentence, and what it rests on."""
+    felt, scored_n = part.transparency, part.commands.scored
+    if felt is None and not scored_n:
+        return "Not judged yet: there is no force to compare with.", []
+    ahead = "Now" if part.delay_s.p50 is None else f"{1e3 * part.delay_s.p50:.0f} ms ahead"
+    model = (
+        f"The force at the catheter was predicted with {_in_place(part.prediction, part.zoh)}; after "
+        f"{SETTLING_S:g} s of learning {_in_place(part.settled.prediction, part.settled.zoh)}. The 95 % band "
+        f"held {share(part.predictor.coverage_95)} of the forces."
     )
-    one = spec([panel("ticks", {"log": True}, bars=layers)], log=True, label="lateness, µs")
-    return [Figure("Lateness of the 1 kHz loops", caption, 240, (one,))]
+    if felt is None:
+        return f"{ahead}, the force was predicted with {_in_place(part.prediction, part.zoh)}.", [model]
+    return f"{ahead}, the hand felt the force with {_in_place(felt.felt, felt.held)}.", [
+        f"{share(felt.within_jnd)} of the time no hand could tell the felt force from the true one: they "
+        f"differed by less than {JND_SHARE * 100:g} %, or {quantity(JND_FLOOR_N, 'N')}. True is the force of "
+        "a twin of the simulated world without noise and delay.",
+        model,
+    ]
 
 
-def _drawable(timing: LoopTiming) -> bool:
-    edges, counts = timing.edges_us, timing.counts
-    ascending = all(0 < low < high for low, high in pairwise(edges))
-    return len(counts) == len(edges) + 1 >= 3 and ascending and min(counts) >= 0 and any(counts[1:])
+def _in_place(size: ErrorSize, late: ErrorSize) -> str:
+    """Root mean squares of the error."""
+    return f"{quantity(size.rms_n, 'N')} of error in place of {quantity(late.rms_n, 'N')}"
 
 
-def _histogram(timing: LoopTiming) -> tuple[Floats, Floats]:
-    """(edges in us, counts): the outer bins, open in truth, are drawn as wide as their neighbours."""
-    upper = np.array(timing.edges_us)
-    edges = np.concatenate((upper[:1] ** 2 / upper[1:2], upper, upper[-1:] ** 2 / upper[-2:-1]))
-    counts = np.array(timing.counts, dtype=np.float64)
-    last = int(np.flatnonzero(counts)[-1]) + 1
-    return edges[: last + 1], counts[:last]
-
-
-def reasons(found: NotJudged) -> str:
-    """Why commands were not judged, the most frequent reason first."""
-    return in_order({words: getattr(found, name) for name, words in REASONS.items()})
+def not_scored(commands: ScoredCommands) -> str:
+    """Why commands were not scored, the most frequent reason first."""
+    return in_order({words: commands.reasons.get(name, 0) for name, words in _REASONS.items()})
 
 
 def refused(counters: Mapping[str, int]) -> str:
     """How many commands the slave's gate refused, and by which rules."""
     start = "slave_refused_"
     rules = {name.removeprefix(start): n for name, n in counters.items() if name.startswith(start)}
-    by_rule = in_order(rules)
+    by_rule = in_order({_RULES.get(name, name): n for name, n in rules.items()})
     return f"{sum(rules.values())} refused{f' ({by_rule})' if by_rule else ''}"
 
 
 def injected(counters: Mapping[str, int]) -> str:
-    """What the injected impairment did to messages of both ends."""
+    """What the injected impairment did on purpose to messages of both ends, after a semicolon; or nothing."""
 
     def total(what: str) -> int:
         return sum(
             n for name, n in counters.items() if name.startswith("impairment_") and name.endswith(what)
         )
 
-    return ", ".join(f"{total(what)} {what}" for what in ("dropped", "duplicated", "delayed"))
-
-
-def calibration(found: CalibrationFigures) -> str:
-    who = f"{found.driver} {found.slot.replace('_', ' ')}, serial {found.serial}, calibrated {found.date}"
-    if found.slot == "stage":
-        scale = f"{number(found.native_per_m)} native units per m, zero at {number(found.zero)}"
-        return f"{who}: {scale}, home found again within {quantity(found.repeatability_m, 'm')}"
-    scale = f"{quantity(found.gain_n, 'N')} per native unit, zero at {number(found.zero)}"
-    left = f"residual {quantity(found.residual_n, 'N')}, hysteresis {quantity(found.hysteresis_n, 'N')}"
-    return f"{who}: {scale}, {left}"
-
-
-def verdict(ratio_rms: float | None) -> str:
-    if ratio_rms is None:
-        return "nothing to compare"
-    if ratio_rms > 1:
-        return "worse than holding the last force"
-    return "better than holding the last force" if ratio_rms < 1 else "as good as holding the last force"
-
-
-def _felt(found: Transparency | None) -> str:
-    if found is None:
-        return "not scored: no simulated world was followed"
-    return (
-        f"{ratio(found.ratio)} of the held error; {quantity(found.felt.rms_n, 'N')} rms at the hand, "
-        f"{ratio(found.jnd_rms)} JND; {share(found.within_jnd)} within 1 JND"
-    )
+    done = in_order({what: total(what) for what in ("dropped", "duplicated", "delayed")})
+    return f"; on purpose {done}" if done else ""
 
 
 def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     """Ten lines of fewer than 100 characters each. `directory`: where the files were written."""
     where = f" in {directory}" if directory else ""
+    ended = ", cut short" if report.truncated else ""
+    limited = sum(report.counters.get(f"limit_{rule}", 0) for rule in MOTION_RULES)
     lines = [
-        f"Run        {_what_ran(report)}",
+        f"Run        {report.recording}: {report.duration_s:.1f} s{ended}, axis {report.axis or 'none'}, "
+        f"impairment {report.impairment or 'unknown'}, seed {report.seed or 'unknown'}",
         f"Felt       {_felt(report.transparency)}",
-        f"Prediction {_size(report.prediction)}; {report.commands.scored} of {report.commands.sent} "
-        "commands scored",
-        f"ZOH        {_size(report.zoh)}; prediction / ZOH {ratio(report.ratio.rms)}, "
-        f"settled {ratio(report.settled.ratio.rms)}",
+        f"Prediction {_predicted(report)}",
+        f"Scored     {report.commands.scored} of {report.commands.sent} commands; "
+        f"{not_scored(report.commands) or 'all'}",
         f"Delay      {quantity(report.delay_s.p50, 's')} p50, {quantity(report.delay_s.p99, 's')} p99, "
-        f"{quantity(report.delay_s.max, 's')} max; force age {quantity(report.force_age_s.p50, 's')}; "
-        f"clocks {_clock(report)}",
-        f"Armed      {share(report.armed_share)} from the first arming (or {START_S:g} s) "
-        f"to the session's end; {_count(report.stops)} unchosen stops",
-        f"Loops      p50/p99 late: {_loop('master', report.loop.master)}; "
-        f"{_loop('slave', report.loop.slave)}",
-        f"Counters   {_counters(report)}",
+        f"{quantity(report.delay_s.max, 's')} max, of a round trip; newest force "
+        f"{quantity(report.force_age_s.p50, 's')} old",
+        f"Armed      {share(report.armed_share)} of the session; {number(report.stops)} stops nobody chose",
+        f"Loops      {_loops(report.loop)}",
+        f"Counters   {limited} motions limited; {refused(report.counters)}{injected(report.counters)}",
         f"Files      report.html, report.json{where}",
         DISCLAIMER,
     ]
     return [_fitted(line) for line in lines]
 
 
-def _what_ran(report: RunReport) -> str:
-    ended = ", cut short" if report.truncated else ""
-    return (
-        f"{report.recording}: {report.duration_s:.1f} s{ended}, axis {report.axis or 'none'}, "
-        f"impairment {report.impairment or 'unknown'}, seed {report.seed or 'unknown'}"
+def _felt(found: Transparency | None) -> str:
+    if found is None:
+        return "not judged: only a simulated world knows the true force"
+    within = f"unnoticeable {share(found.within_jnd)} of the time"
+    return f"{_against(found.felt, found.held, found.ratio)}; {within}"
+
+
+def _predicted(report: RunReport) -> str:
+    if not report.commands.scored:
+        return "not judged: no command has a prediction and an answer"
+    settled = f"after {SETTLING_S:g} s of learning {ratio(report.settled.ratio.rms)}"
+    return f"{_against(report.prediction, report.zoh, report.ratio.rms)}; {settled}"
+
+
+def _against(size: ErrorSize, late: ErrorSize, times: float | None) -> str:
+    late_n = quantity(late.rms_n, "N")
+    return f"{quantity(size.rms_n, 'N')} rms error in place of {late_n} late ({ratio(times)})"
+
+
+def _loops(loops: Loops) -> str:
+    if loops.master.max_us == 0.0 == loops.slave.max_us:
+        return "in virtual time: no lateness"
+    of = {"master": loops.master, "slave": loops.slave}
+    return "p50/p99 late: " + "; ".join(
+        f"{role} {micros(loop.p50_us)}/{micros(loop.p99_us)}, {number(loop.missed)} missed"
+        for role, loop in of.items()
     )
-
-
-def _size(size: ErrorSize) -> str:
-    return (
-        f"{quantity(size.rms_n, 'N')} rms, {quantity(size.p95_n, 'N')} p95, {quantity(size.max_n, 'N')} max"
-    )
-
-
-def _loop(role: str, loop: LoopFigures) -> str:
-    return f"{role} {micros(loop.p50_us)}/{micros(loop.p99_us)}, {_count(loop.missed)} missed"
-
-
-def _clock(report: RunReport) -> str:
-    clock = report.clock
-    return "unknown" if clock.bound_s is None else f"±{quantity(clock.bound_s, 's')} ({clock.grade})"
-
-
-def _counters(report: RunReport) -> str:
-    limited = sum(report.counters.get(f"limit_{rule}", 0) for rule in MOTION_RULES)
-    return f"{limited} limited; on purpose {injected(report.counters)}; {refused(report.counters)}"
-
-
-def _count(value: int | None) -> str:
-    return "unknown" if value is None else str(value)
 
 
 def _fitted(line: str) -> str:

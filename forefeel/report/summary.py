@@ -1,13 +1,12 @@
 """The report of a run, worked out from its messages."""
 
-import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from typing import Any, Literal, TypeVar
+from collections.abc import Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 
-from forefeel.common.messages import LoopTiming, MasterState, Message, SlaveState
+from forefeel.common.messages import Handshake, LoopTiming, MasterState, Message, SlaveState
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import (
     CALIBRATION,
@@ -27,13 +26,9 @@ from forefeel.common.topics import (
 )
 from forefeel.report.model import (
     AxisReport,
-    CalibrationFigures,
-    ClockFigures,
-    HandFigures,
     LoopFigures,
     Loops,
     ModelFigures,
-    NotJudged,
     ParameterFigures,
     PredictorFigures,
     RunReport,
@@ -43,7 +38,7 @@ from forefeel.report.model import (
 from forefeel.report.score import PredictionComparison, compare, scored, spread
 from forefeel.report.states import armed_share
 from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns, sent_ns
-from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, run_transparency
+from forefeel.report.transparency import run_transparency
 
 __all__ = ["RunReport", "last_timing", "summarise"]
 
@@ -55,17 +50,10 @@ MOST_EVENTS = 100
 M = TypeVar("M", bound=Message)
 _IMPAIRMENTS = (("master", MASTER_IMPAIRMENT), ("slave", SLAVE_IMPAIRMENT))
 _TIMINGS = {"master": MASTER_TIMING, "slave": SLAVE_TIMING}
-_HOW = (
-    "Scored by command: a prediction, and the newest force (zero-order hold), against the first force that "
-    "the slave measured while it executed the command of the same tick.",
-    "Both are scored on the same commands, from the first one for which both exist; "
-    f"'settled' starts {SETTLING_S:g} s after it.",
-)
-_TWIN = (
-    "Felt and held force are scored at the hand, while the slave followed, against the force with which a "
-    "noise-free twin of the simulated world answers each command at once. JND, the just noticeable "
-    f"difference: {JND_SHARE * 100:g} % of that force, at least {JND_FLOOR_N * 1e3:g} mN."
-)
+_OF_CALIBRATION = (
+    "slot", "driver", "serial", "date", "zero", "gain_n", "residual_n", "hysteresis_n", "native_per_m",
+    "repeatability_m",
+)  # fmt: skip
 
 
 def summarise(run: Run) -> RunReport:
@@ -111,31 +99,31 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
     commands = _scored_commands(traces.commands)
     slave = last(run.messages(axis, SLAVE_STATE))
     overall, settled = _compare(traces.commands)
-    felt = run_transparency(run, axis, traces.commands)
+    energy_j = traces.commands.energy_j[np.isfinite(traces.commands.energy_j)].tolist()
+    handshake = last(run.messages(axis, SLAVE_HANDSHAKE))
     return AxisReport(
         axis=axis,
         commands=commands,
-        transparency=felt,
+        transparency=run_transparency(run, axis, traces.commands),
         prediction=overall.prediction,
         zoh=overall.zoh,
         ratio=overall.ratio,
         settled=settled,
         predictor=_predictor(run, axis, traces.commands),
-        hand=_hand(traces.commands),
+        hand_energy_j=energy_j[-1] if energy_j else None,
+        hand_lowest_energy_j=min(energy_j, default=None),
         delay_s=spread(traces.delay_s),
         force_age_s=spread(traces.force_age_s),
         armed_share=armed_share(
             traces.states, traces.session_end_ns, _clutched_s(run, axis, traces.session_end_ns)
         ),
         stops=slave.stops if slave else None,
-        clock=_clock(run, axis),
         **_model(run, axis),
         counters=axis_counters(run, axis),
         safety_events=_safety_events(run, axis, traces.start_ns),
-        settings=_settings(run, axis),
+        settings=handshake.settings if handshake else "",
         calibrations=_calibrations(run, axis),
-        samples={topic.name: run.count(axis, topic) for topic in RECORDED},
-        notes=(*_notes(run, axis, commands, felt is not None), *_silent_master(run, axis, traces)),
+        notes=(*_notes(run, axis, commands, handshake), *_silent_master(run, axis, traces)),
     )
 
 
@@ -162,35 +150,20 @@ def _predictor(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures
     )
 
 
-def _hand(commands: CommandTraces) -> HandFigures:
-    energy_j = commands.energy_j[np.isfinite(commands.energy_j)]
-    if not len(energy_j):
-        return HandFigures()
-    return HandFigures(energy_j=float(energy_j[-1]), lowest_energy_j=float(energy_j.min()))
-
-
 def _scored_commands(commands: CommandTraces) -> ScoredCommands:
-    sent = len(commands.time_s)
-    answered = int(np.count_nonzero(np.isfinite(commands.force_n)))
-    both = int(np.count_nonzero(scored(commands.predicted_n, commands.zoh_n, commands.force_n)))
-    return ScoredCommands(
-        sent=sent,
-        answered=answered,
-        scored=both,
-        not_judged=sent - both,
-        reasons=_reasons(commands, answered - both),
-        answered_share=answered / sent if sent else None,
-        scored_share=both / sent if sent else None,
-    )
-
-
-def _reasons(commands: CommandTraces, not_predicted: int) -> NotJudged:
     answered, executed, followed = np.isfinite(commands.force_n), commands.executed, commands.followed
-    return NotJudged(
-        not_followed=int(np.count_nonzero(~followed)),
-        skipped=int(np.count_nonzero(followed & ~executed)),
-        invalid_force=int(np.count_nonzero(executed & ~answered)),
-        not_predicted=not_predicted,
+    both = scored(commands.predicted_n, commands.zoh_n, commands.force_n)
+    reasons = {
+        "not_followed": ~followed,
+        "skipped": followed & ~executed,
+        "invalid_force": executed & ~answered,
+        "not_predicted": answered & ~both,
+    }
+    return ScoredCommands(
+        sent=len(commands.time_s),
+        answered=int(np.count_nonzero(answered)),
+        scored=int(np.count_nonzero(both)),
+        reasons={name: int(np.count_nonzero(rows)) for name, rows in reasons.items()},
     )
 
 
@@ -211,18 +184,6 @@ def _silent_master(run: Run, axis: str, traces: AxisTraces) -> tuple[str, ...]:
         f"The master was heard last at {end_s:.1f} s and had not let go of the deadman: it was killed, or "
         "the recorder lost it. The armed time ends there.",
     )
-
-
-def _clock(run: Run, axis: str) -> ClockFigures:
-    compared = (state for state in run.messages(axis, MASTER_STATE) if state.clock_offset_ns is not None)
-    state = last(compared)
-    if state is None or state.clock_offset_ns is None or state.clock_bound_ns is None:
-        return ClockFigures()
-    bound_s = state.clock_bound_ns * 1e-9
-    grade: Literal["good", "acceptable", "poor"] = "poor"
-    if bound_s <= 0.010:
-        grade = "good" if bound_s < 0.001 else "acceptable"
-    return ClockFigures(offset_s=state.clock_offset_ns * 1e-9, bound_s=bound_s, grade=grade)
 
 
 def _model(run: Run, axis: str) -> dict[str, Any]:
@@ -255,50 +216,28 @@ def _safety_events(run: Run, axis: str, start_ns: int) -> tuple[SafetyNote, ...]
     )
 
 
-def _settings(run: Run, axis: str) -> dict[str, str]:
-    """What both ends had to agree on: the slave's last word, which may be anything."""
-    handshake = last(run.messages(axis, SLAVE_HANDSHAKE))
-    if handshake is None or not handshake.settings:
-        return {}
-    try:
-        settings = json.loads(handshake.settings)
-    except (ValueError, RecursionError):
-        settings = None
-    if not isinstance(settings, Mapping):
-        return {"settings": handshake.settings}
-
-    return {_text(name): _text(settings[name]) for name in sorted(settings)}
-
-
-def _calibrations(run: Run, axis: str) -> tuple[CalibrationFigures, ...]:
+def _calibrations(run: Run, axis: str) -> tuple[dict[str, str | float], ...]:
     """Each that was loaded, once, in the order of their first mention."""
-    names = CalibrationFigures.model_fields
-    told = (
-        CalibrationFigures(**{name: getattr(message, name) for name in names})
-        for message in run.messages(axis, CALIBRATION)
-    )
-    return tuple({figures.model_dump_json(): figures for figures in told}.values())
+    found: list[dict[str, str | float]] = []
+    for message in run.messages(axis, CALIBRATION):
+        known = {name: getattr(message, name) for name in _OF_CALIBRATION}
+        said = {name: value for name, value in known.items() if value is not None}
+        if said not in found:
+            found.append(said)
+    return tuple(found)
 
 
-def _text(value: object) -> str:
-    """As text that UTF-8 can hold: JSON allows half a surrogate pair."""
-    text = value if isinstance(value, str) else json.dumps(value)
-    return text.encode(errors="replace").decode()
-
-
-def _notes(run: Run, axis: str, commands: ScoredCommands, twinned: bool) -> tuple[str, ...]:
-    """How it was scored, or why it was not; and what else the reader must know."""
-    notes = list(_HOW) if commands.scored else []
-    notes.append(_TWIN if twinned else "What the hand felt is not scored: no simulated world was followed.")
+def _notes(run: Run, axis: str, commands: ScoredCommands, handshake: Handshake | None) -> tuple[str, ...]:
+    """What the reader must know: why nothing was judged, and what is missing."""
+    notes = []
     for role in "master", "slave":
         topics: list[Topic[Any]] = [t for t in RECORDED if t.publisher == role]
         if not any(run.count(axis, topic) for topic in topics):
             notes.append(f"No message of the {role} was recorded.")
     if not commands.answered:
-        notes.append("No command was answered by a valid force: nothing could be scored.")
+        notes.append("No command was answered by a valid force: nothing could be judged.")
     elif not commands.scored:
-        notes.append("No answered command had a prediction and a received force: nothing could be scored.")
-    handshake = last(run.messages(axis, SLAVE_HANDSHAKE))
+        notes.append("No answered command had a prediction and a received force: nothing could be judged.")
     if handshake is not None and not handshake.accepted:
         notes.append(f"The slave refused the session: {handshake.reason}")
     if run.truncated:

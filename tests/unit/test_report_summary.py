@@ -13,7 +13,7 @@ from forefeel.report.model import LoopFigures, Loops, RunReport
 from forefeel.report.page import ten_lines
 from forefeel.report.summary import summarise
 from forefeel.report.wording import DISCLAIMER
-from tests.unit.report_run import MS, SESSION, RunBuilder, S, recorded, write_known_run
+from tests.unit.report_run import SESSION, RunBuilder, S, recorded, write_known_run
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +29,7 @@ def _summary(path: Path) -> RunReport:
 
 def test_scores_are_exact(report: RunReport) -> None:
     assert report.commands.model_dump() == {
-        "sent": 1000, "answered": 1000, "scored": 1000, "answered_share": 1.0, "scored_share": 1.0,
-        "not_judged": 0,
+        "sent": 1000, "answered": 1000, "scored": 1000,
         "reasons": {"not_followed": 0, "skipped": 0, "invalid_force": 0, "not_predicted": 0},
     }  # fmt: skip
     assert report.prediction.rms_n == pytest.approx(1e-3 * np.sqrt(1001 * 2001 / 6))
@@ -71,7 +70,7 @@ def test_the_last_word_counts(report: RunReport) -> None:
     ]  # fmt: skip
     assert report.parameters[1].value == pytest.approx(7.95)
     assert report.identifiable == ("m and k only as k - 0.99 m",)
-    assert report.settings == {"axis": "insertion", "max_force_n": "3.0"}
+    assert json.loads(report.settings) == {"axis": "insertion", "max_force_n": 3.0}
 
 
 @pytest.mark.parametrize(
@@ -94,18 +93,6 @@ def test_armed_share_does_not_depend_on_when_states_arrive(
         run.late_ms = 0
         run.master_state(4030)
     assert _summary(tmp_path / "run.mcap").armed_share == pytest.approx(2.0 / 3.0, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("bound_ns", "grade"),
-    [(None, "unknown"), (MS - 1, "good"), (MS, "acceptable"), (10 * MS, "acceptable"), (10 * MS + 1, "poor")],
-)
-def test_clock_is_graded_by_its_bound(tmp_path: Path, bound_ns: int | None, grade: str) -> None:
-    with recorded(tmp_path / "run.mcap") as run:
-        run.master_state(0, offset_ns=None if bound_ns is None else -2 * MS, bound_ns=bound_ns)
-    clock = _summary(tmp_path / "run.mcap").clock
-    assert clock.grade == grade
-    assert clock.offset_s == (None if bound_ns is None else pytest.approx(-0.002))
 
 
 def test_only_valid_answers_of_the_same_session_count(tmp_path: Path) -> None:
@@ -162,17 +149,9 @@ def test_a_run_of_one_end_says_so(tmp_path: Path, present: str, missing: str) ->
 
 def test_a_refused_session_is_told(tmp_path: Path) -> None:
     with recorded(tmp_path / "run.mcap") as run:
-        run.handshake(0, "[" * 3000 + '"\\ud800"', accepted=False, reason="settings differ: max_force_n")
+        run.handshake(0, '{"axis": "\\ud800"}', accepted=False, reason="settings differ: max_force_n")
     report = _summary(tmp_path / "run.mcap")
     assert any("settings differ: max_force_n" in note for note in report.notes)
-    assert list(report.settings) == ["settings"]
-
-
-def test_settings_may_hold_half_a_surrogate_pair(tmp_path: Path) -> None:
-    with recorded(tmp_path / "run.mcap") as run:
-        run.handshake(0, '{"axis": "\\ud800", "max_force_n": NaN}')
-    report = _summary(tmp_path / "run.mcap")
-    assert report.settings == {"axis": "?", "max_force_n": "NaN"}
     _parsed(report)
 
 
@@ -183,7 +162,7 @@ def test_only_what_changed_a_motion_counts_as_limited(tmp_path: Path) -> None:
             run.limit(t_ms, rule, 10**t_ms)
     report = _summary(tmp_path / "run.mcap")
     assert report.counters["limit_late"] == 1000
-    assert "Counters   111 limited" in ten_lines(report)[7]
+    assert "Counters   111 motions limited" in ten_lines(report)[7]
 
 
 @pytest.mark.parametrize("lost", ["7", "many"])
@@ -207,8 +186,8 @@ def test_every_command_that_is_not_judged_is_counted_under_one_reason(tmp_path: 
         run.slave_state(80, S.ARMED, counters={"refused_late": 2, "refused_sequence": 3})
     report = _summary(tmp_path / "run.mcap")
     commands = report.commands
-    assert (commands.sent, commands.scored, commands.not_judged) == (8, 2, 6)
-    assert commands.reasons.model_dump() == {
+    assert (commands.sent, commands.scored) == (8, 2)
+    assert commands.reasons == {
         "not_followed": 3, "skipped": 1, "invalid_force": 1, "not_predicted": 1
     }  # fmt: skip
 
@@ -269,7 +248,7 @@ def test_every_axis_has_a_report_and_the_loops_are_found_on_any(tmp_path: Path) 
 def test_ten_lines_stay_ten_whatever_the_names_hold(tmp_path: Path, report: RunReport) -> None:
     lines = ten_lines(report, Path("/somewhere") / ("deep" * 40))
     assert len(lines) == 10 and max(map(len, lines)) < 100
-    assert "not scored" in lines[1] and "578 mN rms" in lines[2]
+    assert "not judged" in lines[1] and "578 mN rms" in lines[2]
     assert lines[9] == DISCLAIMER
     with RunWriter(tmp_path / "run.mcap") as writer:
         writer.add_metadata("run", {"seed": "1\n2\x1b[31m", "impairment": "wan\r"})

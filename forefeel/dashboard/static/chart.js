@@ -3,7 +3,7 @@
 // parsed. A spec is JSON:
 //   x: {min, max, log, ticks: [[x, text]] (else round numbers), unit (of each tick), label}
 //   panels: [{weight, title, y: {min, max, interval, log} (else what the lines need), hidesY,
-//             lines: [{name, colour, width, dash, alpha, digits, now, free (x goes back), rows: [[x, y]]}],
+//             lines: [{name, unit, colour, width, dash, alpha, digits, now, free (x goes back), rows: [[x, y]]}],
 //             points: [{name, colour, size, alpha, rows: [[x, y]]}],
 //             bars: [{name, colour, alpha, rows: [[x0, x1, y]]}],
 //             bands: [{name, colour, alpha, rows: [[x, low, high]]}],
@@ -45,7 +45,7 @@ export function nice(step) {
 
 /** Title and legend, one after the other, in as many rows as they need. */
 function arrange(pen, panel, frame, hover) {
-  const items = SAMPLED.flatMap((kind) => (panel[kind] ?? []).filter((each) => each.name).map((each) => ({ each, kind })));
+  const items = SAMPLED.flatMap((kind) => (panel[kind] ?? []).filter((each) => each.name || each.unit).map((each) => ({ each, kind })));
   for (const item of items) item.text = said(item, hover == null ? item.each.now : read(item, hover));
   if (panel.title) items.unshift({ text: panel.title });
   const state = hover != null && (panel.spans ?? []).find(({ name, from, to }) => name && from <= hover && hover <= to);
@@ -65,7 +65,7 @@ const widest = (item) => (reads(item) ? said(item, item.each.digits == null ? -0
 
 function said({ each }, value) {
   if (value == null) return each.name;
-  return `${each.name} ${each.digits == null ? plain(value) : value.toFixed(each.digits)}`;
+  return `${each.name} ${each.digits == null ? plain(value) : value.toFixed(each.digits)} ${each.unit ?? ""}`.trim();
 }
 
 function read({ kind, each }, x) {
