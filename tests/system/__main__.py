@@ -23,6 +23,7 @@ from tests.system.faults.page import cells, written
 from tests.system.faults.required import BY_SILENCE_S
 from tests.system.faults.scene import Fault, tried
 from tests.system.page_growth import page_without_growth
+from tests.system.page_seen import page_seen
 from tests.system.rows import Result, Row
 from tests.system.signals.trial import random_signals
 from tests.system.soak.report import soak
@@ -36,6 +37,7 @@ def rows(minutes: float) -> Iterator[Row]:
     yield from wire.rows()
     yield Row("signals: 60 at random times over every command", random_signals)
     yield Row(f"soak: {minutes:g} minutes among random faults", partial(soak, minutes))
+    yield Row("page: a run as a person sees it", page_seen)
     yield Row(f"page: {minutes:g} minutes without growth", partial(page_without_growth, 60.0 * minutes))
 
 
