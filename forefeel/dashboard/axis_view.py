@@ -18,7 +18,7 @@ from forefeel.dashboard.comparison import Comparison
 from forefeel.dashboard.detector import ModelWatch
 from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.rings import SampleRing
-from forefeel.dashboard.timeline import RESTART_NS, Timeline
+from forefeel.dashboard.timeline import Timeline
 from forefeel.dashboard.trace import SPAN_S, MinMaxTrace
 
 # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
@@ -70,11 +70,6 @@ def new_traces() -> dict[str, MinMaxTrace]:
     }
 
 
-def new_samples() -> SampleRing:
-    """Of the last minute: stamp in s, position in m, force in N."""
-    return SampleRing(round(SPAN_S * _RATE_HZ), 3)
-
-
 class AxisView:
     """Fed with messages as they come, by one thread at a time.
 
@@ -83,7 +78,6 @@ class AxisView:
     was heard.
 
     Attributes:
-        samples: stamp in s, position in m, force in N of the valid readings, by the slave's clock.
         delays: when heard, in s, and round trip in s of each newly answered command.
         worst_energy_j: the lowest that was heard.
     """
@@ -95,12 +89,10 @@ class AxisView:
         self.watch = ModelWatch()
         self.comparison = Comparison()
         self.events = EventList()
-        self.samples = new_samples()
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
         self._said: list[CommandPrediction | None] = [None] * _REMEMBERED_COMMANDS
         self._answered: tuple[int, int] | None = None
-        self._sampled_ns: int | None = None
         self._slip_m = 0.0
 
     def take(self, topic: Topic[Message], message: Message, receive_ns: int) -> None:
@@ -160,20 +152,11 @@ class AxisView:
         if not sample.valid:
             return
         self.traces["measured"].add(t_s, sample.force_n)
-        self._sample(sample)
         said = self._said_with(sample)
         if said is not None and isfinite(said.predicted_n + said.late_n):
             self.comparison.add(now_s, said.predicted_n, said.late_n, sample.force_n)
         if said is not None and isfinite(said.low_n + said.high_n):
             self.watch.force(now_s, not said.low_n <= sample.force_n <= said.high_n)
-
-    def _sample(self, sample: ForceSample) -> None:
-        """In the order of their stamps; a slave whose clock began anew has other samples."""
-        if self._sampled_ns is not None and sample.stamp_ns < self._sampled_ns - RESTART_NS:
-            self.samples, self._sampled_ns = new_samples(), None
-        if self._sampled_ns is None or sample.stamp_ns > self._sampled_ns:
-            self._sampled_ns = sample.stamp_ns
-            self.samples.add(sample.stamp_ns * 1e-9, sample.position_m, sample.force_n)
 
     def _place_s(self, sample: ForceSample, now_s: float) -> float:
         stamp_ns = sample.answers_stamp_ns

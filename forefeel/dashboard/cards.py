@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from math import isfinite
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,18 +21,22 @@ from forefeel.common.topics import (
 )
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.comparison import SPAN_S as COMPARED_S
+from forefeel.dashboard.detector import Signs
 from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
 from forefeel.dashboard.lights import lights, safety_word
 from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
-from forefeel.report.wording import deviating, micros, number
+from forefeel.report.wording import deviating, micros, number, share
 
 Card = dict[str, Any]
+Past = Literal["live", "whole", "part"]
 _BINS = 36  # bars of the histogram of the delay
 # s, least width of the histogram
 _LEAST_SPREAD_S = 2e-3
 _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
+# s for which what the model says of itself counts after it was heard
+_MODEL_S = 2.0
 # s for which a loop's lateness is shown after it was heard: it comes once a second, three may be lost
 _TIMING_S = 3.5
 _TICKS_OF_DELAY = 1000  # answered commands of which the delay is said, the last second at 1 kHz
@@ -190,6 +194,34 @@ def energy(view: AxisView, now_ns: int) -> Card:
     words = "passive" if level == GOOD else "the handle has given more than it took"
     lowest = f"lowest {quantity(view.worst_energy_j, 'J')}"
     return {"level": level, "value": quantity(felt.energy_j, "J"), "words": f"{words} · {lowest}"}
+
+
+def watch(view: AxisView, now_ns: int, past: Past = "live") -> Card:
+    """Whether the model fits; `since_s` on the clock of who listens. `past`: what was heard before."""
+    alarm, now_s = view.watch.alarm, view.timeline.now_s(now_ns)
+    if alarm is None:
+        signs = view.watch.signs if _fresh(view, PARAMETERS.name, now_ns, _MODEL_S) else Signs()
+        level, since_s, how = GOOD, None, ""
+        word, next_ = "the model fits", ""
+        if signs.innovation_ratio is None:
+            level, word, next_ = (
+                OFF,
+                "nothing to judge by",
+                "It needs a hand that moves.",
+            )
+        if past == "part":
+            level, word = OFF, "no change in sight"
+            next_ = "Compared with the seconds before only. Played from its begin it is judged as a whole."
+    else:
+        signs, how = Signs(alarm.innovation_ratio, alarm.outside_share), "at worst "
+        level, since_s = WARN, round(now_ns * 1e-9 - (now_s - alarm.since_s), 1)
+        word, next_ = "the model is wrong", "forefeel diagnose names the cause, from the recording."
+    parts = []
+    if signs.innovation_ratio is not None:
+        parts.append(f"errors of the model {how}{signs.innovation_ratio:.1f} × the usual")
+    if signs.outside_share is not None:
+        parts.append(f"{share(signs.outside_share)} of the forces outside of the 95 % band")
+    return {"level": level, "word": word, "since_s": since_s, "signs": " · ".join(parts), "next": next_}
 
 
 def loops(view: AxisView, now_ns: int) -> list[Card]:

@@ -7,7 +7,7 @@ from forefeel.common.errors import CodecError
 from forefeel.common.messages import Message
 from forefeel.common.topics import COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT, Topic, parse_key
 from forefeel.dashboard.axis_view import AxisView
-from forefeel.dashboard.finding import Past
+from forefeel.dashboard.cards import Past
 
 MOST_AXES = 16  # axes that are shown
 BEYOND = f"refused_beyond_{MOST_AXES}_axes"

@@ -13,7 +13,6 @@ import numpy as np
 from forefeel.dashboard import cards
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import CellView
-from forefeel.dashboard.finding import LiveDiagnosis, watch_card
 from forefeel.dashboard.trace import Points
 
 Answer = dict[str, Any]
@@ -32,13 +31,7 @@ class Feed:
         self._sent: dict[str, str] = {}
         self._due_ns: dict[str, int] = {}
 
-    def answer(
-        self,
-        cell: CellView,
-        wanted: str | None,
-        now_ns: int,
-        findings: dict[str, LiveDiagnosis] | None = None,
-    ) -> Answer:
+    def answer(self, cell: CellView, wanted: str | None, now_ns: int) -> Answer:
         """What has changed. `wanted`: an axis; in place of one that is not there the first that was heard."""
         axis = wanted if wanted in cell.axes else next(iter(cell.axes), None)
         answer: Answer = {"axes": list(cell.axes), "axis": axis, "clock_s": now_ns * 1e-9}
@@ -48,8 +41,7 @@ class Feed:
         answer["anew"] = self._begins(view)
         answer["now_s"] = round(view.timeline.now_s(now_ns), 4)
         answer["traces"] = {name: self._new(name, trace.since) for name, trace in view.traces.items()}
-        finding = (findings or {}).get(axis)
-        answer["cards"] = self._cards(cell, view, finding, now_ns)
+        answer["cards"] = self._cards(cell, view, now_ns)
         return answer
 
     def _begins(self, view: AxisView) -> bool:
@@ -67,13 +59,13 @@ class Feed:
         rows = np.round(points.rows, _DECIMALS).tolist()
         return [[value if value == value else None for value in row] for row in rows]  # noqa: PLR0124 - NaN
 
-    def _cards(self, cell: CellView, view: AxisView, finding: LiveDiagnosis | None, now_ns: int) -> Answer:
+    def _cards(self, cell: CellView, view: AxisView, now_ns: int) -> Answer:
         made: dict[str, tuple[int, Callable[[], Any]]] = {
             "numbers": (_QUICK_NS, lambda: cards.numbers(view, now_ns)),
             "banner": (_QUICK_NS, lambda: cards.banner(view)),
             "gain": (_SLOW_NS, lambda: cards.gain(view, now_ns)),
             "standing": (_QUICK_NS, lambda: cards.standing(view, now_ns)),
-            "watch": (_QUICK_NS, lambda: watch_card(view, finding, now_ns, cell.past)),
+            "watch": (_QUICK_NS, lambda: cards.watch(view, now_ns, cell.past)),
             "energy": (_QUICK_NS, lambda: cards.energy(view, now_ns)),
             "delay": (_SLOW_NS, lambda: cards.delay(view, now_ns)),
             "model": (_SLOW_NS, lambda: cards.model(view, now_ns)),

@@ -28,7 +28,6 @@ from forefeel.dashboard import stop
 from forefeel.dashboard.admission import guard
 from forefeel.dashboard.chapter import Chapter
 from forefeel.dashboard.conversation import PATH, Conversations
-from forefeel.dashboard.diagnosing import Diagnosing
 from forefeel.dashboard.sources import LiveCell
 from forefeel.dashboard.story import RESULTS, Story
 from forefeel.dashboard.vessel import VesselSettings
@@ -37,7 +36,7 @@ from forefeel.network_settings import ObserverSettings
 from forefeel.terminal import ask, say
 
 _POLL_S = 0.2  # s between two looks for an end
-# niceness that is added (nice(2)): behind the daemons and other programs, before a diagnosis at 19
+# niceness that is added (nice(2)): behind the daemons and other programs
 _NICE = 5
 _LINGER_S = 10.0  # s that a page has for a reload when all is told
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
@@ -50,7 +49,6 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
-Background = Callable[[], Awaitable[None]]
 
 
 def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
@@ -84,13 +82,12 @@ def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
             transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)
             if transport.notice:
                 say(transport.notice)
-            diagnosing = Diagnosing(live.look, live.findings)
             button = stop.StopButton(transport, settings.cell, clock)
             routes = [Route(stop.PATH, button.press, methods=["POST"])]
             story = Story(live, Chapter(vessel=vessel))
             page = Page(listening, story, f"cell {settings.cell}", failed, address, routes)
             ends = partial(page.follow, told) if told else partial(_until, duration_s, failed)
-            page.serve(opens, [diagnosing.run, ends])
+            page.serve(opens, ends)
 
 
 def run_view(
@@ -108,7 +105,7 @@ def run_view(
     _step_back()
     with heeded(_exit), listening_at(address, port) as listening:
         page = Page(listening, story, str(file), [], address)
-        page.serve(opens, [lambda: _until(duration_s, [])])
+        page.serve(opens, partial(_until, duration_s, []))
 
 
 def _exit() -> None:
@@ -134,7 +131,7 @@ class _Files(StaticFiles):
 
 
 class Page:
-    """The page and what runs beside it.
+    """The page and what it ends with.
 
     Args:
         what: it shows, in words.
@@ -162,18 +159,17 @@ class Page:
         ]
         app = Starlette(routes=routes, lifespan=self._lifespan)
         self._link = guard(app, listening, address)
-        self._background: list[Background] = []
         self._server = _Server(
             uvicorn.Config(app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1)
         )
 
-    def serve(self, opens: bool, background: list[Background]) -> None:
-        """Until any of `background` ends.
+    def serve(self, opens: bool, until: Callable[[], Awaitable[None]]) -> None:
+        """Until that ends.
 
         Raises:
-            RunError: one of them failed.
+            RunError: it failed.
         """
-        self._background = background
+        self._until = until
         tell = ask if self._link.secret else say  # without the link nobody could see the page
         tell(f"dashboard of {self._what} at {self._link.url}; Ctrl-C ends")
         if opens:
@@ -198,15 +194,14 @@ class Page:
 
     @asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(self._watched(each)) for each in self._background]
+        task = asyncio.create_task(self._watched())
         yield
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
-    async def _watched(self, task: Background) -> None:
+    async def _watched(self) -> None:
         try:
-            await task()
+            await self._until()
         except Exception as error:  # noqa: BLE001 - said when the page has ended
             self._failed.append(error)
         finally:

@@ -14,7 +14,6 @@ from forefeel.common.events.text import span
 from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Answer, Feed
-from forefeel.dashboard.finding import LiveDiagnosis
 from forefeel.dashboard.lights import silent_s
 from forefeel.dashboard.replay import ReplayClock
 from forefeel.dashboard.trace import SPAN_S
@@ -47,14 +46,9 @@ class Source(Protocol):
 
 
 class LiveCell:
-    """A cell that is heard on one thread and shown on others.
-
-    Attributes:
-        findings: of the live diagnosis, by axis.
-    """
+    """A cell that is heard on one thread and shown on others."""
 
     def __init__(self, name: str, where: str, clock: Clock) -> None:
-        self.findings: dict[str, LiveDiagnosis] = {}
         self._name, self._where, self._clock = name, where, clock
         self._lock = threading.Lock()
         self.begin()
@@ -63,7 +57,6 @@ class LiveCell:
         """Forgets what was heard: another run of the cell is to come."""
         with self._lock:
             self._cell, self._since_ns = CellView(), self._clock.now_ns()
-            self.findings.clear()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
         with self._lock:
@@ -102,7 +95,7 @@ class LiveViewer:
         return self._live.look(lambda cell, now_ns: self._answer(cell, now_ns, ask))
 
     def _answer(self, cell: CellView, now_ns: int, ask: Ask) -> Answer:
-        answer = self._feed.answer(cell, ask.axis, now_ns, self._live.findings)
+        answer = self._feed.answer(cell, ask.axis, now_ns)
         return answer | {"silence": self._live.silence(cell, now_ns)}
 
 

@@ -67,8 +67,7 @@ function showWatch(card, when) {
   tell("watch-word", card.word);
   tell("watch-since", card.since_s === null ? "" : `since ${when(card.since_s)}`);
   tell("watch-signs", card.signs);
-  tell("watch-headline", card.headline);
-  node("causes").replaceChildren(...card.causes.map((text) => made("li", "", text)));
+  tell("watch-next", card.next);
 }
 
 function showEnergy(card) {

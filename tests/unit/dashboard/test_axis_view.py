@@ -98,16 +98,6 @@ def test_each_answered_command_gives_one_delay() -> None:
     assert len(again.delays.rows()) == 1
 
 
-def test_a_diagnosis_gets_the_samples_by_the_clock_of_the_slave() -> None:
-    view, _ = heard(1.0)
-    rows = view.samples.rows()
-    assert np.allclose(np.diff(rows[:, 0]), 1e-3)
-    assert len(rows) == 700
-    view.take(FORCE, force(1, round(rows[5, 0] * S), None), 20 * S)  # overtaken
-    view.take(FORCE, force(2000, 2**40, None, valid=False), 20 * S)
-    assert len(view.samples.rows()) == 700
-
-
 def test_the_error_of_a_prediction_is_counted_by_command() -> None:
     view, _ = heard(8.0)
     assert view.watch.signs.outside_share == 0.0
@@ -155,14 +145,3 @@ def test_what_is_no_message_is_counted_and_changes_nothing() -> None:
     assert (cell.refused, cell.heard_ns, dict(cell.axes)) == ({"malformed": 1}, None, {})
     cell.hear(COMMAND.key(CELL, AXIS), b"not decoded", 3)
     assert (cell.refused, cell.heard_ns) == ({"malformed": 1}, 3)
-
-
-def test_samples_of_a_slave_that_was_started_again_are_not_mixed_with_those_before() -> None:
-    view = AxisView()
-    for tick in range(100):
-        view.take(FORCE, force(tick, 5000 * S + tick * MS, None), 9 * S + tick * MS)
-    view.take(FORCE, force(100, 5000 * S, None), 10 * S)  # overtaken on the way
-    assert len(view.samples.rows()) == 100
-    for tick in range(50):
-        view.take(FORCE, force(tick, 2 * S + tick * MS, None), 90 * S + tick * MS)
-    assert view.samples.rows()[:, 0] == pytest.approx(2.0 + np.arange(50) * 1e-3)

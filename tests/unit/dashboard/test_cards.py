@@ -9,6 +9,7 @@ from forefeel.common.messages import SafetyState
 from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING
 from forefeel.dashboard import cards
 from forefeel.dashboard.axis_view import AxisView
+from forefeel.dashboard.detector import Alarm
 from forefeel.dashboard.levels import Level
 from forefeel.dashboard.lights import lights
 from forefeel.dashboard.tally import tallies, totals
@@ -136,3 +137,16 @@ def test_gain_is_error_in_place_of_late_error() -> None:
     assert cards.gain(view, now_ns)["head"] == "300 ms ahead: error 0.0 mN in place of 132"
     for unjudged, at_ns in ((view, now_ns + 30 * S), heard(0.5)):
         assert cards.gain(unjudged, at_ns)["head"] == "not judged yet"
+
+
+def test_watch_says_since_when_the_model_is_wrong() -> None:
+    view, now_ns = heard(3.0)
+    assert cards.watch(view, now_ns)["word"] == "the model fits"
+    assert cards.watch(view, now_ns, "part")["word"] == "no change in sight"
+    assert cards.watch(view, now_ns + 3 * S)["word"] == "nothing to judge by"
+    view.watch.alarm = Alarm(view.timeline.now_s(now_ns) - 5.0, 3.2, 0.4)
+    card = cards.watch(view, now_ns)
+    assert (card["word"], card["level"]) == ("the model is wrong", "warn")
+    assert card["since_s"] == pytest.approx(now_ns * 1e-9 - 5.0, abs=0.06)
+    assert card["signs"].startswith("errors of the model at worst 3.2 × the usual · 40 % of the forces")
+    assert "forefeel diagnose" in card["next"]
