@@ -42,10 +42,10 @@ from forefeel.diagnosis.evaluation.replay import replay
 from forefeel.diagnosis.evaluation.rls import PRIOR_VARIANCE, RecursiveLeastSquares
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
 from forefeel.loopback.virtual import VirtualLoopback
-from forefeel.report import svg_drawing as drawing
 from forefeel.report.score import first_answers
-from forefeel.report.svg_drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from forefeel.report.template import environment
+from studies import plotting
+from studies.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 
 Array = NDArray[np.float64]
 Rls = PaperRls | RecursiveLeastSquares
@@ -330,7 +330,7 @@ class Section:
 
 def simulation() -> Section:
     """Figures 4 and 5: x = sin t at 100 Hz, three periods, without and with the delay."""
-    figure = drawing.new_figure(5.4)
+    figure = plotting.new_figure(5.4)
     rows: list[Row] = [
         ("delay", "m, b, k", "error rms", "lead", "newest motion", "lead", "equations (3)-(7)")
     ]
@@ -351,7 +351,7 @@ def simulation() -> Section:
         axes.plot(time_s, arrived_n, color=BLACK, label="measured, as it arrives")
         axes.plot(time_s, stamps_n, color=VERMILION, label="predicted, paired by stamps")
         axes.plot(time_s, newest_n, color=PURPLE, dashes=(3, 3), label="paired with the newest motion")
-        drawing.finish(axes, "time in s", "force in N")
+        plotting.finish(axes, "time in s", "force in N")
     return Section(
         "Figures 4 and 5: the simulation without and with 300 ms delay",
         "x = sin t, lambda 0.96, 100 Hz. Paired by the slave's stamps the prediction coincides with the "
@@ -384,22 +384,22 @@ def bench(run: ComparedRun) -> Section:
         "hold, 300 ms": (run.predicted_n["hold"][run.scored], ORANGE),
         "product, 300 ms": (run.predicted_n["product"][run.scored], BLUE),
     }
-    figure = drawing.new_figure(6.2)
+    figure = plotting.new_figure(6.2)
     first, second = figure.subplots(2, 1, sharex=True)
-    drawing.limit_y(first, 1e3 * force_n, beside=1e3 * shown["paper, 300 ms"][0], trim=0.001)
-    drawing.limit_y(second, *(1e3 * (made_n - force_n) for made_n, _ in shown.values()), trim=0.0005)
-    drawing.band_about_zero(second, 1e3 * bound_n, "stated in the paper")
-    drawing.plot(first, time_s, 1e3 * force_n, BLACK, "measured", width=1.6)
+    plotting.limit_y(first, 1e3 * force_n, beside=1e3 * shown["paper, 300 ms"][0], trim=0.001)
+    plotting.limit_y(second, *(1e3 * (made_n - force_n) for made_n, _ in shown.values()), trim=0.0005)
+    second.axhspan(-1e3 * bound_n, 1e3 * bound_n, color=GREY, alpha=0.35, label="stated in the paper")
+    plotting.plot(first, time_s, 1e3 * force_n, BLACK, "measured", width=1.6)
     rows: list[Row] = [("", "rms", "max", within := f"within {1e3 * bound_n:g} mN")]
     for name, (made_n, colour) in shown.items():
         error_n = np.abs(made_n - force_n)
         share = f"{100 * np.mean(error_n <= bound_n):.1f} %"
         rows.append((name, newton(rms(error_n)), newton(float(error_n.max())), share))
-        drawing.plot(first, time_s, 1e3 * made_n, colour, name)
-        drawing.plot(second, time_s, 1e3 * (made_n - force_n), colour, name)
+        plotting.plot(first, time_s, 1e3 * made_n, colour, name)
+        plotting.plot(second, time_s, 1e3 * (made_n - force_n), colour, name)
     rows.append(("the force itself", newton(rms(force_n)), newton(float(np.abs(force_n).max())), ""))
-    drawing.finish(first, "", "force in mN", columns=5)
-    drawing.finish(second, "time in s", "error in mN", columns=5)
+    plotting.finish(first, "", "force in mN", columns=5)
+    plotting.finish(second, "time in s", "error in mN", columns=5)
     return Section(
         f"Figures {figures}: {run.instrument}, simulated bench",
         "Not the paper's phantom: the simulated vessel, stage and operator of this product in virtual time.",
@@ -431,7 +431,8 @@ def not_identifiable() -> Section:
     paper, product, says = identified((1.0, 1.0))
     _, two, _ = identified((1.0, 1.0), (0.3, 4.0))
     rows: list[Row] = [("learned from sin t", "m, b, k", "at 2 rad/s", "at 5 rad/s", "at 10 rad/s")]
-    figure, axes = drawing.one_plot(3.6)
+    figure = plotting.new_figure(3.6)
+    axes = figure.subplots()
     grid = np.linspace(0.2, 12.0, 237)
     for name, theta, colour in (
         ("truth", THETA, GREY),
@@ -443,7 +444,7 @@ def not_identifiable() -> Section:
         width = 5 if name == "truth" else 1.6
         axes.plot(grid, [amplitude_n(theta, w) for w in grid], color=colour, linewidth=width, label=name)
     axes.set_yscale("log")
-    drawing.finish(axes, "angular frequency of the motion in rad/s", "force amplitude in N, for 1 m")
+    plotting.finish(axes, "angular frequency of the motion in rad/s", "force amplitude in N, for 1 m")
     return Section(
         "(a) Mass and stiffness can not be told apart",
         "With x = sin t, x'' = -x: two columns of the regression are one. The prediction is right at 1 rad/s "
@@ -503,15 +504,15 @@ def wind_up() -> Section:
         sizes = f"{one.overflow_s:.3g} s", f"{expected_overflow_s(lam):.3g} s"
         rows.append((f"{lam:g}", *sizes, exceeds if lam == PAPER_LAMBDA else ""))
     rows.append(("product, 1 mN of noise", f"P at most {product.growth.max():.3g} of its start", "", "never"))
-    figure = drawing.new_figure(3.4)
+    figure = plotting.new_figure(3.4)
     left, right = figure.subplots(1, 2)
     for (lam, one), colour in zip(clean.items(), (PURPLE, VERMILION, ORANGE, GREEN), strict=True):
         left.plot(0.02 * np.arange(len(one.growth)), np.log10(one.growth), color=colour, label=f"λ {lam:g}")
     left.plot(0.02 * np.arange(len(product.growth)), np.log10(product.growth), color=BLUE, label="product")
     for one, colour, label in ((noisy[0], VERMILION, "paper, λ 0.96"), (product, BLUE, "product")):
         right.plot(0.02 * np.arange(len(one.largest)), np.log10(one.largest), color=colour, label=label)
-    drawing.finish(left, "time in s", "growth of trace P, powers of ten", columns=5)
-    drawing.finish(right, "time in s", "largest parameter with noise, powers of ten")
+    plotting.finish(left, "time in s", "growth of trace P, powers of ten", columns=5)
+    plotting.finish(right, "time in s", "largest parameter with noise, powers of ten")
     ends = ", ".join(f"{row[1]} ({row[0]})" for row in rows[1:5])
     return Section(
         "(b) The update overflows",
@@ -609,15 +610,17 @@ def baseline(runs: Sequence[ComparedRun]) -> Section:
     sine = pairing_rms()
     ratios = (f"{sine[name] / sine['hold']:.3g}" if name in sine else "" for name in others)
     rows.append(("x = sin t", newton(amplitude_n(THETA, 1.0) / sqrt(2.0)), newton(sine["hold"]), *ratios))
-    figure, axes = drawing.one_plot(1.2 + 0.27 * len(runs))
+    figure = plotting.new_figure(1.2 + 0.27 * len(runs))
+    axes = figure.subplots()
     places = np.arange(len(runs))[::-1]
     axes.axvline(1.0, color=ORANGE, linewidth=2.5, label="hold")
     for name, colour in zip(others, (VERMILION, PURPLE, GREEN, BLUE), strict=True):
         axes.plot([run.of_hold(name) for run in runs], places, "o", color=colour, label=name)
     axes.set_yticks(places, [run.name for run in runs])
     axes.set_xscale("log")
-    drawing.plain_numbers(axes.xaxis)
-    drawing.finish(axes, "rms error / that of the hold", "", columns=5)
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter("")
+    plotting.finish(axes, "rms error / that of the hold", "", columns=5)
     return Section(
         "(e) No baseline, (f) the late force paired with the newest motion",
         "Right of the line doing nothing is better. Tared: on the force less its first value. The memory of "
@@ -649,16 +652,17 @@ def newton(value: float) -> str:
 
 _PAGE = """\
 {% extends "report/base.html.j2" %}
-{% from "report/parts.html.j2" import head, svg_picture as picture, row %}
+{% from "report/parts.html.j2" import head, row %}
 {% set title, kind = "studies.paper", "python -m studies.paper" %}
 {% set heading = "Contact force prediction by parameter identification: the paper, reproduced" %}
 {% block main %}
 <div class="card"><table>{{ head(["", "the paper says", "we get"]) }}
 {% for section, _ in sections %}{% for line in section.comparison %}{{ row(line) }}{% endfor %}{% endfor %}
 </table></div>
-{% for section, drawn in sections %}
+{% for section, file in sections %}
 <h2>{{ section.title }}</h2>
-{% if drawn %}{{ picture(drawn) }}{% else %}<p>{{ section.caption }}</p>{% endif %}
+<p>{{ section.caption }}</p>
+{% if file %}<img src="{{ file }}" alt="{{ section.title }}" style="width:100%">{% endif %}
 <div class="card"><table>{{ head(section.rows[0]) }}
 {% for line in section.rows[1:] %}{{ row(line) }}{% endfor %}
 </table></div>
@@ -679,15 +683,14 @@ def make(out: Path, folders: Sequence[Path], seed: int, duration_s: float) -> No
             except RecordingError as error:
                 skipped.append(f"{path.name} skipped: {error}")
     pages = []
-    with drawing.styled():
+    with plotting.styled():
         normal = [run for run in benches if run.style == "normal"]
         sections = [simulation(), *map(bench, normal), not_identifiable(), wind_up(), memory(), unmodelled()]
         for one in (*sections, baseline(runs), thresholds(benches)):
-            name = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower()
-            drawn = one.figure and drawing.drawn(one.figure, name, one.title, one.caption)
-            pages.append((one, drawn))
+            file = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower() + ".png"
+            pages.append((one, file if one.figure else ""))
             if one.figure:
-                one.figure.savefig(out / f"{name}.png", dpi=120, facecolor="white")
+                one.figure.savefig(out / file, dpi=120)
             print(f"\n{one.title}", *(" | ".join(line) for line in (*one.comparison, *one.rows)), sep="\n  ")
     page = environment().from_string(_PAGE).render(sections=pages, skipped=skipped)
     (out / "paper.html").write_text(page, encoding="utf-8")
