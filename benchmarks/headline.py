@@ -81,7 +81,7 @@ def run_over_packets(link: str, loss: float, seconds: float, seed: int) -> RunRe
 def compared(injected: Sequence[RunReport], packets: Sequence[RunReport]) -> str:
     """Both ratios over packets beside those injected, and by how much they differ; means over the seeds."""
     whole, settled = (
-        _difference(name, *(_mean(part(run).ratio.rms for run in runs) for runs in (packets, injected)))
+        _difference(name, *(_mean(part(run).ratio for run in runs) for runs in (packets, injected)))
         for name, part in _PARTS.items()
     )
     return f"{whole}; {settled}."
@@ -107,8 +107,8 @@ def _figures(report: RunReport) -> list[str]:
     return [
         millinewtons(report.prediction.rms_n),
         millinewtons(report.zoh.rms_n),
-        ratio(report.ratio.rms),
-        ratio(report.settled.ratio.rms),
+        ratio(report.ratio),
+        ratio(report.settled.ratio),
         f"{100 * (report.armed_share or 0.0):.1f}",
         f"{report.stops}",
         " / ".join(milliseconds(each) for each in (report.delay_s.p50, report.delay_s.p99)),

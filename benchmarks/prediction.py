@@ -91,7 +91,7 @@ def demo(preset: str, seed: int, delay_s: float) -> tuple[Recording, str]:
         loop.write(path)
         run = read_run(path)
         report = summarise(run)
-        return run.to_recording(), f"{ratio(report.ratio.rms)} / {ratio(report.settled.ratio.rms)}"
+        return run.to_recording(), f"{ratio(report.ratio)} / {ratio(report.settled.ratio)}"
 
 
 def generated(seed: int) -> Recording:

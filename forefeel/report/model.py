@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from forefeel.common.error_size import ErrorSize
-from forefeel.report.score import ErrorRatio, PredictionComparison, Spread
+from forefeel.report.score import PredictionComparison, Spread
 from forefeel.report.transparency import Transparency
 
 
@@ -97,7 +97,7 @@ class AxisReport(_Part):
     transparency: Transparency | None = None
     prediction: ErrorSize = ErrorSize()
     zoh: ErrorSize = ErrorSize()
-    ratio: ErrorRatio = ErrorRatio()
+    ratio: float | None = None
     settled: PredictionComparison = PredictionComparison()
     predictor: PredictorFigures = PredictorFigures()
     hand_energy_j: float | None = None

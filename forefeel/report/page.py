@@ -286,8 +286,8 @@ def _felt(found: Transparency | None) -> str:
 def _predicted(report: RunReport) -> str:
     if not report.commands.scored:
         return "not judged: no command has a prediction and an answer"
-    settled = f"after {SETTLING_S:g} s of learning {ratio(report.settled.ratio.rms)}"
-    return f"{_against(report.prediction, report.zoh, report.ratio.rms)}; {settled}"
+    settled = f"after {SETTLING_S:g} s of learning {ratio(report.settled.ratio)}"
+    return f"{_against(report.prediction, report.zoh, report.ratio)}; {settled}"
 
 
 def _against(size: ErrorSize, late: ErrorSize, times: float | None) -> str:

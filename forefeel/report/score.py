@@ -18,22 +18,13 @@ Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class ErrorRatio:
-    """Size of the prediction's error over that of zoh: below 1 the prediction is better."""
-
-    rms: float | None = None
-    p95: float | None = None
-    max: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class PredictionComparison:
-    """Prediction and zoh, both on the same `commands` (their number)."""
+    """Prediction and zoh, both on the same `commands` (their number); `ratio` of their rms."""
 
     commands: int = 0
     prediction: ErrorSize = field(default_factory=ErrorSize)
     zoh: ErrorSize = field(default_factory=ErrorSize)
-    ratio: ErrorRatio = field(default_factory=ErrorRatio)
+    ratio: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +111,7 @@ def compare(predicted_n: Floats, zoh_n: Floats, force_n: Floats) -> PredictionCo
     rows = scored(predicted_n, zoh_n, force_n)
     prediction = error_size(predicted_n[rows], force_n[rows])
     zoh = error_size(zoh_n[rows], force_n[rows])
-    ratio = ErrorRatio(
-        rms=_ratio(prediction.rms_n, zoh.rms_n),
-        p95=_ratio(prediction.p95_n, zoh.p95_n),
-        max=_ratio(prediction.max_n, zoh.max_n),
-    )
+    ratio = prediction.rms_n / zoh.rms_n if prediction.rms_n is not None and zoh.rms_n else None
     return PredictionComparison(int(np.count_nonzero(rows)), prediction, zoh, ratio)
 
 
@@ -135,8 +122,3 @@ def spread(values: Floats) -> Spread:
         return Spread()
     p50, p99 = np.quantile(known, (0.50, 0.99)).tolist()
     return Spread(p50, p99, float(known.max()), float(known.mean()))
-
-
-def _ratio(part: float | None, whole: float | None) -> float | None:
-    found = part / whole if part is not None and whole else np.inf
-    return found if np.isfinite(found) else None

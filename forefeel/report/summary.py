@@ -50,10 +50,8 @@ MOST_EVENTS = 100
 M = TypeVar("M", bound=Message)
 _IMPAIRMENTS = (("master", MASTER_IMPAIRMENT), ("slave", SLAVE_IMPAIRMENT))
 _TIMINGS = {"master": MASTER_TIMING, "slave": SLAVE_TIMING}
-_OF_CALIBRATION = (
-    "slot", "driver", "serial", "date", "zero", "gain_n", "residual_n", "hysteresis_n", "native_per_m",
-    "repeatability_m",
-)  # fmt: skip
+_HEADER = {"protocol", "session_id", "sequence", "stamp_ns"}
+"""Of every message."""
 
 
 def summarise(run: Run) -> RunReport:
@@ -220,8 +218,7 @@ def _calibrations(run: Run, axis: str) -> tuple[dict[str, str | float], ...]:
     """Each that was loaded, once, in the order of their first mention."""
     found: list[dict[str, str | float]] = []
     for message in run.messages(axis, CALIBRATION):
-        known = {name: getattr(message, name) for name in _OF_CALIBRATION}
-        said = {name: value for name, value in known.items() if value is not None}
+        said = message.model_dump(exclude=_HEADER, exclude_none=True)
         if said not in found:
             found.append(said)
     return tuple(found)

@@ -85,7 +85,7 @@ def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency
     errors = np.abs(felt_n - true_n) / jnd_n
     errors = errors[np.isfinite(errors) & np.isfinite(held_n)]
     jnd_rms, within = float(np.sqrt(np.mean(errors**2))), float(np.mean(errors <= 1.0))
-    return Transparency(found.commands, found.prediction, found.zoh, found.ratio.rms, jnd_rms, within)
+    return Transparency(found.commands, found.prediction, found.zoh, found.ratio, jnd_rms, within)
 
 
 def run_transparency(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:

@@ -119,7 +119,7 @@ def test_report_scores_prediction_and_felt_force(tmp_path: Path) -> None:
         for key, payload, stamp_ns in preset_run("paper").payloads:
             writer.write(key, payload, stamp_ns)
     report = write_report(tmp_path / "run.mcap", tmp_path)
-    assert report.settled.commands > 1500 and (report.settled.ratio.rms or 9.0) < 0.6
+    assert report.settled.commands > 1500 and (report.settled.ratio or 9.0) < 0.6
     assert report.transparency is not None and (report.transparency.ratio or 9.0) < 0.9
     assert "twin of the simulated world" in (tmp_path / "report.html").read_text()
     run = read_run(tmp_path / "run.mcap")

@@ -36,7 +36,7 @@ def test_scores_are_exact(report: RunReport) -> None:
     assert report.prediction.p95_n == pytest.approx(0.95005)
     assert report.prediction.max_n == pytest.approx(1.0)
     assert report.zoh.rms_n == pytest.approx(2e-3 * np.sqrt(1001 * 2001 / 6))
-    assert report.ratio.rms == pytest.approx(0.5)
+    assert report.ratio == pytest.approx(0.5)
 
 
 def test_settled_starts_three_seconds_after_the_first_scored_command(report: RunReport) -> None:
