@@ -5,11 +5,12 @@ BIN := $(VENV)/bin
 # two stages: what runs the demo, and what the tests and checks need beyond it; versions and hashes are pinned
 DEMO := $(VENV)/.demo
 READY := $(VENV)/.ready
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# bytecode of what is used comes with its first use: that of all would take half of the time and 100 MB
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
 # one thread for linear algebra in each of two test processes; bytecode is kept, or each start compiles anew
 test system: export OPENBLAS_NUM_THREADS := 1
-test system: export PYTHONDONTWRITEBYTECODE :=
+demo test system: export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: help demo test check docs bench hidden-effects system fuzz format lock clean
 
@@ -22,12 +23,12 @@ $(DEMO): deploy/lock/demo.txt pyproject.toml
 	$(PIP) --require-hashes -r deploy/lock/demo.txt
 	rm -rf forefeel.egg-info  # an old one hides new entry points
 	$(PIP) --no-deps --no-build-isolation --editable .
-	$(BIN)/python -c 'from forefeel.common.estimation.predictor import compile_kernels; compile_kernels()'
-	$(BIN)/python -c 'from forefeel.common.causes.registry import compile_kernels; compile_kernels()'
 	@touch $@
 
 $(READY): $(DEMO) deploy/lock/dev.txt
 	$(PIP) --require-hashes -r deploy/lock/dev.txt
+	$(BIN)/python -c 'from forefeel.common.estimation.predictor import compile_kernels; compile_kernels()'
+	$(BIN)/python -c 'from forefeel.common.causes.registry import compile_kernels; compile_kernels()'
 	@touch $@
 
 demo: $(DEMO) ## a minute and a half on this machine, live at 127.0.0.1:8600, report in out/demo
