@@ -10,8 +10,10 @@ pytest.importorskip("playwright")
 from forefeel.common.codec import decode
 from forefeel.common.messages import EmergencyStop, SafetyState
 from forefeel.common.topics import EMERGENCY_STOP, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
+from forefeel.report.page import write_report
 from tests.browser import Served, Shown, Speaker, installed_chromium
 from tests.unit.dashboard.said import CELL, HOSTILE, safety
+from tests.unit.report_run import write_known_run
 
 HOSTILE_AXIS = "<i>axis"
 VESSEL = f"""
@@ -104,3 +106,23 @@ def check_hostile_text(shown: Shown, speaker: Speaker) -> None:
     assert "<img" in shown.text("leading")
     assert shown.page.locator("img").count() == 0
     assert shown.page.title() == "forefeel"
+
+
+def test_report_in_a_browser_shows_values_and_a_part(tmp_path: Path) -> None:
+    write_known_run(tmp_path / "run.mcap", reason=HOSTILE)
+    write_report(tmp_path / "run.mcap", tmp_path)
+    url = (tmp_path / "report.html").as_uri()
+    with installed_chromium(tmp_path) as chromium, Shown(chromium, url) as shown:
+        picture = shown.page.locator("figure canvas").first
+        script = "document.querySelector('figure canvas').toDataURL()"
+        seen = [shown.ask(script)]
+        picture.hover(position={"x": 500, "y": 200})
+        seen.append(shown.ask(script))
+        picture.drag_to(picture, source_position={"x": 300, "y": 200}, target_position={"x": 500, "y": 200})
+        shown.page.mouse.move(0, 0)
+        seen.append(shown.ask(script))
+        assert len(set(seen)) == 3
+        picture.dblclick(position={"x": 500, "y": 200})
+        shown.page.mouse.move(0, 0)
+        assert shown.ask(script) == seen[0]
+        assert (shown.errors, shown.asked) == ([], {url})
