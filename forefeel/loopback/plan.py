@@ -117,7 +117,7 @@ def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
         tip_mm=tip_mm,
         instrument_radius_mm=_INSTRUMENT,
         lumen_radius_mm={0.0: _ENTRANCE, contact_mm: _INSTRUMENT, end_mm: _DEEPEST},
-        landmarks_mm={**({"valve": 0.0} if shaft else {}), "contact": contact_mm},
+        landmarks_mm=({"valve": 0.0} if shaft else {}) | ({"contact": contact_mm} if contact_mm else {}),
         to_scale=False,
     )
 

@@ -76,7 +76,7 @@ def check_picture(shown: Shown, speaker: Speaker) -> None:
     speaker.changes[FORCE.name]["position_m"] = 0.03
     shown.until(lambda: shown.ask("forefeel.charts.drawn.tip_mm") == 35.0, "the tip")
     assert shown.ask(pixels) != before
-    assert shown.ask("forefeel.charts.drawn.arrows[2].more") == f"{shown.text('delay')} ms late"
+    assert str(shown.ask("forefeel.charts.drawn.late_ms")) == shown.text("delay")
 
 
 def check_stop(shown: Shown, speaker: Speaker) -> None:

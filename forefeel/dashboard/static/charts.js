@@ -13,7 +13,7 @@ const DOTTED = [0.1, 5], DASHED = [7, 5];
 export class Charts {
   constructor(force, delays, picture, wants) {
     Object.assign(this, { force, delayed: delays, picture, frame: null, hover: null, picked: null });
-    Object.assign(this, { vessel: null, friction: {}, late_ms: null, reach: null, rows: null });
+    Object.assign(this, { vessel: null, friction: {}, late_ms: null, reach_mm: [], rows: null });
     this.ranges = [new Range(0.05, 5), new Range(0.05, 2), new Range(0.5, 3)];
     this.card = { edges_ms: [], counts: [] };
     const hover = (x, from = null) => {
@@ -79,19 +79,14 @@ export class Charts {
     const [most_mn, most_felt_mn] = this.ranges.map((range) => 1e3 * Math.max(-range.min, range.max));
     const place = (name, s) => { const mm = times(1e3, at(name, s), slip_m); return mm === null ? null : mm + base_mm; };
     const tip_mm = place("readback", reported_s), commanded_mm = place("commanded", t_s);
-    if (this.rows !== traces.rows) Object.assign(this, { rows: traces.rows, reach: null });
-    const reached = [...(this.reach ?? []), tip_mm, commanded_mm].filter((mm) => mm !== null);
-    if (reached.length) this.reach = [Math.min(...reached), Math.max(...reached)];
-    const arrow = (name, value, at_mm, colour, lane, more = "") => ({ name, mn: times(1e3, value), most_mn, at_mm, colour, lane, more });
+    if (this.rows !== traces.rows) Object.assign(this, { rows: traces.rows, reach_mm: [] });
+    const reached = [...this.reach_mm, tip_mm, commanded_mm].filter((mm) => mm !== null);
+    if (reached.length) this.reach_mm = [Math.min(...reached), Math.max(...reached)];
     this.drawn = {
-      x: shown(vessel, this.reach ?? [0, 1]), vessel, tip_mm, commanded_mm,
+      vessel, tip_mm, commanded_mm, late_ms, most_mn, reach_mm: reached.length ? this.reach_mm : [0, 1],
+      predicted_mn: times(1e3, at("predicted", t_s)), felt_mn: times(1e3, at("felt", t_s)), measured_mn: times(1e3, at("late", t_s)),
+      most_felt_mn: most_felt_mn > 3 * most_mn ? most_felt_mn : most_mn, // it is scaled for the hand
       valve_mn: this.friction.valve_mn ?? null, rub_mn_per_mm: this.friction.rub_mn_per_mm ?? null,
-      arrows: [
-        arrow("predicted", at("predicted", t_s), commanded_mm, "predicted", 0, "now"),
-        // scaled for the hand, it has a scale of its own
-        { ...arrow("felt by the hand", at("felt", t_s), commanded_mm, "felt", 1), most_mn: most_felt_mn > 3 * most_mn ? most_felt_mn : most_mn },
-        { ...arrow("measured", at("late", t_s), tip_mm, "measured", 2, late_ms === null ? "late" : `${late_ms} ms late`), ghost: true },
-      ],
     };
     drawVessel(this.picture, this.drawn);
   }
@@ -102,14 +97,6 @@ export class Charts {
     const x = rows.length ? { min: card.edges_ms[0], max: card.edges_ms.at(-1) } : { min: 0, max: 1, ticks: [] };
     draw(this.delayed, { x, panels: [{ hidesY: true, bars: [{ colour: "predicted", rows }] }] });
   }
-}
-
-/** The part of the path that is shown: as deep as the instrument has been, and ahead of it as much as arrows need. */
-function shown(vessel, [low, high]) {
-  const start = vessel ? 0 : low, known = vessel ? Math.max(...Object.values(vessel.landmarks_mm), 0) : low;
-  const wanted = Math.max(1.7 * (high - start), 1.15 * (known - start), 1e-3), step = nice(wanted / 8);
-  const max = start + step * Math.ceil(wanted / step - 1e-6);
-  return { min: start - 0.14 * (max - start), max };
 }
 
 /** The range of an axis: grows at once, shrinks only when less has done for a while, and ends at round numbers. */

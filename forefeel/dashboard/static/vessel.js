@@ -1,10 +1,10 @@
 // An instrument in its vessel, in profile. drawVessel(canvas, spec): the same spec gives the same picture. Texts are
 // drawn, never parsed; what is null is not known and not drawn. Places along the path are in mm. A spec is JSON:
-//   x: {min, max}
 //   vessel: {instrument_radius_mm, lumen_radius_mm: {mm: radius}, landmarks_mm: {name: mm}, to_scale}; null: a line
+//   reach_mm: [least, most] where the instrument has been; what is shown follows from it
 //   tip_mm: where the stage reports it, commanded_mm: where the hand wants it
-//   arrows: [{name, more, mn, most_mn, at_mm, colour, lane, ghost}], lanes 0 and 1 above the vessel, 2 below it; a force
-//           that resists the way in is positive and points to the left; that of most_mn is the longest arrow
+//   predicted_mn, felt_mn: arrows at the commanded tip; measured_mn, late_ms: at the reported one. What resists the
+//           way in is positive and points to the left; most_mn, most_felt_mn: force of the longest arrow
 //   valve_mn, rub_mn_per_mm: friction at the valve, and along each mm that touches the wall
 // Colours are names of custom properties of the style sheet.
 import { nice } from "./chart.js";
@@ -24,7 +24,24 @@ export function drawVessel(canvas, spec) {
   if (spec.tip_mm !== null) picture.instrument();
   if (spec.commanded_mm !== null) picture.commanded(picture.atX(spec.commanded_mm));
   if (valve !== undefined) picture.valve(picture.atX(valve));
-  for (const arrow of spec.arrows) if (arrow.mn !== null && arrow.at_mm !== null) picture.arrow(arrow);
+  const { most_mn, most_felt_mn, late_ms } = spec, late = late_ms === null ? "late" : `${late_ms} ms late`;
+  picture.arrow("predicted", "now", spec.predicted_mn, most_mn, spec.commanded_mm, 0);
+  picture.arrow("felt", "", spec.felt_mn, most_felt_mn, spec.commanded_mm, 1);
+  picture.arrow("measured", late, spec.measured_mn, most_mn, spec.tip_mm, 2);
+}
+
+/** Draws it again, too, when size or theme change. */
+export function showVessel(canvas, spec) {
+  new ResizeObserver(() => drawVessel(canvas, spec)).observe(canvas);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawVessel(canvas, spec));
+}
+
+/** As deep as the instrument has been, and ahead of it as much as arrows need. */
+function shown({ vessel, reach_mm: [low, high] }) {
+  const start = vessel ? 0 : low, known = vessel ? Math.max(0, ...Object.values(vessel.landmarks_mm)) : low;
+  const wanted = Math.max(1.7 * (high - start), 1.15 * (known - start), 1e-3), step = nice(wanted / 8);
+  const max = start + step * Math.ceil(wanted / step - 1e-6);
+  return { min: start - 0.14 * (max - start), max };
 }
 
 class Picture {
@@ -34,7 +51,8 @@ class Picture {
     pen.lineCap = "round";
     Object.assign(this, { spec, pen, width, height, vessel, lumen, top, bottom, middle: (top + bottom) / 2 });
     this.of = (name) => colour(canvas, name);
-    this.atX = (mm) => ((mm - spec.x.min) / (spec.x.max - spec.x.min)) * width;
+    Object.assign(this, shown(spec));
+    this.atX = (mm) => ((mm - this.min) / (this.max - this.min)) * width;
     this.scale = (this.middle - top - WALL_PX) / Math.max(2.6 * vessel.instrument_radius_mm, ...lumen.map((row) => row[1]));
     this.shaft = Math.max(THINNEST_PX, vessel.instrument_radius_mm * this.scale);
     this.tip = spec.tip_mm === null ? -Infinity : this.atX(spec.tip_mm);
@@ -61,13 +79,13 @@ class Picture {
 
   /** Radius in mm of the lumen at an x in px that nothing touches. */
   free(x) {
-    const mm = this.spec.x.min + (x / this.width) * (this.spec.x.max - this.spec.x.min), next = this.lumen.findIndex((row) => row[0] >= mm);
+    const mm = this.min + (x / this.width) * (this.max - this.min), next = this.lumen.findIndex((row) => row[0] >= mm);
     if (next <= 0) return this.lumen.at(next)[1];
     const [[x0, r0], [x1, r1]] = [this.lumen[next - 1], this.lumen[next]], share = (mm - x0) / (x1 - x0);
     return r0 + (r1 - r0) * share * share * (3 - 2 * share);
   }
 
-  touches(x) { return x <= this.tip && this.free(x) <= this.vessel.instrument_radius_mm; }
+  touches(x) { return x >= this.atX(this.lumen[0][0]) && x <= this.tip && this.free(x) <= this.vessel.instrument_radius_mm; }
 
   /** The wall gives way where the instrument is. */
   walls() {
@@ -87,7 +105,7 @@ class Picture {
   }
 
   axis() {
-    const { pen, spec, vessel, width } = this, { min, max } = spec.x, y = this.height - AXIS_PX + 2, step = nice((max - min) / Math.max(3, width / 90)), taken = [];
+    const { pen, spec, vessel, width, min, max } = this, y = this.height - AXIS_PX + 2, step = nice((max - min) / Math.max(3, width / 90)), taken = [];
     Object.assign(pen, { textBaseline: "top", textAlign: "center" });
     const notes = [spec.rub_mn_per_mm === null || !spec.vessel ? "" : `shaft ${spec.rub_mn_per_mm.toPrecision(2)} mN per mm`, vessel.to_scale ? "" : "across not to scale"];
     const note = notes.filter((each) => each).slice(width < 600 ? -1 : 0).join(" · ");
@@ -112,8 +130,8 @@ class Picture {
     pen.save();
     pen.clip(body);
     Object.assign(pen, { fillStyle: this.across(shaft, "shaft-edge", "shaft") }).fill(body);
-    for (let mm = spec.tip_mm - MARK_MM; mm > spec.x.min; mm -= MARK_MM) this.line(across(this.atX(mm)), "shaft-edge", 2.5);
-    const alpha = Math.min(0.9, 0.4 + Math.abs(spec.rub_mn_per_mm * spec.tip_mm) / spec.arrows[0].most_mn);
+    for (let mm = spec.tip_mm - MARK_MM; mm > this.min; mm -= MARK_MM) this.line(across(this.atX(mm)), "shaft-edge", 2.5);
+    const alpha = Math.min(0.9, 0.4 + Math.abs(spec.rub_mn_per_mm * spec.tip_mm) / spec.most_mn);
     for (let x = tip - 1.5 * shaft; spec.vessel && spec.rub_mn_per_mm !== null && x > 0; x -= HATCH_PX) {
       if (this.touches(x)) this.line([[x - 4, middle - shaft], [x, middle], [x - 4, middle + shaft]], "rub", 1.3, { alpha });
     }
@@ -149,8 +167,9 @@ class Picture {
     }
   }
 
-  arrow({ name, more, mn, most_mn, at_mm, colour: hue, lane, ghost }) {
-    const { pen, middle, shaft, width } = this, x = this.atX(at_mm), y = lane < 2 ? 11 + lane * LANE_PX : this.bottom + LANE_PX / 2 + 2;
+  arrow(hue, more, mn, most_mn, at_mm, lane) {
+    if (mn === null || at_mm === null) return;
+    const { pen, middle, shaft, width } = this, ghost = lane === 2, x = this.atX(at_mm), y = lane < 2 ? 11 + lane * LANE_PX : this.bottom + LANE_PX / 2 + 2;
     const long = Math.min(1, Math.abs(mn) / most_mn) * Math.min(150, width / 5), head = Math.min(HEAD_PX, long), sign = Math.sign(mn);
     const [tail, point] = mn >= 0 ? [x + long, x] : [x, x + long];
     this.line([[x, y], [x, middle + (lane < 2 ? -shaft : shaft)]], hue, 1, { alpha: 0.55, dash: [1, 3] });
@@ -159,6 +178,7 @@ class Picture {
     this.line(corners, hue, 1.6, ghost ? {} : { fill: hue });
     const value = inMn(mn, most_mn), right = Math.max(tail, point) + 9, left = x - 9;
     Object.assign(pen, { textAlign: "left", textBaseline: "middle", fillStyle: this.of("ink") });
+    const name = hue === "felt" ? "felt by the hand" : hue;
     for (const text of [`${name} ${value}${more ? `, ${more}` : ""}`, `${name} ${value}`, value]) {
       const wide = pen.measureText(text).width, at = right + wide <= width ? right : left >= wide ? left - wide : null;
       if (at !== null) { pen.fillText(text, at, y); return; }
