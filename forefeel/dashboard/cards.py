@@ -27,6 +27,7 @@ from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
 from forefeel.dashboard.lights import lights, safety_word
 from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
+from forefeel.dashboard.vessel import friction
 from forefeel.report.wording import deviating, micros, number, share
 
 Card = dict[str, Any]
@@ -47,10 +48,6 @@ _LEADS = {
     "": "nobody yet",
     "zoh": "zero-order hold: the newest force that arrived",
 }
-_FRICTION = (
-    ("valve_mn", "presliding_hysteresis.force_n", 1e3),
-    ("rub_mn_per_mm", "position_dependent_friction.force_per_length_n_m", 1.0),
-)
 _TICK_US = 1000.0  # us, period of a loop at 1 kHz
 
 
@@ -136,15 +133,8 @@ def model(view: AxisView, now_ns: int) -> Card:
         "statements": _statements(found),
         "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates"
         f"{_resets(found)}{_prior(found)}{quiet}",
-        "friction": _friction(found),
+        "friction": friction(found.names, found.values, found.standard_deviations),
     }
-
-
-def _friction(found: ModelParameters) -> Card:
-    """What the picture shows of it: in mN at the valve, in mN of each mm in contact, where it is known."""
-    rows = zip(found.names, found.values, found.standard_deviations, strict=False)
-    known = {name: value for name, value, deviation in rows if _known(value, deviation) != "not yet"}
-    return {shown: scale * known[name] for shown, name, scale in _FRICTION if name in known}
 
 
 def _prior(found: ModelParameters) -> str:

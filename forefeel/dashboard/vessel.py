@@ -1,6 +1,6 @@
 """The vessel that the picture of the instrument shows: of a file, or of a recording."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +11,10 @@ from forefeel.common.settings import Segment
 
 RECORDED = "vessel"
 """Name of the profile in the metadata table `run` of a recording."""
+_FRICTION = {
+    "valve_mn": ("presliding_hysteresis.force_n", 1e3),
+    "rub_mn_per_mm": ("position_dependent_friction.force_per_length_n_m", 1.0),
+}
 
 Place = Annotated[float, Field(ge=-1e4, le=1e4)]
 Radius = Annotated[float, Field(gt=0.0, le=1e3)]
@@ -44,3 +48,9 @@ def of_recording(metadata: Mapping[str, Mapping[str, str]]) -> VesselSettings | 
         return VesselSettings.model_validate_json(metadata["run"][RECORDED])
     except (KeyError, ValidationError):
         return None
+
+
+def friction(names: Iterable[str], values: Iterable[float], deviations: Iterable[float]) -> dict[str, float]:
+    """In mN at the valve, in mN of each mm in contact. Within two deviations of 0 it is not known."""
+    known = {n: value for n, value, sd in zip(names, values, deviations, strict=False) if abs(value) > 2 * sd}
+    return {shown: scale * known[name] for shown, (name, scale) in _FRICTION.items() if name in known}

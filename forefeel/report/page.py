@@ -26,6 +26,7 @@ from forefeel.report.drawing import (
     spec,
 )
 from forefeel.report.model import AxisReport, Loops, RunReport, ScoredCommands
+from forefeel.report.still import still
 from forefeel.report.summary import MOST_EVENTS, SETTLING_S, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
@@ -90,6 +91,7 @@ def render_page(report: RunReport, run: Run) -> str:
     return render(
         "report/page.html.j2",
         report=report,
+        stills={axis: still(run, axis, of) for axis, of in traces.items()},
         pictures={axis: picture(of) for axis, of in traces.items()},
         delays={axis: delay(of) for axis, of in traces.items()},
         parameters={axis: parameters(of) for axis, of in traces.items()},

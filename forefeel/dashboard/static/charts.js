@@ -73,20 +73,17 @@ export class Charts {
       const rows = traces.rows[name] ?? [], newest = rows.at(-1);
       return valueAt(rows, s, column) ?? (newest && s > newest[0] && s < newest[0] + FRESH_S ? newest[column] : null);
     };
-    const times = (factor, value, less = 0) => (value === null ? null : factor * (value - less));
-    const { vessel, late_ms } = this, reported_s = t_s - (late_ms ?? 0) / 1e3, base_mm = vessel?.tip_mm ?? 0;
-    const slip_m = at("readback", reported_s, 2) ?? 0;
+    const milli = (value, more = 0) => (value === null ? null : 1e3 * value + more);
+    const { vessel, late_ms } = this, reported_s = t_s - (late_ms ?? 0) / 1e3;
+    const before_mm = (vessel?.tip_mm ?? 0) - 1e3 * (at("readback", reported_s, 2) ?? 0);
+    const tip_mm = milli(at("readback", reported_s), before_mm), commanded_mm = milli(at("commanded", t_s), before_mm);
     const [most_mn, most_felt_mn] = this.ranges.map((range) => 1e3 * Math.max(-range.min, range.max));
-    const place = (name, s) => { const mm = times(1e3, at(name, s), slip_m); return mm === null ? null : mm + base_mm; };
-    const tip_mm = place("readback", reported_s), commanded_mm = place("commanded", t_s);
     if (this.rows !== traces.rows) Object.assign(this, { rows: traces.rows, reach_mm: [] });
     const reached = [...this.reach_mm, tip_mm, commanded_mm].filter((mm) => mm !== null);
     if (reached.length) this.reach_mm = [Math.min(...reached), Math.max(...reached)];
     this.drawn = {
-      vessel, tip_mm, commanded_mm, late_ms, most_mn, reach_mm: reached.length ? this.reach_mm : [0, 1],
-      predicted_mn: times(1e3, at("predicted", t_s)), felt_mn: times(1e3, at("felt", t_s)), measured_mn: times(1e3, at("late", t_s)),
-      most_felt_mn: most_felt_mn > 3 * most_mn ? most_felt_mn : most_mn, // it is scaled for the hand
-      valve_mn: this.friction.valve_mn ?? null, rub_mn_per_mm: this.friction.rub_mn_per_mm ?? null,
+      vessel, tip_mm, commanded_mm, late_ms, most_mn, most_felt_mn, ...this.friction, reach_mm: reached.length ? this.reach_mm : [0, 1],
+      predicted_mn: milli(at("predicted", t_s)), felt_mn: milli(at("felt", t_s)), measured_mn: milli(at("late", t_s)),
     };
     drawVessel(this.picture, this.drawn);
   }

@@ -1,5 +1,5 @@
 // An instrument in its vessel, in profile. drawVessel(canvas, spec): the same spec gives the same picture. Texts are
-// drawn, never parsed; what is null is not known and not drawn. Places along the path are in mm. A spec is JSON:
+// drawn, never parsed; what is null or missing is not known and not drawn. Places along the path are in mm. A spec is JSON:
 //   vessel: {instrument_radius_mm, lumen_radius_mm: {mm: radius}, landmarks_mm: {name: mm}, to_scale}; null: a line
 //   reach_mm: [least, most] where the instrument has been; what is shown follows from it
 //   tip_mm: where the stage reports it, commanded_mm: where the hand wants it
@@ -26,7 +26,8 @@ export function drawVessel(canvas, spec) {
   if (valve !== undefined) picture.valve(picture.atX(valve));
   const { most_mn, most_felt_mn, late_ms } = spec, late = late_ms === null ? "late" : `${late_ms} ms late`;
   picture.arrow("predicted", "now", spec.predicted_mn, most_mn, spec.commanded_mm, 0);
-  picture.arrow("felt", "", spec.felt_mn, most_felt_mn, spec.commanded_mm, 1);
+  // it has a scale of its own where it is scaled for the hand
+  picture.arrow("felt", "", spec.felt_mn, most_felt_mn > 3 * most_mn ? most_felt_mn : most_mn, spec.commanded_mm, 1);
   picture.arrow("measured", late, spec.measured_mn, most_mn, spec.tip_mm, 2);
 }
 
@@ -107,7 +108,7 @@ class Picture {
   axis() {
     const { pen, spec, vessel, width, min, max } = this, y = this.height - AXIS_PX + 2, step = nice((max - min) / Math.max(3, width / 90)), taken = [];
     Object.assign(pen, { textBaseline: "top", textAlign: "center" });
-    const notes = [spec.rub_mn_per_mm === null || !spec.vessel ? "" : `shaft ${spec.rub_mn_per_mm.toPrecision(2)} mN per mm`, vessel.to_scale ? "" : "across not to scale"];
+    const notes = [spec.rub_mn_per_mm == null || !spec.vessel ? "" : `shaft ${spec.rub_mn_per_mm.toPrecision(2)} mN per mm`, vessel.to_scale ? "" : "across not to scale"];
     const note = notes.filter((each) => each).slice(width < 600 ? -1 : 0).join(" · ");
     const write = (mm, text, name) => {
       const half = pen.measureText(text).width / 2, x = Math.min(Math.max(this.atX(mm), half + 2), width - half - 2);
@@ -118,7 +119,7 @@ class Picture {
     };
     for (const [name, mm] of Object.entries(vessel.landmarks_mm)) {
       if (name !== "valve") this.line([[this.atX(mm), this.top - 2], [this.atX(mm), y]], "soft", 1, { dash: [1, 4] });
-      write(mm, name === "valve" && spec.valve_mn !== null ? `valve ${inMn(spec.valve_mn, 100)}` : name, "ink");
+      write(mm, name === "valve" && spec.valve_mn != null ? `valve ${inMn(spec.valve_mn, 100)}` : name, "ink");
     }
     write(max, note, "soft");
     for (let mm = Math.ceil(min / step) * step; mm <= max; mm += step) if (mm >= 0 || !spec.vessel) write(mm, `${+mm.toFixed(3)} mm`, "soft");
@@ -132,7 +133,7 @@ class Picture {
     Object.assign(pen, { fillStyle: this.across(shaft, "shaft-edge", "shaft") }).fill(body);
     for (let mm = spec.tip_mm - MARK_MM; mm > this.min; mm -= MARK_MM) this.line(across(this.atX(mm)), "shaft-edge", 2.5);
     const alpha = Math.min(0.9, 0.4 + Math.abs(spec.rub_mn_per_mm * spec.tip_mm) / spec.most_mn);
-    for (let x = tip - 1.5 * shaft; spec.vessel && spec.rub_mn_per_mm !== null && x > 0; x -= HATCH_PX) {
+    for (let x = tip - 1.5 * shaft; spec.vessel && spec.rub_mn_per_mm != null && x > 0; x -= HATCH_PX) {
       if (this.touches(x)) this.line([[x - 4, middle - shaft], [x, middle], [x - 4, middle + shaft]], "rub", 1.3, { alpha });
     }
     pen.restore();
@@ -163,7 +164,7 @@ class Picture {
     for (const sign of [-1, 1]) {
       const seal = [[-13, outer], [-3, shaft], [3, shaft], [13, outer]].map(([dx, dy]) => [x + dx, this.middle + sign * dy]);
       this.line(seal, "wall", 1.6, { fill: "tissue" });
-      this.line(seal.slice(1, 3), spec.valve_mn === null ? "wall" : "touch", 3);
+      this.line(seal.slice(1, 3), spec.valve_mn == null ? "wall" : "touch", 3);
     }
   }
 
