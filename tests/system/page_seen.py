@@ -98,7 +98,7 @@ def _ended(shown: Shown) -> Iterator[str]:
 
 
 def _readback_m(shown: Shown) -> float:
-    return float(shown.ask("forefeel.traces.rows.readback.at(-1)[1]"))
+    return float(shown.ask("forefeel.traces.rows.readback.findLast((row) => row[1] !== null)[1]"))
 
 
 def _ghost_s(shown: Shown) -> float:
