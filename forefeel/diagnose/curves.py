@@ -14,11 +14,14 @@ from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.identifiability import turning_points
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.residual import since_reversal
 from forefeel.diagnosis.signals import Signals
 
 Rows = NDArray[np.intp]
+Part = tuple[str, str, Floats]
+"""Name, colour and values of a line; label, unit and values of an axis."""
 
+LEFT, MODEL = "readback", "predicted"
+"""Colours of what a model leaves, and of what it says."""
 TRIM = 0.002  # share of the highest and of the lowest values that may lie outside of a picture
 _COHERENT = 0.8  # least coherence of a frequency at which phase and ratio are shown
 _STRETCHES = 8.0  # of the recording, over which a spectrum is averaged
@@ -28,8 +31,7 @@ _STRETCHES = 8.0  # of the recording, over which a spectrum is averaged
 class Curves:
     """Forces in N and motion in SI on the coarse grid, all of one shape; `rows` are the samples that count.
 
-    `simulated` is the given model's force or that of the fitted mass, damper, spring and bias; `since` is the
-    distance travelled since the last reversal.
+    `simulated` is the given model's force or that of the fitted mass, damper, spring and bias.
     """
 
     analysis: Analysis
@@ -37,8 +39,6 @@ class Curves:
     t: Floats
     x: Floats
     v: Floats
-    since: Floats
-    direction: Floats
     force: Floats
     simulated: Floats
     extended: Floats
@@ -53,6 +53,11 @@ class Curves:
         return self.given or self.analysis.fit.model != self.analysis.base.model
 
     @property
+    def gap_s(self) -> float:
+        """A longer pause interrupts a line."""
+        return max(0.1, 3.0 / self.analysis.regression.signals.coarse_rate_hz)
+
+    @property
     def before(self) -> Floats:
         return self.force - self.simulated
 
@@ -60,19 +65,21 @@ class Curves:
     def after(self) -> Floats:
         return self.force - self.extended
 
+    @property
+    def left(self) -> list[Part]:
+        """What is left in N by the simulation, and by the extended model where it is another."""
+        found = [("left by the simulation", LEFT, self.before)]
+        return [*found, ("left by the extended model", MODEL, self.after)] if self.extends else found
+
     @classmethod
     def of(cls, analysis: Analysis, given: ContactModel | None) -> "Curves":
         """From an analysis and the simulation that it was compared with, if one was given."""
         regression = analysis.regression
         signals, motion = regression.signals, regression.motion({})
-        way = np.clip(motion.v / motion.speed_band, -1.0, 1.0)
-        moving = motion.x, motion.v, since_reversal(motion), way
-        x, v, since, direction = (np.interp(signals.t, signals.fine_t, fine) for fine in moving)
+        x, v = (np.interp(signals.t, signals.fine_t, fine) for fine in (motion.x, motion.v))
         simulated = regression.predicted(analysis.base) if given is None else regression.given(given)
         extended = regression.predicted(analysis.fit)
-        return cls(
-            analysis, given is not None, signals.t, x, v, since, direction, signals.force, simulated, extended
-        )
+        return cls(analysis, given is not None, signals.t, x, v, signals.force, simulated, extended)
 
 
 def share_of(regression: RecordingRegression, fit: ModelFit, name: str) -> Floats:
@@ -102,12 +109,14 @@ def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple
     return frequency[rows], (cross / np.maximum(own, 1e-300))[rows]
 
 
-def strokes(curves: Curves, least_m: float) -> tuple[Floats, Floats]:
-    """(direction, distance in m since the last reversal); a way back of up to `least_m` is no reversal.
+def strokes(curves: Curves, least_m: float | None = None) -> tuple[Floats, Floats]:
+    """(direction, distance in m since the last reversal); a way back of up to `least_m` is no reversal, by
+    default a fiftieth of the range.
 
     Both on the coarse grid; 0 before the first reversal of a stretch without gaps.
     """
     direction, since = np.zeros_like(curves.x), np.zeros_like(curves.x)
+    least_m = 0.02 * float(np.ptp(curves.x)) if least_m is None else least_m
     for piece in curves.analysis.regression.signals.piecewise(fine=False):
         x = curves.x[piece]
         turns = turning_points(x.tolist(), least_m)
@@ -125,7 +134,3 @@ def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[F
     frequency, power = welch(kept, rate, nperseg=min(len(kept), int(longest_s * rate)))
     inside = (frequency > 0.0) & (frequency < 0.75 * signals.cutoff_hz)
     return frequency[inside], np.sqrt(power[inside])
-
-
-def rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -1,40 +1,25 @@
-"""evaluation.html, and the table of an evaluation for the terminal."""
+"""evaluation.html, and the tables of an evaluation for the terminal."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
-from forefeel.common.error_size import Floats
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.events.text import quantity
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.diagnosis.evaluation.regimes import REGIMES, RegimeScore
-from forefeel.report.svg_drawing import (
-    BLACK,
-    BLUE,
-    ORANGE,
-    Drawing,
-    band,
-    drawn,
-    finish,
-    limit_y,
-    one_plot,
-    plot,
-    styled,
-)
+from forefeel.diagnosis.evaluation.replay import Mask
+from forefeel.report.drawing import DASHED, DOTTED, Figure, band, limits, line, panel, spec
 from forefeel.report.template import render
 from forefeel.report.wording import DISCLAIMER, share
 from forefeel.terminal import table
 
-_WORST_S = 6.0  # drawn around the worst error
 _TYPICAL_S = 10.0  # length of the typical stretch
 _TRIM = 0.001  # share of a trace's highest and of its lowest values that may lie outside of the picture
-_LIMITS = "Values far beyond the others are cut off at the edge of the picture."
 
 
 def render_page(
@@ -47,95 +32,61 @@ def render_page(
         rules=rules,
         recordings=recordings,
         skipped=skipped,
-        methods=list(METHODS),
-        best=best,
+        headline=headline(link, recordings),
         ratio_to_zoh=ratio_to_zoh,
-        drawings=drawings,
-        regimes=REGIMES,
+        size_text=size_text,
         regime_text=regime_text,
+        typical=typical,
+        whole=whole,
     )
 
 
-@styled()
-def drawings(stem: str, evaluated: Evaluated) -> list[Drawing]:
-    """Around the worst error, a typical stretch, the error over time."""
-    worst_s, typical_s = worst_stamp(evaluated), typical_start(evaluated)
-    return [
-        _forces(
-            stem,
-            evaluated,
-            (worst_s - _WORST_S / 2, worst_s + _WORST_S / 2),
-            "Around the worst error",
-            f"The largest scored error of forefeel, at {worst_s:.2f} s. {_LIMITS}",
-        ),
-        _forces(
-            stem,
-            evaluated,
-            (typical_s, typical_s + _TYPICAL_S),
-            f"A typical {_TYPICAL_S:g} s",
-            "The stretch whose rms error of forefeel is the median of all such stretches.",
-        ),
-        _errors(stem, evaluated),
-    ]
+def headline(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> str:
+    """How large the error of forefeel is beside that of the zero-order hold, in one sentence."""
+    found = (ratio_to_zoh(evaluated, "forefeel") for evaluated in recordings.values())
+    known = sorted(ratio for ratio in found if ratio is not None)
+    late = f"With forces that are {quantity(link.delay_s, 's')} late"
+    if not known:
+        return f"{late}, nothing can be compared: the prediction diverged, or the held force has no error."
+    ends = dict.fromkeys(f"{ratio:.2g}" for ratio in (known[0], known[-1]))
+    return f"{late}, the prediction has {' to '.join(ends)} of the error of the held force."
 
 
-def worst_stamp(evaluated: Evaluated) -> float:
-    """When forefeel's scored error is largest, in s after the first stamp."""
-    size = np.where(evaluated.prepared.rows, _squared_errors(evaluated), -1.0)
-    return float(_time_s(evaluated)[int(np.argmax(size))])
-
-
-def typical_start(evaluated: Evaluated) -> float:
-    """Start of the stretch of 10 s, of those one after the other, with forefeel's median rms error."""
-    time_s, rows = _time_s(evaluated), evaluated.prepared.rows
-    squares = _squared_errors(evaluated)
-    first_s = float(time_s[rows][0])
-    stretch = np.floor((time_s[rows] - first_s) / _TYPICAL_S).astype(np.int64)
-    known = np.unique(stretch)
-    known = known[:-1] if len(known) > 1 else known  # the last one is cut short
-    means = np.array([np.mean(squares[rows][stretch == number]) for number in known])
-    middle = known[np.argsort(means)[(len(known) - 1) // 2]]
-    return first_s + _TYPICAL_S * float(middle)
-
-
-def _squared_errors(evaluated: Evaluated) -> Floats:
+def typical(evaluated: Evaluated) -> Figure:
+    """The stretch, of those one after the other, in which forefeel has its median rms error."""
+    time_s, rows = evaluated.prepared.recording.time_s, evaluated.prepared.rows
     with np.errstate(over="ignore", invalid="ignore"):
-        squares = (evaluated.said_n["forefeel"] - evaluated.prepared.force_n) ** 2
-    return np.nan_to_num(squares, nan=np.finfo(np.float64).max)
+        squares = (evaluated.said_n["forefeel"] - evaluated.prepared.force_n)[rows] ** 2
+        stretch = ((time_s[rows] - time_s[rows][0]) / _TYPICAL_S).astype(np.int64)
+        means = np.bincount(stretch, squares) / np.bincount(stretch)  # NaN, the last, within a gap
+    means = means[:-1] if len(means) > 1 else means  # the last one is cut short
+    order = np.argsort(means)[: np.count_nonzero(~np.isnan(means)) or 1]
+    start_s = float(time_s[rows][0]) + _TYPICAL_S * float(order[(len(order) - 1) // 2])
+    within = (time_s >= start_s) & (time_s <= start_s + _TYPICAL_S)
+    caption = "The stretch with the median error. Below, predicted and held less measured force."
+    return _figure(evaluated, within, f"A typical {_TYPICAL_S:g} s", caption)
 
 
-def _time_s(evaluated: Evaluated) -> Floats:
-    time_s = evaluated.prepared.recording.time_s
-    return np.asarray(time_s - time_s[0])
+def whole(evaluated: Evaluated) -> Figure:
+    caption = "All scored stamps. Values far beyond the others are cut off at the edge of the picture."
+    return _figure(evaluated, evaluated.prepared.rows, "The whole recording", caption)
 
 
-def _forces(
-    stem: str, evaluated: Evaluated, span_s: tuple[float, float], title: str, caption: str
-) -> Drawing:
-    time_s = _time_s(evaluated)
-    rows = (time_s >= span_s[0]) & (time_s <= span_s[1])
-    zoh_n, said_n = evaluated.said_n["zoh"][rows], evaluated.said_n["forefeel"][rows]
-    force_n, trace = evaluated.prepared.force_n[rows], evaluated.traces["forefeel"]
-    figure, axes = one_plot(3.3)
-    limit_y(axes, zoh_n, force_n, beside=said_n, trim=_TRIM)
-    band(axes, time_s[rows], trace.low_n[rows], trace.high_n[rows], "95 % band", GAP_S)
-    plot(axes, time_s[rows], zoh_n, ORANGE, "zero-order hold", gap_s=GAP_S)
-    plot(axes, time_s[rows], force_n, BLACK, "measured", width=1.7, gap_s=GAP_S)
-    plot(axes, time_s[rows], said_n, BLUE, "forefeel", gap_s=GAP_S)
-    finish(axes, "time in s", "force in N")
-    return drawn(figure, stem, title, caption)
-
-
-def _errors(stem: str, evaluated: Evaluated) -> Drawing:
-    rows, force_n = evaluated.prepared.rows, evaluated.prepared.force_n
-    time_s = _time_s(evaluated)[rows]
-    zoh_n, said_n = ((evaluated.said_n[name] - force_n)[rows] for name in ("zoh", "forefeel"))
-    figure, axes = one_plot(3.0)
-    limit_y(axes, zoh_n, beside=said_n, trim=_TRIM)
-    plot(axes, time_s, zoh_n, ORANGE, "zero-order hold - measured", gap_s=GAP_S)
-    plot(axes, time_s, said_n, BLUE, "forefeel - measured", gap_s=GAP_S)
-    finish(axes, "time in s", "error in N")
-    return drawn(figure, stem, "Error over time", f"All scored stamps. {_LIMITS}")
+def _figure(evaluated: Evaluated, rows: Mask, title: str, caption: str) -> Figure:
+    stamps_s, force_n = evaluated.prepared.recording.time_s, evaluated.prepared.force_n[rows]
+    time_s = stamps_s[rows] - stamps_s[0]
+    held_n, said_n = evaluated.said_n["zoh"][rows], evaluated.said_n["forefeel"][rows]
+    trace, panels = evaluated.traces["forefeel"], []
+    shade = band("95 % band", "predicted", time_s, trace.low_n[rows], trace.high_n[rows], GAP_S)
+    measured = line("measured", "measured", time_s, force_n, GAP_S, **DOTTED)
+    for label, zero_n, more in (("force, N", 0.0 * force_n, [measured]), ("error, N", force_n, [])):
+        lines = [
+            line("held, late", "late", time_s, held_n - zero_n, GAP_S, **DASHED),
+            line("predicted", "predicted", time_s, said_n - zero_n, GAP_S),
+        ]
+        y = limits(held_n - zero_n, beside=said_n - zero_n, trim=_TRIM)
+        panels.append(panel(label, y, lines=lines + more, bands=[shade] if more else []))
+    return Figure(title, caption, 440, (spec(panels, unit="s"),))
 
 
 def ratio_to_zoh(evaluated: Evaluated, name: str) -> float | None:
@@ -144,37 +95,13 @@ def ratio_to_zoh(evaluated: Evaluated, name: str) -> float | None:
     return rms_n / zoh_n if rms_n is not None and zoh_n else None
 
 
-def best(evaluated: Evaluated) -> str | None:
-    known = {name: score.size.rms_n for name, score in evaluated.scores.items()}
-    finite = {name: rms_n for name, rms_n in known.items() if rms_n is not None}
-    return min(finite, key=lambda name: finite[name]) if finite else None
-
-
-def in_words(
-    link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated]
-) -> Iterator[RenderableType]:
-    yield _table(link, recordings)
-    yield _regimes(recordings)
-    for stem, evaluated in recordings.items():
-        yield f"{stem}: {'; '.join(evaluated.notes)}"
-    yield from ("", *rules, DISCLAIMER)
-
-
-def _table(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> Table:
-    title = f"Error, rms and (its ratio to the zero-order hold), delay {link.delay_s:g} s; * best"
-    numbers = (*METHODS, "95 % band")
-    made = table("recording", *numbers, title=title, right=numbers)
-    for stem, evaluated in recordings.items():
-        made.add_row(Text(stem), *(_cell(evaluated, name) for name in METHODS), _coverage(evaluated))
-    return made
-
-
-def _regimes(recordings: Mapping[str, Evaluated]) -> Table:
-    title = "forefeel by regime, rms and (its ratio to the zero-order hold), share of the scored samples"
-    made = table("recording", *REGIMES, title=title, right=REGIMES)
-    for stem, evaluated in recordings.items():
-        made.add_row(Text(stem), *(Text(regime_text(evaluated.regimes[name])) for name in REGIMES))
-    return made
+def size_text(evaluated: Evaluated, name: str) -> str:
+    """rms of a method and its ratio to zoh, or when it diverged."""
+    score, relative = evaluated.scores[name], ratio_to_zoh(evaluated, name)
+    if score.diverged_at_s is not None:
+        return f"diverged at {score.diverged_at_s:.1f} s"
+    text = quantity(score.size.rms_n, "N")
+    return text if name == "zoh" or relative is None else f"{text} ({relative:.3f})"
 
 
 def regime_text(score: RegimeScore) -> str:
@@ -187,18 +114,18 @@ def regime_text(score: RegimeScore) -> str:
     return f"{quantity(score.forefeel_rms_n, 'N')}{relative}, {share(score.share)}"
 
 
-def _cell(evaluated: Evaluated, name: str) -> Text:
-    score = evaluated.scores[name]
-    if score.diverged_at_s is not None:
-        return Text(f"diverged at {score.diverged_at_s:.1f} s  ", style="red")
-    text = quantity(score.size.rms_n, "N")
-    relative = ratio_to_zoh(evaluated, name)
-    if name != "zoh" and relative is not None:
-        text += f" ({relative:.3f})"
-    first = name == best(evaluated)
-    return Text(f"{text} {'*' if first else ' '}", style="bold green" if first else "")
-
-
-def _coverage(evaluated: Evaluated) -> Text:
-    """How much of the force the band of forefeel holds."""
-    return Text(share(evaluated.scores["forefeel"].band.coverage))
+def in_words(
+    link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated]
+) -> Iterator[RenderableType]:
+    numbers = (*METHODS, "in the 95 % band")
+    title = f"Error, rms and (its ratio to the zero-order hold), delay {link.delay_s:g} s"
+    errors = table("recording", *numbers, title=title, right=numbers)
+    title = "forefeel by regime, rms and (its ratio to the zero-order hold), share of the scored samples"
+    parts = table("recording", *REGIMES, title=title, right=REGIMES)
+    for stem, evaluated in recordings.items():
+        inside = share(evaluated.scores["forefeel"].band.coverage)
+        errors.add_row(Text(stem), *(size_text(evaluated, name) for name in METHODS), inside)
+        parts.add_row(Text(stem), *(regime_text(evaluated.regimes[name]) for name in REGIMES))
+    yield from (errors, parts)
+    yield from (f"{stem}: {'; '.join(evaluated.notes)}" for stem, evaluated in recordings.items())
+    yield from ("", headline(link, recordings), *rules, DISCLAIMER)

@@ -65,7 +65,7 @@ def test_page_stands_alone_in_folder_named_after_file(
     assert run(["evaluate", *files]) == 0
     page = (tmp_path / "<script>x" / "evaluation.html").read_text()
     assert "<script>x" not in page
-    check_page(page, drawings=3)
+    check_page(page, figures=2)
     assert "none.csv" in page
 
 
