@@ -104,8 +104,6 @@ def _worst(curves: Curves, diagnosis: Diagnosis) -> Figure:
     parts += [(extended, MODEL, curves.extended[rows])] if curves.extends else []
     above = timeline("force", curves.t[rows], parts, curves.gap_s, weight=2.5)
     caption = f"{start:.1f} to {end:.1f} s, where the simulation errs most; below, what is left of the force."
-    if on_readings(diagnosis):
-        caption += " The readings are freed of what was found on them."
     drawn = spec([above, _residual(curves, diagnosis, rows)], unit="s")
     return Figure("Force, measured and simulated", caption, 440, (drawn,))
 
