@@ -1,7 +1,5 @@
 """What an axis and a cell know after they have heard so much."""
 
-from math import isnan
-
 import numpy as np
 import pytest
 
@@ -78,17 +76,6 @@ def test_the_band_goes_with_the_prediction() -> None:
     assert np.allclose(rows[:, 3] - rows[:, 1], 0.03)
 
 
-def test_no_prediction_leaves_a_gap() -> None:
-    view = AxisView()
-    for tick in range(900):
-        nothing = {"predicted_n": None, "low_n": None, "high_n": None} if 300 <= tick < 600 else {}
-        view.take(HAPTICS, haptics(tick, 9 * S + tick * MS, **nothing), 9 * S + tick * MS)
-    rows = view.traces["predicted"].since(0).rows
-    (gap,) = [row[0] for row in rows if isnan(row[1])]
-    assert 0.29 < gap < 0.33
-    assert not np.isnan(view.traces["felt"].since(0).rows).any()
-
-
 def test_each_answered_command_gives_one_delay() -> None:
     view, _ = heard(2.0)
     assert len(view.delays.rows()) == pytest.approx(1700, abs=2)
@@ -108,13 +95,6 @@ def test_the_error_of_a_prediction_is_counted_by_command() -> None:
             changed = message.model_copy(update={"force_n": message.force_n + 0.1})
         wrong.take(AXIS, topic, changed, when)
     assert wrong.axes[AXIS].watch.signs.outside_share == 1.0
-
-
-def test_a_master_that_was_started_again_begins_anew() -> None:
-    view, now_ns = heard(2.0)
-    view.take(HAPTICS, haptics(1, 5), now_ns + S)
-    assert view.timeline.epoch == 2
-    assert view.traces["felt"].since(0).end == 0
 
 
 def test_events_are_kept_in_words_and_bounded() -> None:

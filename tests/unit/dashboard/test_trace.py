@@ -20,22 +20,6 @@ def test_a_peak_of_one_sample_is_kept_at_its_own_time() -> None:
     assert len(rows) <= 2 * 50
 
 
-def test_points_come_in_the_order_of_time_and_only_once() -> None:
-    trace, seen, end = MinMaxTrace(3), [], 0
-    rng = np.random.default_rng(1)
-    for tick in range(3000):
-        trace.add(tick * 1e-3, *rng.normal(size=3))
-        if tick % 33 == 0:
-            points = trace.since(end)
-            assert points.first == end
-            end = points.end
-            seen += points.rows.tolist()
-    times = [row[0] for row in seen]
-    assert times == sorted(times)
-    assert len(seen) == len(set(times)) == end
-    assert all(len(row) == 4 for row in seen)
-
-
 def test_an_hour_takes_no_more_than_a_minute() -> None:
     trace = MinMaxTrace(span_s=2.0, bin_s=0.02)
     for bin_number in range(50 * 3600):
