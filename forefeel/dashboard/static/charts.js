@@ -33,7 +33,7 @@ export class Charts {
     const line = (name, colour, rows, more = {}) => ({ name, colour, rows, digits: 3, ...more });
     const panels = [
       {
-        weight: 5, title: "force at the catheter, N",
+        weight: 6.5, title: "force at the catheter, N",
         bands: [
           { colour: "late", alpha: 0.13, rows: late.map(([t, held, ahead]) => [t, held, ahead]) },
           { colour: "predicted", alpha: 0.26, rows: predicted.map(([t, , low, high]) => [t, low, high]) },

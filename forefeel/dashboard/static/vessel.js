@@ -10,7 +10,7 @@
 import { nice } from "./chart.js";
 import { colour, prepare } from "./layers.js";
 
-const LANE_PX = 18, AXIS_PX = 22, WALL_PX = 8, STEP_PX = 4, THINNEST_PX = 3.5, MARK_MM = 10, HATCH_PX = 7, HEAD_PX = 10;
+const LANE_PX = 18, AXIS_PX = 22, WALL_PX = 8, STEP_PX = 4, THINNEST_PX = 3.5, MARK_MM = 10, STILL_MM = 0.3, HATCH_PX = 7, HEAD_PX = 10;
 const LINE = { instrument_radius_mm: 1, lumen_radius_mm: {}, landmarks_mm: {}, to_scale: true };
 const inMn = (mn, most_mn) => `${mn.toFixed(most_mn < 50 ? 1 : 0).replace("-", "\u2212")} mN`;
 
@@ -125,7 +125,7 @@ class Picture {
     for (let mm = Math.ceil(min / step) * step; mm <= max; mm += step) if (mm >= 0 || !spec.vessel) write(mm, `${+mm.toFixed(3)} mm`, "soft");
   }
 
-  /** The shaft with a mark every 10 mm from its tip, hatched where it touches and is known to rub. */
+  /** The shaft with a mark every 10 mm from its tip, hatched where it touches and is known to rub, against its motion. */
   instrument() {
     const { pen, middle, shaft, tip, spec } = this, body = this.body(tip), across = (x, inset = 0) => [[x, middle - shaft + inset], [x, middle + shaft - inset]];
     pen.save();
@@ -133,8 +133,9 @@ class Picture {
     Object.assign(pen, { fillStyle: this.across(shaft, "shaft-edge", "shaft") }).fill(body);
     for (let mm = spec.tip_mm - MARK_MM; mm > this.min; mm -= MARK_MM) this.line(across(this.atX(mm)), "shaft-edge", 2.5);
     const alpha = Math.min(0.9, 0.4 + Math.abs(spec.rub_mn_per_mm * spec.tip_mm) / spec.most_mn);
+    const ahead_mm = (spec.commanded_mm ?? spec.tip_mm) - spec.tip_mm, lean = Math.abs(ahead_mm) < STILL_MM ? 0 : 4 * Math.sign(ahead_mm);
     for (let x = tip - 1.5 * shaft; spec.vessel && spec.rub_mn_per_mm != null && x > 0; x -= HATCH_PX) {
-      if (this.touches(x)) this.line([[x - 4, middle - shaft], [x, middle], [x - 4, middle + shaft]], "rub", 1.3, { alpha });
+      if (this.touches(x)) this.line([[x + lean, middle - shaft], [x, middle], [x + lean, middle + shaft]], "rub", 1.3, { alpha });
     }
     pen.restore();
     Object.assign(pen, { strokeStyle: this.of("shaft-edge"), lineWidth: 1 }).stroke(body);
