@@ -7,8 +7,7 @@
 A `spec` is one canvas: panels one above the other, on one axis of x. The `specs` of a figure stand side by
 side. The macro `picture` of parts.html.j2 shows a figure. Colours are names of theme.css: predicted, late,
 measured, felt, readback, good, warn, bad, ink, soft. What else a layer may have (width, dash, alpha, digits),
-and `spans` and `rules` of a panel, stand at the head of chart.js and are passed on as they are. Horizontal
-bars with names are a table, the macro `sizes`.
+and `spans` and `rules` of a panel, stand at the head of chart.js and are passed on as they are.
 Numbers are rounded to what a pixel shows, also where a part is enlarged 20 times; NaN breaks a line. So a
 file stays small, and the same recording gives the same bytes.
 """

@@ -207,7 +207,7 @@ def story(part: AxisReport) -> tuple[str, list[str]]:
     """What forefeel was worth in one sentence, and what it rests on."""
     felt, scored_n = part.transparency, part.commands.scored
     if felt is None and not scored_n:
-        return "Not judged yet: there is no force to compare with.", []
+        return "Nothing was judged: there is no force to compare with.", []
     ahead = "Now" if part.delay_s.p50 is None else f"{1e3 * part.delay_s.p50:.0f} ms ahead"
     model = (
         f"The force at the catheter was predicted with {_in_place(part.prediction, part.zoh)}; after "

@@ -10,8 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from forefeel.common.events.text import UNKNOWN, quantity
-from forefeel.report.svg_drawing import Drawing
-from forefeel.report.wording import DISCLAIMER, deviating, micros, number, ratio, share
+from forefeel.report.wording import DISCLAIMER, micros, number, share
 
 _STATIC = Path(__file__).parent.parent / "dashboard" / "static"
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
@@ -28,8 +27,8 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     made.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
-    words = {word.__name__: word for word in (quantity, micros, share, ratio, number, deviating)}
-    made.globals.update(words, svg=_svg, style=_style, module=_module, disclaimer=DISCLAIMER, unknown=UNKNOWN)
+    words = {word.__name__: word for word in (quantity, micros, share, number)}
+    made.globals.update(words, style=_style, module=_module, disclaimer=DISCLAIMER, unknown=UNKNOWN)
     return made
 
 
@@ -51,8 +50,3 @@ def _module(name: str) -> Markup:
     exported = ", ".join(_EXPORT.findall(source))
     body = _IMPORT.sub(r"const \1 = \2;", source).replace("\nexport ", "\n")
     return Markup(f"const {name} = (() => {{\n{body}\nreturn {{ {exported} }};\n}})();")
-
-
-def _svg(drawing: Drawing) -> Markup:
-    """Not escaped: matplotlib has escaped what the drawing says."""
-    return Markup(drawing.svg)

@@ -113,8 +113,8 @@ def test_report_in_a_browser_shows_values_and_a_part(tmp_path: Path) -> None:
     write_report(tmp_path / "run.mcap", tmp_path)
     url = (tmp_path / "report.html").as_uri()
     with installed_chromium(tmp_path) as chromium, Shown(chromium, url) as shown:
-        picture = shown.page.locator("figure canvas").first
-        script = "document.querySelector('figure canvas').toDataURL()"
+        picture = shown.page.locator('canvas[aria-label="Force"]')
+        script = "document.querySelector('canvas[aria-label=Force]').toDataURL()"
         seen = [shown.ask(script)]
         picture.hover(position={"x": 500, "y": 200})
         seen.append(shown.ask(script))

@@ -2,14 +2,11 @@
 
 import json
 import re
-from xml.etree import ElementTree
-
-_NAMESPACES = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
 
 
-def check_page(page: str, figures: int = 0, drawings: int = 0) -> None:
+def check_page(page: str, figures: int) -> None:
     """Needs nothing else and shows no number that is none; its figures are JSON, and drawn by one script."""
-    assert set(re.findall(r"""https?://[^"'\s<>)]+""", page)) <= _NAMESPACES
+    assert "http" not in page
     assert not re.search(r"<(link|img|iframe|object|base)\b|@import|url\((?!#)", page)
     assert not re.search(r"(?:src|href)=[\"']?(?!#)[^\"' >]", page)
     page, script, more = page.partition('<script type="module">')
@@ -21,8 +18,3 @@ def check_page(page: str, figures: int = 0, drawings: int = 0) -> None:
         assert not re.search(r"\b(NaN|Infinity)\b", spec)
     assert page.count('class="plots"') == figures
     assert not re.search(r">[^<]*\b(nan|inf|None)\b[^<]*<", page)
-    found = re.findall(r"<svg .*?</svg>", page, flags=re.DOTALL)
-    assert len(found) == drawings
-    for drawing in found:
-        ElementTree.fromstring(drawing)
-        assert not re.search(r"\b(nan|inf)\b", drawing)

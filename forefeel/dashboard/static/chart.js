@@ -20,7 +20,7 @@ export function draw(canvas, spec) {
   const prepared = prepare(canvas);
   if (!prepared) return null;
   const { pen, width, height } = prepared;
-  const left = spec.panels.every((panel) => panel.hidesY) ? 6 : 46;
+  const left = spec.panels.every((panel) => panel.hidesY) ? 6 : 54;
   const frame = { left, right: width - RIGHT_PX, min: spec.x.min, max: spec.x.max, log: spec.x.log };
   const legends = spec.panels.map((panel) => arrange(pen, panel, frame, spec.hover));
   const heads = legends.map((legend) => (legend.length ? 1 + Math.max(...legend.map((each) => each.row)) : 0) * ROW_PX);
