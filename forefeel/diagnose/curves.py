@@ -15,6 +15,7 @@ from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.identifiability import turning_points
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.signals import Signals
+from forefeel.report.drawing import AxisUnit, Range, limits
 
 Rows = NDArray[np.intp]
 Part = tuple[str, str, Floats]
@@ -22,7 +23,7 @@ Part = tuple[str, str, Floats]
 
 LEFT, MODEL = "readback", "predicted"
 """Colours of what a model leaves, and of what it says."""
-TRIM = 0.002  # share of the highest and of the lowest values that may lie outside of a picture
+_TRIM = 0.002  # share of the highest and of the lowest values that may lie outside of a picture
 _COHERENT = 0.8  # least coherence of a frequency at which phase and ratio are shown
 _STRETCHES = 8.0  # of the recording, over which a spectrum is averaged
 
@@ -134,3 +135,8 @@ def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[F
     frequency, power = welch(kept, rate, nperseg=min(len(kept), int(longest_s * rate)))
     inside = (frequency > 0.0) & (frequency < 0.75 * signals.cutoff_hz)
     return frequency[inside], np.sqrt(power[inside])
+
+
+def near(unit: AxisUnit, *values: Floats, zero: bool = True) -> Range | None:
+    """Limits of y that hold nearly all values."""
+    return limits(*(unit(each) for each in values), trim=_TRIM, zero=zero)

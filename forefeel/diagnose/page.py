@@ -11,8 +11,8 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.advice import next_steps, why_no_better
 from forefeel.diagnose.answer import failure, gain_text, headline, on_readings, said
-from forefeel.diagnose.curves import LEFT, MODEL, Curves, Rows, strokes
-from forefeel.diagnose.pictures import HEIGHT_PX, near, picture, sensor_picture, spectrum, timeline
+from forefeel.diagnose.curves import LEFT, MODEL, Curves, Rows, near, strokes
+from forefeel.diagnose.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
 from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.look import explained_share
 from forefeel.diagnosis.look import strokes as strokes_in_band
@@ -37,6 +37,8 @@ def render_page(
     predicted = across if isinstance(across, Across) else None
     causes = {cause.name: cause for cause in diagnosis.causes}
     shown_names = causes or [name for name in diagnosis.suspected if name != "bias"]  # the simulation has one
+    draws = {base_name(full): partial(picture, curves, full) for full in curves.analysis.fit.model}
+    draws |= {of.name: partial(sensor_picture, curves.analysis, of) for of in curves.analysis.faults}
     details = {"What is left": [_attempted(partial(draw, curves, diagnosis)) for draw in _LEFT_OVER]}
     if diagnosis.look is not None:
         details["The look before the search"] = [_attempted(partial(_look, curves, diagnosis.look))]
@@ -54,24 +56,13 @@ def render_page(
         given=given,
         extends=curves.extends,
         picture_of_it=_attempted(partial(_worst, curves, diagnosis)),
-        sections=[(name, causes.get(name), _section(curves, name)) for name in shown_names],
+        sections=[(n, causes.get(n), _attempted(draws[n]) if n in draws else None) for n in shown_names],
         details=details,
         fingerprint=fingerprint,
         words=words,
         shown=shown,
         plain_value=plain_value,
     )
-
-
-def _section(curves: Curves, name: str) -> Figure | None:
-    """The picture of a cause that was named, or suspected."""
-    for fault in curves.analysis.faults:
-        if fault.name == name:
-            return _attempted(partial(sensor_picture, curves.analysis, fault))
-    for full in curves.analysis.fit.model:
-        if base_name(full) == name:
-            return _attempted(partial(picture, curves, full))
-    return None
 
 
 def _attempted(draw: Callable[[], Figure]) -> Figure:

@@ -9,24 +9,12 @@ import numpy as np
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnose.curves import LEFT, MODEL, TRIM, Curves, Part, density, response, share_of, strokes
+from forefeel.diagnose.curves import LEFT, MODEL, Curves, Part, density, near, response, share_of, strokes
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import alignment
 from forefeel.diagnosis.signals import Mask
 from forefeel.diagnosis.verdict import Cause
-from forefeel.report.drawing import (
-    DOTTED,
-    AxisUnit,
-    Figure,
-    Layer,
-    Range,
-    cloud,
-    limits,
-    line,
-    medians,
-    panel,
-    spec,
-)
+from forefeel.report.drawing import DOTTED, AxisUnit, Figure, Layer, cloud, line, medians, panel, spec
 
 HEIGHT_PX = 280
 Specs = tuple[Layer, ...]
@@ -37,8 +25,7 @@ _TREMOR = 0.5
 
 _HIGHEST = 3.0  # ratio of forces that is shown
 _AROUND_S = 2.0  # s to each side of the largest reading
-_HUMS_S = 0.15
-"""The same where the mains hum."""
+_HUMS_S = 0.15  # the same where the mains hum
 
 
 class Component:
@@ -86,11 +73,6 @@ def timeline(
     bands = [{"name": "± 2 × noise", "colour": "soft", "rows": rows}] if size else []
     y = near(unit, *(values for _, _, values in parts), zero=within_n is not None)
     return panel(unit.label, y, lines=lines, bands=bands, **more)
-
-
-def near(unit: AxisUnit, *values: Floats, zero: bool = True) -> Range | None:
-    """Limits of y that hold nearly all values."""
-    return limits(*(unit(each) for each in values), trim=TRIM, zero=zero)
 
 
 def _over(x: Part, left: Floats, own: Floats, groups: Mapping[str, Mask] | None = None) -> Specs:

@@ -36,8 +36,7 @@ def render_page(
         ratio_to_zoh=ratio_to_zoh,
         size_text=size_text,
         regime_text=regime_text,
-        typical=typical,
-        whole=whole,
+        figures=figures,
     )
 
 
@@ -52,8 +51,8 @@ def headline(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> str:
     return f"{late}, the prediction has {' to '.join(ends)} of the error of the held force."
 
 
-def typical(evaluated: Evaluated) -> Figure:
-    """The stretch, of those one after the other, in which forefeel has its median rms error."""
+def figures(evaluated: Evaluated) -> tuple[Figure, Figure]:
+    """A typical stretch, with the median rms error of forefeel of those one after the other; the whole."""
     time_s, rows = evaluated.prepared.recording.time_s, evaluated.prepared.rows
     with np.errstate(over="ignore", invalid="ignore"):
         squares = (evaluated.said_n["forefeel"] - evaluated.prepared.force_n)[rows] ** 2
@@ -64,12 +63,9 @@ def typical(evaluated: Evaluated) -> Figure:
     start_s = float(time_s[rows][0]) + _TYPICAL_S * float(order[(len(order) - 1) // 2])
     within = (time_s >= start_s) & (time_s <= start_s + _TYPICAL_S)
     caption = "The stretch with the median error. Below, predicted and held less measured force."
-    return _figure(evaluated, within, f"A typical {_TYPICAL_S:g} s", caption)
-
-
-def whole(evaluated: Evaluated) -> Figure:
-    caption = "All scored stamps. Values far beyond the others are cut off at the edge of the picture."
-    return _figure(evaluated, evaluated.prepared.rows, "The whole recording", caption)
+    far = "All scored stamps. Values far beyond the others are cut off at the edge of the picture."
+    whole = _figure(evaluated, rows, "The whole recording", far)
+    return _figure(evaluated, within, f"A typical {_TYPICAL_S:g} s", caption), whole
 
 
 def _figure(evaluated: Evaluated, rows: Mask, title: str, caption: str) -> Figure:
