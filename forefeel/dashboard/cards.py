@@ -56,13 +56,14 @@ def numbers(view: AxisView, now_ns: int) -> Card:
     haptics, force = view.newest.haptics, view.newest.force
     fresh = _fresh(view, HAPTICS.name, now_ns)
     felt = haptics if fresh else None
-    measured = force if _fresh(view, FORCE.name, now_ns) and force is not None and force.valid else None
+    heard = force if _fresh(view, FORCE.name, now_ns) and force is not None and force.valid else None
     return {
         "felt": _number_n(felt.rendered_n if felt else None),
         "limited": bool(felt and felt.limited),
         "predicted": _number_n(felt.predicted_n if felt else None),
         "band": _band(felt.low_n, felt.high_n) if felt else "",
-        "measured": _number_n(measured.force_n if measured else None),
+        # what the hand has; without a master what is heard here, which may be sooner
+        "measured": _number_n(felt.zoh_n if felt else heard.force_n if heard else None),
         "age": "" if felt is None or felt.force_age_s is None else f"{quantity(felt.force_age_s, 's')} old",
         "delay": _milliseconds(felt.delay_s if felt else None),
         "leading": _leading(felt.leading if felt else ""),

@@ -22,8 +22,8 @@ from forefeel.recorder import Recorder
 
 _POLL_S = 0.1  # s between two looks at the processes
 _START_S = 300.0
-"""A daemon that ends is noticed at once. One that compiles its kernels for the first time needs half a minute,
-and was seen to need more than two beside 20 other busy processes.
+"""A daemon that ends is noticed at once. One that compiles its kernels for the first time needs half a
+minute, and was seen to need more than two beside 20 other busy processes.
 """
 _RELEASE_S = 1.0  # s that the release may take to reach the slave
 Progress = Callable[[float, str], None]

@@ -58,7 +58,7 @@ def test_page_shows_forces_hostile_text_and_silence(tmp_path: Path) -> None:
 
 
 def check_values(shown: Shown) -> None:
-    shown.until(lambda: shown.text("measured") == "0.789", "the measured force")
+    shown.until(lambda: shown.text("measured") == "0.100", "the late force")
     assert (shown.text("felt"), shown.text("predicted")) == ("0.123", "0.456")
     names = "link", "lease", "safety", "deadman"
     shown.until(lambda: all(shown.light(name)[0] == "●" for name in names), "all lights")

@@ -84,11 +84,10 @@ def test_counters_by_what_they_mean() -> None:
 def test_figures_are_those_of_the_messages() -> None:
     view, now_ns = heard(3.0)
     assert view.newest.haptics is not None
-    assert view.newest.force is not None
     found = cards.numbers(view, now_ns)
     assert found["felt"] == f"{view.newest.haptics.rendered_n:.3f}"
     assert found["predicted"] == f"{view.newest.haptics.predicted_n:.3f}"
-    assert found["measured"] == f"{view.newest.force.force_n:.3f}"
+    assert found["measured"] == f"{view.newest.haptics.zoh_n:.3f}"
     assert found["delay"] == "300"
     assert found["leading"] == "friction, recent"
     assert set(cards.numbers(view, now_ns + S).values()) <= {"–", "", False, "nobody yet"}
