@@ -27,7 +27,7 @@ from forefeel.terminal import say, show, stages
 Effects = Mapping[str, Mapping[str, float]]
 
 RUN_S = 30.0
-VESSEL: Effects = {"mass_damper_spring": {"mass_kg": 0.01, "damping_n_s_m": 0.4, "stiffness_n_m": 7.5}}
+VESSEL: Effects = {"mass_damper_spring": {"mass_kg": 0.01, "damping_n_s_m": 0.0, "stiffness_n_m": 7.5}}
 HIDDEN: Effects = {
     "presliding_hysteresis": {"force_n": 0.08, "stiffness_n_m": 250.0},
     "asymmetric_damping": {"forward_n_s_m": 6.0, "backward_n_s_m": 0.5},
