@@ -28,7 +28,7 @@ from forefeel.dashboard.lights import lights, safety_word
 from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.dashboard.vessel import friction
-from forefeel.report.wording import deviating, micros, number, share
+from forefeel.report.wording import micros, named, number, scale, share
 
 Card = dict[str, Any]
 Past = Literal["live", "whole", "part"]
@@ -152,12 +152,13 @@ def _parameters(found: ModelParameters) -> list[Card]:
 
 
 def _parameter(name: str, value: float, deviation: float) -> Card:
-    said = deviating(printable(name), value, deviation)
+    label, plain = named(printable(name))
+    factor, unit = scale(plain, max(abs(value), deviation))
     return {
-        "name": said.label,
-        "value": said.value,
-        "deviation": said.deviation,
-        "unit": said.unit,
+        "name": label,
+        "value": f"{float(f'{factor * value:.3g}'):g}",
+        "deviation": f"{float(f'{factor * deviation:.2g}'):g}",
+        "unit": unit,
         "known": _known(value, deviation),
     }
 

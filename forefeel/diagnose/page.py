@@ -18,7 +18,7 @@ from forefeel.diagnosis.look import explained_share
 from forefeel.diagnosis.look import strokes as strokes_in_band
 from forefeel.diagnosis.prediction import Across
 from forefeel.diagnosis.verdict import Diagnosis, Look
-from forefeel.report.drawing import AxisUnit, Figure, Layer, cloud, line, loop, means, panel, spec
+from forefeel.report.drawing import AxisUnit, Figure, Layer, binned, cloud, line, loop, panel, spec
 from forefeel.report.template import render
 from forefeel.report.wording import plain_value, shown
 
@@ -127,7 +127,7 @@ def _over_motion(curves: Curves, _: Diagnosis) -> Figure:
         x, points, lines = across(column[rows]), [], []
         for name, colour, all_n in curves.left:
             points.append(cloud("", colour, x, residual(all_n[rows]), alpha=0.3))
-            lines.append(line(name, colour, *means(x, residual(all_n[rows]))))
+            lines.append(line(name, colour, *binned(x, residual(all_n[rows]))))
         specs.append(spec([panel(residual.label, y, points=points, lines=lines)], label=across.label))
     caption = "Points, and their means in bins. A line that leaves zero is something missing."
     return Figure("Over position, speed and distance since reversal", caption, HEIGHT_PX, tuple(specs))

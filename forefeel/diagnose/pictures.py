@@ -14,7 +14,7 @@ from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import alignment
 from forefeel.diagnosis.signals import Mask
 from forefeel.diagnosis.verdict import Cause
-from forefeel.report.drawing import DOTTED, AxisUnit, Figure, Layer, cloud, line, medians, panel, spec
+from forefeel.report.drawing import DOTTED, AxisUnit, Figure, Layer, binned, cloud, line, panel, spec
 
 HEIGHT_PX = 280
 Specs = tuple[Layer, ...]
@@ -83,7 +83,7 @@ def _over(x: Part, left: Floats, own: Floats, groups: Mapping[str, Mask] | None 
         if not groups or np.count_nonzero(rows) > _FINE:
             at = across(x[2][rows])
             points.append(cloud("" if groups else _WITHOUT, colour, at, force(left[rows]), alpha=0.4))
-            middle = medians(at, force(own[rows]), _FINE)
+            middle = binned(at, force(own[rows]), _FINE, np.median)
             lines.append(line(f"{_OWN}{name}", colour if groups else MODEL, *middle))
     drawn = panel(force.label, near(force, left, own), points=points, lines=lines)
     return (spec([drawn], label=across.label),)

@@ -12,7 +12,7 @@ Numbers are rounded to what a pixel shows, also where a part is enlarged 20 time
 file stays small, and the same recording gives the same bytes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite, log10
 from typing import Any
@@ -24,7 +24,7 @@ from forefeel.common.error_size import Floats
 from forefeel.report.wording import scale
 
 Layer = dict[str, Any]
-"""Lines, points, bars or a band of a panel; its `rows` are an array until `spec` rounds it."""
+"""Lines, points or a band of a panel; its `rows` are an array until `spec` rounds it."""
 Range = dict[str, Any]
 
 DASHED: Layer = {"dash": [7, 5]}
@@ -36,8 +36,7 @@ BINS = 2500
 
 _FAR = 1e99  # of a model that ran away; its square is still a number
 _POINTS = 700  # of a cloud; more would only fill the file
-_MEANS = 28  # bins of `means`
-_X_COLUMNS = {"lines": 1, "points": 1, "bars": 2, "bands": 1}  # of a layer's rows; the others are y
+_LAYERS = "lines", "points", "bands"  # of a panel, with rows of x and y
 _STEPS = 20_000  # of a range, to which numbers are rounded
 
 
@@ -88,14 +87,8 @@ def cloud(name: str, colour: str, x: Floats, y: Floats, **more: object) -> Layer
     return {"name": name, "colour": colour, "rows": np.column_stack((x, y))[::step], **more}
 
 
-def bars(name: str, colour: str, edges: Floats, sizes: Floats, **more: object) -> Layer:
-    """Upright bars between n + 1 edges: a histogram."""
-    rows = np.column_stack((edges[:-1], edges[1:], sizes))
-    return {"name": name, "colour": colour, "rows": rows, **more}
-
-
 def panel(title: str, y: Range | None = None, **more: object) -> Layer:
-    """Layers on one axis of y: `lines`, `points`, `bars`, `bands`, `spans`, `rules`, lists of them.
+    """Layers on one axis of y: `lines`, `points`, `bands`, `spans`, `rules`, lists of them.
 
     `y`: its `limits`, which may have `log` too; without, what the lines need. `weight`: share of the height.
     """
@@ -104,12 +97,7 @@ def panel(title: str, y: Range | None = None, **more: object) -> Layer:
 
 def spec(panels: Sequence[Layer], ends: tuple[float, float] | None = None, **x: object) -> Layer:
     """One canvas. `ends` of x, else those of the layers; `x`: label, unit, log."""
-    columns = [
-        layer["rows"][:, : _X_COLUMNS[kind]].ravel()
-        for of in panels
-        for kind in _X_COLUMNS
-        for layer in of.get(kind, ())
-    ]
+    columns = [layer["rows"][:, 0] for of in panels for kind in _LAYERS for layer in of.get(kind, ())]
     low, high = ends or _ends(np.concatenate([np.empty(0), *columns]), 0.0) or (0.0, 1.0)
     high = high if high > low else low + 1.0
     places = None if x.get("log") else _places(high - low)
@@ -159,16 +147,12 @@ def thin(x: Floats, gap: float, *columns: Floats) -> Floats:
     return np.column_stack((np.repeat(x[starts], 2), np.column_stack((low, high)).ravel()))
 
 
-def means(x: Floats, y: Floats, bins: int = _MEANS) -> tuple[Floats, Floats]:
-    """(mean of x, mean of y) in bins along x."""
+def binned(
+    x: Floats, y: Floats, bins: int = 28, of: Callable[[Floats], Any] = np.mean
+) -> tuple[Floats, Floats]:
+    """Means of x and y in bins along x; `of` np.median: of a curve with a few points beside it."""
     parts = _binned(x, bins)
-    return np.array([x[part].mean() for part in parts]), np.array([y[part].mean() for part in parts])
-
-
-def medians(x: Floats, y: Floats, bins: int) -> tuple[Floats, Floats]:
-    """As `means`, of a curve with a few points beside it."""
-    parts = _binned(x, bins)
-    return np.array([np.median(x[part]) for part in parts]), np.array([np.median(y[part]) for part in parts])
+    return np.array([of(x[part]) for part in parts]), np.array([of(y[part]) for part in parts])
 
 
 def _binned(x: Floats, bins: int) -> list[NDArray[np.intp]]:
@@ -193,19 +177,18 @@ def _ends(trace: Floats, trim: float) -> tuple[float, float] | None:
 def _rounded(of: Layer, x_places: int | None) -> Layer:
     """The panel with lists for arrays; what is far beyond its limits lies just out of the picture."""
     y, made = of.get("y", {}), dict(of)
-    for kind, n in _X_COLUMNS.items():
+    for kind in _LAYERS:
         if kind in of:
-            made[kind] = [{**layer, "rows": _rows(layer["rows"], n, x_places, y)} for layer in of[kind]]
+            made[kind] = [{**layer, "rows": _rows(layer["rows"], x_places, y)} for layer in of[kind]]
     return made
 
 
-def _rows(rows: Floats, n: int, x_places: int | None, y: Range) -> list[tuple[float | None, ...]]:
-    values = rows[:, n:]
+def _rows(rows: Floats, x_places: int | None, y: Range) -> list[tuple[float | None, ...]]:
+    values = rows[:, 1:]
     low, high = (y["min"], y["max"]) if "min" in y else _ends(values.ravel(), 0.0) or (0.0, 1.0)
     values = values.clip(2 * low - high, 2 * high - low)
     places = None if y.get("log") else _places(high - low)
-    columns = [_column(column, x_places) for column in rows[:, :n].T]
-    columns += [_column(column, places) for column in values.T]
+    columns = [_column(rows[:, 0], x_places), *(_column(column, places) for column in values.T)]
     return list(zip(*columns, strict=True))
 
 

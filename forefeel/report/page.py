@@ -19,7 +19,6 @@ from forefeel.report.drawing import (
     Figure,
     Layer,
     band,
-    bars,
     limits,
     line,
     panel,
@@ -93,7 +92,6 @@ def render_page(report: RunReport, run: Run) -> str:
         report=report,
         stills={axis: still(run, axis, of) for axis, of in traces.items()},
         pictures={axis: picture(of) for axis, of in traces.items()},
-        delays={axis: delay(of) for axis, of in traces.items()},
         parameters={axis: parameters(of) for axis, of in traces.items()},
         most_events=MOST_EVENTS,
         story=story,
@@ -120,7 +118,7 @@ def picture(traces: AxisTraces) -> Figure | None:
             band("95 % band", "predicted", of.time_s, of.low_n, of.high_n, GAP_S),
         ]
         felt = [_trace("felt by the hand", "felt", of.time_s, of.rendered_n)]
-        panels.append(panel("force at the catheter, N", near, weight=5, lines=lines, bands=bands))
+        panels.append(panel("force at the catheter, N", near, weight=5, steps=7, lines=lines, bands=bands))
         panels.append(panel("force, N", limits(of.rendered_n, trim=_TRIM), weight=1.5, lines=felt))
     if len(of.time_s) or len(traces.readback_time_s):
         lines = [
@@ -158,22 +156,6 @@ def _spans(traces: AxisTraces) -> list[Layer]:
         }
         for of in traces.states
     ]
-
-
-def delay(traces: AxisTraces) -> Figure | None:
-    if not len(traces.delay_s):
-        return None
-    delay_ms = 1e3 * traces.delay_s
-    span = float(np.ptp(delay_ms)) or 1.0
-    counts, edges = np.histogram(delay_ms, 60, (delay_ms.min() - 0.02 * span, delay_ms.max() + 0.02 * span))
-    rules = []
-    for part, dash in (0.50, {}), (0.99, DASHED):
-        value_ms = float(np.quantile(delay_ms, part))
-        name = f"{part:.0%} within {value_ms:.4g} ms"
-        rules.append({"name": name, "colour": "ink", "at": round(value_ms, 3), "width": 1.2, **dash})
-    upright = panel("commands", bars=[bars("", "predicted", edges, counts)], rules=rules)
-    caption = "From a command to the arrival of its force, on the master's clock; once for each command."
-    return Figure("Delay", caption, 220, (spec([upright], unit="ms"),))
 
 
 def parameters(traces: AxisTraces) -> Figure | None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import floor, isfinite, log10
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from forefeel.common.events.text import PREFIXES, UNKNOWN, power_of_1000, quantity
 
@@ -94,25 +94,6 @@ def named(parameter: str) -> tuple[str, str]:
     cause, _, own = parameter.rpartition(".")
     label, unit = split_unit(own)
     return (label if cause in {"", "mass_damper_spring"} else f"{cause.replace('_', ' ')}: {label}"), unit
-
-
-class Deviating(NamedTuple):
-    """A parameter with its standard deviation, both in `unit`."""
-
-    label: str
-    value: str
-    deviation: str
-    unit: str
-
-
-def deviating(parameter: str, value: float, deviation: float) -> Deviating:
-    label, plain = named(parameter)
-    factor, unit = scale(plain, max(abs(value), deviation))
-    return Deviating(label, _rounded(factor * value, 3), _rounded(factor * deviation, 2), unit)
-
-
-def _rounded(value: float, digits: int) -> str:
-    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def scale(unit: str, largest: float) -> tuple[float, str]:
