@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from math import isfinite
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -25,7 +26,6 @@ from forefeel.dashboard.detector import Signs
 from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
 from forefeel.dashboard.lights import lights, safety_word
-from forefeel.dashboard.tally import NOTHING, tallies, totals
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.dashboard.vessel import friction
 from forefeel.report.wording import micros, named, number, scale, share
@@ -44,6 +44,15 @@ _TICKS_OF_DELAY = 1000  # answered commands of which the delay is said, the last
 _ROLES = ("master", "slave")
 # rows of the table of parameters
 _MOST_PARAMETERS = 24
+_COUNTED = {
+    "late": ("late",),
+    "reordered": ("reordered", "sequence", "duplicat"),
+    "lost": ("lost", "dropped", "missed"),
+    "refused": ("refused", "malformed"),
+}
+"""Kinds of counters, by what their names hold; the first that fits."""
+
+NOTHING: Mapping[str, int] = MappingProxyType({})
 _LEADS = {
     "": "nobody yet",
     "zoh": "zero-order hold: the newest force that arrived",
@@ -241,20 +250,18 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
     }
 
 
-def counters(view: AxisView, now_ns: int, own: Mapping[str, int] = NOTHING) -> Card:
-    """Lost, late, reordered, refused, and every counter by name, as it was said last; `own`: the page's."""
-    found = tallies((view.newest.slave, view.newest.master), own)
-    sums = totals(found)
-    return {
-        "sums": {kind: number(count) for kind, count in sums.items()},
-        "rows": [{"who": each.who, "name": each.name, "count": number(each.total)} for each in found],
-        "words": _counted_words(view, now_ns),
-    }
-
-
-def _counted_words(view: AxisView, now_ns: int) -> str:
+def counted(view: AxisView, now_ns: int, own: Mapping[str, int] = NOTHING) -> str:
+    """What became of messages, by the counters of both ends and the page's `own`, as they were said last."""
+    states = view.newest.slave, view.newest.master
+    counters = [own, *(state.counters for state in states if state is not None)]
+    sums = dict.fromkeys(_COUNTED, 0)
+    for name, count in (each for found in counters for each in found.items()):
+        kind = next((kind for kind, marks in _COUNTED.items() if any(mark in name for mark in marks)), None)
+        if kind is not None:
+            sums[kind] += count
+    parts = [f"{number(count)} {kind}" for kind, count in sums.items()]
     missing = [t.publisher for t in (SLAVE_STATE, MASTER_STATE) if not _fresh(view, t.name, now_ns)]
-    return f"{' and '.join(missing)} not heard now" if missing else ""
+    return " · ".join([*parts, *(f"{publisher} not heard now" for publisher in missing)])
 
 
 def events(log: EventList) -> list[Card]:

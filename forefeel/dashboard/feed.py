@@ -70,7 +70,7 @@ class Feed:
             "delay": (_SLOW_NS, lambda: cards.delay(view, now_ns)),
             "model": (_SLOW_NS, lambda: cards.model(view, now_ns)),
             "loops": (_SLOW_NS, lambda: cards.loops(view, now_ns)),
-            "counters": (_SLOW_NS, lambda: cards.counters(view, now_ns, cell.refused)),
+            "counted": (_SLOW_NS, lambda: cards.counted(view, now_ns, cell.refused)),
             "events": (_QUICK_NS, lambda: cards.events(view.events)),
         }
         return {name: card for name, (every_ns, make) in made.items()

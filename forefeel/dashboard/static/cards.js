@@ -23,7 +23,7 @@ export function showCards(cards, charts, when, goTo) {
     delay: (card) => { tell("delay-words", card.words); charts.delays(card); },
     model: (card) => { charts.friction = card.friction; showModel(card); },
     loops: showLoops,
-    counters: showCounters,
+    counted: (words) => tell("counted", words),
     events: (card) => showEvents(card, when, goTo),
   };
   for (const [name, card] of Object.entries(cards)) show[name](card);
@@ -100,17 +100,6 @@ function showLoops(loops) {
     who.append(made("span", "mark", MARKS[loop.level]), `${loop.who} ${loop.word}`);
     return row([who, ...[loop.p50, loop.p99, loop.max, loop.missed].map((text) => cell(text, "n"))]);
   }));
-}
-
-function showCounters(card) {
-  node("sums").replaceChildren(...Object.entries(card.sums).map(([name, count]) => {
-    const sum = made("div");
-    sum.append(made("b", "", count), made("span", "", name));
-    return sum;
-  }));
-  const rows = card.rows.map(({ who, name, count }) => row([cell(who, "who"), cell(name), cell(count, "n")]));
-  if (card.words) rows.push(row([cell(""), cell(card.words), cell("")]));
-  node("counters").replaceChildren(...rows);
 }
 
 function showEvents(events, when, goTo) {

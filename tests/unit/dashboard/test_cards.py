@@ -12,7 +12,6 @@ from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Alarm
 from forefeel.dashboard.levels import Level
 from forefeel.dashboard.lights import lights
-from forefeel.dashboard.tally import tallies, totals
 from tests.unit.dashboard.said import HOSTILE, S, heard, master_state, parameters, slave_state, timing
 
 
@@ -72,13 +71,13 @@ def test_every_safety_state_has_a_word_and_a_level(state: SafetyState) -> None:
 
 
 def test_counters_by_what_they_mean() -> None:
+    view, now_ns = heard(0.1)
     slave = {"refused_late": 7, "refused_sequence": 3, "refused_session": 2, "steps": 9, "zero": 0}
-    master = {"forces_reordered": 2, "forces_dropped": 4}
-    found = tallies((slave_state(counters=slave), master_state(counters=master), None))
-    assert totals(found) == {"late": 7, "reordered": 5, "lost": 4, "refused": 2}
-    assert found[-1] == ("", "slave", "steps", 9)
-    assert "zero" not in {each.name for each in found}
-    assert tallies((), {"malformed": 5}) == [("refused", "page", "malformed", 5)]
+    view.newest.slave = slave_state(counters=slave)
+    view.newest.master = master_state(counters={"forces_reordered": 2, "forces_dropped": 4})
+    said = "7 late · 5 reordered · 4 lost · 7 refused"
+    assert cards.counted(view, now_ns, {"malformed": 5}) == said
+    assert cards.counted(view, now_ns + S).endswith("· slave not heard now · master not heard now")
 
 
 def test_figures_are_those_of_the_messages() -> None:
