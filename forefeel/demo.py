@@ -72,7 +72,8 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
             knowing = replace(knowing, master_model=diagnosis_out / MODEL, prior_dir=None)
         second = recorded_run(knowing, out, how, viewer)
         judge(second)
-    lines = _lines(first, found, second, out, viewer.url)
+    again = f"{viewer.url} shows both runs again, report and diagnosis, until {viewer.until}"
+    lines = _lines(first, found, second, out, again if viewer.url else "none")
     show(*lines)
     pages["second run"] = out / REPORT
     viewer.stay(Chapter(head=lines[-1], recording=out / RECORDING, pages=pages))
@@ -93,7 +94,7 @@ def _diagnosed(recording: Path, folder: Path) -> Diagnosis:
     return result.diagnosis
 
 
-def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path, url: str) -> list[str]:
+def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path, page: str) -> list[str]:
     """Ten at most; the last is what all of it is for."""
     before, after = (run.transparency or Transparency() for run in (first, second))
     late, felt, now = (quantity(error.rms_n, "N") for error in (before.held, before.felt, after.felt))
@@ -105,7 +106,7 @@ def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path, url
         f"Diagnosis   {_found(found)}",
         f"Second run  starts with {_known(found)}: {_within(after)}",
         f"Files       report.html, report.json, {RECORDING} in {out}; first and diagnosis beside them",
-        f"Page        {url or 'none'}: both runs again, report, diagnosis",
+        f"Page        {page}",
         "Next        forefeel diagnose your.csv",
         DISCLAIMER,
         last if after.ratio is None else f"{last}, {after.ratio:.2f} of the late force's",

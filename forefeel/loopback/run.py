@@ -54,6 +54,8 @@ def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> RunRep
     viewer = DashboardProcess(folder, how.opens, say) if how.dashboard else None
     with viewer or nullcontext():
         report = recorded_run(options, folder, how, viewer)
+        if viewer is not None and viewer.url:
+            say(f"{viewer.url} shows the run again, until {viewer.until}")
         answer(*ten_lines(report, folder), document=report.to_json)
         judge(report)
         if viewer is not None:

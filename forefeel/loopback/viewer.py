@@ -33,12 +33,15 @@ class DashboardProcess:
     Attributes:
         endpoints: where it connects to the slave and to the master of each run.
         url: of the page; empty where there is none.
+        until: when it ends, in words.
         chapter: what it shows.
     """
 
     def __init__(self, out: Path, opens: bool, say: Callable[[str], None], port: int = PORT) -> None:
         self.endpoints = free_endpoints(2)
         self.url = ""
+        self._stays = sys.stdout.isatty()
+        self.until = "Ctrl-C" if self._stays else "nobody looks"
         self._out, self._opens, self._say, self._port = out, opens, say, port
         self.chapter = Chapter()
         self._child: Child | None = None
@@ -79,11 +82,11 @@ class DashboardProcess:
             self._child.tell(chapter.model_dump_json())
 
     def stay(self, chapter: Chapter) -> None:
-        """The last chapter: on a terminal until a signal, elsewhere as long as somebody looks."""
+        """The last chapter, until a signal; where there is no terminal as long as somebody looks."""
         if self._child is None:
             return
         with heeded() as stop:
-            self.tell(chapter.model_copy(update={"stays": sys.stdout.isatty()}))
+            self.tell(chapter.model_copy(update={"stays": self._stays}))
             self._child.told_all()
             while self._child.running and not stop.wanted():
                 time.sleep(_POLL_S)

@@ -18,7 +18,7 @@ def run(felt_n: float, held_n: float) -> SimpleNamespace:
 
 
 class Viewer:
-    url = "http://127.0.0.1:8600/"
+    url, until = "http://127.0.0.1:8600/", "Ctrl-C"
 
     def __init__(self) -> None:
         self.chapters: list[Chapter] = []
