@@ -79,10 +79,15 @@ def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
         with heeded(_exit), closing(transport):
             _step_back()
-            transport.subscribe_all(f"forefeel/{settings.cell}", live.hear, _WAITING)
+            button = stop.StopButton(transport, settings.cell, clock)
+
+            def hear(key: str, payload: bytes, receive_ns: int) -> None:
+                button.hear(key, payload, receive_ns)
+                live.hear(key, payload, receive_ns)
+
+            transport.subscribe_all(f"forefeel/{settings.cell}", hear, _WAITING)
             if transport.notice:
                 say(transport.notice)
-            button = stop.StopButton(transport, settings.cell, clock)
             routes = [Route(stop.PATH, button.press, methods=["POST"])]
             story = Story(live, Chapter(vessel=vessel))
             page = Page(listening, story, f"cell {settings.cell}", failed, address, routes)

@@ -46,7 +46,8 @@ class StopOutcome(NamedTuple):
 class Stopper:
     """Publishes the stop for the named axes, or for every axis that is heard.
 
-    `news`: an axis says another state than before.
+    `listens`: to the slaves itself; else its owner passes on what it hears. `news`: an axis says another
+    state than before.
     """
 
     transport: Transport
@@ -54,6 +55,7 @@ class Stopper:
     axes: tuple[str, ...]
     source: str
     reason: str
+    listens: bool = True
     states: dict[str, str] = field(default_factory=dict)
     news: threading.Event = field(default_factory=threading.Event)
     _publishers: dict[str, Publisher] = field(default_factory=dict)
@@ -62,11 +64,11 @@ class Stopper:
         """What an end may hear is less than what an observer may: its axes are named, and asked for each."""
         for axis in self.axes:
             key = SLAVE_STATE.key(self.cell, axis)
-            self.transport.subscribe(key, partial(self._heard, key))
-        if not self.axes:
-            self.transport.subscribe_all(SLAVE_STATE.key(self.cell, "*"), self._heard)
+            self.transport.subscribe(key, partial(self.hear, key))
+        if self.listens and not self.axes:
+            self.transport.subscribe_all(SLAVE_STATE.key(self.cell, "*"), self.hear)
 
-    def _heard(self, key: str, payload: bytes, receive_ns: int) -> None:
+    def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
         del receive_ns
         parsed = parse_key(key)
         if parsed is None or parsed[2] is not SLAVE_STATE:
