@@ -1,4 +1,4 @@
-"""`forefeel loopback` until everything has happened, then Ctrl-C: recording, report, emulated devices."""
+"""`forefeel loopback` until everything has happened, then Ctrl-C: recording and report."""
 
 import json
 from collections.abc import Callable
@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from forefeel.common.messages import SafetyState
 from forefeel.common.recording.mcap_reader import Run, read_run
-from forefeel.common.topics import FORCE, HAPTICS, RECORDED, SAFETY_EVENT, SLAVE_IMPAIRMENT, SLAVE_STATE
+from forefeel.common.topics import FORCE, HAPTICS, RECORDED, SAFETY_EVENT, SLAVE_IMPAIRMENT
 from forefeel.common.transport.settings import PRESETS
 from tests.live_cell import Process, check_stops
 from tests.waiting import PATIENCE_S, wait_until
@@ -43,13 +42,6 @@ def lost(run: Run) -> int:
     return sum(not plan for plan in planned_ns)
 
 
-def clear_fault(folder: Path, run: Run | None) -> None:
-    """An emulated device that gets no processor for a tenth of a second is a latched fault."""
-    states = [] if run is None else list(run.messages(AXIS, SLAVE_STATE))
-    if states and states[-1].state is SafetyState.FAULT:
-        Process("clear", folder, "clear", "--config", "out/slave.yaml").wait()
-
-
 def interrupted_run(folder: Path, complete: Callable[[Run], bool], *words: str) -> Run:
     """Of a loopback that ran until its recording was complete."""
     out = folder / "out"
@@ -58,7 +50,6 @@ def interrupted_run(folder: Path, complete: Callable[[Run], bool], *words: str) 
     def done() -> bool:
         assert loopback.running, loopback.text
         run = recorded(out / "recording.mcap")
-        clear_fault(folder, run)
         return run is not None and run.count(AXIS, FORCE) > 0 and moved(run) and complete(run)
 
     try:
@@ -82,8 +73,8 @@ def check_readings(run: Run) -> None:
     assert np.all(np.diff(stamps_ns) > 0)
 
 
-def test_loopback_on_serial_devices_with_impairment_is_reported(tmp_path: Path) -> None:
-    words = ("--hardware", "emulated-serial", "--impairment", "paper", "--seed", "1")
+def test_interrupted_loopback_with_impairment_is_reported(tmp_path: Path) -> None:
+    words = ("--impairment", "paper", "--seed", "1")
     run = interrupted_run(tmp_path, lambda run: not missing(run) and lost(run) > 0, *words)
     check_readings(run)
     paper = PRESETS["paper"]
@@ -93,7 +84,3 @@ def test_loopback_on_serial_devices_with_impairment_is_reported(tmp_path: Path) 
     assert report.wait() == 0, report.text
     assert json.loads((tmp_path / "pages" / "report.json").read_text())["armed_share"] > 0.0
     assert (tmp_path / "pages" / "report.html").read_text().rstrip().endswith("</html>")
-
-
-def test_loopback_on_can_devices_moves(tmp_path: Path) -> None:
-    check_readings(interrupted_run(tmp_path, lambda _: True, "--hardware", "emulated-can"))
