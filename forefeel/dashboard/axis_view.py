@@ -23,7 +23,7 @@ from forefeel.dashboard.trace import SPAN_S, MinMaxTrace
 
 # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
 _REMEMBERED_COMMANDS = 8192
-_RATE_HZ = 1000  # Hz, rate of the force samples, of which a minute is kept
+_RATE_HZ = 1000  # Hz, at most, of answered commands, whose delays are kept for a minute
 # s by which a force may lie ahead of now
 _AHEAD_S = 1.0
 # s, bin of the trace of the energy, which changes slowly

@@ -22,6 +22,7 @@ from starlette.types import Scope
 from forefeel.child_process import die_with_parent, listening_at
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
+from forefeel.common.topics import SLAVE_STATE
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.dashboard import stop
@@ -82,7 +83,8 @@ def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
             button = stop.StopButton(transport, settings.cell, clock)
 
             def hear(key: str, payload: bytes, receive_ns: int) -> None:
-                button.hear(key, payload, receive_ns)
+                if key.endswith(SLAVE_STATE.name):  # of 3,000 messages a second the 50 that say it
+                    button.hear(key, payload, receive_ns)
                 live.hear(key, payload, receive_ns)
 
             transport.subscribe_all(f"forefeel/{settings.cell}", hear, _WAITING)

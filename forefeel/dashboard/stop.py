@@ -26,12 +26,13 @@ class StopButton:
         """Answers with the axes that do not acknowledge the stop; none: the cell has stopped."""
         stopper = self._stopper
         stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
-        outcome = stopper.outcome()
         for _ in range(round(FOR_S / EVERY_S)):
-            if outcome.done or not outcome.axes:
-                break
-            stopper.say(self._clock.now_ns())
+            stopper.say(
+                self._clock.now_ns()
+            )  # once in any case: what was heard last may be of an earlier run
             await asyncio.sleep(EVERY_S)
             outcome = stopper.outcome()
+            if outcome.done or not outcome.axes:
+                break
         running = [axis for axis, state in outcome.axes.items() if state != SafetyState.ESTOPPED.value]
         return JSONResponse({"heard": bool(outcome.axes), "running": running})

@@ -45,11 +45,13 @@ class DashboardProcess:
         self._out, self._opens, self._say, self._port = out, opens, say, port
         self.chapter = Chapter()
         self._child: Child | None = None
+        self._started = False
 
     def start(self) -> None:
         """Once; the folder is there."""
-        if self._child is not None:
+        if self._started:
             return
+        self._started = True
         if find_spec("starlette") is None:
             self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
             return
