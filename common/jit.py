@@ -12,10 +12,13 @@ declares it, whose members are the fields, and `record` makes the dtype of it. K
 
 import hashlib
 import os
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any, TypeVar, cast, get_origin, get_type_hints
 
 import numpy as np
@@ -45,10 +48,25 @@ def fast_kernel(function: F) -> F:
 def _compiled(function: F, fastmath: bool | set[str]) -> F:
     if not COMPILED:
         return _plain(function)
+    _forget_what_is_old()
+    return cast(F, _numba().njit(cache=True, fastmath=fastmath)(function))
+
+
+@cache
+def _numba() -> Any:  # noqa: ANN401 - a module
+    """Numba without products of matrices, which no kernel has: to import scipy.linalg for them takes 0.1 s, a
+    third of what loading the kernels takes.
+    """
     import numba  # noqa: PLC0415 - not needed for plain Python
 
-    _forget_what_is_old()
-    return cast(F, numba.njit(cache=True, fastmath=fastmath)(function))
+    blas = "scipy.linalg.cython_blas"
+    if blas not in sys.modules:
+        sys.modules[blas] = cast(ModuleType, None)  # importing it fails
+        try:
+            import_module("numba.np.arraymath")  # looks for it once
+        finally:
+            del sys.modules[blas]
+    return numba
 
 
 def _plain(function: F) -> F:

@@ -1,14 +1,18 @@
 """The settings of a daemon, or of whoever has a YAML file of ours."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from forefeel.common.config import Settings, load_settings
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.settings import DaemonSettings
 from forefeel.common.yaml_file import load_yaml
 
+if TYPE_CHECKING:
+    from forefeel.master.settings import MasterSettings
+    from forefeel.slave.settings import SlaveSettings
 
-def load_daemon(path: Path, role: str | None = None) -> DaemonSettings:
+
+def load_daemon(path: Path, role: str | None = None) -> "SlaveSettings | MasterSettings":
     """The settings of a slave's or master's YAML file, told apart by its `role`.
 
     Raises:

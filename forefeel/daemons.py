@@ -3,6 +3,7 @@ closed.
 """
 
 import asyncio
+import gc
 import hashlib
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -10,6 +11,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from secrets import randbits
 from typing import TYPE_CHECKING, TypeVar
@@ -29,22 +31,23 @@ from forefeel.common.transport.security import Party
 from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
 from forefeel.interrupt import heeded
 from forefeel.master.session import SessionState
-from forefeel.master.settings import MasterSettings
 from forefeel.probe.configured import configured, import_drivers
 from forefeel.reachability import AnswerWatch, Obstacles, unheard
-from forefeel.slave.settings import SlaveSettings
 from forefeel.terminal import say
 
 if TYPE_CHECKING:
     from forefeel.master.axis import MasterAxis
     from forefeel.master.daemon import MasterDaemon
+    from forefeel.master.settings import MasterSettings
     from forefeel.slave.axis import SlaveAxis
     from forefeel.slave.daemon import SlaveDaemon
+    from forefeel.slave.settings import SlaveSettings
 
 D = TypeVar("D", "SlaveDaemon", "MasterDaemon")
 Connect = Callable[..., ParallelTransport]
 """Opens the transport, as `ParallelTransport.open`."""
 _POLL_S = 0.05
+_OPENING_S = 0.01  # between two looks at a transport or a session that is about to open
 _ROUTER_S = 0.5  # between two attempts to reach the router
 _NOTICES_NS = 100_000_000
 _BELOW_THE_LOOP = 20  # of SCHED_FIFO's priorities
@@ -52,7 +55,9 @@ _REST_S = 2.0  # bounds the wait for the stage to rest
 _FAREWELL_S = 0.3  # the master sends "deadman released" for this long, and the force fades, before it goes
 
 
-def run_daemon(settings: DaemonSettings, duration_s: float | None = None, insecure: bool = False) -> None:
+def run_daemon(
+    settings: "SlaveSettings | MasterSettings", duration_s: float | None = None, insecure: bool = False
+) -> None:
     """Runs the slave or the master of these settings until a signal (SIGINT, SIGTERM, SIGHUP), the duration
     (a master's counts from the opened session), the end of a played motion, or a fault. `insecure`: see
     `check_exposure`.
@@ -61,15 +66,30 @@ def run_daemon(settings: DaemonSettings, duration_s: float | None = None, insecu
         InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
     """
     die_with_parent()
-    if isinstance(settings, MasterSettings):
+    gc.disable()  # what is loaded stays: to look for garbage in it took a tenth of the start
+    _load(settings)
+    gc.freeze()
+    gc.enable()
+    if settings.role == "master":
         asyncio.run(master(settings, duration_s, insecure))
     else:
-        assert isinstance(settings, SlaveSettings)
         asyncio.run(slave(settings, duration_s, insecure))
 
 
+def _load(settings: "SlaveSettings | MasterSettings") -> None:
+    """All that the daemon needs, before real-time priority: to compile for a second at it would stop every
+    other process for 50 ms.
+    """
+    import_module(f"forefeel.{settings.role}.daemon")  # each daemon loads only its own side
+    import_drivers(settings)
+    if settings.role == "master":
+        from forefeel.common.estimation.predictor import compile_kernels  # noqa: PLC0415 - the slave has none
+
+        compile_kernels()
+
+
 async def slave(
-    settings: SlaveSettings,
+    settings: "SlaveSettings",
     duration_s: float | None,
     insecure: bool,
     host: Host | None = None,
@@ -77,7 +97,6 @@ async def slave(
 ) -> None:
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
-    import_drivers(settings)  # before real-time priority
     with _process(settings, "slave", host, connect) as process:
         runtime = process.runtime
         transport = await process.open_transport(insecure, duration_s)
@@ -105,17 +124,14 @@ async def slave(
 
 
 async def master(
-    settings: MasterSettings,
+    settings: "MasterSettings",
     duration_s: float | None,
     insecure: bool,
     host: Host | None = None,
     connect: Connect = ParallelTransport.open,
 ) -> None:
-    from forefeel.common.estimation.predictor import compile_kernels  # noqa: PLC0415 - the slave does without it
-    from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415
+    from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415 - as above
 
-    import_drivers(settings)
-    compile_kernels()  # before real-time priority: a second of it would stop every other process for 50 ms
     with _process(settings, "master", host, connect) as process:
         runtime = process.runtime
         transport = await process.open_transport(insecure, settings.peer_timeout_s)
@@ -194,7 +210,7 @@ class Process:
                 cause = watch.cause(await asyncio.wrap_future(watch.probe()), now_ns)
                 raise NoRouterError(f"no router within {timeout_s:g} s: {cause}")
             watch.look(now_ns)
-            await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(_OPENING_S)
         opening.add_done_callback(_close_unused)
         return None
 
@@ -281,7 +297,7 @@ class SessionWatch:
     def __init__(
         self,
         axes: "Sequence[MasterAxis]",
-        settings: MasterSettings,
+        settings: "MasterSettings",
         transport: ParallelTransport,
         process: Process,
     ) -> None:
@@ -333,7 +349,7 @@ class SessionWatch:
                 raise EndpointError(
                     f"no session with a slave within {timeout_s:g} s (peer_timeout_s): {cause}"
                 )
-            await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(_OPENING_S)
 
     def _missing(self) -> "list[MasterAxis]":
         missing = [axis for axis in self._axes if axis.session.state is not SessionState.OPEN]

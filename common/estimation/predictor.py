@@ -1,5 +1,6 @@
 """Both sides of the predictor in one thread, as an evaluation of a recording uses them."""
 
+from functools import cache
 from math import inf, sin
 
 from forefeel.common.causes.model import ContactModel
@@ -48,14 +49,15 @@ class Predictor:
         self._evaluator.restart()
 
 
+@cache
 def compile_kernels() -> None:
     """Compiles every kernel, or loads what an earlier process compiled; some 30 s the first time.
 
-    Two seconds of samples, so that fits of the contact are among it: the first one beside a running loop held
-    the interpreter for 0.2 s.
+    1.2 s of samples, so that a fit of the contact is among it, and is applied: the first one beside a running
+    loop held the interpreter for 0.2 s.
     """
     predictor = Predictor()
-    for n in range(500):
+    for n in range(300):
         t_s = n * 4e-3
         position_m = 0.01 * sin(5.0 * t_s)
         predictor.observe(t_s - 12e-3, position_m)

@@ -144,9 +144,11 @@ def _names(slot: Slot) -> str:
     return ", ".join(map(repr, sorted(_found(slot))))
 
 
-@cache  # each look takes 4 ms, and what is installed stays while a process lives
 def _found(slot: Slot) -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in entry_points(group=_GROUPS[slot])}
+    return {entry.name: entry for entry in _installed().select(group=_GROUPS[slot])}
+
+
+_installed = cache(entry_points)  # each look takes 4 ms, and what is installed stays while a process lives
 
 
 def _loaded(slot: Slot, entry: EntryPoint) -> InstalledDriver:

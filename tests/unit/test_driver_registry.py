@@ -20,13 +20,11 @@ OTHER_NAME = Driver(SimulatedStageSettings, "nowhere:Nothing", "a stage")
 def only(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     def only(value: str) -> None:
         found = EntryPoints([EntryPoint("mine", value, "forefeel.stages")])
-        monkeypatch.setattr(driver, "entry_points", lambda group: found.select(group=group))
+        monkeypatch.setattr(driver, "_installed", lambda: found)
 
-    for kept in (driver._found, driver.installed_driver):
-        kept.cache_clear()
+    installed_driver.cache_clear()
     yield only
-    for kept in (driver._found, driver.installed_driver):
-        kept.cache_clear()
+    installed_driver.cache_clear()
 
 
 @pytest.mark.parametrize(
