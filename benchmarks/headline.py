@@ -24,6 +24,7 @@ from forefeel.loopback.plan import DEFAULT_DURATION_S, LoopbackOptions, make_pla
 from forefeel.loopback.real import run_real
 from forefeel.report.score import PredictionComparison
 from forefeel.report.summary import RunReport, summarise
+from forefeel.terminal import bar
 
 COLUMNS = (
     "network", "loss, %", "seed", "prediction, mN rms", "ZOH, mN rms", "prediction / ZOH", "settled",
@@ -67,7 +68,7 @@ def run_injected(loss: float, seconds: float, seed: int) -> RunReport:
     link = {"impairment": {"inbound": {"preset": _IMPAIRMENT, "loss": loss}, "seed": seed}}
     plan = replace(plan, slave=plan.slave | link, master=plan.master | link)
     with TemporaryDirectory(prefix="ff-") as folder:
-        run_real(plan, Path(folder), lambda _done_s, _doing: None)
+        run_real(plan, Path(folder), bar(seconds))
         return summarise(read_run(Path(folder) / "recording.mcap"))
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
@@ -21,9 +22,10 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.interrupt import Stop, at_last, ends_in_order, heeded
-from forefeel.network_settings import ObserverSettings
-from forefeel.reachability import AnswerWatch, Obstacles, unheard
 from forefeel.terminal import say
+
+if TYPE_CHECKING:
+    from forefeel.network_settings import ObserverSettings
 
 _QUEUE_MESSAGES = 100_000  # messages that wait for the disk: half a minute of an axis, three streams at 1 kHz
 _WRITE_EVERY_S = 0.1
@@ -146,7 +148,7 @@ class Recorder:
 
 
 def run_record(
-    out: Path, settings: ObserverSettings, duration_s: float | None, insecure: bool = False
+    out: Path, settings: "ObserverSettings", duration_s: float | None, insecure: bool = False
 ) -> None:
     """Records until SIGINT, SIGTERM, SIGHUP or the duration; says while nobody is heard, and what was missed.
 
@@ -176,7 +178,9 @@ def run_record(
     say(f"{out}: closed, {recorder.summary}")
 
 
-def _wait(recorder: Recorder, settings: ObserverSettings, duration_s: float | None, stop: Stop) -> None:
+def _wait(recorder: Recorder, settings: "ObserverSettings", duration_s: float | None, stop: Stop) -> None:
+    from forefeel.reachability import AnswerWatch, Obstacles, unheard  # noqa: PLC0415 - a loopback needs none
+
     transport, cell = settings.transport, settings.cell
 
     def nobody() -> str:

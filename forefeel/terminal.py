@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 Tell = Callable[[str], None]
+Show = Callable[[float, str], None]
 _CLEAR = b"\r\x1b[2K\x1b[?25h"
 """Takes a bar from a terminal and gives the cursor back."""
 PLAIN_WIDTH = 160
@@ -150,17 +151,26 @@ def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) ->
     return made
 
 
-def progress(*columns: "ProgressColumn") -> "Progress":
-    """A bar on stderr that goes when it is done; none where nobody watches."""
+def _progress(*columns: "ProgressColumn") -> "Progress":
+    """It goes when it is done; an answer meanwhile goes to stdout, where that is no terminal."""
     from rich.progress import Progress  # noqa: PLC0415 - as in `console`
 
-    return Progress(
-        *columns,
-        console=console(sys.stderr),
-        transient=True,
-        redirect_stdout=sys.stdout.isatty(),  # else an answer meanwhile would go to stderr
-        disable=not _watched(),
-    )
+    redirect = sys.stdout.isatty()
+    return Progress(*columns, console=console(sys.stderr), transient=True, redirect_stdout=redirect)
+
+
+@contextmanager
+def bar(total: float, count: str = "{task.completed:.0f} / {task.total:.0f}") -> Iterator[Show]:
+    """A bar on stderr, and a function that is given how much of the total is done and what is going on."""
+    if not _watched():
+        yield lambda _done, _what: None
+        return
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415 - as in `console`
+
+    words = TextColumn("{task.description:>12}", markup=False)
+    with _progress(words, BarColumn(bar_width=40), TextColumn(count), TimeRemainingColumn()) as shown:
+        task = shown.add_task("starting", total=total)
+        yield lambda done, what: shown.update(task, completed=min(done, total), description=what)
 
 
 @contextmanager
@@ -177,7 +187,7 @@ def stages(name: str, words: Mapping[str, str] = MappingProxyType({})) -> Iterat
         return
     from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415 - as in `console`
 
-    with progress(
+    with _progress(
         SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     ) as bar:
         task = bar.add_task(name)

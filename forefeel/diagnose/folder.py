@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from rich.console import RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -20,7 +19,7 @@ from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.report.wording import DISCLAIMER
-from forefeel.terminal import answer, complain, progress, say, table
+from forefeel.terminal import answer, bar, complain, say, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"
 EARLIER = "an earlier diagnosis"
@@ -145,12 +144,11 @@ def save(folder: Path, result: Result, written: list[str]) -> None:
 
 def _shown(found: Iterable[TaskOutcome], total: int, name: str) -> Iterator[TaskOutcome]:
     """A bar on a terminal, elsewhere a line for each recording that is done."""
-    columns = TextColumn(name, markup=False), BarColumn(bar_width=40), MofNCompleteColumn()
-    with progress(*columns, TimeElapsedColumn()) as bar:
-        task = bar.add_task("", total=total)
+    with bar(total) as show:
+        show(0, name)
         for number, outcome in enumerate(found, 1):
             yield outcome
-            bar.update(task, completed=number)
+            show(number, name)
             if outcome.result is not None:
                 say(f"{number} of {total}: {outcome.task.file.stem}: {named(outcome.result.diagnosis)}")
 

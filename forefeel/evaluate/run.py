@@ -2,9 +2,9 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
+from itertools import count
 from pathlib import Path
-
-from rich.progress import BarColumn, TextColumn
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, InputError, RecordingError
@@ -25,7 +25,7 @@ from forefeel.diagnosis.evaluation.methods import METHODS
 from forefeel.evaluate.page import in_words, render_page
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
-from forefeel.terminal import answer, complain, progress, say
+from forefeel.terminal import answer, bar, complain, say
 
 _JSON, _PAGE = "evaluation.json", "evaluation.html"
 
@@ -68,9 +68,9 @@ def _read(
         InputError: two files of one stem, a column that is malformed, or nothing left.
     """
     stems = Counter(path.stem for path in files)
-    for stem, count in stems.items():
-        if count > 1:
-            raise ConfigurationError(f"{count} files are named {stem!r}; expected one of each name")
+    for stem, times in stems.items():
+        if times > 1:
+            raise ConfigurationError(f"{times} files are named {stem!r}; expected one of each name")
     mapping = mapping_of(columns)
     prepared: dict[str, Prepared] = {}
     skipped: dict[str, str] = {}
@@ -88,14 +88,10 @@ def _read(
 
 
 def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict[str, Evaluated]:
-    columns = TextColumn("{task.description}", markup=False), BarColumn(bar_width=40)
-    evaluated: dict[str, Evaluated] = {}
-    with progress(*columns) as bar:
-        task = bar.add_task("", total=len(prepared) * len(METHODS))
-        for stem, recording in prepared.items():
+    number = count()
+    with bar(len(prepared) * len(METHODS)) as show:
 
-            def show(name: str, stem: str = stem) -> None:
-                bar.update(task, advance=1, description=f"{stem}: {name}")
+        def tell(stem: str, method: str) -> None:
+            show(next(number), f"{stem}: {method}")
 
-            evaluated[stem] = evaluate(recording, model, show)
-    return evaluated
+        return {stem: evaluate(each, model, partial(tell, stem)) for stem, each in prepared.items()}

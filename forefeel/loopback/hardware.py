@@ -59,6 +59,8 @@ def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
 
 def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Bench:
     """The plan with emulated devices, whose ports lie in the folder `ports`; `out` gets the settings."""
+    if hardware == SIMULATED:
+        return Bench(plan, ())
     limits = plan.slave_settings().axes[0].limits
     common = ("--seed", str(seed))
     words = "--config", str(out / "slave.yaml"), "--feel", str(ports / "feel"), *common

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -11,8 +11,6 @@ from forefeel.common.config import checked, dump_yaml
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.model_file import load_model
-from forefeel.common.recording.recording import Array, Recording
-from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
 from forefeel.dashboard.vessel import RECORDED, VesselSettings
@@ -22,6 +20,9 @@ from forefeel.slave.plant.presets import PRESETS as WORLDS
 from forefeel.slave.plant.settings import WorldSettings, world_settings
 from forefeel.slave.plant.variation import varied
 from forefeel.slave.settings import SlaveSettings
+
+if TYPE_CHECKING:
+    from forefeel.common.recording.recording import Array, Recording
 
 AXIS = "insertion"
 STATE = "state"
@@ -134,6 +135,8 @@ def make_plan(options: LoopbackOptions) -> Plan:
     duration_s = expected_s = options.duration_s or DEFAULT_DURATION_S
     notes: tuple[str, ...] = ()
     if options.recording is not None:
+        from forefeel.common.recording.tabular import load_recording  # noqa: PLC0415 - most runs play none
+
         recording = load_recording(options.recording, options.columns)
         if all(piece.stop - piece.start < 2 for piece in recording.segments()):
             raise RecordingError(f"{options.recording}: no two samples within {GAP_S:g} s, nothing to play")
@@ -261,7 +264,7 @@ def _refuse_world_options(options: LoopbackOptions) -> None:
 
 
 def play(
-    recording: Recording, source: dict[str, Any], slave_axis: dict[str, Any], master_axis: dict[str, Any]
+    recording: "Recording", source: dict[str, Any], slave_axis: dict[str, Any], master_axis: dict[str, Any]
 ) -> tuple[str, ...]:
     """Limits and scale from the recording; the recorded force in place of the simulated one where there is
     one. Returns what to tell the user. `source`: the recording as settings of a device name it.
@@ -291,8 +294,8 @@ def play(
 
 
 def _play_force(
-    recording: Recording,
-    force_n: Array,
+    recording: "Recording",
+    force_n: "Array",
     source: dict[str, Any],
     slave_axis: dict[str, Any],
     master_axis: dict[str, Any],
@@ -312,7 +315,7 @@ def _play_force(
     return notes
 
 
-def resisting_sign(recording: Recording) -> Literal[1, -1]:
+def resisting_sign(recording: "Recording") -> Literal[1, -1]:
     """1 where the recorded force resists insertion, -1 where it is the reaction to that.
 
     A contact is passive: over the whole recording it absorbs energy, the integral of F dx is positive.
@@ -325,7 +328,7 @@ def resisting_sign(recording: Recording) -> Literal[1, -1]:
     return -1 if work_j < 0 else 1
 
 
-def recording_limits(recording: Recording, world_max_n: float) -> dict[str, Any]:
+def recording_limits(recording: "Recording", world_max_n: float) -> dict[str, Any]:
     """Limits that let the recorded motion through: range, speed, steps of speed, force, with margins.
 
     `world_max_n`: the force limit where no force was recorded.
@@ -353,7 +356,7 @@ def _round_up(value: float) -> float:
     return float(f"{np.ceil(value / unit) * unit:.6g}")
 
 
-def _notes(recording: Recording, limits: dict[str, Any]) -> tuple[str, ...]:
+def _notes(recording: "Recording", limits: dict[str, Any]) -> tuple[str, ...]:
     low, high = limits["workspace_m"]
     pieces = len(recording.segments())
     return (

@@ -3,10 +3,11 @@ in order.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from forefeel.common.codec import decode
 from forefeel.common.errors import CodecError, RunError
@@ -18,7 +19,10 @@ from forefeel.loopback.child import Child, free_endpoints
 from forefeel.loopback.hardware import Emulated, emulator_command
 from forefeel.loopback.plan import AXIS, STATE, Plan
 from forefeel.loopback.viewer import DashboardProcess
-from forefeel.recorder import Recorder
+from forefeel.terminal import Show
+
+if TYPE_CHECKING:
+    from forefeel.recorder import Recorder
 
 _POLL_S = 0.1  # s between two looks at the processes
 _START_S = 300.0
@@ -26,7 +30,6 @@ _START_S = 300.0
 minute, and was seen to need more than two beside 20 other busy processes.
 """
 _RELEASE_S = 1.0  # s that the release may take to reach the slave
-Progress = Callable[[float, str], None]
 
 
 class InterruptedRunError(RunError):
@@ -36,15 +39,16 @@ class InterruptedRunError(RunError):
 def run_real(
     plan: Plan,
     out: Path,
-    progress: Progress,
+    progress: AbstractContextManager[Show],
     emulators: Sequence[Emulated] = (),
     viewer: DashboardProcess | None = None,
 ) -> None:
-    """Runs to the end and leaves out/recording.mcap; `progress` gets (seconds done, what happens).
+    """Runs to the end and leaves out/recording.mcap; `progress` is entered when the daemons have
+    started, and shown (seconds done, what happens).
 
-    The recorder listens before the daemons start, so that it hears each from its first message. The emulated
-    devices are there before the daemons, and longer. A dashboard connects to both daemons, and they do not
-    wait for it.
+    The master starts first, for it takes longest. The recorder listens before the slave starts, so that it
+    hears all that both say to each other. The emulated devices are there before the daemons, and longer. A
+    dashboard connects to both daemons, and they do not wait for it.
 
     Raises:
         RunError: a daemon failed, or the user ended the run.
@@ -56,23 +60,24 @@ def run_real(
     plan = with_state(_with_endpoints(plan, slave_at, recorder_at, *master_at), out)
     with heeded() as stop:
         paths = plan.write(out)
-        children = [
-            Child("slave", _daemon("slave", paths[0], None), out),
-            Child("master", _daemon("master", paths[1], plan.duration_s), out),
-        ]
+        slave = Child("slave", _daemon("slave", paths[0], None), out)
+        master = Child("master", _daemon("master", paths[1], plan.duration_s), out)
         devices = [Child(each.name, emulator_command(each), out) for each in emulators]
-        listening = TransportSettings(listen=(recorder_at,))
-        recorder = Recorder(out / "recording.mcap", plan.slave["cell"], listening, plan.recorded())
+        recorder: Recorder | None = None
         try:
-            if _started(devices, children, stop):
-                _watch(children, recorder, plan, progress, stop)
+            if _started(devices, master, stop):
+                recorder = _recorder(out / "recording.mcap", plan, recorder_at)
+                slave.start()
+                with progress as show:
+                    _watch(slave, master, recorder, plan, show, stop)
         finally:
-            for child in reversed([*devices, *children]):
+            for child in (master, slave, *reversed(devices)):
                 child.end()
-            recorder.close()
+            if recorder is not None:
+                recorder.close()
         if stop.wanted():
             raise InterruptedRunError("interrupted; both ends stopped in order and the recording is closed")
-    for child in [*children, *devices]:
+    for child in (slave, master, *devices):
         child.check()
 
 
@@ -81,9 +86,15 @@ def _daemon(role: str, settings: Path, duration_s: float | None) -> list[str]:
     return words if duration_s is None else [*words, "--duration", f"{duration_s}"]
 
 
-def _started(devices: Sequence[Child], children: Sequence[Child], stop: Stop) -> bool:
+def _recorder(path: Path, plan: Plan, endpoint: str) -> "Recorder":
+    from forefeel.recorder import Recorder  # noqa: PLC0415 - the master starts meanwhile
+
+    return Recorder(path, plan.slave["cell"], TransportSettings(listen=(endpoint,)), plan.recorded())
+
+
+def _started(devices: Sequence[Child], master: Child, stop: Stop) -> bool:
     """Starts all of them, the devices one after the other; False as soon as a signal came."""
-    for child in (*devices, *children):
+    for child in (*devices, master):
         if stop.wanted():
             return False
         child.start()
@@ -105,9 +116,8 @@ def _await_word(device: Child, stop: Stop) -> None:
         time.sleep(0.01)
 
 
-def _watch(children: list[Child], recorder: Recorder, plan: Plan, progress: Progress, stop: Stop) -> None:
+def _watch(slave: Child, master: Child, recorder: "Recorder", plan: Plan, show: Show, stop: Stop) -> None:
     """Until the master ends by itself, a signal came or anything fails."""
-    slave, master = children
     start_s, ready_s = time.monotonic(), None
     key = f"forefeel/{plan.slave['cell']}/{AXIS}"
     while master.running and slave.running:
@@ -124,7 +134,7 @@ def _watch(children: list[Child], recorder: Recorder, plan: Plan, progress: Prog
         if plan.duration_s is None:
             command = _newest(recorder, f"{key}/{COMMAND.name}", COMMAND.message)
             done_s = (command.recording_time_s if command is not None else None) or 0.0
-        progress(done_s, state.state.value if state is not None else "starting")
+        show(done_s, state.state.value if state is not None else "starting")
         time.sleep(_POLL_S)
     if not slave.running:
         slave.check()
@@ -132,7 +142,7 @@ def _watch(children: list[Child], recorder: Recorder, plan: Plan, progress: Prog
     _await_release(recorder, f"{key}/{SLAVE_STATE.name}")
 
 
-def _await_release(recorder: Recorder, key: str) -> None:
+def _await_release(recorder: "Recorder", key: str) -> None:
     """The master's last word may still be on its way to the slave, which otherwise would count a stop."""
     for _ in range(int(_RELEASE_S / _POLL_S)):
         state = _newest(recorder, key, SLAVE_STATE.message)
@@ -141,7 +151,7 @@ def _await_release(recorder: Recorder, key: str) -> None:
         time.sleep(_POLL_S)
 
 
-def _newest(recorder: Recorder, key: str, kind: type[Any]) -> Any:  # noqa: ANN401 - the message of that key
+def _newest(recorder: "Recorder", key: str, kind: type[Any]) -> Any:  # noqa: ANN401 - the message of that key
     payload = recorder.newest.get(key)
     try:
         return None if payload is None else decode(kind, payload)

@@ -1,10 +1,10 @@
 """One simulated recording from the options to the file."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from forefeel.common.causes.model import ContactModel, at_conversion
 from forefeel.common.errors import ConfigurationError
@@ -17,7 +17,7 @@ from forefeel.interrupt import ends_in_order
 from forefeel.simulate.motion import FollowedRecording, Hand, MotionPiece, multisine, sine
 from forefeel.simulate.sensor import SensorOptions, counted, encoded, noise
 from forefeel.simulate.world import integrate
-from forefeel.terminal import progress, show
+from forefeel.terminal import bar, show
 
 SUFFIXES = (".csv", ".parquet")
 
@@ -95,15 +95,9 @@ def run_simulation(options: SimulationOptions, out: Path, overwrite: bool) -> No
     _check(options)
     check_target(out, overwrite)
     model = load_model(options.model)
-    bar = progress(
-        TextColumn("simulating"),
-        BarColumn(bar_width=40),
-        TextColumn("{task.completed:5.0f} / {task.total:.0f} s"),
-        TimeRemainingColumn(),
-    )
     with ends_in_order("simulation", out.parent) as written:
-        with bar:
-            columns = _simulated(model, options, bar)
+        with bar(1.0, "{task.percentage:3.0f} %") as shown:
+            columns = simulate(model, options, lambda share: shown(share, "simulating"))
         write_table(out, columns)
         written.append(out.name)
     force_n = columns["force_n"]
@@ -113,24 +107,20 @@ def run_simulation(options: SimulationOptions, out: Path, overwrite: bool) -> No
     )
 
 
-def simulate(model: ContactModel, options: SimulationOptions) -> dict[str, Array]:
-    """The columns time_s, position_m, force_n of a recording, each shape (n,).
+def simulate(
+    model: ContactModel, options: SimulationOptions, shown: Callable[[float], None] = lambda _share: None
+) -> dict[str, Array]:
+    """The columns time_s, position_m, force_n of a recording, each shape (n,). `shown` gets the share done.
 
     Raises:
         InputError: the recorded motion can not be used, or the force is not finite.
     """
-    return _simulated(model, options, Progress(disable=True))
-
-
-def _simulated(model: ContactModel, options: SimulationOptions, bar: Progress) -> dict[str, Array]:
     random = np.random.default_rng(options.seed)
     pieces = _pieces(options, random)
     stamps_s = np.concatenate([piece.stamps_s for piece in pieces])
     continuous, converts = at_conversion(model)
-    task = bar.add_task("", total=float(np.ptp(stamps_s)))
-    position_m, force_n = integrate(
-        continuous, pieces, lambda now_s: bar.update(task, completed=now_s - stamps_s[0])
-    )
+    span_s = float(np.ptp(stamps_s))
+    position_m, force_n = integrate(continuous, pieces, lambda now_s: shown((now_s - stamps_s[0]) / span_s))
     force_n = force_n + noise(options.sensor, stamps_s, random)
     for effect in converts:
         force_n = effect.readings(stamps_s - stamps_s[0], force_n)

@@ -32,7 +32,7 @@ def varied(model: ContactModel, spread: float, seed: int) -> ContactModel:
     return replace(model, effects=tuple(effects))
 
 
-def _drawn(entry: EffectEntry, spread: float, random: np.random.Generator) -> Iterator[tuple[str, float]]:
+def _drawn(entry: EffectEntry, spread: float, random: "np.random.Generator") -> Iterator[tuple[str, float]]:
     values = dict(entry.parameters)
     for parameter in effect_class(entry.effect).parameters:
         value, share = values[parameter.name], random.uniform(-1.0, 1.0)

@@ -4,6 +4,7 @@ import json
 import shlex
 import signal
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from importlib import metadata
 from pathlib import Path
 
@@ -146,7 +147,7 @@ def test_interrupted_virtual_run_leaves_what_was_recorded(
         if done_s > 1.0:
             signal.raise_signal(number)
 
-    monkeypatch.setattr("forefeel.loopback.run._shown", lambda *_: show)
+    monkeypatch.setattr("forefeel.loopback.run.bar", lambda *_: nullcontext(show))
     out = tmp_path / "out"
     assert run(f"loopback --virtual-time --duration 100 --out {out}".split()) == 1
     assert [path.name for path in out.iterdir()] == ["recording.mcap"]
