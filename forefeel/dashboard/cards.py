@@ -65,6 +65,7 @@ def numbers(view: AxisView, now_ns: int) -> Card:
     haptics, force = view.newest.haptics, view.newest.force
     fresh = _fresh(view, HAPTICS.name, now_ns)
     felt = haptics if fresh else None
+    leading = felt.leading if felt else ""
     heard = force if _fresh(view, FORCE.name, now_ns) and force is not None and force.valid else None
     return {
         "felt": _number_n(felt.rendered_n if felt else None),
@@ -74,8 +75,8 @@ def numbers(view: AxisView, now_ns: int) -> Card:
         # what the hand has; without a master what is heard here, which may be sooner
         "measured": _number_n(felt.zoh_n if felt else heard.force_n if heard else None),
         "age": "" if felt is None or felt.force_age_s is None else f"{quantity(felt.force_age_s, 's')} old",
-        "delay": _milliseconds(felt.delay_s if felt else None),
-        "leading": _leading(felt.leading if felt else ""),
+        "delay": UNKNOWN if felt is None or felt.delay_s is None else f"{1e3 * felt.delay_s:.0f}",
+        "leading": _LEADS.get(leading, printable(leading).replace("_", " ")),
     }
 
 
@@ -138,26 +139,16 @@ def model(view: AxisView, now_ns: int) -> Card:
         nothing = "the identification has said nothing yet"
         return {"parameters": [], "statements": [nothing], "foot": "", "friction": {}}
     quiet = "" if _fresh(view, PARAMETERS.name, now_ns) else " · not heard now"
+    resets = f" · {number(found.resets)} returns to the prior" if found.resets else ""
+    prior = f" · prior: {printable(found.prior)}" if found.prior else ""
+    rows = zip(found.names, found.values, found.standard_deviations, strict=False)
     return {
-        "parameters": _parameters(found),
+        "parameters": [_parameter(*row) for row in list(rows)[:_MOST_PARAMETERS]],
         "statements": _statements(found),
         "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates"
-        f"{_resets(found)}{_prior(found)}{quiet}",
+        f"{resets}{prior}{quiet}",
         "friction": friction(found.names, found.values, found.standard_deviations),
     }
-
-
-def _prior(found: ModelParameters) -> str:
-    return f" · prior: {printable(found.prior)}" if found.prior else ""
-
-
-def _resets(found: ModelParameters) -> str:
-    return f" · {number(found.resets)} returns to the prior" if found.resets else ""
-
-
-def _parameters(found: ModelParameters) -> list[Card]:
-    rows = zip(found.names, found.values, found.standard_deviations, strict=False)
-    return [_parameter(*row) for row in list(rows)[:_MOST_PARAMETERS]]
 
 
 def _parameter(name: str, value: float, deviation: float) -> Card:
@@ -289,11 +280,3 @@ def _number_n(value_n: float | None) -> str:
 
 def _band(low_n: float | None, high_n: float | None) -> str:
     return "" if low_n is None or high_n is None else f"95 %: {low_n:.3f} to {high_n:.3f}"
-
-
-def _milliseconds(value_s: float | None) -> str:
-    return UNKNOWN if value_s is None else f"{1e3 * value_s:.0f}"
-
-
-def _leading(name: str) -> str:
-    return _LEADS.get(name, printable(name).replace("_", " "))

@@ -33,17 +33,12 @@ def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
     return quiet_ns * 1e-9 if quiet_ns > SILENT_NS else None
 
 
-def _age(view: AxisView, topic: str, now_ns: int) -> float | None:
-    """Seconds since the newest of a topic."""
-    heard_ns = view.newest.heard_ns.get(topic)
-    return None if heard_ns is None else (now_ns - heard_ns) * 1e-9
-
-
 def _quiet(view: AxisView, topic: str, stale_s: float | None, now_ns: int) -> str:
     """What there is to say of an end that is not heard, or empty."""
-    age_s, who = _age(view, topic, now_ns), topic.partition("/")[0]
-    if age_s is None:
+    heard_ns, who = view.newest.heard_ns.get(topic), topic.partition("/")[0]
+    if heard_ns is None:
         return f"no {who} heard yet"
+    age_s = (now_ns - heard_ns) * 1e-9
     return f"{who} silent for {span(age_s)}" if age_s > (stale_s or 0.0) else ""
 
 

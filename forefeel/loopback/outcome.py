@@ -47,18 +47,14 @@ def _lateness(report: RunReport) -> list[str]:
 
 def _cause(report: RunReport) -> str:
     """Why the slave was not armed, as far as it was recorded."""
-    if unasked := _unasked(report):
+    unasked = [each for each in report.safety_events if each.after in _STOPPED and each.event != "release"]
+    if unasked:
         return _words(unasked[-1])
     rules = [rule for rule in ("round_trip", "alignment") if f"limit_{rule}" in report.counters]
     if rules:
         return f"it refused to engage because of {' and '.join(rules)}"
     events = [event for event in report.safety_events if event.event != "at_rest"]
     return _words(events[-1]) if events else "no session was opened"
-
-
-def _unasked(report: RunReport) -> list[SafetyNote]:
-    """What stopped the slave, or kept it from engaging, and was no release of the deadman."""
-    return [note for note in report.safety_events if note.after in _STOPPED and note.event != "release"]
 
 
 def _words(note: SafetyNote) -> str:

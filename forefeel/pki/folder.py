@@ -54,7 +54,8 @@ def init_folder(
         ConfigurationError: a name or a host can not be used, or the folder is none of ours; nothing is
             written. RunError: it can not be written; called again it goes on.
     """
-    cells = _checked_cells([*cells, *(name for name in _cells_of(folder) if name not in cells)])
+    there = {path.parents[1].name for path in folder.glob("*/*/*.crt") if path.name != AUTHORITY}
+    cells = _checked_cells([*cells, *sorted(there.difference(cells))])
     parties = [Party(role, (cell,)) for cell in cells for role in CELL_ROLES] + [Party("router", cells)]
     given = _parsed_hosts(hosts, parties)
     if not (folder / AUTHORITY).exists() and (
@@ -193,10 +194,6 @@ def router_file(cells: Sequence[str]) -> str:
             inside = inside.setdefault(name, {})
         inside[last] = value
     return f"// Written by `forefeel pki init` from the topic table.\n{json.dumps(tree, indent=2)}\n"
-
-
-def _cells_of(folder: Path) -> list[str]:
-    return sorted({path.parents[1].name for path in folder.glob("*/*/*.crt") if path.name != AUTHORITY})
 
 
 def _place(party: Party) -> str:

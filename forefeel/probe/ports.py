@@ -52,7 +52,8 @@ class CanInterface:
 
 def serial_ports(by_id: Path = _BY_ID) -> list[SerialPort]:
     """Every serial port, by name of its device file."""
-    names = _stable_names(by_id)
+    links = sorted(by_id.iterdir(), reverse=True) if by_id.is_dir() else []
+    names = {os.path.realpath(link): str(link) for link in links}  # the first of each device
     found = []
     for each in sorted(list_ports.comports(), key=lambda port: str(port.device)):
         device = str(each.device)
@@ -82,12 +83,6 @@ def can_interfaces(net: Path = _NET) -> list[CanInterface]:
         advice = f"ip link set {folder.name} up type can bitrate 1000000 restart-ms 100"
         found.append(CanInterface(folder.name, up, None if up else f"down; as root: {advice}"))
     return found
-
-
-def _stable_names(by_id: Path) -> dict[str, str]:
-    """Device file -> its first name in /dev/serial/by-id."""
-    links = sorted(by_id.iterdir(), reverse=True) if by_id.is_dir() else []
-    return {os.path.realpath(link): str(link) for link in links}
 
 
 def _read(path: Path) -> str:

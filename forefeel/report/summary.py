@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from forefeel.common.messages import Handshake, LoopTiming, MasterState, Message, SlaveState
+from forefeel.common.messages import Handshake, LoopTiming, Message
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import (
     CALIBRATION,
@@ -259,14 +259,10 @@ def axis_counters(run: Run, axis: str) -> dict[str, int]:
         counts[f"safety_{transition.event}"] += 1
     slave = last(run.messages(axis, SLAVE_STATE))
     for role, state in ("slave", slave), ("master", last(run.messages(axis, MASTER_STATE))):
-        counts.update(_prefixed(role, state))
+        counts.update({f"{role}_{name}": count for name, count in state.counters.items()} if state else {})
     if slave:
         counts["stops"] = slave.stops
     return dict(sorted(counts.items()))
-
-
-def _prefixed(role: str, state: SlaveState | MasterState | None) -> dict[str, int]:
-    return {f"{role}_{name}": count for name, count in state.counters.items()} if state else {}
 
 
 def recorder_counters(run: Run) -> dict[str, int]:

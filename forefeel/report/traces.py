@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.error_size import Floats
-from forefeel.common.messages import ModelParameters
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import (
     FORCE,
@@ -202,17 +201,17 @@ def _parameters(run: Run, axis: str, start_ns: int) -> ParameterTraces | None:
     if not messages or not messages[-1].names:
         return None
     names = messages[-1].names
-    rows = [i for i, message in enumerate(messages) if _fits(message, names)]
+    rows = [
+        i
+        for i, message in enumerate(messages)
+        if message.names == names and len(message.values) == len(message.standard_deviations) == len(names)
+    ]
     return ParameterTraces(
         names=names,
         time_s=_time_s(run, axis, PARAMETERS, start_ns)[rows],
         values=np.array([messages[i].values for i in rows], dtype=np.float64),
         standard_deviations=np.array([messages[i].standard_deviations for i in rows], dtype=np.float64),
     )
-
-
-def _fits(message: ModelParameters, names: tuple[str, ...]) -> bool:
-    return message.names == names and len(message.values) == len(message.standard_deviations) == len(names)
 
 
 def _time_s(run: Run, axis: str, topic: Topic[Any], start_ns: int) -> Floats:
